@@ -1,0 +1,43 @@
+# One command each. `make setup` needs Python >= 3.11, make and a package index; everything else it installs into .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+WORKERS ?= 2
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench docs lock clean
+
+help:  ## show what each target does
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup: .venv/.ready  ## create .venv with the pinned, hash-checked dependencies and the tiltcal command
+
+.venv/.ready: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; v = sys.version_info; v >= (3, 11) or sys.exit("make setup: found Python %d.%d, need 3.11 or newer; call make PYTHON=python3.12 setup" % v[:2])'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+demo: setup  ## simulate, calibrate and verify on built-in scenarios; prints a table and the report's path
+	@$(BIN)/tiltcal demo -o demo-output
+
+test: setup  ## the whole test suite
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
+
+check: setup  ## format, lint, types, import arrows
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup  ## accuracy, speed and memory figures (never part of the tests)
+	@$(BIN)/python -m tests.benchmarks
+
+docs: setup  ## the user's guide and API reference, into docs/api
+	@$(BIN)/python docs/build.py
+
+lock:  ## renew requirements.lock (needs uv)
+	uv pip compile pyproject.toml --group dev --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -o requirements.lock
+
+clean:
+	rm -rf .venv build dist docs/api demo-output .pytest_cache .mypy_cache .ruff_cache .hypothesis

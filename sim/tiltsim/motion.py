@@ -1,0 +1,181 @@
+"""Prescribed motion through MuJoCo: exact readings on all threads.
+
+Every joint gets an inertia of 1e15 and the force 1e15 x qacc, so that ``mj_forward`` returns the prescribed acceleration
+and its accelerometer the exact specific force (a plain ``mj_forward`` lets the gimbals fall). MuJoCo's world is the
+Earth-fixed laboratory; Earth's rate and the Coriolis acceleration are added in the body frame afterwards.
+"""
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import mujoco.batch
+import numpy as np
+from tiltsim.rig import ARMATURE, Rig, RigBuilder
+
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
+from tiltcal.effects.mechanisms import Spring, World
+from tiltcal.frames import Array
+from tiltcal.kinematics import true_angles, world_of
+from tiltcal.motion import Drive, Motion, sampled_jet
+from tiltcal.setup import Setup
+
+BLOCK = 4096  # states a batch holds at once: 20 MiB
+Progress = Callable[[int, int], None]
+
+
+def mujoco_motion(
+    setup: Setup, drive: Drive, effects: Sequence[Effect] = (), rng_of: dict[int, np.random.Generator] | None = None
+) -> Motion:
+    """The motion of the instrument by MuJoCo's mechanics; the same arguments as ``kinematics.closed_form``."""
+    world = world_of(setup, effects)
+    starts = [row for row, _ in drive.mounts] + [len(drive.time)]
+    parts = []
+    for (first, mount), last in zip(drive.mounts, starts[1:], strict=True):
+        if last > first:
+            parts.append(_one_mounting(setup, drive, effects, rng_of, world, mount, slice(first, last)))
+    return Motion(drive.time, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _one_mounting(
+    setup: Setup, drive: Drive, effects: Sequence[Effect], rng_of: dict[int, np.random.Generator] | None, world: World,
+    mount: Array, rows: slice,
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    springs = [
+        e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised and _has_spring(e, setup)
+    ]
+    rest = [e for e in effects if e not in springs]
+    angles = true_angles(setup, drive, rest, rng_of)
+    builder = RigBuilder(setup, world, mount)
+    builder.install_shakes(drive)
+    builder.install_frames([e for e in rest if isinstance(e, FrameEffect)], drive, angles)
+    builder.install_mechanisms([m for e in springs for m in e.mechanisms(setup.rig, world.gravity)])
+    builder.prescribed.update(angles)
+    for name, deflection in drive.structure.items():
+        if name in builder.springs:
+            builder.prescribed[name] = deflection
+            del builder.springs[name]
+    rig = builder.compile()
+    return read_states(rig, *_states(rig, drive, rows), world, drive.time[rows])
+
+
+def _has_spring(effect: AngleEffect | FrameEffect, setup: Setup) -> bool:
+    return any(isinstance(m, Spring) for m in effect.mechanisms(setup.rig, setup.site.gravity))
+
+
+def _states(rig: Rig, drive: Drive, rows: slice) -> tuple[Array, Array, Array]:
+    """qpos (n, nq), qvel (n, nv), qacc (n, nv) of the prescribed joints."""
+    n = len(drive.time[rows])
+    q, v, a = np.zeros((n, rig.model.nq)), np.zeros((n, rig.model.nv)), np.zeros((n, rig.model.nv))
+    for name, jet in rig.prescribed.items():
+        i = rig.dof(name)
+        for target, part in ((q, jet.x), (v, jet.v), (a, jet.a)):
+            target[:, i] = part[rows] if np.ndim(part) else part
+    if rig.free and drive.attitude is not None:
+        from scipy.spatial.transform import Rotation
+
+        xyzw = Rotation.from_matrix(drive.attitude.R_wb[rows]).as_quat()
+        q[:, :3] = rig.model.body("hand").pos
+        q[:, 3:7] = xyzw[:, [3, 0, 1, 2]]
+        v[:, 3:6], a[:, 3:6] = drive.attitude.rate[rows], drive.attitude.acceleration[rows]
+    return q, v, a
+
+
+def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array) -> tuple[Array, Array, Array, Array]:
+    """Force, rate, up and angular acceleration in the body frame at given joint states, (n, 3) each.
+
+    States that repeat (a dwell) are computed once.
+    """
+    new = np.ones(len(q), bool)
+    new[1:] = (np.diff(q, axis=0) != 0).any(axis=1) | (np.diff(v, axis=0) != 0).any(axis=1) | (np.diff(a, axis=0) != 0).any(axis=1)
+    first = np.flatnonzero(new)
+    which = np.cumsum(new) - 1
+    q, v, a = q[first], v[first], a[first]
+    runner = _Runner(rig, len(first))
+    correction = np.zeros_like(a)
+    if rig.springs:
+        correction = _settle(rig, runner, q, v, a, which, first, time)
+    readings = runner.run(q, v, ARMATURE * a + correction, "sensordata")
+    return tuple(part[which] for part in _body_frame(rig, readings, world))  # type: ignore[return-value]
+
+
+class _Runner:
+    """A batch of states on all threads, block by block."""
+
+    def __init__(self, rig: Rig, n: int) -> None:
+        self.batch = mujoco.batch.Batch(rig.model, min(BLOCK, max(n, 1)))
+        self.size = min(BLOCK, max(n, 1))
+        self.fields = {name: self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied")}
+
+    def run(self, q: Array, v: Array, force: Array, output: str) -> Array:
+        """An output field of mj_forward at each state."""
+        bound = self.batch.bind(output)
+        out = np.empty((len(q), bound.shape[1]))
+        for i in range(0, len(q), self.size):
+            k = min(self.size, len(q) - i)
+            for name, values in (("qpos", q), ("qvel", v), ("qfrc_applied", force)):
+                self.fields[name][:k] = values[i : i + k]
+            self.batch.forward(None if k == self.size else np.arange(k))
+            out[i : i + k] = bound[:k]
+        return out
+
+
+def _settle(
+    rig: Rig, runner: _Runner, q: Array, v: Array, a: Array, which: "np.ndarray[tuple[int], np.dtype[np.intp]]",
+    first: "np.ndarray[tuple[int], np.dtype[np.intp]]", time: Array,
+) -> Array:  # fmt: skip
+    """Move the compliant joints to equilibrium: bias torque + k q = 0, by fixed point (contracts by m g l / k).
+
+    Returns the generalised force that holds everything else still.
+    """
+    dofs = [rig.dof(name) for name in rig.springs]
+    stiffness = np.array(list(rig.springs.values()))
+    still = np.zeros_like(v)
+    for _ in range(5):
+        bias = runner.run(q, still, still, "qfrc_bias")
+        q[:, dofs] = -bias[:, dofs] / stiffness
+    if np.any(v):
+        for dof in dofs:  # a deflection that changes turns the instrument: its rate, from the deflection against time
+            jet = sampled_jet(time, q[which, dof])
+            v[:, dof], a[:, dof] = np.asarray(jet.v)[first], np.asarray(jet.a)[first]
+    return runner.run(q, v, still, "qfrc_bias") - runner.run(q, v, still, "qfrc_passive")
+
+
+def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, Array, Array, Array]:
+    """Sensor data to force, rate, up, angular acceleration; adds Earth's rate and Coriolis."""
+
+    def sensor(name: str) -> Array:
+        s = rig.model.sensor(name)
+        return data[:, s.adr[0] : s.adr[0] + s.dim[0]]
+
+    force, rate = sensor("accel").copy(), sensor("gyro").copy()
+    to_body = _Rotations(sensor("attitude"))
+    up = to_body.of(np.array([0.0, 0.0, 1.0]))
+    if np.any(world.earth):
+        rate += to_body.of(world.earth)
+    if np.any(world.coriolis) and (np.any(world.lever) or world.shakes):
+        earth = to_body.of(world.coriolis)
+        force += 2 * np.cross(earth, sensor("speed")) + np.cross(earth, np.cross(earth, world.lever))
+    return force, rate, up, to_body.of(sensor("spin"))
+
+
+class _Rotations:
+    """Rotations world to body from quaternions (w, x, y, z), (n, 4)."""
+
+    def __init__(self, quaternion: Array) -> None:
+        w, x, y, z = quaternion.T
+        self.rows = np.empty((3, len(w), 3))  # rows of R_wb: R_bw v = sum_i v_i row_i
+        self.rows[0] = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)])
+        self.rows[1] = np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)])
+        self.rows[2] = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+
+    def of(self, v: Array) -> Array:
+        """Body components of world vectors: one, (3,), or one a row, (n, 3)."""
+        if v.ndim == 1:
+            total = np.zeros_like(self.rows[0])
+            for value, row in zip(v, self.rows, strict=True):
+                if value:
+                    total += value * row
+            return total
+        return np.einsum("ni,inj->nj", v, self.rows)
+
+

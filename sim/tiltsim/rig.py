@@ -1,0 +1,164 @@
+"""The rig: an MjSpec from models/ with the mechanisms of the effects built into it.
+
+Slots are bodies: ``base``, ``<axis>_bearing``, ``<axis>``, ``mount``. A constant turn is multiplied into the slot's quat;
+one that moves becomes a hinge of its own, prescribed like the table's axes.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from tiltcal.assets import folder
+from tiltcal.effects.base import FrameEffect
+from tiltcal.effects.mechanisms import Context, Gap, Mechanism, Spring, Turn, World
+from tiltcal.frames import Array, rotation, unit
+from tiltcal.motion import Drive, Jet
+from tiltcal.setup import Setup
+
+ARMATURE = 1e15  # kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
+_VECTOR = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A compiled model and what drives each of its joints.
+
+    Args:
+        model: with accelerometer, gyro, framequat, angular acceleration and velocimeter on the instrument.
+        prescribed: joint name -> jet, of the joints that follow a given motion.
+        springs: joint name -> stiffness, N m/rad, of the joints whose equilibrium MuJoCo finds.
+        free: whether the instrument is a free body.
+    """
+
+    model: mujoco.MjModel
+    prescribed: Mapping[str, Jet]
+    springs: Mapping[str, float] = field(default_factory=dict)
+    free: bool = False
+
+    def dof(self, joint: str) -> int:
+        """Address of a joint's (first) degree of freedom; of its qpos too, but for a free body."""
+        return int(self.model.joint(joint).dofadr[0])
+
+
+def quaternion(R: Array) -> Array:
+    """(w, x, y, z) of a rotation matrix."""
+    q = np.zeros(4)
+    mujoco.mju_mat2Quat(q, np.ascontiguousarray(R).ravel())
+    return q
+
+
+class RigBuilder:
+    """Builds one rig: open the model, place effects in it, compile."""
+
+    def __init__(self, setup: Setup, world: World, mount: Array) -> None:
+        self.setup, self.world = setup, world
+        self.spec = mujoco.MjSpec.from_file(str(folder("models") / f"{setup.rig.table}.xml"))
+        self.spec.option.gravity = [0.0, 0.0, -world.gravity]
+        self.spec.body("mount").quat = quaternion(mount)
+        for site in ("accel", "accel_x", "accel_y", "accel_z", "inclinometer", "gyro", "fog"):
+            self.spec.site(site).pos = world.lever
+        fogs = setup.sensors("fog")
+        if fogs:
+            self.spec.site("fog").quat = quaternion(_frame_along(fogs[0].input_vector))
+        self.prescribed: dict[str, Jet] = {}
+        self.springs: dict[str, float] = {}
+
+    def install_frames(self, effects: Sequence[FrameEffect], drive: Drive, angles: Mapping[str, Jet]) -> None:
+        """Build the turns of frame effects into their slots."""
+        context = Context(drive, angles, self.setup.rig, self.world.gravity)
+        slots = ["base", *(f"{name}_bearing" for name in self.setup.rig.axis_names), "mount"]
+        for slot in slots:
+            turns = [turn for effect in effects for turn in effect.turns(slot, context)]
+            body = self.spec.body(slot) if turns else None
+            while turns and turns[0].angle.constant:
+                R = rotation(turns[0].axis, float(turns.pop(0).angle.x))
+                q = np.zeros(4)
+                mujoco.mju_mulQuat(q, np.array(body.quat), quaternion(R))
+                body.quat = q
+            for k, turn in enumerate(turns):
+                self._hinge(f"{slot}_turn{k}", body, turn)
+
+    def _hinge(self, name: str, body: "mujoco.MjsBody", turn: Turn) -> None:
+        body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[turn.axis])
+        self.prescribed[name] = turn.angle
+
+    def install_shakes(self, drive: Drive) -> None:
+        """Slide joints under the base for its vibration (a mocap body would not shake the sensors)."""
+        if not self.world.shakes:
+            return
+        base = self.spec.body("base")
+        totals = [Jet(0.0), Jet(0.0), Jet(0.0)]
+        for shake in self.world.shakes:
+            totals = [total + jet for total, jet in zip(totals, shake.jets(drive.elapsed), strict=True)]
+        for axis, jet in zip("xyz", totals, strict=True):
+            base.add_joint(name=f"base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=_VECTOR[axis])
+            self.prescribed[f"base_{axis}"] = jet
+
+    def install_mechanisms(self, mechanisms: Sequence[Mechanism], light: bool = True) -> None:
+        """Springs and gaps. ``light`` makes the mount's ballasts negligible loads for the table's springs."""
+        self.lock_mount({m.body for m in mechanisms if isinstance(m, Spring)})
+        for m in mechanisms:
+            if isinstance(m, Spring):
+                self._spring(m, 1e-4 if light and m.body.startswith("bend") else 1.0)
+            else:
+                self._gap(m)
+
+    def _spring(self, spring: Spring, scale: float) -> None:
+        name = spring.body if spring.body.startswith("bend") else f"{spring.body}_sag"
+        body = self.spec.body(spring.body)
+        joint = self.spec.joint(name)
+        if joint is None:
+            joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[spring.axis])
+            joint.damping = [2.0, 0.0, 0.0]
+        joint.stiffness = [spring.stiffness * scale, 0.0, 0.0]
+        mass = spring.mass * scale
+        body.add_body(name=f"{name}_ballast", pos=spring.arm, ipos=[0.0, 0.0, 0.0], mass=mass, inertia=[1e-6 * scale] * 3, explicitinertial=True)
+        self.springs[name] = spring.stiffness * scale
+
+    def _gap(self, gap: Gap) -> None:
+        """Lost motion: a second hinge between hard limits, dragged by friction."""
+        joint = self.spec.body(gap.axis).add_joint(
+            name=f"{gap.axis}_gap", type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[dict(self.setup.rig.axes)[gap.axis]],
+            limited=True, range=[-gap.width / 2, gap.width / 2], armature=0.01, frictionloss=2.0,
+        )  # fmt: skip
+        harden(joint)
+        joint.solref_limit, joint.solimp_limit = [0.001, 1.0], [0.9999, 0.9999, 1e-6, 0.5, 2.0]
+        joint.damping = [1.0, 0.0, 0.0]
+
+    def lock_mount(self, free: set[str]) -> None:
+        """Delete the mount's compliant hinges, but for the freed ones."""
+        for axis in "xyz":
+            joint = self.spec.joint(f"bend_{axis}")
+            if joint is not None and f"bend_{axis}" not in free:
+                self.spec.delete(joint)
+
+    def compile(self) -> Rig:
+        """The rig for prescribed motion: no actuators, no constraints, inertia that nothing else can move."""
+        spec, free = self.spec, self.setup.rig.table == "handheld"
+        flags = mujoco.mjtDisableBit
+        spec.option.disableflags |= int(flags.mjDSBL_ACTUATION) | int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
+        for joint in spec.joints:
+            joint.armature = ARMATURE
+            joint.damping = [0.0, 0.0, 0.0]
+        for body in spec.bodies:
+            if body.name != "world" and not body.name.endswith("_ballast"):
+                body.gravcomp = 1.0
+        spec.delete(spec.sensor("fog"))
+        kinds = mujoco.mjtSensor
+        for name, kind in (("attitude", kinds.mjSENS_FRAMEQUAT), ("spin", kinds.mjSENS_FRAMEANGACC)):
+            spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
+        spec.add_sensor(name="speed", type=kinds.mjSENS_VELOCIMETER, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
+        return Rig(spec.compile(), dict(self.prescribed), dict(self.springs), free)
+
+
+def harden(joint: "mujoco.MjsJoint") -> None:
+    """Dry friction that holds: with MuJoCo's default a loaded joint creeps 1970 arcsec/s, so 0.09."""
+    joint.solref_friction, joint.solimp_friction = [0.001, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0]
+
+
+def _frame_along(z: Array) -> Array:
+    """A rotation whose z axis is ``z``."""
+    x = unit(np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z))
+    return np.column_stack([x, np.cross(z, x), z])

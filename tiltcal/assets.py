@@ -1,0 +1,20 @@
+"""Where the models and scenarios lie: inside an installed package, or beside it in a checkout."""
+
+from pathlib import Path
+
+from tiltcal.errors import TiltcalError
+
+
+def folder(name: str) -> Path:
+    """The folder ``models`` or ``scenarios`` of this installation.
+
+    Raises:
+        TiltcalError: it is in neither place.
+    """
+    package = Path(__file__).resolve().parent
+    for place in (package / name, package.parent / name):
+        if place.is_dir():
+            return place
+    raise TiltcalError(
+        f"installation in {package}", found=f"no folder '{name}'", need="the packaged data", do="reinstall tiltcal"
+    )

@@ -1,0 +1,237 @@
+"""What an effect is. One class holds one physical effect, written once: injected, fitted, named, printed and tested from it.
+
+The places where an effect may act, each an abstract class that asks one question:
+
+====================  ===========================================================  ==========================
+WorldEffect           how does the world differ?                                   gravity, Earth, lever arm
+AngleEffect           where does the axis truly stand, given the readout?          encoder, sag, backlash
+FrameEffect           which small turns does a frame gain?                         levelling, wobble, mount
+DelayEffect           how much earlier was the signal taken than its stamp says?   latency, jitter
+SignalEffect          what does the reading become?                                sensor, electronics, data
+====================  ===========================================================  ==========================
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
+from tiltcal.frames import Array
+from tiltcal.motion import Drive, Jet
+from tiltcal.setup import Rig
+from tiltcal.units import PARAMETER_UNITS
+
+Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
+STAGES: tuple[Stage, ...] = ("environment", "table", "mount", "sensor", "electronics", "timing", "data")
+ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect.
+
+    Args:
+        name: without unit; ``{axis}`` stands for each axis of the sensor, ``{pair}`` for each ordered
+            pair of different axes, ``{matrix}`` for each axis with each direction x, y, z.
+        unit: as its suffix in files.
+        plausible: largest typical size at the grades precision laboratory, mid MEMS, consumer, in ``unit``.
+        positive: whether only values >= 0 make sense (a width, a time constant, a standard deviation).
+        default: SI value when a scenario leaves it out.
+    """
+
+    name: str
+    unit: str
+    plausible: tuple[float, float, float]
+    positive: bool = False
+    default: float = 0.0
+
+    def expand(self, axes: Sequence[str]) -> list[str]:
+        """Bare names for a sensor with these axes."""
+        if "{axis}" in self.name:
+            return [self.name.format(axis=a) for a in axes]
+        if "{matrix}" in self.name:
+            return [self.name.format(matrix=a + b) for a in axes for b in "xyz"]
+        if "{pair}" in self.name:  # an inclinometer's two channels still see all three components
+            return [self.name.format(pair=a + b) for a in axes for b in "xyz" if a != b]
+        return [self.name]
+
+    @property
+    def factor(self) -> float:
+        """SI value of one ``unit``."""
+        return PARAMETER_UNITS[self.unit].factor
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """One physical effect at some size. All parameters zero: nothing happens.
+
+    Args:
+        values: SI value of each bare parameter name; names left out have their default.
+        sensor: name of the sensor it acts on, for sensor, electronics, timing and data effects.
+        axis: table axis it acts on, for effects of one axis.
+        role: "calibration" or "found" in an amended scenario.
+        sigmas: standard uncertainty of some values, SI.
+        fit: whether a diagnosis may re-fit it.
+    """
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    sensor: str | None = None
+    axis: str | None = None
+    role: str | None = None
+    sigmas: Mapping[str, float] = field(default_factory=dict)
+    fit: bool = False
+
+    id: ClassVar[str] = ""
+    stage: ClassVar[Stage]
+    title: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    physics: ClassVar[str]
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    excited_by: ClassVar[str]
+    look: ClassVar[str]
+    linear: ClassVar[bool] = False
+    random: ClassVar[bool] = False
+    axis_wise: ClassVar[bool] = False
+    kinds: ClassVar[frozenset[str]] = frozenset()
+
+    def value(self, name: str) -> float:
+        """SI value of a bare parameter name."""
+        if name in self.values:
+            return self.values[name]
+        return next((p.default for p in self.parameters if p.name == name), 0.0)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether it does nothing."""
+        return not any(self.values.values())
+
+    @property
+    def address(self) -> str:
+        """``acc_K2[accel]``, ``table_backlash[outer]``: what it is and where."""
+        where = self.sensor or self.axis
+        return f"{self.id}[{where}]" if where else self.id
+
+
+class WorldEffect(Effect):
+    """How does the world differ?"""
+
+    @abstractmethod
+    def world(self, world: World) -> World:
+        """The world with this effect in it."""
+
+
+class AngleEffect(Effect):
+    """Where does a table axis truly stand, given its readout?"""
+
+    axis_wise: ClassVar[bool] = True
+    mechanised: ClassVar[bool] = False
+
+    @abstractmethod
+    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
+        """True angle minus readout, as a jet of shape (n,), rad."""
+
+    def acts_on(self, axis: str, rig: Rig) -> bool:
+        """Whether it acts on that table axis (the outermost when none is named)."""
+        return axis == (self.axis or rig.axis_names[0])
+
+    def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        """Its face in MuJoCo (gravity in m/s2), where ``mechanised``."""
+        raise NotImplementedError(f"{self.id} is readout algebra, no mechanism: {rig.table}, {gravity}")
+
+
+class FrameEffect(Effect):
+    """Which small turns does a frame gain? Slots: ``base``, ``<axis>_bearing`` (stator side), ``mount``."""
+
+    mechanised: ClassVar[bool] = False
+
+    @abstractmethod
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        """The turns it adds at a slot, in order; none at other slots."""
+
+    def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        """Its face in MuJoCo (gravity in m/s2), where ``mechanised``; the others are installed from ``turns``."""
+        raise NotImplementedError(f"{self.id} is installed from its turns: {rig.table}, {gravity}")
+
+
+class DelayEffect(Effect):
+    """How much earlier was the signal taken than its stamp says?"""
+
+    @abstractmethod
+    def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
+        """Stamp minus true instant for one channel, s, (n,) or a number. elapsed: s since the first stamp, (n,)."""
+
+
+@dataclass(frozen=True)
+class Sense:
+    """What a sensor senses, and what its channels are.
+
+    Args:
+        time: s, (n,); elapsed: since the first stamp.
+        force: specific force, body frame, m/s2, (n, 3).
+        rate: angular rate against inertial space, body frame, rad/s, (n, 3).
+        up: world's up in the body frame, (n, 3).
+        angular_acceleration: rad/s2, (n, 3).
+        temperature: minus T0, K, (n,).
+        axes: body axis of each channel, (k,).
+        kind: of the sensor; input_vector: of a FOG, (3,).
+        gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
+    """
+
+    time: Array
+    elapsed: Array
+    force: Array
+    rate: Array
+    up: Array
+    angular_acceleration: Array
+    temperature: Array
+    axes: tuple[int, ...]
+    kind: str
+    input_vector: Array
+    gravity: float
+    rate_hz: float
+    full_scale: float | None = None
+
+    def true_input(self) -> Array:
+        """The ideal reading, (n, k): force or rate along each channel, before any error."""
+        if self.kind == "fog":
+            return np.asarray(self.rate @ self.input_vector)[:, None]
+        source = self.force if self.kind in ACCELEROMETERS else self.rate
+        return np.array(source[:, list(self.axes)])
+
+
+class SignalEffect(Effect):
+    """What does the reading become? ``order`` sorts the effects inside the chain (CONTRACT: order of the chain)."""
+
+    order: ClassVar[int]
+
+    @abstractmethod
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        """The reading after the effect, (n, k), SI. ``rng`` is None when random effects are switched off."""
+
+
+class TermEffect(SignalEffect):
+    """A sum of terms that are added to the reading, each linear in one parameter: exact and cheap columns."""
+
+    linear: ClassVar[bool] = True
+
+    @abstractmethod
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        """The channel a parameter adds to and its column, (n,): reading[:, channel] += value * column."""
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        for name, value in self.values.items():
+            if value:
+                channel, column = self.term(name, sense)
+                if channel >= 0:
+                    reading[:, channel] += value * column
+        return reading
+
+    @staticmethod
+    def channel_of(axis: str, sense: Sense) -> int:
+        """Channel that reads a body axis; -1 when the sensor has no such channel."""
+        index = 0 if axis == "a" else "xyz".index(axis)
+        return sense.axes.index(index) if index in sense.axes else -1

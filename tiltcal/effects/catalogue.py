@@ -1,0 +1,123 @@
+"""The catalogue: every effect under its id, and the making of one from a file's words."""
+
+import importlib
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+from tiltcal.effects.base import STAGES, Effect, Parameter
+from tiltcal.errors import TiltcalError, nearest
+from tiltcal.setup import Sensor, Setup
+from tiltcal.units import PARAMETER_UNITS, split_unit
+
+FAMILIES = (
+    "environment.world", "table.readout", "table.geometry", "mount.mounting", "mount.lever",
+    "sensor.accelerometer", "sensor.environmental", "sensor.gyro", "sensor.dynamics", "sensor.noise",
+    "electronics.converter", "electronics.mains", "timing.delays", "data.faults",
+)  # fmt: skip
+
+
+def _collect() -> dict[str, type[Effect]]:
+    found: dict[str, type[Effect]] = {}
+    for family in FAMILIES:
+        module = importlib.import_module(f"tiltcal.effects.{family}")
+        for _, cls in inspect.getmembers(module, inspect.isclass):
+            if issubclass(cls, Effect) and cls.id and not inspect.isabstract(cls) and cls.__module__ == module.__name__:
+                found[cls.id] = cls
+    return dict(sorted(found.items(), key=lambda item: (STAGES.index(item[1].stage), item[0])))
+
+
+CATALOGUE: dict[str, type[Effect]] = _collect()
+"""Effect class of each id, in the order of the chain."""
+
+
+def make_effect(
+    id: str, values: Mapping[str, Any], setup: Setup, *, sensor: str | None = None, axis: str | None = None,
+    role: str | None = None, fit: bool = False, subject: str = "effect",
+) -> Effect:  # fmt: skip
+    """An effect from a file's words: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup, sensor="accel")``.
+
+    Raises:
+        TiltcalError: unknown id, sensor, axis or parameter, or a unit that does not fit; with the nearest valid word.
+    """
+    if id not in CATALOGUE:
+        raise TiltcalError(
+            subject, found=f"unknown effect '{id}'", need="an id of `tiltcal effects`", do=nearest(id, list(CATALOGUE))
+        )
+    cls = CATALOGUE[id]
+    subject = f"{subject} {id}"
+    bound = _sensor_of(cls, setup, sensor, subject)
+    if cls.axis_wise and axis is not None and axis not in setup.rig.axis_names:
+        have = ", ".join(setup.rig.axis_names) or "none"
+        raise TiltcalError(subject, found=f"axis '{axis}'", need=f"an axis of this table: {have}", do="correct it")
+    if axis is not None and not cls.axis_wise:
+        raise TiltcalError(subject, found="axis", need="no axis: it acts on the whole", do="remove that key")
+    known = {name: p for p in cls.parameters for name in p.expand(bound.axes if bound else ())}
+    numbers: dict[str, float] = {}
+    sigmas: dict[str, float] = {}
+    for key, value in values.items():
+        target = sigmas if key.startswith("sigma_") and key not in _file_names(known) else numbers
+        name, factor = _parameter(key if target is numbers else key[len("sigma_") :], known, subject)
+        target[name] = _number(value, f"{subject}, key {key}") * factor
+        if target is numbers and known[name].positive and numbers[name] < 0:
+            raise TiltcalError(f"{subject}, key {key}", found=f"{value}", need="a value >= 0", do="correct its sign")
+    return cls(numbers, bound.name if bound else None, axis, role, sigmas, fit)
+
+
+def _file_names(known: Mapping[str, Parameter]) -> list[str]:
+    return [f"{name}_{p.unit}" for name, p in known.items()]
+
+
+def _parameter(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[str, float]:
+    """Bare name and SI factor of a key such as ``k2_x_ug_g2``; any unit of the same quantity will do."""
+    for name, parameter in known.items():
+        if key == f"{name}_{parameter.unit}":
+            return name, parameter.factor
+    name, unit = split_unit(key, PARAMETER_UNITS)
+    if name in known and unit is not None:
+        if PARAMETER_UNITS[unit].quantity == PARAMETER_UNITS[known[name].unit].quantity:
+            return name, PARAMETER_UNITS[unit].factor
+        raise TiltcalError(
+            f"{subject}, key {key}", found=f"unit {unit}", need=f"a unit like {known[name].unit}", do="convert the value"
+        )
+    raise TiltcalError(subject, found=f"unknown key '{key}'", need="a parameter with its unit", do=nearest(key, _file_names(known)))
+
+
+def _number(value: Any, subject: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+        raise TiltcalError(subject, found=repr(value), need="a number", do="write it without quotes")
+    return float(value)
+
+
+def _sensor_of(cls: type[Effect], setup: Setup, sensor: str | None, subject: str) -> Sensor | None:
+    if not cls.kinds:
+        if sensor is not None:
+            raise TiltcalError(subject, found="sensor", need="no sensor: it acts on the rig", do="remove that key")
+        return None
+    if sensor is not None:
+        bound = setup.named(sensor)
+        if bound.kind not in cls.kinds:
+            raise TiltcalError(
+                subject, found=f"sensor '{sensor}' of kind {bound.kind}", need=" or ".join(sorted(cls.kinds)), do="choose another"
+            )
+        return bound
+    fitting = setup.sensors(*cls.kinds)
+    if len(fitting) != 1:
+        names = ", ".join(s.name for s in fitting) or "none in this scenario"
+        raise TiltcalError(subject, found=f"no sensor named, {len(fitting)} that fit", need=f"sensor = one of {names}", do="add it")
+    return fitting[0]
+
+
+def to_file(effect: Effect) -> dict[str, Any]:
+    """An effect as the table of a scenario file: the inverse of ``make_effect``."""
+    table: dict[str, Any] = {"id": effect.id}
+    for key in ("sensor", "axis", "role"):
+        if getattr(effect, key) is not None:
+            table[key] = getattr(effect, key)
+    if effect.fit:
+        table["fit"] = True
+    parameters = {name: p for p in effect.parameters for name in p.expand(tuple("xyza")) or [p.name]}
+    for values, prefix in ((effect.values, ""), (effect.sigmas, "sigma_")):
+        for name, value in values.items():
+            table[f"{prefix}{name}_{parameters[name].unit}"] = value / parameters[name].factor
+    return table

@@ -1,0 +1,112 @@
+"""What happens to samples on their way into the file."""
+
+import numpy as np
+
+from tiltcal.effects.base import Parameter, Sense, SignalEffect
+from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.frames import Array
+
+
+class DataOutlier(SignalEffect):
+    id = "data_outlier"
+    stage = "data"
+    kinds = ANALOG
+    order = 90
+    title = "gross errors"
+    parameters = (
+        Parameter("share", "unitless", (1e-4, 1e-3, 1e-2), positive=True),
+        Parameter("size", "sigma", (20, 20, 50), positive=True, default=20.0),
+    )
+    physics = "Transmission errors and shocks throw single samples far off."
+    equation = "with probability p a channel's sample gains +- size sigma (of its sample-to-sample noise)"
+    source = "PHYSICS 3.7"
+    excited_by = "any recording"
+    look = "isolated values beyond 8 sigma"
+    random = True
+
+    @property
+    def is_identity(self) -> bool:
+        return not self.value("share")
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        if rng is None or len(reading) < 3:
+            return reading
+        noise = np.median(np.abs(np.diff(reading, axis=0)), axis=0) / (0.6745 * np.sqrt(2))
+        hit = rng.random(reading.shape) < self.value("share")
+        return reading + hit * rng.choice([-1.0, 1.0], reading.shape) * self.value("size") * noise
+
+
+class DataDrop(SignalEffect):
+    id = "data_drop"
+    stage = "data"
+    kinds = ANALOG
+    order = 92
+    title = "samples lost"
+    parameters = (Parameter("samples", "unitless", (100, 100, 100), positive=True), Parameter("time", "s", (1e5, 1e5, 1e5)))
+    physics = "A buffer overran: samples are missing and the rest moved up."
+    equation = "from time_s on, reading_k = reading_(k + samples)"
+    source = "effects list; PHYSICS 3.7"
+    excited_by = "moves after the loss"
+    look = "moves come early from an instant on"
+
+    @property
+    def is_identity(self) -> bool:
+        return not self.value("samples")
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        lost = int(self.value("samples"))
+        start = int(np.searchsorted(sense.elapsed, self.value("time")))
+        if lost <= 0 or start >= len(reading):
+            return reading
+        moved = np.full_like(reading[start:], np.nan)
+        kept = reading[start + lost :]
+        moved[: len(kept)] = kept
+        return np.concatenate([reading[:start], moved])
+
+
+class DataDuplicate(SignalEffect):
+    id = "data_duplicate"
+    stage = "data"
+    kinds = ANALOG
+    order = 91
+    title = "samples repeated"
+    parameters = (Parameter("share", "unitless", (1e-3, 1e-2, 1e-1), positive=True),)
+    physics = "A reader faster than the sensor reads the same value twice."
+    equation = "with probability p the previous sample is repeated"
+    source = "effects list; PHYSICS 3.7"
+    excited_by = "any recording"
+    look = "exact repeats of all channels at once"
+    random = True
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        if rng is None:
+            return reading
+        again = rng.random(len(reading)) < self.value("share")
+        again[0] = False
+        source = np.maximum.accumulate(np.where(again, 0, np.arange(len(reading))))
+        return reading[source]
+
+
+class DataStuck(SignalEffect):
+    id = "data_stuck"
+    stage = "data"
+    kinds = ANALOG
+    order = 93
+    title = "channel frozen for a while"
+    parameters = (Parameter("start", "s", (1e5, 1e5, 1e5)), Parameter("length", "s", (100, 100, 100), positive=True))
+    physics = "An interface hangs and repeats its last value."
+    equation = "reading(t) = reading(start) for start <= t < start + length"
+    source = "effects list; PHYSICS 3.7"
+    excited_by = "any recording"
+    look = "a flat stretch without noise"
+
+    @property
+    def is_identity(self) -> bool:
+        return not self.value("length")
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        start, length = self.value("start"), self.value("length")
+        frozen = (sense.elapsed >= start) & (sense.elapsed < start + length)
+        if frozen.any():
+            reading[frozen] = reading[int(np.argmax(frozen))]
+        return reading

@@ -1,0 +1,34 @@
+"""Tones from outside."""
+
+import numpy as np
+
+from tiltcal.effects.base import Parameter, Sense, TermEffect
+from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.frames import Array
+
+
+class MainsPickup(TermEffect):
+    id = "mains_pickup"
+    stage = "electronics"
+    kinds = ANALOG
+    order = 62
+    title = "mains tone or its alias"
+    parameters = (
+        Parameter("pickup_{axis}", "ug", (10, 300, 3000)),
+        Parameter("frequency", "hz", (50, 50, 50), positive=True, default=50.0),
+    )
+    physics = "Mains couples into the wiring; sampled, it appears at its alias |f - n fs|."
+    equation = "reading_i += A_i sin(2 pi f t)"
+    source = "PHYSICS 3.6"
+    excited_by = "any recording"
+    look = "a line that does not turn with the pose"
+    linear = False
+
+    @property
+    def is_identity(self) -> bool:
+        return not any(value for name, value in self.values.items() if name != "frequency")
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        if name == "frequency":
+            return -1, np.zeros(0)
+        return self.channel_of(name[-1], sense), np.sin(2 * np.pi * self.value("frequency") * sense.elapsed)

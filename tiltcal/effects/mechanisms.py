@@ -1,0 +1,115 @@
+"""Plain data that effects hand to the closed form and to the rig: how the world, a frame or a joint differs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.frames import Array
+from tiltcal.motion import Drive, Jet
+from tiltcal.setup import Rig, Setup
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A small prescribed rotation about a coordinate axis of its slot's frame, right-handed."""
+
+    axis: str
+    angle: Jet
+
+
+@dataclass(frozen=True)
+class Shake:
+    """A sinusoidal acceleration of the base, world frame.
+
+    Args:
+        cos, sin: amplitudes along East, North, Up, m/s2, (3,).
+        frequency: Hz.
+    """
+
+    cos: Array
+    sin: Array
+    frequency: float
+
+    def jets(self, time: Array) -> tuple[Jet, Jet, Jet]:
+        """Displacement, velocity, acceleration along East, North, Up."""
+        p = 2 * np.pi * self.frequency
+        c, s = np.cos(p * time), np.sin(p * time)
+        return tuple(  # type: ignore[return-value]
+            Jet(-(C * c + S * s) / p**2, (C * s - S * c) / p, C * c + S * s)
+            for C, S in zip(self.cos, self.sin, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A compliant hinge loaded by a ballast: MuJoCo finds the equilibrium.
+
+    Args:
+        body: the body it is inserted in, after that body's own joints.
+        axis: coordinate axis of the hinge.
+        stiffness: N m/rad.
+        mass: of the ballast behind the hinge, kg.
+        arm: position of the ballast in the body's frame, m, (3,).
+    """
+
+    body: str
+    axis: str
+    stiffness: float
+    mass: float
+    arm: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Lost motion of a table axis: the load follows the drive within +- half the width (rad), dragged by friction."""
+
+    axis: str
+    width: float
+
+
+Mechanism = Spring | Gap
+
+
+@dataclass(frozen=True)
+class World:
+    """What is the same everywhere on the rig.
+
+    Args:
+        gravity: m/s2.
+        earth: Earth's rate in the world frame as gyros see it, rad/s, (3,).
+        coriolis: the same for the Coriolis acceleration.
+        lever: sensors' position from the axes' common point, body frame, m, (3,).
+        shakes: vibration of the base.
+    """
+
+    gravity: float
+    earth: Array
+    coriolis: Array
+    lever: Array
+    shakes: tuple[Shake, ...] = ()
+
+    @classmethod
+    def of(cls, setup: Setup) -> "World":
+        """The nominal world of a set-up."""
+        earth = setup.site.earth_rate
+        return cls(setup.site.gravity, earth, earth, np.array(setup.rig.lever_arm_m))
+
+
+@dataclass(frozen=True)
+class Context:
+    """Where and when a geometric effect acts.
+
+    Args:
+        drive: the readout and the time base.
+        axes: true angles of the table's axes.
+        rig: table and mounting.
+        gravity: m/s2.
+        force: specific force in the frame of the slot, m/s2, (n, 3); None where MuJoCo will find it.
+    """
+
+    drive: Drive
+    axes: Mapping[str, Jet]
+    rig: Rig
+    gravity: float
+    force: Array | None = None

@@ -1,0 +1,57 @@
+"""Effects with memory, in one place: play over turning points, direction of the last motion, stops."""
+
+import numpy as np
+
+from tiltcal.frames import Array
+
+
+def play(u: Array, width: float) -> Array:
+    """State of a play (backlash) operator of half-width ``width / 2``, in [-1, 1], (n,).
+
+    The output follows the input only where it is pushed; (input - output) / (width / 2) is returned, 0 before the
+    first motion. It depends on turning points only, so runs of equal direction are done at once.
+    """
+    half = width / 2
+    if half <= 0 or len(u) == 0:
+        return np.asarray(np.sign(last_direction(u)))
+    state = np.empty_like(u)
+    output = float(u[0])
+    turning = _turning_points(u)
+    for start, end in zip(turning[:-1], turning[1:], strict=True):
+        run = u[start : end + 1]
+        follow = np.maximum(output, run - half) if run[-1] >= run[0] else np.minimum(output, run + half)
+        state[start : end + 1] = (run - follow) / half
+        output = float(follow[-1])
+    return state
+
+
+def _turning_points(u: Array) -> list[int]:
+    direction = last_direction(u)
+    change = np.flatnonzero(np.diff(direction) != 0)
+    return [0, *[int(c) for c in change if c > 0], len(u) - 1] if len(u) > 1 else [0, 0]
+
+
+def last_direction(u: Array) -> Array:
+    """Sign of the last change at or before each sample, (n,): +1, -1, or 0 before the first motion."""
+    step = np.sign(np.diff(u, prepend=u[:1]))
+    index = np.where(step != 0, np.arange(len(u)), -1)
+    last = np.maximum.accumulate(index)
+    return np.where(last >= 0, step[np.maximum(last, 0)], 0.0)
+
+
+def first_order_lag(time: Array, u: Array, tau: float) -> Array:
+    """Output of 1/(1 + tau s) for an input that is linear between samples, starting settled. time, u: (n,).
+
+    Exact for irregular stamps: the recursion is a bidiagonal system.
+    """
+    from scipy.linalg import solve_banded
+
+    if tau <= 0 or len(u) < 2:
+        return u
+    dt = np.diff(time)
+    decay = np.exp(-dt / tau)
+    slope = np.diff(u) / dt
+    # y1 = decay y0 + (u1 - slope tau) - decay (u0 - slope tau)
+    drive = np.concatenate([u[:1], (u[1:] - slope * tau) - decay * (u[:-1] - slope * tau)])
+    bands = np.vstack([np.ones(len(u)), np.append(-decay, 0.0)])
+    return np.asarray(solve_banded((1, 0), bands, drive))

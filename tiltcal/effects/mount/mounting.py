@@ -1,0 +1,109 @@
+"""How the instrument sits on the faceplate."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.effects.base import FrameEffect, Parameter
+from tiltcal.effects.mechanisms import Context, Mechanism, Spring, Turn
+from tiltcal.motion import Jet, sampled_jet
+from tiltcal.setup import Rig
+from tiltcal.units import G0
+
+
+class MountMisalignment(FrameEffect):
+    id = "mount_misalignment"
+    stage = "mount"
+    title = "instrument not aligned to the faceplate"
+    parameters = tuple(Parameter(f"tilt_{a}", "arcsec", (60, 1000, 7200)) for a in "xyz")
+    physics = "The body's axes are turned against the faceplate by the mounting surface and the screws."
+    equation = "R_mount gains Rx(x) Ry(y) Rz(z)"
+    source = "PHYSICS 3.3; NIST jres.122.032"
+    excited_by = "any two poses"
+    look = "antisymmetric part of the sensitivity matrix: inside a full cross-axis calibration"
+    linear = True
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        return tuple(Turn(a, Jet(self.value(f"tilt_{a}"))) for a in "xyz") if slot == "mount" else ()
+
+
+class MountSlip(FrameEffect):
+    id = "mount_slip"
+    stage = "mount"
+    title = "the instrument shifts at an instant"
+    parameters = (
+        *(Parameter(f"slip_{a}", "arcsec", (3, 60, 360)) for a in "xyz"),
+        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True),
+    )
+    physics = "A screw or an adhesive lets go a little; all channels step as one rotation."
+    equation = "R_mount gains a small rotation from time_s on"
+    source = "PHYSICS 3.3"
+    excited_by = "time"
+    look = "a step of all channels at once, norm unchanged"
+
+    @property
+    def is_identity(self) -> bool:
+        return not any(self.value(f"slip_{a}") for a in "xyz")
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != "mount":
+            return ()
+        on = (context.drive.elapsed >= self.value("time")).astype(float)
+        zero = np.zeros_like(on)
+        return tuple(Turn(a, Jet(self.value(f"slip_{a}") * on, zero, zero)) for a in "xyz")
+
+
+class MountThermalTilt(FrameEffect):
+    id = "mount_thermal_tilt"
+    stage = "mount"
+    title = "the mount tilts with temperature"
+    parameters = tuple(Parameter(f"tilt_{a}", "arcsec_degC", (0.3, 3, 10)) for a in "xyz")
+    physics = "Brackets of unequal expansion turn the instrument with temperature."
+    equation = "R_mount gains a small rotation k (T - T0)"
+    source = "PHYSICS 3.3"
+    excited_by = "a temperature change in several poses"
+    look = "follows T, turns with the pose, norm unchanged"
+    linear = True
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != "mount":
+            return ()
+        warm = sampled_jet(context.drive.time, context.drive.temperature - context.drive.reference_temperature)
+        return tuple(Turn(a, warm.scaled(self.value(f"tilt_{a}"))) for a in "xyz")
+
+
+class MountCompliance(FrameEffect):
+    id = "mount_compliance"
+    stage = "mount"
+    title = "bracket or adhesive bends under the instrument's weight"
+    parameters = (Parameter("bend_x", "arcsec_g", (0.5, 30, 300)), Parameter("bend_y", "arcsec_g", (0.5, 30, 300)))
+    physics = "The instrument's weight bends its bracket; the bend turns with the specific force in the body frame."
+    equation = "small rotation of the mount (-c_x f_y, c_y f_x, 0) / g"
+    source = "effects list; PHYSICS 3.3"
+    excited_by = "tilting about two axes"
+    look = "products of two force components on all channels, norm unchanged; follows the body at a remount"
+    linear = True
+    mechanised = True
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != "mount" or context.force is None:
+            return ()
+        time, force = context.drive.time, context.force / G0
+        return (
+            Turn("x", sampled_jet(time, -self.value("bend_x") * force[:, 1])),
+            Turn("y", sampled_jet(time, self.value("bend_y") * force[:, 0])),
+        )
+
+    def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        """Two hinges in series, x then y, each with its ballast; a positive bend hangs the ballast below (-z)."""
+        cx, cy = self.value("bend_x"), self.value("bend_y")
+        mass, length = 0.5, 0.05  # the instrument's own
+        arm_y = float(-np.copysign(length, cy)) if cy else 0.0
+        arm_x = float(-np.copysign(length, cx)) - arm_y if cx else 0.0  # hinge x carries both ballasts
+        load = mass * G0 * length
+        springs = []
+        if cx:
+            springs.append(Spring("bend_x", "x", load / abs(cx), mass, (0.0, 0.0, arm_x)))
+        if cy:
+            springs.append(Spring("bend_y", "y", load / abs(cy), mass, (0.0, 0.0, arm_y)))
+        return tuple(springs)

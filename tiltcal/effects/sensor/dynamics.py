@@ -1,0 +1,129 @@
+"""Sensor effects that are no sum of terms: bandwidth, saturation, angle-dependent bias, rectification, conversion."""
+
+import numpy as np
+
+from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.memory import first_order_lag
+from tiltcal.effects.sensor.environmental import GYROS
+from tiltcal.frames import Array
+from tiltcal.units import G0
+
+
+class AccBandwidth(SignalEffect):
+    id = "acc_bandwidth"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 40
+    title = "low-pass of the sensor"
+    parameters = (Parameter("tau", "ms", (0.5, 10, 20), positive=True),)
+    physics = "A damped suspension or its filter follows with a lag."
+    equation = "tau dy/dt + y = u"
+    source = "PHYSICS 3.4; SCA121T data sheet (18 Hz)"
+    excited_by = "moves"
+    look = "as a delay in steady turns, an exponential after stops"
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        tau = self.value("tau")
+        return np.column_stack([first_order_lag(sense.time, reading[:, i], tau) for i in range(reading.shape[1])])
+
+
+class GyrBandwidth(AccBandwidth):
+    id = "gyr_bandwidth"
+    kinds = GYROS
+    source = "PHYSICS 3.5"
+
+
+class AccSaturation(SignalEffect):
+    id = "acc_saturation"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 45
+    title = "clipping"
+    parameters = (Parameter("full_scale", "m_s2", (200, 20, 20), positive=True),)
+    physics = "Beyond full scale the reading stays at full scale."
+    equation = "|reading| <= full scale"
+    source = "PHYSICS 3.4"
+    excited_by = "input beyond full scale"
+    look = "flat tops"
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        limit = self.value("full_scale")
+        return np.clip(reading, -limit, limit) if limit > 0 else reading
+
+
+class GyrSaturation(AccSaturation):
+    id = "gyr_saturation"
+    kinds = GYROS
+    parameters = (Parameter("full_scale", "deg_s", (400, 250, 250), positive=True),)
+    source = "PHYSICS 3.5"
+
+
+class AccAngleBias(TermEffect):
+    id = "acc_angle_bias"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 25
+    title = "zero bias that depends on the placing angle"
+    parameters = tuple(
+        Parameter(f"{part}{n}_{{axis}}", "ug", (300, 1000, 3000)) for n in (1, 2, 3, 4) for part in ("cos", "sin")
+    )
+    physics = "A quartz flexure's zero shifts with its rotation about its own sensitive axis."
+    equation = "reading_i += sum_n c_n cos(n beta_i) + s_n sin(n beta_i); beta_i: turn about axis i from level"
+    source = "seed S0; PHYSICS 3.4"
+    excited_by = "turning about the sensitive axis"
+    look = "the cross channel's bias as a function of the placing angle"
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        axis, n = name[-1], int(name[3])
+        beta = placing_angle(axis, sense.force)
+        return self.channel_of(axis, sense), np.cos(n * beta) if name.startswith("cos") else np.sin(n * beta)
+
+
+def placing_angle(axis: str, force: Array) -> Array:
+    """Turn about a body axis from the level pose, rad, (n,): atan2(f_y, f_z) for x, atan2(-f_x, f_z) for y."""
+    x, y, z = force[:, 0], force[:, 1], force[:, 2]
+    pairs = {"x": (y, z), "y": (-x, z), "z": (x, y)}
+    return np.asarray(np.arctan2(*pairs[axis]))
+
+
+class AccVre(TermEffect):
+    id = "acc_vre"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 25
+    title = "vibration rectification error"
+    parameters = (Parameter("vre_{axis}", "ug_g2", (60, 5000, 1e5)),)
+    physics = "Even non-linearity turns vibration into a bias shift."
+    equation = "reading_i += k_i <a_i^2> (g), the mean square over 1 s of what is faster than 0.25 s"
+    source = "PHYSICS 3.4; analog.com on vibration rectification"
+    excited_by = "vibration of changing size"
+    look = "the bias follows the square of the vibration"
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        fast = sense.force[:, "xyz".index(name[-1])] / G0
+        fast = fast - _moving_mean(fast, sense.rate_hz * 0.25)
+        return self.channel_of(name[-1], sense), G0 * _moving_mean(fast * fast, sense.rate_hz)
+
+
+def _moving_mean(u: Array, width: float) -> Array:
+    n = max(int(round(width)), 1)
+    padded = np.pad(u, (n // 2, n - n // 2 - 1), mode="edge")
+    return np.convolve(padded, np.full(n, 1 / n), mode="valid")
+
+
+class TiltConversion(SignalEffect):
+    id = "tilt_conversion"
+    stage = "sensor"
+    kinds = frozenset({"inclinometer"})
+    order = 71
+    title = "linear instead of arcsine"
+    parameters = (Parameter("mix", "unitless", (1, 1, 1)),)
+    physics = "Firmware reports the sine as the angle; 183 arcsec at 10 deg."
+    equation = "tilt = (1 - m) asin(s) + m s"
+    source = "PHYSICS 3.4"
+    excited_by = "large tilts"
+    look = "odd cubic of the angle"
+    linear = True
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        return reading + self.value("mix") * (np.sin(reading) - reading)

@@ -1,0 +1,214 @@
+"""Errors that follow temperature and time: one set of laws, for accelerometers and for gyros."""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.memory import play
+from tiltcal.frames import Array
+from tiltcal.units import G0
+
+GYROS = frozenset({"gyro", "fog"})
+
+
+class FollowsState(TermEffect):
+    """A bias that follows one scalar state of the environment: reading_i += k_i state(t)."""
+
+    stage = "sensor"
+    order = 20
+    source = "PHYSICS 3.4, 3.5"
+
+    @abstractmethod
+    def state(self, sense: Sense) -> Array:
+        """The state, (n,)."""
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        return self.channel_of(name[-1], sense), self.state(sense)
+
+
+class AccTempBias(FollowsState):
+    id = "acc_temp_bias"
+    kinds = ACCELEROMETERS
+    title = "bias against temperature"
+    parameters = (Parameter("temp_bias_{axis}", "ug_degC", (30, 150, 1000)),)
+    physics = "Package stress and electronics drift with temperature."
+    equation = "reading_i += k_i (T - T0)"
+    excited_by = "a temperature change"
+    look = "follows the temperature record, the same in every pose"
+
+    def state(self, sense: Sense) -> Array:
+        return sense.temperature
+
+
+class AccTempScale(TermEffect):
+    id = "acc_temp_scale"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 20
+    title = "scale factor against temperature"
+    parameters = (Parameter("temp_scale_{axis}", "ppm_degC", (180, 100, 300)),)
+    physics = "Magnet or reference voltage change with temperature."
+    equation = "reading_i += k_i (T - T0) f_i"
+    source = "PHYSICS 3.4"
+    excited_by = "a temperature change on a loaded axis"
+    look = "temperature times its own force"
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        return self.channel_of(name[-1], sense), sense.temperature * sense.force[:, "xyz".index(name[-1])]
+
+
+class AccThermalGradient(FollowsState):
+    id = "acc_thermal_gradient"
+    kinds = ACCELEROMETERS
+    title = "bias proportional to dT/dt"
+    parameters = (Parameter("temp_rate_{axis}", "ug_s_degC", (1e4, 1e5, 1e6)),)
+    physics = "A gradient through the package while it warms."
+    equation = "reading_i += k_i dT/dt"
+    excited_by = "a temperature ramp"
+    look = "changes sign between heating and cooling, gone when T settles"
+
+    def state(self, sense: Sense) -> Array:
+        return np.gradient(sense.temperature, sense.time) if len(sense.time) > 2 else np.zeros(len(sense.time))
+
+
+class AccThermalHysteresis(FollowsState):
+    id = "acc_thermal_hysteresis"
+    kinds = ACCELEROMETERS
+    title = "heating and cooling branches differ"
+    parameters = (Parameter("thermal_hysteresis_{axis}", "ug", (100, 1000, 5000)),)
+    physics = "Adhesives and solder creep: the bias depends on where the temperature came from."
+    equation = "reading_i += h_i z(T), z the play state of the temperature (half-width a quarter of its span)"
+    excited_by = "a temperature cycle"
+    look = "a loop over temperature"
+
+    def state(self, sense: Sense) -> Array:
+        return play(sense.temperature, float(np.ptp(sense.temperature)) / 2)
+
+
+class Warmup(TermEffect):
+    """reading_i += A_i exp(-t / tau), t from the first stamp."""
+
+    stage = "sensor"
+    order = 20
+    linear = False
+    equation = "reading_i += A_i exp(-t/tau)"
+    physics = "Self-heating after power-on relaxes exponentially, in every pose alike."
+    source = "PHYSICS 3.4"
+    excited_by = "time since power-on"
+    look = "an exponential from the first stamp on"
+
+    @property
+    def is_identity(self) -> bool:
+        return not any(value for name, value in self.values.items() if name != "tau")
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        if name == "tau":
+            return -1, np.zeros(0)
+        return self.channel_of(name[-1], sense), np.exp(-sense.elapsed / self.value("tau"))
+
+
+class AccWarmup(Warmup):
+    id = "acc_warmup"
+    kinds = ACCELEROMETERS
+    title = "exponential after power-on"
+    parameters = (
+        Parameter("warmup_{axis}", "ug", (100, 3000, 10000)),
+        Parameter("tau", "s", (1800, 600, 300), positive=True, default=300.0),
+    )
+
+
+class GyrWarmup(Warmup):
+    id = "gyr_warmup"
+    kinds = GYROS
+    title = "exponential after power-on"
+    parameters = (
+        Parameter("warmup_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
+        Parameter("tau", "s", (1800, 600, 300), positive=True, default=300.0),
+    )
+
+
+class BiasStep(TermEffect):
+    """reading_i += A_i from time_s on."""
+
+    stage = "sensor"
+    order = 20
+    linear = False
+    equation = "reading_i += A_i from time_s on"
+    physics = "Trapped charge or a shifted suspension steps one axis at an instant."
+    source = "PHYSICS 3.4"
+    excited_by = "time"
+    look = "a step on one axis only, its neighbours unchanged"
+
+    @property
+    def is_identity(self) -> bool:
+        return not any(value for name, value in self.values.items() if name != "time")
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        if name == "time":
+            return -1, np.zeros(0)
+        return self.channel_of(name[-1], sense), (sense.elapsed >= self.value("time")).astype(float)
+
+
+class AccBiasStep(BiasStep):
+    id = "acc_bias_step"
+    kinds = ACCELEROMETERS
+    title = "step or popcorn of one axis"
+    parameters = (
+        Parameter("bias_step_{axis}", "ug", (50, 2000, 5000)),
+        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True),
+    )
+
+
+class GyrBiasStep(BiasStep):
+    id = "gyr_bias_step"
+    kinds = GYROS
+    title = "step of the bias"
+    parameters = (
+        Parameter("bias_step_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
+        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True),
+    )
+
+
+class AccDrift(FollowsState):
+    id = "acc_drift"
+    kinds = ACCELEROMETERS
+    title = "linear bias ramp"
+    parameters = (Parameter("drift_{axis}", "ug", (50, 1000, 5000)),)
+    physics = "Slow relaxation that looks linear over one recording."
+    equation = "reading_i += d_i x(t), x = 0..1 over the recording"
+    excited_by = "time"
+    look = "a ramp in every pose"
+
+    def state(self, sense: Sense) -> Array:
+        return sense.elapsed / max(float(sense.elapsed[-1]), 1e-12)
+
+
+class AccHysteresis(SignalEffect):
+    id = "acc_hysteresis"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 30
+    title = "flexure or package memory"
+    parameters = (
+        Parameter("hysteresis_{axis}", "ug", (20, 300, 1000)),
+        Parameter("width", "unitless", (0.2, 0.2, 0.2), positive=True, default=0.2),
+    )
+    physics = "The suspension remembers the force it came from; the norm changes, unlike a table's lost motion."
+    equation = "reading_i += h_i z(f_i), z in [-1, 1] the play state (width in g, 0.2 unless given)"
+    source = "PHYSICS 3.4"
+    excited_by = "approaching the same force from both sides"
+    look = "a loop over the axis' own force"
+    linear = True
+
+    @property
+    def is_identity(self) -> bool:
+        return not any(value for name, value in self.values.items() if name != "width")
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        for name, value in self.values.items():
+            if name != "width" and value:
+                channel = TermEffect.channel_of(name[-1], sense)
+                if channel >= 0:
+                    reading[:, channel] += value * play(sense.force[:, "xyz".index(name[-1])], self.value("width") * G0)
+        return reading

@@ -1,0 +1,184 @@
+"""Errors of gyro triads and fibre-optic gyros that follow rate and force (IEEE 1431, 952)."""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from tiltcal.effects.base import Parameter, Sense, TermEffect
+from tiltcal.effects.sensor.environmental import GYROS, FollowsState
+from tiltcal.frames import Array
+from tiltcal.units import G0
+
+TRIAD = frozenset({"gyro"})
+FOG = frozenset({"fog"})
+
+
+class GyrTerm(TermEffect):
+    """One coefficient an axis that acts on the axis' own rate."""
+
+    stage = "sensor"
+    kinds = TRIAD
+    order = 10
+    source = "IEEE 1431; PHYSICS 1.1, 3.5"
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        channel = self.channel_of(name[-1], sense)
+        return channel, self.column(sense.true_input()[:, max(channel, 0)])
+
+    @abstractmethod
+    def column(self, w: Array) -> Array:
+        """Reading per unit coefficient, from the rate along the axis, rad/s."""
+
+
+class GyrBias(GyrTerm):
+    id = "gyr_bias"
+    title = "bias"
+    parameters = (Parameter("bias_{axis}", "deg_s", (0.001, 0.5, 1.0)),)
+    physics = "The reading at rest."
+    equation = "reading_i += b_i"
+    excited_by = "any recording"
+    look = "a constant"
+
+    def column(self, w: Array) -> Array:
+        return np.ones_like(w)
+
+
+class GyrScale(GyrTerm):
+    id = "gyr_scale"
+    title = "scale factor"
+    parameters = (Parameter("scale_{axis}", "ppm", (500, 10000, 20000)),)
+    physics = "The slope of the reading against its rate."
+    equation = "reading_i += S_i w_i"
+    excited_by = "turning about the axis"
+    look = "proportional to its own rate"
+
+    def column(self, w: Array) -> Array:
+        return w
+
+
+class GyrScaleAsym(GyrTerm):
+    id = "gyr_scale_asym"
+    title = "scale factor differs by sign"
+    parameters = (Parameter("scale_asym_{axis}", "ppm", (50, 1000, 6000)),)
+    physics = "The slope differs between clockwise and counter-clockwise."
+    equation = "reading_i += a_i/2 |w_i|"
+    excited_by = "turns both ways"
+    look = "even in the rate"
+
+    def column(self, w: Array) -> Array:
+        return np.abs(w) / 2
+
+
+class GyrNonlinearity(GyrTerm):
+    id = "gyr_nonlinearity"
+    title = "cubic of rate"
+    parameters = (Parameter("cubic_{axis}", "ppm_rad2_s2", (100, 1000, 3000)),)
+    physics = "The slope changes with the size of the rate."
+    equation = "reading_i += c_i w_i^3"
+    excited_by = "turns at several rates"
+    look = "odd in the rate, beyond a straight line"
+
+    def column(self, w: Array) -> Array:
+        return w**3
+
+
+class FogBias(GyrBias):
+    id = "fog_bias"
+    kinds = FOG
+    parameters = (Parameter("bias_{axis}", "deg_h", (0.1, 5, 20)),)
+
+
+class FogScale(GyrScale):
+    id = "fog_scale"
+    kinds = FOG
+    parameters = (Parameter("scale_{axis}", "ppm", (10, 500, 1000)),)
+
+
+class GyrMisalignment(TermEffect):
+    id = "gyr_misalignment"
+    stage = "sensor"
+    kinds = TRIAD
+    order = 10
+    title = "cross-axis"
+    parameters = (Parameter("cross_{pair}", "ppm", (500, 10000, 20000)),)
+    physics = "Input axes lean against the body's frame."
+    equation = "reading_i += C_ij w_j"
+    source = "PHYSICS 3.5"
+    excited_by = "turning about another axis"
+    look = "rate on the axes that are not turned"
+    linear = True
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        return self.channel_of(name[-2], sense), sense.rate[:, "xyz".index(name[-1])]
+
+
+class GyrGsens(TermEffect):
+    id = "gyr_gsens"
+    stage = "sensor"
+    kinds = GYROS
+    order = 10
+    title = "bias proportional to specific force"
+    parameters = (Parameter("gsens_{matrix}", "deg_h_g", (10, 60, 360)),)
+    physics = "Gravity deflects the vibrating mass; the bias depends on the pose."
+    equation = "reading_i += G_ij f_j (g)"
+    source = "PHYSICS 1.1, 3.5; ADIS16445 data sheet 0.015 deg/s/g"
+    excited_by = "rest in several poses"
+    look = "static bias follows the pose; integrates to zero over a full turn"
+    linear = True
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        return self.channel_of(name[-2], sense), sense.force[:, "xyz".index(name[-1])] / G0
+
+
+class GyrTemp(FollowsState):
+    id = "gyr_temp"
+    kinds = GYROS
+    title = "bias against temperature"
+    parameters = (Parameter("temp_bias_{axis}", "deg_s_degC", (1e-5, 0.005, 0.05)),)
+    physics = "The resonator and its electronics drift with temperature."
+    equation = "reading_i += k_i (T - T0)"
+    excited_by = "a temperature change"
+    look = "follows the temperature record, the same in every pose"
+
+    def state(self, sense: Sense) -> Array:
+        return sense.temperature
+
+
+class FogShupe(FollowsState):
+    id = "fog_shupe"
+    kinds = FOG
+    title = "bias proportional to dT/dt"
+    parameters = (Parameter("shupe_{axis}", "deg_h_s_degC", (10, 100, 1000)),)
+    physics = "A temperature gradient along the coil is not reciprocal (Shupe)."
+    equation = "reading += k dT/dt"
+    excited_by = "a temperature ramp"
+    look = "changes sign between heating and cooling"
+
+    def state(self, sense: Sense) -> Array:
+        return np.gradient(sense.temperature, sense.time) if len(sense.time) > 2 else np.zeros(len(sense.time))
+
+
+class FogAxisError(TermEffect):
+    id = "fog_axis_error"
+    stage = "sensor"
+    kinds = FOG
+    order = 10
+    title = "input axis not where assumed"
+    parameters = (Parameter("axis_u", "arcsec", (60, 400, 1800)), Parameter("axis_v", "arcsec", (60, 400, 1800)))
+    physics = "The coil's normal leans against the stated input axis."
+    equation = "input axis a + u b1 + v (a x b1), b1 = a x z / |a x z|"
+    source = "effects list; PHYSICS 3.5"
+    excited_by = "turning across the input axis"
+    look = "transverse rate on the FOG; a field calibration takes it for scale, -du_i/u_i"
+    linear = True
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        b1, b2 = transverse(sense.input_vector)
+        return 0, np.asarray(sense.rate @ (b1 if name == "axis_u" else b2))
+
+
+def transverse(a: Array) -> tuple[Array, Array]:
+    """The two unit vectors across an input axis: b1 = a x z / |a x z| (x where a is z), a x b1."""
+    b1 = np.cross(a, [0.0, 0.0, 1.0])
+    b1 = b1 / np.linalg.norm(b1) if np.linalg.norm(b1) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return b1, np.cross(a, b1)

@@ -1,0 +1,75 @@
+"""Axes that are not where they should be: levelling, wobble, non-orthogonality."""
+
+from collections.abc import Sequence
+
+from tiltcal.effects.base import FrameEffect, Parameter
+from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.motion import Jet
+
+
+class TableLevelling(FrameEffect):
+    id = "table_levelling"
+    stage = "table"
+    title = "base of the table is not level"
+    parameters = (Parameter("tilt_east", "arcsec", (5, 60, 3600)), Parameter("tilt_north", "arcsec", (5, 60, 3600)))
+    physics = "The base stands on its feet with a tilt about East and one about North."
+    equation = "R_base = Rx(east) Ry(north)"
+    source = "PHYSICS 3.2"
+    excited_by = "a turn about a vertical axis"
+    look = "on a vertical axis once per turn in both channels; on a horizontal one a constant and the encoder's zero"
+    linear = True
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != "base":
+            return ()
+        return Turn("x", Jet(self.value("tilt_east"))), Turn("y", Jet(self.value("tilt_north")))
+
+
+class AxisNonorthogonality(FrameEffect):
+    id = "axis_nonorthogonality"
+    stage = "table"
+    title = "table axes are not perpendicular"
+    parameters = tuple(Parameter(n, "arcsec", (5, 60, 1800)) for n in ("outer_inner", "outer_middle", "middle_inner"))
+    physics = "Successive axes were bored a little off square."
+    equation = "dual: Ry(e) between the axes; three: Rx(e1) after outer, Rz(e2) after middle"
+    source = "effects list; PHYSICS 3.2"
+    excited_by = "both angles changing"
+    look = "product of both angles; invisible on one axis"
+    linear = True
+    SLOTS = {
+        "dual": {"inner_bearing": ("y", "outer_inner")},
+        "three": {"middle_bearing": ("x", "outer_middle"), "inner_bearing": ("z", "middle_inner")},
+    }
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        place = self.SLOTS.get(context.rig.table, {}).get(slot)
+        return () if place is None else (Turn(place[0], Jet(self.value(place[1]))),)
+
+
+class AxisWobble(FrameEffect):
+    id = "table_axis_wobble"
+    stage = "table"
+    title = "synchronous tilt of the rotation axis"
+    parameters = tuple(Parameter(n, "arcsec", (1, 10, 100)) for n in ("m1c", "m1s", "p2c", "p2s", "m2c", "m2s"))
+    axis_wise = True
+    physics = "Bearing races that are not round tilt the axis as it turns, the same way every turn."
+    equation = "stator-frame rotation vector (c + i s) exp(i n a), n = -1, +2, -2, along the next two axes cyclically"
+    source = "PHYSICS 1, 1.2"
+    excited_by = "a full turn"
+    look = "on a vertical axis the sensor sees orders -2, +1, -3; n = +1 would be the mounting and is left out"
+    linear = True
+    ORDERS = (("m1", -1), ("p2", 2), ("m2", -2))
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        axis = self.axis or context.rig.axis_names[0]
+        if slot != f"{axis}_bearing":
+            return ()
+        angle = context.axes[axis]
+        real, imaginary = Jet(0.0), Jet(0.0)
+        for name, n in self.ORDERS:
+            c, s = self.value(f"{name}c"), self.value(f"{name}s")
+            if c or s:
+                real = real + angle.harmonic(n, c, -s)  # Re[(c + i s)(cos na + i sin na)]
+                imaginary = imaginary + angle.harmonic(n, s, c)
+        i = "xyz".index(dict(context.rig.axes)[axis])
+        return Turn("xyz"[(i + 1) % 3], real), Turn("xyz"[(i + 2) % 3], imaginary)

@@ -1,0 +1,145 @@
+"""Errors of the angle readout, and what makes the axis stand elsewhere than it says."""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from tiltcal.effects.base import AngleEffect, Parameter
+from tiltcal.effects.mechanisms import Gap, Mechanism, Spring
+from tiltcal.effects.memory import last_direction
+from tiltcal.frames import Array
+from tiltcal.motion import Drive, Jet
+from tiltcal.setup import Rig
+
+
+class ReadoutError(AngleEffect):
+    """readout = true + error(true): the true angle solves it by fixed point."""
+
+    stage = "table"
+
+    @abstractmethod
+    def error(self, true: Jet) -> Jet:
+        """The error of the readout at a true angle."""
+
+    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
+        true = readout
+        for _ in range(4):  # contracts by the error's slope, < 1e-2 each time
+            true = readout - self.error(true)
+        return true - readout
+
+
+class EncoderZero(ReadoutError):
+    id = "table_encoder_zero"
+    title = "zero of the angle readout"
+    parameters = (Parameter("zero", "arcsec", (3, 60, 1800)),)
+    physics = "The readout's zero is not where the scenario's frame has it."
+    equation = "readout = true + zero"
+    source = "PHYSICS 3.2"
+    excited_by = "any tilt"
+    look = "a constant rotation about the axis; one with the mounting until a remount"
+    linear = True
+
+    def error(self, true: Jet) -> Jet:
+        return Jet(self.value("zero") + 0 * true.x)
+
+
+class EncoderEccentricity(ReadoutError):
+    id = "table_encoder_eccentricity"
+    title = "once-per-revolution readout error"
+    parameters = (Parameter("cos", "arcsec", (3, 40, 400)), Parameter("sin", "arcsec", (3, 40, 400)))
+    physics = "A graduated disc off centre by e on a diameter D reads 412.5 arcsec e[um]/D[mm] wrong, once a turn."
+    equation = "readout = true + c cos a + s sin a"
+    source = "PHYSICS 3.2, 1.2; celeramotion application note"
+    excited_by = "a full turn of a tilting axis"
+    look = "constant and second harmonic on one channel, second on the other; norm unchanged"
+    linear = True
+    harmonic = 1
+
+    def error(self, true: Jet) -> Jet:
+        return true.harmonic(self.harmonic, self.value("cos"), self.value("sin"))
+
+
+class Encoder2Rev(EncoderEccentricity):
+    id = "table_encoder_2rev"
+    title = "twice-per-revolution readout error"
+    parameters = (Parameter("cos", "arcsec", (1, 15, 150)), Parameter("sin", "arcsec", (1, 15, 150)))
+    physics = "An elliptic disc, or the residue of two opposed reading heads."
+    equation = "readout = true + c cos 2a + s sin 2a"
+    look = "first and third harmonics on both channels; norm unchanged"
+    harmonic = 2
+
+
+class IndexError_(AngleEffect):
+    id = "table_index_error"
+    stage = "table"
+    title = "random setting error at each stop"
+    parameters = (Parameter("sigma", "arcsec", (1, 20, 3600), positive=True),)
+    physics = "Each stop lands elsewhere by chance; averaging longer does not help."
+    equation = "true_k = readout_k + N(0, sigma) at stop k"
+    source = "PHYSICS 3.2; NIST jres.126.038"
+    excited_by = "several stops"
+    look = "white from pose to pose, a common rotation of all channels, norm unchanged"
+    random = True
+
+    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
+        zero = np.zeros(len(drive.time))
+        if rng is None or len(drive.stop) == 0:
+            return Jet(zero, zero, zero)
+        drawn = rng.normal(0.0, self.value("sigma"), int(drive.stop.max()) + 1 if drive.stop.max() >= 0 else 1)
+        resting = drive.stop >= 0
+        knots = np.flatnonzero(resting)
+        if len(knots) == 0:
+            return Jet(zero, zero, zero)
+        offset = np.interp(np.arange(len(drive.time)), knots, drawn[drive.stop[knots]])
+        return Jet(offset, zero, zero)
+
+
+class TableSag(AngleEffect):
+    id = "table_sag"
+    stage = "table"
+    title = "the structure bends under gravity"
+    parameters = (Parameter("sag", "arcsec", (2, 20, 60)),)
+    physics = "An unbalanced platform on a compliant structure bends by m g l sin(angle) / k, unseen by the encoder."
+    equation = "true = readout + d sin(angle), on the axis that gravity loads"
+    source = "PHYSICS 3.2"
+    excited_by = "a turn of a horizontal axis"
+    look = "twin of the encoder's once-per-turn sine on one table; a payload change splits them"
+    linear = True
+    mechanised = True
+
+    def acts_on(self, axis: str, rig: Rig) -> bool:
+        loaded = {"placing": "outer", "dual": "outer", "three": "middle"}
+        return axis == (self.axis or loaded.get(rig.table, rig.axis_names[0] if rig.axis_names else ""))
+
+    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
+        return readout.harmonic(1, 0.0, self.value("sag"))
+
+    def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        sag = self.value("sag")
+        if sag == 0:
+            return ()
+        mass, arm = 0.5, np.copysign(0.1, sag)  # only m g l / k = d matters
+        axis = next(name for name in rig.axis_names if self.acts_on(name, rig))
+        return (Spring(axis, dict(rig.axes)[axis], mass * gravity * abs(arm / sag), mass, (0.0, 0.0, float(arm))),)
+
+
+class TableBacklash(AngleEffect):
+    id = "table_backlash"
+    stage = "table"
+    title = "lost motion on reversal"
+    parameters = (Parameter("width", "arcsec", (0.5, 60, 1800), positive=True),)
+    physics = "Gears and couplings have play; the load rests against the side it was last pushed from."
+    equation = "true = readout - width/2 sign(last motion)"
+    source = "PHYSICS 3.2"
+    excited_by = "approaching the same angle from both sides"
+    look = "a rotation that changes sign with the direction of approach; norm unchanged"
+    linear = True
+    mechanised = True
+
+    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
+        lag = -0.5 * self.value("width") * last_direction(np.asarray(readout.x))
+        zero: Array = np.zeros_like(lag)
+        return Jet(lag, zero, zero)
+
+    def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        return (Gap(self.axis or rig.axis_names[0], self.value("width")),)

@@ -1,0 +1,72 @@
+"""Stamps that do not tell when the signal was taken."""
+
+import numpy as np
+
+from tiltcal.effects.base import DelayEffect, Parameter
+from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.frames import Array
+
+
+class DataLatency(DelayEffect):
+    id = "data_latency"
+    stage = "timing"
+    kinds = ANALOG
+    title = "constant delay"
+    parameters = (Parameter("latency", "ms", (1, 20, 200)),)
+    physics = "Conversion, filtering and transport take time before the stamp."
+    equation = "reading(t) = signal(t - tau)"
+    source = "PHYSICS 3.7"
+    excited_by = "moves"
+    look = "a rotation proportional to the rate, odd in it, nothing at rest"
+
+    def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
+        return self.value("latency")
+
+
+class ChannelMuxSkew(DelayEffect):
+    id = "channel_mux_skew"
+    stage = "electronics"
+    kinds = ANALOG
+    title = "channels converted one after the other"
+    parameters = (Parameter("skew", "ms", (1, 15, 50)),)
+    physics = "One modulator serves all channels in turn."
+    equation = "channel i is read i x skew earlier"
+    source = "PHYSICS 3.6"
+    excited_by = "moves"
+    look = "an apparent cross-axis rotation proportional to the rate"
+
+    def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
+        return channel * self.value("skew")
+
+
+class ClockSkew(DelayEffect):
+    id = "clock_skew"
+    stage = "timing"
+    kinds = ANALOG
+    title = "clock runs fast or slow"
+    parameters = (Parameter("skew", "ppm", (20, 100, 2000)),)
+    physics = "The recorder's clock drifts against the table's."
+    equation = "signal at t (1 - k) is stamped t"
+    source = "PHYSICS 3.7"
+    excited_by = "moves late in a long recording"
+    look = "a delay that grows"
+
+    def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
+        return self.value("skew") * elapsed
+
+
+class DataJitter(DelayEffect):
+    id = "data_jitter"
+    stage = "timing"
+    kinds = ANALOG
+    title = "random time-stamp error"
+    parameters = (Parameter("jitter", "ms", (0.1, 1, 10), positive=True),)
+    physics = "Stamps are given by a busy computer."
+    equation = "reading(t_k) = signal(t_k - N(0, s))"
+    source = "PHYSICS 3.7"
+    excited_by = "moves"
+    look = "noise proportional to the rate"
+    random = True
+
+    def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
+        return 0.0 if rng is None else rng.normal(0.0, self.value("jitter"), len(elapsed))

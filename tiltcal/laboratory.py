@@ -1,0 +1,154 @@
+"""What may ask for recordings gets a Laboratory as an argument: a simulated one, or a real table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from tiltcal import __version__
+from tiltcal.chain import Mover, readings
+from tiltcal.effects.base import Effect
+from tiltcal.errors import TiltcalError
+from tiltcal.frames import Array
+from tiltcal.kinematics import closed_form
+from tiltcal.motion import Course
+from tiltcal.recording import Recording
+from tiltcal.replay import replay
+from tiltcal.scenario import Scenario
+from tiltcal.setup import Sensor, Setup
+from tiltcal.units import COLUMN_UNITS, DEG, split_unit
+
+
+class Laboratory(Protocol):
+    """Somewhere recordings come from."""
+
+    def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
+        """A recording of the scenario's sequence; ``seed`` None: without random effects and quantisation."""
+
+    def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
+        """What the model says ``motion`` should have read: its stamps and readout replayed."""
+
+
+@dataclass(frozen=True)
+class SimulatedLaboratory:
+    """A laboratory that runs the effects of a scenario; this one moves by the closed form.
+
+    Args:
+        mover: what turns angles into motion.
+    """
+
+    mover: Mover = field(default=closed_form)
+
+    def course(self, scenario: Scenario, seed: int | None) -> Course:  # noqa: ARG002  a dynamic run needs the seed
+        """What the table does: the scenario's schedule, prescribed."""
+        if scenario.dynamics is not None:
+            raise TiltcalError(
+                f"scenario {scenario.name}", found="[dynamics]", need="a laboratory with mechanics", do="use the MuJoCo one"
+            )
+        return scenario.schedule
+
+    def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
+        """A recording of the scenario's sequence."""
+        if not scenario.sensor:
+            raise TiltcalError(f"scenario {scenario.name}", found="no sensors", need="at least one [[sensor]]", do="add one")
+        course = self.course(scenario, seed)
+        start, end = course.times
+        own = {s.name: _stamps(start, end, s.rate_hz) for s in scenario.sensor}
+        values = readings(scenario, course, own, scenario.effects, seed=seed, mover=self.mover)
+        time = own[scenario.sensor[0].name]
+        for stamps in own.values():
+            if len(stamps) != len(time) or stamps is not time:
+                time = np.union1d(time, stamps)
+        drive = course.drive(time)
+        columns = {f"table_{name}_deg": np.asarray(jet.x) / DEG for name, jet in drive.axes.items()}
+        for sensor in scenario.sensor:
+            columns |= _columns(sensor, values[sensor.name], np.searchsorted(time, own[sensor.name]), len(time), seed)
+        columns["temperature_degC"] = drive.temperature
+        labels = scenario.schedule.labels(time)
+        metadata = _metadata(scenario, seed)
+        mounts = scenario.schedule.mountings(time)
+        if len(mounts) > 1 or mounts[0][1] != scenario.rig.mount:
+            metadata["mount"] = "; ".join(text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts)
+        return Recording.from_columns(
+            time, columns, labels=labels if any(labels) else None, metadata=metadata, source=f"recording of {scenario.name}"
+        )
+
+    def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
+        """What the model says ``motion`` should have read."""
+        course = replay(motion, scenario, scenario.climate.reference_degC)
+        if scenario.rig.table == "handheld":
+            from tiltcal.byhand import redundant_columns
+
+            columns = redundant_columns(scenario, motion, scenario.effects)
+        else:
+            times = {s.name: motion.time for s in scenario.sensor}
+            values = readings(scenario, course, times, scenario.effects, seed=seed, mover=self.mover)
+            columns = {}
+            for sensor in scenario.sensor:
+                values[sensor.name][~course.known] = np.nan
+                columns |= _like(sensor, values[sensor.name], motion, seed)
+        kept = {n: motion.column(n) for n in motion.column_names if n.startswith(("table_", "temperature_"))}
+        metadata = dict(motion.metadata) | _metadata(scenario, seed) | {"predicts": motion.source}
+        return Recording.from_columns(motion.time, kept | columns, labels=motion.labels, metadata=metadata, source="prediction")
+
+
+def _stamps(start: float, end: float, rate_hz: float) -> Array:
+    return start + np.arange(int(np.floor((end - start) * rate_hz + 1e-9)) + 1) / rate_hz
+
+
+def to_column(sensor: Sensor, values: Array, unit: str, rounded: bool) -> Array:
+    """SI readings, (n, k), in the unit of a column; raw codes are whole numbers."""
+    if sensor.input is not None and unit == sensor.input.unit:
+        raw = sensor.input.from_si(values)
+        return np.rint(raw) if rounded and unit == "LSB" else raw
+    return np.asarray(values / COLUMN_UNITS[unit].factor)
+
+
+def _columns(sensor: Sensor, values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: int, seed: int | None) -> dict[str, Array]:
+    written = to_column(sensor, values, sensor.column_unit, seed is not None)
+    columns = {}
+    for i, axis in enumerate(sensor.axes):
+        full = np.full(n, np.nan)
+        full[rows] = written[:, i]
+        columns[f"{sensor.name}_{axis}_{sensor.column_unit}"] = full
+    return columns
+
+
+def _like(sensor: Sensor, values: Array, motion: Recording, seed: int | None) -> dict[str, Array]:
+    """The columns of ``motion``, where it has them, with predicted values."""
+    columns = {}
+    for i, axis in enumerate(sensor.axes):
+        name = motion.channel(f"{sensor.name}_{axis}") or f"{sensor.name}_{axis}_{sensor.column_unit}"
+        columns[name] = to_column(sensor, values, str(split_unit(name)[1]), seed is not None)[:, i]
+    return columns
+
+
+def _metadata(scenario: Scenario, seed: int | None) -> dict[str, str]:
+    return {"scenario": scenario.name, "seed": "none (noise off)" if seed is None else str(seed), "made by": f"tiltcal {__version__}"}
+
+
+def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[str, Array]:
+    """What each accelerometer or inclinometer reads at rest in given attitudes, by its own effects alone, without noise.
+
+    Args:
+        setup: site, rig, sensors.
+        up: unit vectors in the body frame, (n, 3).
+        effects: those that act on a sensor are used.
+    """
+    from tiltcal.effects.base import Sense, SignalEffect
+
+    zero = np.zeros((len(up), 3))
+    still = np.zeros(len(up))
+    found = {}
+    for sensor in setup.sensors("accelerometer", "inclinometer"):
+        sense = Sense(
+            still, still, setup.site.gravity * up, zero, up, zero, still, sensor.axis_indices, sensor.kind,
+            np.zeros(3), setup.site.gravity, sensor.rate_hz, sensor.full_scale,
+        )  # fmt: skip
+        reading = sense.true_input()
+        for effect in effects:
+            if isinstance(effect, SignalEffect) and effect.sensor == sensor.name and not effect.random and effect.order < 70:
+                reading = effect.apply(reading, sense, None)
+        found[sensor.name] = reading
+    return found

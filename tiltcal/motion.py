@@ -1,0 +1,131 @@
+"""What moves, as frozen records: a Jet (angle, rate, acceleration), a Drive (what was asked or read), a Motion (truth)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from tiltcal.frames import Array
+
+Index = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Jet:
+    """An angle (or length) with its first two time derivatives; arrays of shape (n,), or numbers when constant."""
+
+    x: Array | float
+    v: Array | float = 0.0
+    a: Array | float = 0.0
+
+    def __add__(self, other: "Jet") -> "Jet":
+        return Jet(self.x + other.x, self.v + other.v, self.a + other.a)
+
+    def __sub__(self, other: "Jet") -> "Jet":
+        return Jet(self.x - other.x, self.v - other.v, self.a - other.a)
+
+    def scaled(self, k: float) -> "Jet":
+        """``k`` times the jet."""
+        return Jet(k * self.x, k * self.v, k * self.a)
+
+    def harmonic(self, n: float, c: float, s: float) -> "Jet":
+        """``c cos(n x) + s sin(n x)`` with its derivatives by the chain rule."""
+        cos, sin = np.cos(n * self.x), np.sin(n * self.x)
+        value = c * cos + s * sin
+        slope = n * (s * cos - c * sin)
+        return Jet(value, slope * self.v, slope * self.a - n * n * value * self.v * self.v)
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is one number that never moves."""
+        return all(np.ndim(part) == 0 for part in (self.x, self.v, self.a)) and self.v == 0 and self.a == 0
+
+
+def sampled_jet(time: Array, x: Array) -> Jet:
+    """A jet of a slowly varying quantity known at samples only, by finite differences. time, x: (n,)."""
+    if len(time) < 3 or np.ptp(x) == 0:
+        return Jet(x, np.zeros_like(x), np.zeros_like(x))
+    v = np.gradient(x, time)
+    return Jet(x, v, np.gradient(v, time))
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Prescribed attitude of a hand-held body.
+
+    Args:
+        R_wb: body to world, (n, 3, 3).
+        rate: angular rate in the body frame, rad/s, (n, 3).
+        acceleration: its derivative, rad/s2, (n, 3).
+    """
+
+    R_wb: Array
+    rate: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the table was asked to do, or said it did, at given times.
+
+    Args:
+        time: s, (n,).
+        axes: readout of each table axis as a jet of shape (n,), rad.
+        start: the first stamp of the recording, s.
+        temperature: degC, (n,).
+        reference_temperature: T0, the mean of the temperature column, degC.
+        stop: number of the stop each row rests at, (n,), -1 while moving.
+        mounts: (first row, R_mount) of each mounting, in order.
+        attitude: of a hand-held body; None on a table.
+        known: rows where the readout is known, (n,) bool.
+        structure: what a run by time steps found: deviation of an axis from its readout, and deflections of the
+            structure's own joints, by name.
+    """
+
+    time: Array
+    axes: Mapping[str, Jet]
+    start: float
+    temperature: Array
+    reference_temperature: float
+    stop: Index
+    mounts: tuple[tuple[int, Array], ...] = ((0, np.eye(3)),)
+    attitude: Attitude | None = None
+    known: npt.NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
+    structure: Mapping[str, Jet] = field(default_factory=dict)
+
+    @property
+    def elapsed(self) -> Array:
+        """Time since the first stamp, s, (n,)."""
+        return self.time - self.start
+
+
+class Course(Protocol):
+    """Something that can say what the table does at any time: a sequence, or a replayed readout."""
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """First and last instant, s."""
+
+    def drive(self, time: Array) -> Drive:
+        """The drive at these times, (n,)."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the instrument truly went through.
+
+    Args:
+        time: s, (n,).
+        force: specific force at the sensors in the body frame, m/s2, (n, 3).
+        rate: angular rate against inertial space in the body frame, rad/s, (n, 3).
+        up: the world's up in the body frame, (n, 3).
+        angular_acceleration: rad/s2, (n, 3).
+    """
+
+    time: Array
+    force: Array
+    rate: Array
+    up: Array
+    angular_acceleration: Array

@@ -1,0 +1,188 @@
+"""Dwells and moves of a continuous log, found by themselves.
+
+A window is quiet when the variance of every channel in it is near that channel's floor. The floor is the channel's own
+quiet level; the limit between quiet and moving is the best split of the logarithm of the variance ratio into two
+classes (Otsu 1979), never below what noise alone would reach in that many windows.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tiltcal.errors import TiltcalError
+from tiltcal.frames import Array
+from tiltcal.recording import Recording
+from tiltcal.units import COLUMN_UNITS, split_unit
+
+WINDOW = 0.5  # s
+Mask = npt.NDArray[np.bool_]
+_MOVING = {"acceleration", "angle", "rate", "raw"}
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A dwell or a move.
+
+    Args:
+        start, end: s.
+        first, last: rows, last exclusive.
+        kind: ``dwell`` or ``move``.
+        label: the operator's word on most of its rows, or None.
+    """
+
+    start: float
+    end: float
+    first: int
+    last: int
+    kind: str
+    label: str | None = None
+
+
+def find_segments(recording: Recording, window: float = WINDOW, guard: float | None = None) -> list[Segment]:
+    """All dwells and moves of a recording, in order.
+
+    Args:
+        recording: with table, accelerometer, inclinometer or gyro columns.
+        window: s; dwells shorter than it are not found.
+        guard: s cut off at both ends of a dwell; a quarter of the window unless given.
+
+    Raises:
+        TiltcalError: no channel can tell rest from motion, or the log is shorter than the window.
+    """
+    recording.require_increasing()
+    groups = _signals(recording)
+    if not groups:
+        raise TiltcalError(
+            recording.source, found="no table, accelerometer, inclinometer or gyro column", need="one that shows motion",
+            do="name columns as <sensor>_<axis>_<unit>",
+        )  # fmt: skip
+    moving = np.zeros(len(recording), bool)
+    for rows, values in groups:
+        moving |= _spread(rows, ~_quiet(recording.time[rows], values, window, recording.source), len(recording))
+    return _segments(recording, ~moving, window, window / 4 if guard is None else guard)
+
+
+def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
+    """Rows at which a table's readout rests, (n,). angles: rad, (n, axes)."""
+    if len(time) < 3:
+        return np.ones(len(time), bool)
+    return _quiet(time, angles, window, "readout")
+
+
+def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array]]:
+    found = []
+    for block in recording.blocks:
+        columns = [
+            values for name, values in block.columns.items()
+            if COLUMN_UNITS[split_unit(name)[1] or "s"].quantity in _MOVING
+        ]  # fmt: skip
+        if columns:
+            rows = np.arange(len(recording)) if block.rows is None else block.rows
+            found.append((rows, np.column_stack(columns)))
+    return found
+
+
+def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
+    n = len(time)
+    if n < 4:
+        return np.ones(n, bool)
+    dt = float(np.median(np.diff(time)))
+    width = max(int(round(window / dt)), 6)
+    if n <= width:
+        raise TiltcalError(source, found=f"{n} rows", need=f"more than one window of {width} rows", do="record longer")
+    variance = _window_variance(values, width)
+    floor = _floor(values, variance, width)
+    score = np.log10(np.maximum(variance / floor, 1e-3)).max(axis=1)
+    return _cover(score <= _limit(score, values.shape[1], width), width, n)
+
+
+def _window_variance(values: Array, width: int) -> Array:
+    """Variance in every full window, (n - width + 1, k)."""
+    centred = values - values.mean(axis=0)
+    sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), centred]), axis=0)
+    squares = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), centred * centred]), axis=0)
+    s, q = sums[width:] - sums[:-width], squares[width:] - squares[:-width]
+    return np.maximum((q - s * s / width) / (width - 1), 0.0)
+
+
+def _floor(values: Array, variance: Array, width: int) -> Array:
+    """The quiet variance of each channel: its tenth percentile, not below that of the coarsest rounding seen."""
+    quantile = np.quantile(variance[:: max(1, width // 2)], 0.1, axis=0)
+    rounding = np.empty(values.shape[1])
+    for i, column in enumerate(values.T):
+        steps = np.abs(np.diff(column[: 20000]))
+        steps = steps[steps > 0]
+        rounding[i] = float(np.min(steps)) ** 2 / 12 if len(steps) else 1.0
+    return np.maximum(np.maximum(quantile, rounding), 1e-30)
+
+
+def _limit(score: Array, channels: int, width: int) -> float:
+    """The split between quiet and moving windows, on the log10 scale."""
+    from scipy.special import chdtri  # inverse of the chi-square survival function
+
+    n = len(score) * channels
+    # floor sits at the 10 % quantile of quiet windows; the largest of n quiet ones at the (1 - 1e-3/n) quantile
+    noise = float(np.log10(chdtri(width - 1, 1e-3 / n) / chdtri(width - 1, 0.9)))
+    if score.max() <= noise:
+        return noise
+    counts, edges = np.histogram(score, bins=128)
+    centres = (edges[:-1] + edges[1:]) / 2
+    weight = np.cumsum(counts) / counts.sum()
+    mean = np.cumsum(counts * centres) / counts.sum()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = (mean[-1] * weight - mean) ** 2 / (weight * (1 - weight))
+    return max(float(edges[1:][np.nanargmax(np.where(np.isfinite(between), between, -1.0))]), noise)
+
+
+def _cover(quiet: Mask, width: int, n: int) -> Mask:
+    """Rows covered by at least one quiet window, (n,)."""
+    steps = np.zeros(n + 1, int)
+    starts = np.flatnonzero(quiet)
+    np.add.at(steps, starts, 1)
+    np.add.at(steps, starts + width, -1)
+    return np.cumsum(steps[:-1]) > 0
+
+
+def _spread(rows: npt.NDArray[np.intp], mask: Mask, n: int) -> Mask:
+    """A mask known on some rows, held over the rows between them."""
+    if len(rows) == n:
+        return mask
+    where = np.clip(np.searchsorted(rows, np.arange(n), side="right") - 1, 0, len(rows) - 1)
+    return mask[where]
+
+
+def _segments(recording: Recording, resting: Mask, window: float, guard: float) -> list[Segment]:
+    time = recording.time
+    edges = [0, *(np.flatnonzero(np.diff(resting.astype(int))) + 1).tolist(), len(time)]
+    found: list[Segment] = []
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        dwell = bool(resting[first])
+        if dwell:
+            cut_first = first if first == 0 else int(np.searchsorted(time, time[first] + guard))
+            cut_last = last if last == len(time) else int(np.searchsorted(time, time[last - 1] - guard, side="right"))
+            if cut_last - cut_first < 3 or time[cut_last - 1] - time[cut_first] < window / 2:
+                dwell = False
+            else:
+                first, last = cut_first, cut_last
+        kind = "dwell" if dwell else "move"
+        label = majority(recording, first, last)
+        found.append(Segment(float(time[first]), float(time[last - 1]), first, last, kind, label))
+    return found
+
+
+def majority(recording: Recording, first: int, last: int) -> str | None:
+    """The label on most of these rows; None when most have none."""
+    if recording.labels is None:
+        return None
+    words = [str(w) for w in recording.labels[first:last] if w]
+    if 2 * len(words) < last - first:
+        return None
+    values, counts = np.unique(words, return_counts=True)
+    return str(values[np.argmax(counts)])
+
+
+def dwells(segments: Iterable[Segment]) -> list[Segment]:
+    """The dwells among them."""
+    return [s for s in segments if s.kind == "dwell"]

@@ -1,0 +1,75 @@
+"""Constants and units. SI and radians inside; the unit is part of the name at the border."""
+
+from dataclasses import dataclass
+from math import pi
+
+G0 = 9.80665  # m/s2, the unit g (CGPM 1901), not the local gravity
+DEG = pi / 180
+ARCSEC = pi / 648000
+DEG_H = DEG / 3600
+EARTH_RATE = 7.292115e-5  # rad/s, WGS 84
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as written in a name: its size in SI and what it measures."""
+
+    factor: float
+    quantity: str
+
+
+def _table(quantity: str, **factors: float) -> dict[str, Unit]:
+    return {name: Unit(factor, quantity) for name, factor in factors.items()}
+
+
+COLUMN_UNITS: dict[str, Unit] = {
+    **_table("time", s=1.0, ms=1e-3, us=1e-6, ns=1e-9),
+    **_table("angle", rad=1.0, deg=DEG, arcsec=ARCSEC),
+    **_table("acceleration", m_s2=1.0, g=G0, mg=1e-3 * G0, ug=1e-6 * G0),
+    **_table("rate", rad_s=1.0, deg_s=DEG, deg_h=DEG_H),
+    **_table("temperature", degC=1.0),
+    **_table("raw", V=1.0, mV=1e-3, mA=1e-3, LSB=1.0),
+}
+"""Units a column of a recording may end in (CONTRACT: recording)."""
+
+_PER = {"degC": "degC", "s_degC": "s/degC", "g": "1/g", "g2": "1/g2", "g3": "1/g3"}
+
+
+def _parameter_units() -> dict[str, Unit]:
+    units = dict(COLUMN_UNITS)
+    units |= _table("ratio", unitless=1.0, ppm=1e-6, percent=1e-2)
+    units |= _table("length", mm=1e-3, m=1.0, um=1e-6)
+    units |= _table("frequency", hz=1.0)
+    units |= _table("count", samples=1.0, lines=1.0, sigma=1.0)
+    units |= _table("SI of the channel", si=1.0)
+    for per, quantity in (("g2", "g/g2"), ("g3", "g/g3")):  # coefficients of powers of f in g
+        units |= _table(quantity, **{f"ug_{per}": 1e-6, f"mg_{per}": 1e-3, f"g_{per}": 1.0})
+    for name, unit in list(units.items()):
+        if unit.quantity in {"angle", "acceleration", "rate", "ratio"}:
+            units[f"{name}_degC"] = Unit(unit.factor, f"{unit.quantity}/degC")
+    units |= _table("acceleration s/degC", ug_s_degC=1e-6 * G0, mg_s_degC=1e-3 * G0)
+    units |= _table("rate s/degC", deg_h_s_degC=DEG_H, deg_s_s_degC=DEG)
+    units |= _table("angle/g", arcsec_g=ARCSEC, deg_g=DEG, rad_g=1.0)
+    units |= _table("rate/g", deg_h_g=DEG_H, deg_s_g=DEG, rad_s_g=1.0)
+    units |= _table("angle/rad", arcsec_rad=ARCSEC)
+    units |= _table("ratio/(rad/s)2", ppm_rad2_s2=1e-6)
+    units |= _table("acceleration/(rad/s2)", ug_s2_rad=1e-6 * G0)
+    # Allan coefficients: N such that sigma = N sqrt(sample rate) (two-sided density N^2), K per square root of time
+    units |= _table("acceleration/rtHz", ug_rthz=1e-6 * G0, mg_rthz=1e-3 * G0, m_s2_rthz=1.0)
+    units |= _table("acceleration/rts", ug_rts=1e-6 * G0, m_s2_rts=1.0)
+    units |= _table("angle/rts", deg_rth=DEG / 60, rad_rts=1.0)
+    units |= _table("rate/rts", deg_h_rth=DEG_H / 60, rad_s_rts=1.0)
+    return units
+
+
+PARAMETER_UNITS = _parameter_units()
+"""Units a parameter of an effect may end in: those of columns and the compound ones."""
+
+
+def split_unit(name: str, units: dict[str, Unit] = COLUMN_UNITS) -> tuple[str, str | None]:
+    """``accel_x_m_s2`` -> (``accel_x``, ``m_s2``): the unit is read from the right, longest match first."""
+    matches = [unit for unit in units if name.endswith("_" + unit)]
+    if not matches:
+        return name, None
+    unit = max(matches, key=len)
+    return name[: -len(unit) - 1], unit

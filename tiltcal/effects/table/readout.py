@@ -106,20 +106,19 @@ class TableSag(AngleEffect):
     look = "twin of the encoder's once-per-turn sine on one table; a payload change splits them"
     linear = True
     mechanised = True
+    LOADED = {"placing": "outer", "dual": "outer", "three": "middle"}
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
-        loaded = {"placing": "outer", "dual": "outer", "three": "middle"}
-        return axis == (self.axis or loaded.get(rig.table, rig.axis_names[0] if rig.axis_names else ""))
+        return axis == (self.axis or self.LOADED.get(rig.table))
 
     def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
         return readout.harmonic(1, 0.0, self.value("sag"))
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        sag = self.value("sag")
-        if sag == 0:
+        sag, axis = self.value("sag"), self.LOADED.get(rig.table)
+        if sag == 0 or axis is None or not self.acts_on(axis, rig):
             return ()
         mass, arm = 0.5, np.copysign(0.1, sag)  # only m g l / k = d matters
-        axis = next(name for name in rig.axis_names if self.acts_on(name, rig))
         return (Spring(axis, dict(rig.axes)[axis], mass * gravity * abs(arm / sag), mass, (0.0, 0.0, float(arm))),)
 
 

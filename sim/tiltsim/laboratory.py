@@ -1,0 +1,25 @@
+"""The Laboratory made of MuJoCo: a scenario's sequence through mechanics, then the chain of effects, to a Recording."""
+
+from dataclasses import dataclass, field
+
+from tiltsim.motion import mujoco_motion
+
+from tiltcal.chain import Mover
+from tiltcal.laboratory import SimulatedLaboratory
+from tiltcal.motion import Course
+from tiltcal.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class MujocoLaboratory(SimulatedLaboratory):
+    """Prescribed motion read exactly, or with ``[dynamics]`` a run by time steps."""
+
+    mover: Mover = field(default=mujoco_motion)
+
+    def course(self, scenario: Scenario, seed: int | None) -> Course:
+        """What the table does: prescribed, or found by stepping the mechanics."""
+        if scenario.dynamics is None:
+            return scenario.schedule
+        from tiltsim.dynamics import run_dynamics
+
+        return run_dynamics(scenario, seed)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
+from tiltcal.noise import code_width
 from tiltcal.recording import Recording
 from tiltcal.units import COLUMN_UNITS, split_unit
 
@@ -110,11 +111,7 @@ def _window_variance(values: Array, width: int) -> Array:
 def _floor(values: Array, variance: Array, width: int) -> Array:
     """The quiet variance of each channel: its tenth percentile, not below what rounding makes."""
     quantile = np.quantile(variance[:: max(1, width // 2)], 0.1, axis=0)
-    rounding = np.empty(values.shape[1])
-    for i, column in enumerate(values.T):
-        steps = np.abs(np.diff(column[:20000]))
-        steps = steps[steps > 0]
-        rounding[i] = float(np.min(steps)) ** 2 / 12 if len(steps) else 1.0
+    rounding = np.array([code_width(column) ** 2 / 12 for column in values.T])
     arithmetic = 64 * np.finfo(float).eps * np.sum((values - values.mean(axis=0)) ** 2, axis=0) / width
     return np.maximum(np.maximum(quantile, rounding), np.maximum(arithmetic, 1e-30))
 

@@ -1,0 +1,232 @@
+"""Calibration: recovered parameters with covariance, tests and a verdict; saved, loaded, applied."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from tiltcal.errors import TiltcalError
+from tiltcal.files import require_file, write_json
+from tiltcal.frames import Array, tilt_of_force
+from tiltcal.setup import Sensor
+
+Verdict = Literal["good", "suspect", "cannot_tell"]
+VERDICTS: tuple[Verdict, ...] = ("good", "suspect", "cannot_tell")
+SIGNIFICANCE = 1e-3  # of each test of a method's own validity
+
+FRAMES = "world x East, y North, z Up; f = a - gravity, level at rest (0, 0, +g); body axes as the table's at zero angles"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A recovered value with its standard uncertainty and unit."""
+
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Test:
+    """One test of a method's own validity."""
+
+    name: str
+    statistic: float
+    dof: int
+    p_value: float
+    passed: bool
+    statement: str
+
+    __test__ = False  # not a test case for pytest
+
+
+@dataclass(frozen=True)
+class PoseSpan:
+    """A dwell that was used."""
+
+    start_s: float
+    end_s: float
+    label: str | None = None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a method found.
+
+    Args:
+        method: its name.
+        verdict: good, suspect (a test failed) or cannot_tell (the recording does not determine it).
+        parameters: ``<sensor>.<term>_<axes>`` -> estimate.
+        covariance: (p, p) in the order of ``parameters``, in their units.
+        equation: forward model in words; inverse: how a reading is corrected.
+        poses: dwells used.
+        tests: of its own validity.
+        chi2_per_dof, dof: of the fit.
+        heldout_rms: sensor -> rms residual of poses left out of the fit, SI.
+        warnings: what the user should know.
+        bias_tables: placing-angle tables.
+        provenance: what it came from.
+    """
+
+    method: str
+    verdict: Verdict
+    parameters: Mapping[str, Estimate]
+    covariance: Array
+    equation: str = ""
+    inverse: str = ""
+    frames: str = FRAMES
+    poses: Sequence[PoseSpan] = ()
+    tests: Sequence[Test] = ()
+    chi2_per_dof: float = 0.0
+    dof: int = 0
+    heldout_rms: Mapping[str, float] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+    bias_tables: Mapping[str, list[dict[str, Any]]] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        p = len(self.parameters)
+        if np.shape(self.covariance) != (p, p):
+            raise TiltcalError(
+                f"calibration by {self.method}", found=f"a covariance of shape {np.shape(self.covariance)}",
+                need=f"({p}, {p}), one row a parameter", do="return it in the order of the parameters",
+            )  # fmt: skip
+        if self.verdict not in VERDICTS:
+            raise TiltcalError(
+                f"calibration by {self.method}", found=f"verdict '{self.verdict}'", need="one of " + ", ".join(VERDICTS),
+                do="correct it",
+            )  # fmt: skip
+
+    def value(self, name: str, default: float = 0.0) -> float:
+        """Value of a parameter, or the default where it was not estimated."""
+        return self.parameters[name].value if name in self.parameters else default
+
+    def sensors(self) -> list[str]:
+        """Names of the sensors it has parameters for."""
+        names = [name.split(".")[0] for name in self.parameters]
+        return [n for n in dict.fromkeys(names) if n != "base"]
+
+    # ------------------------------------------------------------------------------------------------------- the model
+
+    def sensitivity(self, sensor: Sensor) -> Array:
+        """The matrix M of ``reading = bias + M f``, (k, 3): identity rows plus scale and cross terms."""
+        rows = sensor.axis_indices
+        M = np.eye(3)[list(rows)]
+        for i, axis in enumerate(sensor.axes):
+            M[i, rows[i]] += self.value(f"{sensor.name}.scale_{axis}")
+            for j, other in enumerate("xyz"):
+                if other != axis:
+                    M[i, j] += self.value(f"{sensor.name}.cross_{axis}{other}")
+        return M
+
+    def bias(self, sensor: Sensor) -> Array:
+        """Bias of each channel, SI, (k,)."""
+        return np.array([self.value(f"{sensor.name}.bias_{axis}") for axis in sensor.axes])
+
+    def correct(self, sensor: Sensor, reading: Array, g: float) -> Array:
+        """Corrected readings, SI in the sensing form (f or rate), (n, k).
+
+        A triad: M^-1 (reading - bias). Two channels: the third component follows from |f| = g, z up.
+        """
+        M, b = self.sensitivity(sensor), self.bias(sensor)
+        y = reading - b
+        if M.shape[0] == 3:
+            return np.asarray(np.linalg.solve(M, y.T).T)
+        if sensor.kind == "fog":
+            return np.asarray(y / (1 + self.value(f"{sensor.name}.scale_a")))
+        rows = list(sensor.axis_indices)
+        A, c = M[:, rows], M[:, [i for i in range(3) if i not in rows]]
+        f = np.array(y)
+        if sensor.is_accelerometer and len(rows) == 2:
+            for _ in range(6):  # contracts by the cross term of the third axis
+                third = np.sqrt(np.maximum(g * g - (f * f).sum(axis=1), 0.0))
+                f = np.linalg.solve(A, (y - np.outer(third, c[:, 0])).T).T
+            return f
+        return np.asarray(np.linalg.solve(A, y.T).T)
+
+    # ----------------------------------------------------------------------------------------------------------- files
+
+    def to_json(self) -> dict[str, Any]:
+        """The table of CAL.json."""
+        table: dict[str, Any] = {
+            "schema": 1, "method": self.method, "verdict": self.verdict,
+            "equation": self.equation, "inverse": self.inverse, "frames": self.frames,
+            "parameters": {n: {"value": e.value, "sigma": e.sigma, "unit": e.unit} for n, e in self.parameters.items()},
+            "covariance": {"names": list(self.parameters), "matrix": np.asarray(self.covariance).tolist()},
+            "poses": [{"start_s": p.start_s, "end_s": p.end_s, "label": p.label} for p in self.poses],
+            "tests": [vars(t) for t in self.tests],
+            "fit": {"chi2_per_dof": self.chi2_per_dof, "dof": self.dof, "heldout_rms": dict(self.heldout_rms)},
+            "warnings": list(self.warnings), "provenance": dict(self.provenance),
+        }  # fmt: skip
+        if self.bias_tables:
+            table["bias_tables"] = dict(self.bias_tables)
+        return table
+
+    def save(self, path: Path) -> None:
+        """Write CAL.json, whole or not at all."""
+        write_json(Path(path), self.to_json())
+
+
+def load_calibration(path: Path | str) -> Calibration:
+    """Read CAL.json.
+
+    Raises:
+        TiltcalError: it is no calibration.
+    """
+    path = require_file(Path(path), "calibration")
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        return calibration_from(table)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        what = f"no key {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
+        raise TiltcalError(
+            f"calibration {path.name}", found=what, need="a CAL.json as `tiltcal calibrate` writes it", do="write it again"
+        ) from error
+
+
+def calibration_from(table: Mapping[str, Any]) -> Calibration:
+    """A calibration from the table of CAL.json; only method, verdict and parameters with values are required."""
+    parameters = {
+        name: Estimate(float(e["value"]), float(e.get("sigma", 0.0)), str(e.get("unit", "")))
+        for name, e in table["parameters"].items()
+    }
+    covariance = np.diag([e.sigma**2 for e in parameters.values()])
+    stated = table.get("covariance")
+    if stated:
+        order = [stated["names"].index(name) for name in parameters]
+        covariance = np.array(stated["matrix"], dtype=float).reshape(len(stated["names"]), -1)[np.ix_(order, order)]
+    fit = table.get("fit", {})
+    return Calibration(
+        table["method"], table["verdict"], parameters, covariance, table.get("equation", ""), table.get("inverse", ""),
+        table.get("frames", FRAMES), [PoseSpan(**p) for p in table.get("poses", ())],
+        [Test(**t) for t in table.get("tests", ())], float(fit.get("chi2_per_dof", 0.0)), int(fit.get("dof", 0)),
+        fit.get("heldout_rms", {}), list(table.get("warnings", ())), table.get("bias_tables", {}), table.get("provenance", {}),
+    )  # fmt: skip
+
+
+def tilt_angles(f: Array, sensor: Sensor, g: float) -> dict[str, Array]:
+    """Elevations of body x and y from corrected forces, rad: ``asin(f / g)``, or with a triad against its own length."""
+    found = {}
+    length = np.linalg.norm(f, axis=1) if f.shape[1] == 3 else np.full(len(f), g)
+    for i, axis in enumerate(sensor.axes):
+        if axis in ("x", "y"):
+            found[axis] = tilt_of_force(f[:, i] / np.maximum(length, 1e-12), 1.0)
+    return found
+
+
+def chi2_test(name: str, statistic: float, dof: int, statement: str, significance: float = SIGNIFICANCE) -> Test:
+    """A chi-square test; passes while its p-value is above the significance."""
+    from scipy.special import chdtrc
+
+    p = float(chdtrc(dof, statistic)) if dof > 0 else 1.0
+    return Test(name, float(statistic), int(dof), p, bool(p > significance), statement)
+
+
+def verdict_of(tests: Sequence[Test], determined: bool = True) -> Verdict:
+    """cannot_tell when the recording does not determine the model, suspect when a test failed, else good."""
+    if not determined:
+        return "cannot_tell"
+    return "good" if all(t.passed for t in tests) else "suspect"

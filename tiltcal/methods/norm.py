@@ -1,0 +1,184 @@
+"""S2: attitudes unknown. At rest the length of the true specific force is g."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.calibration import Calibration, Test, chi2_test, verdict_of
+from tiltcal.errors import TiltcalError
+from tiltcal.fit import Fit, gauss_newton
+from tiltcal.frames import AXES, Array
+from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.poses import Poses, find_poses, group_directions
+from tiltcal.recording import Recording
+from tiltcal.segments import Segment
+from tiltcal.setup import Setup
+
+NAME = "norm"
+PAIRS = ((0, 1), (0, 2), (1, 2))
+BAD_CONDITION = 100.0  # noise amplification; the best six positions have 1, a fifth of random ones exceeds this
+BLIND = 10.0  # a left-out direction predicted worse than this many sigmas of its own noise checks nothing
+
+
+def norm(
+    recording: Recording, setup: Setup, *, segments: Sequence[Segment] | None = None, sensor: str | None = None,
+    terms: int | None = None,
+) -> Calibration:  # fmt: skip
+    """Bias, scale factor and (9 parameters) symmetric cross-axis terms from ``|f| = g`` at rest.
+
+    Model: ``reading = b + M f`` with M symmetric, |f| = g; the direction of f is free at every pose. Maximum likelihood:
+    only the radial part of the noise informs, with standard deviation sqrt(v' C v), v = M^-T f/|f|.
+
+    Args:
+        recording: a continuous log; the dwells are found, or given as ``segments``.
+        setup: with an accelerometer triad.
+        segments: dwells to use.
+        sensor: which, when several fit.
+        terms: 6 (bias, scale) or 9 (with cross-axis). Unless given: 9 where the scenario lets cross_axis be adjusted or
+            says nothing, else 6.
+
+    Raises:
+        TiltcalError: terms is neither 6 nor 9, or there are fewer poses than parameters.
+
+    Errors:
+        Six poses and six parameters leave no residual: a wrong model cannot be seen. The mounting is invisible.
+
+    Source: seed S2 (10.3969/j.issn1672-9730.2014.01.018); Won and Golnaraghi, IEEE TIM 59(8) 2010; PHYSICS 6 (2).
+    """
+    used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
+    if len(used.axes) != 3:
+        raise TiltcalError(f"method {NAME}", found=f"{len(used.axes)} axes of {used.name}", need="a triad", do="use six_position")
+    if terms is None:
+        terms = 9 if not used.adjustable or "cross_axis" in used.adjustable else 6
+    if terms not in (6, 9):
+        raise TiltcalError(f"method {NAME}, option terms", found=str(terms), need="6 or 9", do="correct it")
+    poses = find_poses(recording, setup, used, segments)
+    if len(poses) < terms:
+        raise TiltcalError(
+            recording.source, found=f"{len(poses)} dwells", need=f"at least {terms} for {terms} parameters (12 or more are better)",
+            do="record more positions" + (", or use --option terms=6" if terms == 9 and len(poses) >= 6 else ""),
+        )  # fmt: skip
+    g = setup.site.gravity
+    fit, converged = solve(poses, g, terms)
+    heldout, blindness = _leave_directions_out(poses, g, terms, fit)
+    tests, determined = _tests(poses, fit, converged, blindness, terms)
+    warnings = ["a rotation of the whole triad (mounting) does not change the norm and is not estimated"]
+    units = ["m_s2" if ".bias_" in n else "1" for n in fit.names]
+    return wrap_up(
+        NAME, verdict_of(tests, determined), fit, units, tests, warnings, poses, recording,
+        equation=f"{used.name}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j, cross_ij = cross_ji, |f| = g",
+        inverse="f = M^-1 (reading - bias)", heldout={} if heldout is None else {used.name: heldout},
+    )  # fmt: skip
+
+
+def names_of(sensor: str, terms: int) -> list[str]:
+    """Parameter names: biases, scales, and with nine the symmetric cross terms (each stands for cross_ij = cross_ji)."""
+    names = [f"{sensor}.bias_{a}" for a in AXES] + [f"{sensor}.scale_{a}" for a in AXES]
+    return names + ([f"{sensor}.cross_{AXES[i]}{AXES[j]}" for i, j in PAIRS] if terms == 9 else [])
+
+
+def model_of(x: Array) -> tuple[Array, Array]:
+    """Bias (3,) and symmetric M (3, 3) of a parameter vector."""
+    M = np.diag(1 + x[3:6])
+    for value, (i, j) in zip(x[6:], PAIRS, strict=False):
+        M[i, j] = M[j, i] = value
+    return x[:3], M
+
+
+def solve(poses: Poses, g: float, terms: int, start: Array | None = None) -> tuple[Fit, bool]:
+    """Maximum likelihood from pose means; the fit and whether it converged."""
+    y = poses.means
+    variances = poses.noise * poses.inflation
+    counts = poses.counts
+
+    def problem(x: Array) -> tuple[Array, Array]:
+        b, M = model_of(x)
+        inverse = np.linalg.inv(M)
+        f = (y - b) @ inverse.T
+        length = np.linalg.norm(f, axis=1)
+        v = (f / length[:, None]) @ inverse  # rows v' = u' M^-1
+        sigma = np.sqrt(np.einsum("ki,ij,kj->k", v, variances, v) / counts)
+        columns = [-v, -v * f]
+        if terms == 9:
+            columns.append(np.column_stack([-(v[:, i] * f[:, j] + v[:, j] * f[:, i]) for i, j in PAIRS]))
+        return (length - g) / sigma, np.hstack(columns) / sigma[:, None]
+
+    first = _start(y, g, terms) if start is None else start
+    return gauss_newton(names_of(poses.sensor.name, terms), first, problem)
+
+
+def _start(y: Array, g: float, terms: int) -> Array:
+    """Axis-aligned ellipsoid through the readings, by linear least squares; nominal where it is none."""
+    x = np.zeros(terms)
+    scaled = y / g
+    design = np.hstack([scaled**2, scaled])
+    solution, _, rank, _ = np.linalg.lstsq(design, np.ones(len(y)), rcond=1e-10)
+    if rank < 6 or np.any(solution[:3] <= 0):
+        return x
+    squares, linear = solution[:3], solution[3:]
+    centre = -linear / (2 * squares)
+    radius2 = 1 + np.sum(squares * centre**2)
+    scale = np.sqrt(radius2 / squares)
+    if np.all((scale > 0.2) & (scale < 5)):
+        x[:3], x[3:6] = centre * g, scale - 1
+    return x
+
+
+def _leave_directions_out(poses: Poses, g: float, terms: int, fit: Fit) -> tuple[float | None, float]:
+    """Held-out rms of |f| - g over whole directions left out (SI), and how badly the worst direction is predicted.
+
+    The second is the largest predicted standard deviation of a left-out norm residual over its own noise.
+    """
+    b, M = model_of(_full(fit, poses, terms))
+    f = np.linalg.solve(M, (poses.means - b).T).T
+    group = group_directions(f / np.linalg.norm(f, axis=1)[:, None])
+    residuals, worst = [], 0.0
+    for k in range(group.max() + 1):
+        rest, out = poses.subset(group != k), poses.subset(group == k)
+        if len(rest) < terms:
+            return None, np.inf
+        part, _ = solve(rest, g, terms, _full(fit, poses, terms))
+        if part.dropped:
+            return None, np.inf
+        b, M = model_of(part.values)
+        inverse = np.linalg.inv(M)
+        f_out = (out.means - b) @ inverse.T
+        residuals.append(np.linalg.norm(f_out, axis=1) - g)
+        worst = max(worst, _prediction_ratio(out, f_out, inverse, part, terms))
+    return leave_out_rms(residuals), worst
+
+
+def _prediction_ratio(out: Poses, f: Array, inverse: Array, fit: Fit, terms: int) -> float:
+    v = (f / np.linalg.norm(f, axis=1)[:, None]) @ inverse
+    J = [v, v * f]
+    if terms == 9:
+        J.append(np.column_stack([v[:, i] * f[:, j] + v[:, j] * f[:, i] for i, j in PAIRS]))
+    rows = np.hstack(J)
+    own = np.einsum("ki,ij,kj->k", v, out.noise * out.inflation, v) / out.counts
+    return float(np.sqrt(np.max(np.einsum("ki,ij,kj->k", rows, fit.covariance, rows) / own)))
+
+
+def _full(fit: Fit, poses: Poses, terms: int) -> Array:
+    return np.array([fit.value(n) for n in names_of(poses.sensor.name, terms)])
+
+
+def _tests(poses: Poses, fit: Fit, converged: bool, blindness: float, terms: int) -> tuple[list[Test], bool]:
+    condition = fit.condition
+    tests = [
+        Test("converged", float(fit.iterations), 0, float(converged), converged, f"{fit.iterations} Gauss-Newton iterations"),
+        Test(
+            "condition of the positions", condition, 0, float(condition <= BAD_CONDITION), condition <= BAD_CONDITION,
+            f"noise is amplified {condition:.3g} times by these positions (axis-aligned ones: 1); {BAD_CONDITION:.0f} is too much",
+        ),
+    ]  # fmt: skip
+    if fit.dof > 0:
+        tests.append(chi2_test("fit", fit.chi2, fit.dof, f"{len(poses)} norms against {terms} parameters and the noise of the means"))
+    determined = converged and not fit.dropped and fit.dof > 0 and blindness <= BLIND
+    seen = "nothing is left over to check the model" if not np.isfinite(blindness) else f"{blindness:.3g} times its own noise"
+    tests.append(
+        Test(
+            "directions predict each other", min(blindness, 1e9), fit.dof, float(blindness <= BLIND), blindness <= BLIND,
+            f"a direction left out is predicted to {seen}; above {BLIND:.0f} a wrong model could not be seen",
+        )
+    )  # fmt: skip
+    return tests, determined

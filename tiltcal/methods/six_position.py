@@ -1,0 +1,152 @@
+"""S1: known attitudes. Six positions and every other set of labelled or table-read poses (8, 12, 24, tumble)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.calibration import Calibration, Test, chi2_test, verdict_of
+from tiltcal.errors import TiltcalError
+from tiltcal.fit import Fit, linear_fit
+from tiltcal.frames import AXES, Array, angle_between
+from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.methods.terms import term_columns
+from tiltcal.poses import Poses, find_poses, group_directions
+from tiltcal.recording import Recording
+from tiltcal.segments import Segment
+from tiltcal.setup import Setup
+from tiltcal.units import DEG
+
+NAME = "six_position"
+LINEAR = ("bias", "scale", "cross_axis")
+
+
+def six_position(
+    recording: Recording, setup: Setup, *, segments: Sequence[Segment] | None = None, sensor: str | None = None,
+    terms: Sequence[str] = LINEAR,
+) -> Calibration:  # fmt: skip
+    """Bias, scale factor and cross-axis terms from poses whose attitude is known.
+
+    Model: ``reading_i = b_i + (1 + S_i) f_i + sum_j C_ij f_j`` with f = g up; further linear effects of the catalogue
+    can be named in ``terms``. Weighted least squares on pose means.
+
+    Args:
+        recording: a continuous log; the dwells are found, or given as ``segments``.
+        setup: with an accelerometer or inclinometer; attitudes from the table's readout, else from labels.
+        segments: dwells to use.
+        sensor: which, when several fit.
+        terms: to estimate.
+
+    Raises:
+        TiltcalError: no pose has a known attitude, or a term is unknown.
+
+    Errors:
+        A pose error e enters scale as e^2/2 and cross-axis as e. A rotation common to all poses (fixture, mounting) is
+        the antisymmetric part of the cross-axis matrix: it cannot be told from it. K3 hides in the scale factor.
+
+    Source: seed S1 (CN patent on six-position cross-coupling calibration); PHYSICS 6 (1).
+    """
+    used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
+    poses = find_poses(recording, setup, used, segments)
+    known = ~np.isnan(poses.up).any(axis=1)
+    if not known.any():
+        raise TiltcalError(
+            recording.source, found=f"{len(poses)} dwells without table readout or direction label",
+            need="attitudes: table columns, or labels such as +x, -z, [0, 1, 1]", do="label the dwells, or use --method norm",
+        )  # fmt: skip
+    warnings = [] if known.all() else [f"{np.sum(~known)} of {len(known)} dwells have no known attitude and are not used"]
+    poses = poses.subset(known)
+    fit, units = solve(poses, setup, terms)
+    tests = [*_fit_tests(poses, setup, fit, terms), *_attitude_tests(poses, setup)]
+    warnings.append(
+        "a rotation common to all poses (fixture or mounting) is one with the antisymmetric part of the cross-axis terms"
+    )
+    if fit.dropped or fit.dof == 0:
+        tests.append(
+            Test("determined", float(len(fit.dropped)), fit.dof, 0.0, False, f"{len(poses)} poses do not determine the model")
+        )
+    heldout = _heldout(poses, setup, terms) if not fit.dropped else {}
+    return wrap_up(
+        NAME, verdict_of(tests, determined=not fit.dropped and fit.dof > 0), fit, units, tests, warnings, poses, recording,
+        equation=f"{used.name}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j", inverse="f = M^-1 (reading - bias)",
+        heldout=heldout,
+    )  # fmt: skip
+
+
+def solve(poses: Poses, setup: Setup, terms: Sequence[str]) -> tuple[Fit, list[str]]:
+    """Weighted least squares on pose means; the fit and the units of its parameters."""
+    force = setup.site.gravity * poses.up
+    names, units, columns = term_columns(terms, poses.sensor, setup, force)
+    ideal = force[:, list(poses.sensor.axis_indices)]
+    design, target = [], []
+    for k in range(len(poses)):
+        whiten = np.linalg.inv(np.linalg.cholesky(poses.covariance(k)))
+        design.append(whiten @ columns[:, k, :].T)
+        target.append(whiten @ (poses.means[k] - ideal[k]))
+    fit = linear_fit(names, np.vstack(design), np.concatenate(target))
+    return fit, [u for n, u in zip(names, units, strict=True) if n in fit.names]
+
+
+def _fit_tests(poses: Poses, setup: Setup, fit: Fit, terms: Sequence[str]) -> list[Test]:
+    """The spare equations: do they close, and if not, does a second-order term close them?"""
+    tests = [chi2_test("fit", fit.chi2, fit.dof, f"residuals of {fit.dof} spare equations against the noise of the means")]
+    if "K2" in terms or fit.dof < 3 or fit.dropped or "bias" not in terms:
+        return tests
+    wider, _ = solve(poses, setup, [*terms, "K2"])
+    gained = len(wider.names) - len(fit.names)
+    if gained:
+        drop = fit.chi2 - wider.chi2
+        sizes = ", ".join(f"{n} {wider.value(n):.3g}" for n in wider.names if ".K2_" in n)
+        tests.append(
+            chi2_test("second order", drop, gained, f"a quadratic term (ug/g2: {sizes}) improves the fit by {drop:.3g} in chi2")
+        )
+    return tests
+
+
+def _attitude_tests(poses: Poses, setup: Setup) -> list[Test]:
+    """Wrong, swapped and missing faces, by name."""
+    if len(poses.sensor.axes) < 3:
+        return []
+    tests = []
+    measured = poses.means / np.linalg.norm(poses.means, axis=1)[:, None]
+    off = angle_between(measured, poses.up) / DEG
+    wrong = [
+        f"the dwell at {s.start_s:.6g} s is stated {s.label or 'by the readout'} but reads {_face(m)}"
+        for s, m, angle in zip(poses.spans, measured, off, strict=True)
+        if angle > 30
+    ]
+    tests.append(Test("faces as stated", float(off.max()), len(poses), float(not wrong), not wrong, "; ".join(wrong) or "all do"))
+    missing = [
+        sign + axis for axis, e in zip(AXES, np.eye(3), strict=True) for sign, s in (("+", 1), ("-", -1))
+        if np.max(poses.up @ (s * e)) < 0.5
+    ]  # fmt: skip
+    statement = f"no pose within 60 deg of {', '.join(missing)} up" if missing else "every axis was seen up and down"
+    tests.append(Test("faces complete", float(len(missing)), 6, float(not missing), not missing, statement))
+    return tests
+
+
+def _face(direction: Array) -> str:
+    i = int(np.argmax(np.abs(direction)))
+    return ("+" if direction[i] > 0 else "-") + AXES[i]
+
+
+def _heldout(poses: Poses, setup: Setup, terms: Sequence[str]) -> dict[str, float]:
+    """Residuals of directions left out of the fit, SI."""
+    group = group_directions(poses.up)
+    residuals = []
+    for k in range(group.max() + 1):
+        rest, out = poses.subset(group != k), poses.subset(group == k)
+        if len(rest) == 0:
+            return {}
+        fit, _ = solve(rest, setup, terms)
+        if fit.dropped:
+            continue
+        residuals.append(out.means - predicted(out, setup, fit, terms))
+    return {poses.sensor.name: leave_out_rms(residuals)} if residuals else {}
+
+
+def predicted(poses: Poses, setup: Setup, fit: Fit, terms: Sequence[str]) -> Array:
+    """What the fitted model says the poses read, (m, k)."""
+    force = setup.site.gravity * poses.up
+    names, _, columns = term_columns(terms, poses.sensor, setup, force)
+    values = np.array([fit.value(n) for n in names])
+    return np.asarray(force[:, list(poses.sensor.axis_indices)] + np.tensordot(values, columns, axes=1))

@@ -93,7 +93,7 @@ def gauss_newton(
     start: Array,
     problem: Callable[[Array], tuple[Array, Array]],
     *,
-    tolerance: float = 1e-8,
+    tolerance: float = 1e-6,
     limit: int = 60,
 ) -> tuple[Fit, bool]:
     """Minimise |r(x)|^2 by damped Gauss-Newton steps.
@@ -116,12 +116,15 @@ def gauss_newton(
         scale[scale == 0] = 1.0
         A = np.vstack([J / scale, np.sqrt(damping) * np.eye(len(x))])
         step = np.linalg.lstsq(A, np.concatenate([-r, np.zeros(len(x))]), rcond=SINGULAR)[0] / scale
+        small = np.linalg.norm(step * scale) <= tolerance * (1 + np.linalg.norm(r))
+        if small and damping == 0.0:
+            break
         r_new, J_new = problem(x + step)
-        if np.all(np.isfinite(r_new)) and r_new @ r_new <= (r @ r) * (1 + 1e-12) + 1e-300:
+        if np.all(np.isfinite(r_new)) and r_new @ r_new <= (r @ r) * (1 + 1e-9) + 1e-18:
             x, r, J = x + step, r_new, J_new
-            damping /= 10 if damping > 1e-9 else np.inf
-            if np.linalg.norm(step * scale) <= tolerance * (1 + np.linalg.norm(r)):
-                break
+            damping = damping / 10 if damping > 1e-6 else 0.0
+        elif small:
+            break
         else:
             damping = max(10 * damping, 1e-4)
             if damping > 1e12:

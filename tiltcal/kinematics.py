@@ -26,7 +26,7 @@ def true_angles(
     """True angles of the table's axes: the readout plus every AngleEffect's deviation. rng_of: by id() of the effect."""
     angles = {name: jet + drive.structure[name] if name in drive.structure else jet for name, jet in drive.axes.items()}
     for effect in effects:
-        if isinstance(effect, AngleEffect):
+        if isinstance(effect, AngleEffect) and effect.id not in drive.realised:
             for name in setup.rig.axis_names:
                 if effect.acts_on(name, setup.rig):
                     rng = None if rng_of is None else rng_of.get(id(effect))

@@ -82,6 +82,7 @@ class Drive:
         known: rows where the readout is known, (n,) bool.
         structure: what a run by time steps found: deviation of an axis from its readout, and deflections of the
             structure's own joints, by name.
+        realised: ids of the effects that ``structure`` already holds, so that the algebra leaves them out.
     """
 
     time: Array
@@ -94,6 +95,7 @@ class Drive:
     attitude: Attitude | None = None
     known: npt.NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
     structure: Mapping[str, Jet] = field(default_factory=dict)
+    realised: tuple[str, ...] = ()
 
     @property
     def elapsed(self) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.calibration import PoseSpan
 from tiltcal.errors import TiltcalError
-from tiltcal.frames import Array, angle_between, force_of_tilt, parse_up
+from tiltcal.frames import Array, force_of_tilt, parse_up
 from tiltcal.kinematics import closed_form
 from tiltcal.motion import Drive, Jet
 from tiltcal.noise import pooled_noise
@@ -144,15 +144,10 @@ def _drive_at(recording: Recording, setup: Setup, segments: Sequence[Segment]) -
 
 def group_directions(directions: Array, limit: float = 15 * DEG) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
     """Number of the direction each pose belongs to: poses within ``limit`` of a group's first are one. (m, 3) -> (m,)."""
-    firsts: list[Array] = []
-    group = np.zeros(len(directions), dtype=np.intp)
-    for i, d in enumerate(directions):
-        if firsts:
-            angles = angle_between(np.array(firsts), np.broadcast_to(d, (len(firsts), 3)))
-            nearest = int(np.argmin(angles))
-            if angles[nearest] < limit:
-                group[i] = nearest
-                continue
-        group[i] = len(firsts)
-        firsts.append(d)
+    units = directions / np.linalg.norm(directions, axis=1)[:, None]
+    near = units @ units.T > np.cos(limit)
+    group = np.full(len(units), -1, dtype=np.intp)
+    for i in range(len(units)):
+        if group[i] < 0:
+            group[near[i] & (group < 0)] = group.max() + 1
     return group

@@ -29,9 +29,16 @@ class EffectTable(BaseModel):
 
 
 class Dynamics(Part):
-    """A run by time steps instead of prescribed motion: the servo follows, the structure rings."""
+    """A run by time steps instead of prescribed motion: the servo follows, the structure rings.
 
-    timestep_s: Annotated[float, Field(gt=0, le=0.005)] = 0.0005
+    Args:
+        timestep_s: of the integration.
+        stiffness_N_m_rad, damping_N_m_s_rad: of every axis servo (or of the hand), in place of the model's own.
+        friction_N_m: dry friction of every table axis.
+        hand_torque_N_m: rms about each body axis of a hand's irregular torque at full speed.
+    """
+
+    timestep_s: Annotated[float, Field(gt=0, le=0.002)] = 0.0005
     stiffness_N_m_rad: Annotated[float, Field(gt=0)] | None = None
     damping_N_m_s_rad: Annotated[float, Field(ge=0)] | None = None
     friction_N_m: Annotated[float, Field(ge=0)] = 0.0

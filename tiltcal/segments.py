@@ -18,6 +18,8 @@ from tiltcal.recording import Recording
 from tiltcal.units import COLUMN_UNITS, split_unit
 
 WINDOW = 0.5  # s
+GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
+SHORTEST = 1.0  # s, of a dwell
 Mask = npt.NDArray[np.bool_]
 _MOVING = {"acceleration", "angle", "rate", "raw"}
 
@@ -41,13 +43,16 @@ class Segment:
     label: str | None = None
 
 
-def find_segments(recording: Recording, window: float = WINDOW, guard: float | None = None) -> list[Segment]:
+def find_segments(
+    recording: Recording, window: float = WINDOW, guard: float = GUARD, shortest: float = SHORTEST
+) -> list[Segment]:
     """All dwells and moves of a recording, in order.
 
     Args:
         recording: with table, accelerometer, inclinometer or gyro columns.
-        window: s; dwells shorter than it are not found.
-        guard: s cut off at both ends of a dwell; a quarter of the window unless given.
+        window: s, over which quiet is judged; the result hardly depends on it.
+        guard: s cut off at both ends of a dwell (not at the ends of the log).
+        shortest: s; what is at rest for less counts as moving.
 
     Raises:
         TiltcalError: no channel can tell rest from motion, or the log is shorter than the window.
@@ -60,9 +65,10 @@ def find_segments(recording: Recording, window: float = WINDOW, guard: float | N
             do="name columns as <sensor>_<axis>_<unit>",
         )  # fmt: skip
     moving = np.zeros(len(recording), bool)
-    for rows, values in groups:
-        moving |= _spread(rows, ~_quiet(recording.time[rows], values, window, recording.source), len(recording))
-    return _segments(recording, ~moving, window, window / 4 if guard is None else guard)
+    for rows, values in groups:  # a long window misses the edges of a move, a short one its slow parts
+        for width in {window, min(window, WINDOW)}:
+            moving |= _spread(rows, ~_quiet(recording.time[rows], values, width, recording.source), len(recording))
+    return _segments(recording, ~moving, guard, shortest)
 
 
 def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
@@ -93,27 +99,31 @@ def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     width = max(int(round(window / dt)), 6)
     if n <= width:
         raise TiltcalError(source, found=f"{n} rows", need=f"more than one window of {width} rows", do="record longer")
-    variance = _window_variance(values, width)
-    floor = _floor(values, variance, width)
-    score = np.log10(np.maximum(variance / floor, 1e-3)).max(axis=1)
+    ratio = np.zeros(n - width + 1)
+    for column in values.T:
+        np.maximum(ratio, _variance_ratio(np.ascontiguousarray(column), width), out=ratio)
+    score = np.log10(np.maximum(ratio, 1e-3))
     return _cover(score <= _limit(score, values.shape[1], width), width, n)
 
 
-def _window_variance(values: Array, width: int) -> Array:
-    """Variance in every full window, (n - width + 1, k)."""
-    centred = values - values.mean(axis=0)
-    sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), centred]), axis=0)
-    squares = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), centred * centred]), axis=0)
-    s, q = sums[width:] - sums[:-width], squares[width:] - squares[:-width]
-    return np.maximum((q - s * s / width) / (width - 1), 0.0)
+def _variance_ratio(column: Array, width: int) -> Array:
+    """Variance of one channel in every full window over its quiet floor, (n - width + 1,).
 
-
-def _floor(values: Array, variance: Array, width: int) -> Array:
-    """The quiet variance of each channel: its tenth percentile, not below what rounding makes."""
-    quantile = np.quantile(variance[:: max(1, width // 2)], 0.1, axis=0)
-    rounding = np.array([code_width(column) ** 2 / 12 for column in values.T])
-    arithmetic = 64 * np.finfo(float).eps * np.sum((values - values.mean(axis=0)) ** 2, axis=0) / width
-    return np.maximum(np.maximum(quantile, rounding), np.maximum(arithmetic, 1e-30))
+    The floor is the tenth percentile of the windows, not below what rounding makes.
+    """
+    centred = column - column.mean()
+    squares = centred * centred
+    total = np.cumsum(squares)
+    s, q = np.cumsum(centred), total
+    variance = q[width - 1 :].copy()
+    variance[1:] -= q[:-width]
+    mean = s[width - 1 :].copy()
+    mean[1:] -= s[:-width]
+    variance -= mean * mean / width
+    variance /= width - 1
+    quantile = float(np.quantile(variance[:: max(1, width // 2)], 0.1))
+    arithmetic = 64 * np.finfo(float).eps * total[-1] / width
+    return variance / max(quantile, code_width(column) ** 2 / 12, arithmetic, 1e-30)
 
 
 def _limit(score: Array, channels: int, width: int) -> float:
@@ -136,10 +146,9 @@ def _limit(score: Array, channels: int, width: int) -> float:
 
 def _cover(quiet: Mask, width: int, n: int) -> Mask:
     """Rows covered by at least one quiet window, (n,)."""
-    steps = np.zeros(n + 1, int)
-    starts = np.flatnonzero(quiet)
-    np.add.at(steps, starts, 1)
-    np.add.at(steps, starts + width, -1)
+    steps = np.zeros(n + 1, np.int32)
+    steps[: len(quiet)] += quiet
+    steps[width : width + len(quiet)] -= quiet
     return np.cumsum(steps[:-1]) > 0
 
 
@@ -151,7 +160,7 @@ def _spread(rows: npt.NDArray[np.intp], mask: Mask, n: int) -> Mask:
     return mask[where]
 
 
-def _segments(recording: Recording, resting: Mask, window: float, guard: float) -> list[Segment]:
+def _segments(recording: Recording, resting: Mask, guard: float, shortest: float) -> list[Segment]:
     time = recording.time
     edges = [0, *(np.flatnonzero(np.diff(resting.astype(int))) + 1).tolist(), len(time)]
     found: list[Segment] = []
@@ -160,9 +169,8 @@ def _segments(recording: Recording, resting: Mask, window: float, guard: float) 
         if dwell:
             cut_first = first if first == 0 else int(np.searchsorted(time, time[first] + guard))
             cut_last = last if last == len(time) else int(np.searchsorted(time, time[last - 1] - guard, side="right"))
-            if cut_last - cut_first < 3 or time[cut_last - 1] - time[cut_first] < window / 2:
-                dwell = False
-            else:
+            dwell = cut_last - cut_first >= 3 and time[last - 1] - time[first] >= shortest
+            if dwell:
                 first, last = cut_first, cut_last
         kind = "dwell" if dwell else "move"
         label = majority(recording, first, last)

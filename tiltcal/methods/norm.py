@@ -86,25 +86,47 @@ def model_of(x: Array) -> tuple[Array, Array]:
 
 
 def solve(poses: Poses, g: float, terms: int, start: Array | None = None) -> tuple[Fit, bool]:
-    """Maximum likelihood from pose means; the fit and whether it converged."""
-    y = poses.means
-    variances = poses.noise * poses.inflation
-    counts = poses.counts
+    """Maximum likelihood from pose means; the fit and whether it converged.
 
-    def problem(x: Array) -> tuple[Array, Array]:
-        b, M = model_of(x)
-        inverse = np.linalg.inv(M)
-        f = (y - b) @ inverse.T
-        length = np.linalg.norm(f, axis=1)
-        v = (f / length[:, None]) @ inverse  # rows v' = u' M^-1
-        sigma = np.sqrt(np.einsum("ki,ij,kj->k", v, variances, v) / counts)
-        columns = [-v, -v * f]
-        if terms == 9:
-            columns.append(np.column_stack([-(v[:, i] * f[:, j] + v[:, j] * f[:, i]) for i, j in PAIRS]))
-        return (length - g) / sigma, np.hstack(columns) / sigma[:, None]
+    The noise of a norm depends a little on the parameters: it is taken from the last solution and kept while solving.
+    """
+    names = names_of(poses.sensor.name, terms)
+    x = _start(poses.means, g, terms) if start is None else start
+    for _ in range(3 if start is None else 1):
+        sigma = _norm_sigma(poses, x)
+        fit, converged = gauss_newton(names, x, lambda p, s=sigma: _whitened(poses.means, g, p, s))  # type: ignore[misc]
+        if fit.dropped or not converged:
+            break
+        x = fit.values
+    return fit, converged
 
-    first = _start(y, g, terms) if start is None else start
-    return gauss_newton(names_of(poses.sensor.name, terms), first, problem)
+
+def _directions(y: Array, x: Array) -> tuple[Array, Array]:
+    """f (m, 3), and the rows v' = (f/|f|)' M^-1 (m, 3) through which readings and parameters act on |f|."""
+    b, M = model_of(x)
+    inverse = np.linalg.inv(M)
+    f = (y - b) @ inverse.T
+    return f, (f / np.linalg.norm(f, axis=1)[:, None]) @ inverse
+
+
+def _norm_sigma(poses: Poses, x: Array) -> Array:
+    """Standard deviation of each pose's norm, (m,)."""
+    _, v = _directions(poses.means, x)
+    return np.sqrt(np.einsum("ki,ij,kj->k", v, poses.noise * poses.inflation, v) / poses.counts)
+
+
+def _slopes(f: Array, v: Array, terms: int) -> Array:
+    """Derivative of |f| with the parameters, (m, terms)."""
+    columns = [-v, -v * f]
+    if terms == 9:
+        columns.append(np.column_stack([-(v[:, i] * f[:, j] + v[:, j] * f[:, i]) for i, j in PAIRS]))
+    return np.hstack(columns)
+
+
+def _whitened(y: Array, g: float, x: Array, sigma: Array) -> tuple[Array, Array]:
+    """Residuals (|f| - g) / sigma and their Jacobian."""
+    f, v = _directions(y, x)
+    return (np.linalg.norm(f, axis=1) - g) / sigma, _slopes(f, v, len(x)) / sigma[:, None]
 
 
 def _start(y: Array, g: float, terms: int) -> Array:
@@ -129,33 +151,21 @@ def _leave_directions_out(poses: Poses, g: float, terms: int, fit: Fit) -> tuple
 
     The second is the largest predicted standard deviation of a left-out norm residual over its own noise.
     """
-    b, M = model_of(_full(fit, poses, terms))
-    f = np.linalg.solve(M, (poses.means - b).T).T
-    group = group_directions(f / np.linalg.norm(f, axis=1)[:, None])
+    whole = _full(fit, poses, terms)
+    group = group_directions(_directions(poses.means, whole)[0])
     residuals, worst = [], 0.0
     for k in range(group.max() + 1):
         rest, out = poses.subset(group != k), poses.subset(group == k)
         if len(rest) < terms:
             return None, np.inf
-        part, _ = solve(rest, g, terms, _full(fit, poses, terms))
+        part, _ = solve(rest, g, terms, whole)
         if part.dropped:
             return None, np.inf
-        b, M = model_of(part.values)
-        inverse = np.linalg.inv(M)
-        f_out = (out.means - b) @ inverse.T
-        residuals.append(np.linalg.norm(f_out, axis=1) - g)
-        worst = max(worst, _prediction_ratio(out, f_out, inverse, part, terms))
-    return leave_out_rms(residuals), worst
-
-
-def _prediction_ratio(out: Poses, f: Array, inverse: Array, fit: Fit, terms: int) -> float:
-    v = (f / np.linalg.norm(f, axis=1)[:, None]) @ inverse
-    J = [v, v * f]
-    if terms == 9:
-        J.append(np.column_stack([v[:, i] * f[:, j] + v[:, j] * f[:, i] for i, j in PAIRS]))
-    rows = np.hstack(J)
-    own = np.einsum("ki,ij,kj->k", v, out.noise * out.inflation, v) / out.counts
-    return float(np.sqrt(np.max(np.einsum("ki,ij,kj->k", rows, fit.covariance, rows) / own)))
+        f, v = _directions(out.means, part.values)
+        residuals.append(np.linalg.norm(f, axis=1) - g)
+        slopes = _slopes(f, v, terms) / _norm_sigma(out, part.values)[:, None]
+        worst = max(worst, float(np.einsum("ki,ij,kj->k", slopes, part.covariance, slopes).max()))
+    return leave_out_rms(residuals), float(np.sqrt(worst))
 
 
 def _full(fit: Fit, poses: Poses, terms: int) -> Array:

@@ -5,6 +5,7 @@ import json
 from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def read_recording(path: Path | str) -> Recording:
             f"recording {path.name}", found=f"the ending '{path.suffix}'", need="one of " + ", ".join(SUFFIXES),
             do="rename it, or bring a foreign format in with `tiltcal import`",
         )  # fmt: skip
-    return _assemble(columns, metadata, path.name)
+    return assemble(columns, metadata, path.name)
 
 
 def write_recording(recording: Recording, path: Path | str) -> None:
@@ -57,7 +58,12 @@ def write_recording(recording: Recording, path: Path | str) -> None:
         writers[path.suffix](recording, temporary)
 
 
-def _assemble(columns: Mapping[str, Array | Labels], metadata: Mapping[str, str], source: str) -> Recording:
+def assemble(columns: Mapping[str, Array | Labels], metadata: Mapping[str, str], source: str) -> Recording:
+    """A recording from columns as read, (n,) each: floats, or objects for text.
+
+    Raises:
+        TiltcalError: there is no time column, a stamp is missing, or there are no rows.
+    """
     subject = f"recording {source}"
     if "time_s" not in columns:
         raise TiltcalError(
@@ -163,15 +169,20 @@ def _reads_as_number(cell: str) -> bool:
 
 
 def _write_csv(recording: Recording, path: Path) -> None:
+    with path.open("wb") as out:
+        write_csv(recording, out)
+
+
+def write_csv(recording: Recording, out: IO[bytes]) -> None:
+    """Write a recording as CSV into an open binary file."""
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
     names, arrays = _arrow_columns(recording)
-    with path.open("wb") as out:
-        for key, value in recording.metadata.items():
-            out.write(f"# {key}: {value}\n".encode())
-        out.write((",".join(_quoted(name) for name in names) + "\n").encode())
-        pacsv.write_csv(pa.table(arrays, names=names), out, pacsv.WriteOptions(include_header=False))
+    for key, value in recording.metadata.items():
+        out.write(f"# {key}: {value}\n".encode())
+    out.write((",".join(_quoted(name) for name in names) + "\n").encode())
+    pacsv.write_csv(pa.table(arrays, names=names), out, pacsv.WriteOptions(include_header=False))
 
 
 def _quoted(name: str) -> str:

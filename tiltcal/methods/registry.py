@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,13 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
         raise TiltcalError(
             f"method {name}", found=f"a {type(result).__name__}", need="a tiltcal.calibration.Calibration", do="return one"
         )
-    return result
+    return _with_setup(result, bare)
+
+
+def _with_setup(result: Calibration, setup: Setup) -> Calibration:
+    """The calibration with the set-up in its provenance, so that CAL.json alone can correct a recording."""
+    stated = json.loads(setup.model_dump_json(exclude_none=True))
+    return replace(result, provenance={**result.provenance, "setup": stated})
 
 
 def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> Calibration:
@@ -101,7 +108,8 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
     with tempfile.TemporaryDirectory(prefix="tiltcal-") as folder:
         paths = {key: str(Path(folder) / name) for key, name in _FILES.items()}
         write_recording(recording, paths["recording"])
-        stated = json.loads(Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor).model_dump_json(exclude_none=True))
+        bare = Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
+        stated = json.loads(bare.model_dump_json(exclude_none=True))
         Path(paths["scenario"]).write_text(tomli_w.dumps({"schema": 1, "name": "under test", **stated}), encoding="utf-8")
         words = [_filled(word, paths) for word in command]
         try:
@@ -111,7 +119,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
         if done.returncode != 0:
             last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
             raise TiltcalError(f"command {words[0]}", found=f"exit status {done.returncode} ({last[0]})", need="0", do="run it by hand")
-        return load_calibration(paths["cal"])
+        return _with_setup(load_calibration(paths["cal"]), bare)
 
 
 _FILES = {"recording": "recording.csv", "scenario": "scenario.toml", "cal": "CAL.json"}

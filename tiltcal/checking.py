@@ -1,0 +1,147 @@
+"""Is this calibration good on that other recording?"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.accuracy import estimated_up
+from tiltcal.calibration import Calibration, Test, chi2_test
+from tiltcal.frames import Array, best_rotation
+from tiltcal.poses import Poses, find_poses
+from tiltcal.recording import Recording
+from tiltcal.segments import Segment
+from tiltcal.setup import Setup
+from tiltcal.units import ARCSEC
+
+
+@dataclass(frozen=True)
+class Check:
+    """The answer.
+
+    Args:
+        accepted: within the limit, or without one within its own uncertainty.
+        judged_by: ``tilt`` against known attitudes, ``norm`` where they are not known, ``base`` for a base tilt.
+        rms, worst: error over the dwells, rad.
+        expected: rms error that noise and the calibration's covariance predict, rad.
+        poses: error of each dwell, rad, (m,).
+        tests: statistical ones.
+        statement: in words.
+    """
+
+    accepted: bool
+    judged_by: str
+    rms: float
+    worst: float
+    expected: float
+    poses: Array
+    spans: Sequence[tuple[float, float]]
+    tests: Sequence[Test]
+    statement: str
+
+
+def check(
+    calibration: Calibration, recording: Recording, setup: Setup, limit: float | None = None,
+    segments: Sequence[Segment] | None = None,
+) -> Check:  # fmt: skip
+    """Judge a calibration on a recording it has not seen.
+
+    Args:
+        calibration: of an accelerometer or inclinometer.
+        recording: with dwells; attitudes by readout or label make it a tilt check, else only the norm is judged.
+        setup: of the recording.
+        limit: largest rms tilt error, rad; without it the error has to agree with its own uncertainty at 0.1 %.
+        segments: dwells to use.
+    """
+    sensor = setup.named(calibration.sensors()[0])
+    poses = find_poses(recording, setup, sensor, segments)
+    known = ~np.isnan(poses.up).any(axis=1)
+    if "base.roll" in calibration.parameters:
+        return _base_check(calibration, recording, setup, limit, segments)
+    by_norm = not known.any() or (calibration.method == "norm" and known.sum() < 3)
+    if not by_norm:
+        poses = poses.subset(known)
+    measure = _Measure(poses, setup, by_norm, free_rotation=calibration.method == "norm" and not by_norm)
+    residual = measure.residual(calibration.correct(sensor, poses.means, setup.site.gravity))
+    covariance = measure.covariance(calibration)
+    error = np.abs(residual) if by_norm else np.linalg.norm(residual.reshape(-1, 2), axis=1)
+    dof = residual.size - (3 if measure.free_rotation else 0)
+    chi2 = float(residual @ np.linalg.solve(covariance, residual))
+    expected = float(np.sqrt(np.trace(measure.covariance(calibration, rotation=False)) / len(poses)))
+    test = chi2_test("agrees with its uncertainty", chi2, dof, f"errors against noise and covariance over {len(poses)} dwells")
+    return _answer(error, expected, test, "norm" if by_norm else "tilt", limit, poses)
+
+
+class _Measure:
+    """Errors of the dwells as one vector with its covariance: |f|/g - 1 each, or two tangential components of up each."""
+
+    def __init__(self, poses: Poses, setup: Setup, by_norm: bool, free_rotation: bool) -> None:
+        self.poses, self.g, self.by_norm, self.free_rotation = poses, setup.site.gravity, by_norm, free_rotation
+        if not by_norm:
+            helper = np.where(np.abs(poses.up[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+            first = np.cross(poses.up, helper)
+            first /= np.linalg.norm(first, axis=1)[:, None]
+            self.basis = np.stack([first, np.cross(poses.up, first)], axis=1)  # (m, 2, 3)
+
+    def residual(self, f: Array) -> Array:
+        """Errors of corrected forces, rad, (m,) or (2 m,)."""
+        if self.by_norm:
+            return np.asarray(np.linalg.norm(f, axis=1) / self.g - 1)
+        up = estimated_up(f, self.g)
+        if self.free_rotation:
+            up = up @ best_rotation(self.poses.up, up).T
+        return np.einsum("mij,mj->mi", self.basis, up - self.poses.up).ravel()
+
+    def covariance(self, calibration: Calibration, rotation: bool = True) -> Array:
+        """Of the residual, from the calibration's covariance (common to all dwells) and each dwell's own noise."""
+        poses, names = self.poses, list(calibration.parameters)
+        base = self.residual(calibration.correct(poses.sensor, poses.means, self.g))
+        values, vectors = np.linalg.eigh(calibration.covariance)
+        columns = []
+        for step, vector in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
+            moved = {
+                n: replace(calibration.parameters[n], value=calibration.parameters[n].value + step * d)
+                for n, d in zip(names, vector, strict=True)
+            }
+            shifted = replace(calibration, parameters=moved).correct(poses.sensor, poses.means, self.g)
+            columns.append(self.residual(shifted) - base)
+        common = np.array(columns).T
+        total = common @ common.T if columns else np.zeros((len(base), len(base)))
+        size = len(base) // len(poses)
+        for i in range(len(poses.sensor.axes)):
+            shifted = poses.means.copy()
+            shifted[:, i] += np.sqrt(poses.noise[i, i] * poses.inflation / poses.counts) * poses.spread[:, i]
+            change = (self.residual(calibration.correct(poses.sensor, shifted, self.g)) - base).reshape(-1, size)
+            for k, row in enumerate(change):
+                total[k * size : (k + 1) * size, k * size : (k + 1) * size] += np.outer(row, row)
+        if self.free_rotation and rotation:  # three directions that the best rotation takes out
+            turns = np.einsum("mij,amj->ami", self.basis, np.array([np.cross(e, poses.up) for e in np.eye(3)])).reshape(3, -1)
+            total += turns.T @ turns
+        return total + 1e-30 * np.eye(len(base))
+
+
+def _answer(error: Array, expected: float, test: Test, kind: str, limit: float | None, poses: Poses) -> Check:
+    rms, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    accepted = test.passed if limit is None else rms <= limit
+    against = f"its own uncertainty ({expected / ARCSEC:.3g} arcsec expected)" if limit is None else f"the limit of {limit / ARCSEC:.4g} arcsec"
+    named = {"tilt": "tilt error", "norm": "error of the norm (as an angle; attitudes are not known)", "base": "difference of the base tilt"}
+    statement = f"{named[kind]} over {len(error)} dwells: {rms / ARCSEC:.4g} arcsec rms, {worst / ARCSEC:.4g} worst; "
+    statement += ("within " if accepted else "beyond ") + against
+    spans = [(s.start_s, s.end_s) for s in poses.spans]
+    return Check(accepted, kind, rms, worst, expected, error, spans, [test], statement)
+
+
+def _base_check(
+    calibration: Calibration, recording: Recording, setup: Setup, limit: float | None, segments: Sequence[Segment] | None
+) -> Check:
+    """A base tilt is judged by measuring it again."""
+    from tiltcal.methods.registry import calibrate
+
+    again = calibrate("two_position", recording, setup, segments=segments)
+    names = ["base.roll", "base.pitch"]
+    difference = np.array([again.value(n) - calibration.value(n) for n in names])
+    sigma = np.array([np.hypot(again.parameters[n].sigma, calibration.parameters[n].sigma) for n in names])
+    test = chi2_test("agrees with its uncertainty", float(np.sum((difference / sigma) ** 2)), 2, "roll and pitch found again")
+    error = np.array([float(np.hypot(*difference))])
+    poses = find_poses(recording, setup, setup.named(calibration.sensors()[0]), segments)
+    return _answer(error, float(np.hypot(*sigma)), test, "base", limit, poses)

@@ -1,0 +1,167 @@
+"""``tiltcal calibrate``, ``correct``, ``check``, ``segments``."""
+
+import argparse
+import csv
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tiltcal.calibration import Calibration, load_calibration
+from tiltcal.cli.output import print_json, print_table
+from tiltcal.errors import TiltcalError
+from tiltcal.files import replacing, require_file
+from tiltcal.methods.registry import calibrate as run_method
+from tiltcal.recording import Recording
+from tiltcal.recording_files import read_recording
+from tiltcal.report.html import parameter_rows
+from tiltcal.scenario import load_scenario
+from tiltcal.segments import Segment, find_segments, majority
+from tiltcal.units import ARCSEC
+
+
+def calibrate(args: argparse.Namespace) -> int:
+    """Recover parameters."""
+    scenario = load_scenario(args.scenario)
+    recording = read_recording(args.recording).require_increasing()
+    options = parse_options(args.option)
+    if args.segments:
+        options["segments"] = read_segments(Path(args.segments), recording)
+    calibration = run_method(args.method, recording, scenario, **options)
+    strange = recording.unknown(scenario.sensor)
+    if strange:
+        note = "columns that are no sensor of the scenario are not used: " + ", ".join(strange)
+        calibration = replace(calibration, warnings=[*calibration.warnings, note])
+    if args.output:
+        calibration.save(Path(args.output))
+    if args.json:
+        print_json(calibration.to_json())
+    else:
+        print_calibration(calibration)
+    return 0 if calibration.verdict == "good" else 1
+
+
+def parse_options(words: list[str]) -> dict[str, Any]:
+    """``["terms=9", "estimator=median"]`` -> values as TOML would read them, else text."""
+    options: dict[str, Any] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or not key:
+            raise TiltcalError(f"--option {word}", found="no KEY=VALUE", need="for example terms=9", do="correct it")
+        try:
+            options[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            options[key] = value
+    return options
+
+
+def print_calibration(c: Calibration) -> None:
+    """Parameters, tests and verdict for people."""
+    print_table(
+        ["parameter", "value", "sigma", "unit", "95 % interval"],
+        [[r["name"], r["value"], r["sigma"], r["unit"], r["interval"]] for r in parameter_rows(c, {})],
+    )
+    print_table(["test", "", "in words"], [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests])
+    for name, rms in c.heldout_rms.items():
+        print(f"held-out residual of {name}: {rms:.4g} (SI, whole directions left out)")
+    for w in c.warnings:
+        print(f"note: {w}")
+    print(f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of freedom; verdict: {c.verdict}")
+
+
+def correct(args: argparse.Namespace) -> int:
+    """Correct a recording."""
+    from tiltcal.correcting import correct_stream
+
+    calibration = load_calibration(args.calibration)
+    if not args.output:
+        correct_stream(Path(args.recording), calibration, sys.stdout.buffer)
+        return 0
+    with replacing(Path(args.output)) as temporary, temporary.open("wb") as out:
+        rows = correct_stream(Path(args.recording), calibration, out)
+    if args.json:
+        print_json({"output": args.output, "rows": rows})
+    else:
+        print(f"{args.output}: {rows} rows corrected", file=sys.stderr)
+    return 0
+
+
+def check(args: argparse.Namespace) -> int:
+    """Judge a calibration on another recording."""
+    from tiltcal.checking import check as judge
+
+    recording = read_recording(args.recording).require_increasing()
+    segments = read_segments(Path(args.segments), recording) if args.segments else None
+    limit = None if args.limit_arcsec is None else args.limit_arcsec * ARCSEC
+    result = judge(load_calibration(args.calibration), recording, load_scenario(args.scenario), limit, segments)
+    if args.json:
+        print_json(
+            {
+                "accepted": result.accepted, "judged_by": result.judged_by, "rms_arcsec": result.rms / ARCSEC,
+                "worst_arcsec": result.worst / ARCSEC, "expected_arcsec": result.expected / ARCSEC,
+                "poses": [
+                    {"start_s": a, "end_s": b, "error_arcsec": float(e / ARCSEC)}
+                    for (a, b), e in zip(result.spans, result.poses, strict=False)
+                ],
+                "tests": [vars(t) for t in result.tests], "statement": result.statement,
+            }
+        )  # fmt: skip
+    else:
+        print(result.statement)
+        for t in result.tests:
+            print(f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g} with {t.dof} degrees of freedom, p {t.p_value:.2g})")
+        print("accepted" if result.accepted else "not accepted")
+    return 0 if result.accepted else 1
+
+
+def segments(args: argparse.Namespace) -> int:
+    """Find dwells and moves."""
+    found = find_segments(read_recording(args.recording), window=args.window)
+    if args.json:
+        print_json([vars(s) for s in found])
+        return 0
+    header = ["start_s", "end_s", "kind", "label"]
+    rows = [[repr(s.start), repr(s.end), s.kind, s.label or ""] for s in found]
+    if args.output:
+        with replacing(Path(args.output)) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
+            csv.writer(out, lineterminator="\n").writerows([header, *rows])
+        print(f"{args.output}: {sum(s.kind == 'dwell' for s in found)} dwells, {sum(s.kind == 'move' for s in found)} moves", file=sys.stderr)
+    else:
+        csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
+    return 0
+
+
+def read_segments(path: Path, recording: Recording) -> list[Segment]:
+    """An edited list of segments: start_s, end_s, kind and an optional label.
+
+    Raises:
+        TiltcalError: a column is missing or a cell is wrong.
+    """
+    with require_file(path, "segments").open(newline="", encoding="utf-8") as lines:
+        reader = csv.DictReader(lines)
+        missing = {"start_s", "end_s"} - set(reader.fieldnames or ())
+        if missing:
+            raise TiltcalError(
+                f"segments {path.name}", found="no column " + ", ".join(sorted(missing)), need="start_s, end_s, kind, label",
+                do="start from `tiltcal segments -o`",
+            )  # fmt: skip
+        return [_segment(row, number, path.name, recording) for number, row in enumerate(reader, start=2)]
+
+
+def _segment(row: dict[str, str], line: int, source: str, recording: Recording) -> Segment:
+    import numpy as np
+
+    kind = (row.get("kind") or "dwell").strip()
+    try:
+        start, end = float(row["start_s"]), float(row["end_s"])
+    except (TypeError, ValueError) as error:
+        raise TiltcalError(f"segments {source}, line {line}", found=str(error), need="two times in s", do="correct that line") from error
+    if kind not in ("dwell", "move") or not end > start:
+        raise TiltcalError(
+            f"segments {source}, line {line}", found=f"{kind} from {start:g} to {end:g} s", need="dwell or move, end after start",
+            do="correct that line",
+        )  # fmt: skip
+    first, last = (int(i) for i in np.searchsorted(recording.time, [start, np.nextafter(end, np.inf)]))
+    label = (row.get("label") or "").strip() or majority(recording, first, max(last, first + 1))
+    return Segment(start, end, first, last, kind, label)

@@ -1,0 +1,43 @@
+"""Printing: tables for people, JSON for machines, progress on stderr."""
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from tiltcal.verify import Progress
+
+
+def print_json(value: Any) -> None:
+    """JSON on stdout."""
+    json.dump(value, sys.stdout, indent=1, default=float)
+    sys.stdout.write("\n")
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:
+    """A table on stdout, as wide as the terminal allows; in a pipe as wide as it needs."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*header, title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
+    console = Console(file=sys.stdout, highlight=False, markup=False)
+    if not sys.stdout.isatty():
+        console.width = 160
+    console.print(table)
+
+
+@contextmanager
+def progress_line() -> Iterator[Progress]:
+    """Progress on stderr: one changing line on a terminal, a line a step elsewhere."""
+    if not sys.stderr.isatty():
+        yield lambda text: print(text, file=sys.stderr, flush=True)
+        return
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("working ...") as status:
+        yield lambda text: status.update(text)

@@ -1,0 +1,195 @@
+"""The words of the command line. Imports nothing heavy: ``--help`` answers at once, each command loads its own room."""
+
+import argparse
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+from tiltcal import __version__
+
+TOP = """\
+A testbed for calibrating inclinometers, accelerometers and gyroscopes.
+
+  simulate a table and an instrument with known errors, in MuJoCo
+  calibrate recordings, real or simulated, with uncertainties and a verdict
+  verify algorithms, yours too, against what was injected
+"""
+FIRST = """\
+first steps:
+  tiltcal init -o bench.toml              a commented scenario to start from
+  tiltcal simulate bench.toml -o run.csv --truth truth.json
+  tiltcal calibrate run.csv --scenario bench.toml --method six_position -o CAL.json
+  tiltcal correct CAL.json run.csv -o corrected.csv
+  tiltcal run bench.toml                  all of it, judged against the injected truth
+"""
+
+
+def lazily(module: str, function: str) -> Callable[[argparse.Namespace], int]:
+    """A command whose module is imported only when it runs."""
+
+    def run(args: argparse.Namespace) -> int:
+        return int(getattr(importlib.import_module(f"tiltcal.cli.{module}"), function)(args))
+
+    return run
+
+
+class _Commands:
+    """Adds commands to the parser, all alike."""
+
+    def __init__(self, parser: argparse.ArgumentParser) -> None:
+        self.group = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
+
+    def add(self, name: str, module: str, function: str, help: str, more: str = "") -> argparse.ArgumentParser:
+        sub = self.group.add_parser(
+            name, help=help, description=help[0].upper() + help[1:] + ".", epilog=more,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+        sub.add_argument("--json", action="store_true", help="machine-readable output on stdout")
+        sub.set_defaults(run=lazily(module, function))
+        return sub
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="tiltcal", description=TOP, epilog=FIRST, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--version", action="version", version=f"tiltcal {__version__}")
+    commands = _Commands(parser)
+    _add_laboratory(commands)
+    _add_calibration(commands)
+    _add_judging(commands)
+    _add_reference(commands)
+    return parser
+
+
+def _scenario(sub: argparse.ArgumentParser, required: bool = True) -> None:
+    sub.add_argument("--scenario", required=required, metavar="TOML", help="site, rig and sensors of the recording")
+
+
+def _output(sub: argparse.ArgumentParser, help: str, metavar: str = "FILE", **more: Any) -> None:
+    sub.add_argument("-o", "--output", metavar=metavar, help=help, **more)
+
+
+def _add_laboratory(commands: _Commands) -> None:
+    sub = commands.add(
+        "simulate", "laboratory", "simulate", "make a recording of a scenario, through MuJoCo",
+        "The ending of -o decides the format: .csv, .parquet or .npz; without -o the CSV goes to stdout.\n"
+        "The recording holds no truth; --truth writes the injected values and noiseless attitudes apart.\n\n"
+        "  tiltcal simulate bench.toml -o run.csv --seed 7 --truth truth.json\n"
+        "  tiltcal simulate model.toml --motion real.csv --noise off -o predicted.csv   what should it have read?",
+    )  # fmt: skip
+    sub.add_argument("scenario", metavar="SCENARIO", help="the scenario's TOML")
+    _output(sub, "where the recording goes")
+    sub.add_argument("--motion", metavar="REC", help="replay the time stamps and table readout of this recording")
+    sub.add_argument("--noise", choices=("on", "off"), default="on", help="off: no random effect and no quantisation")
+    sub.add_argument("--seed", type=int, help="of the random effects (the scenario's unless given)")
+    sub.add_argument("--truth", metavar="FILE", help="write the truth here, as JSON")
+    sub = commands.add(
+        "init", "start", "init", "write a commented scenario to start from",
+        "  tiltcal init -o bench.toml\n  tiltcal init --from run.csv -o bench.toml     sensors and table from its columns\n"
+        "  tiltcal init --latitude 52.5 --height 40      gravity from latitude and height (WGS 84)",
+    )  # fmt: skip
+    sub.add_argument("--from", dest="recording", metavar="REC", help="take sensors and table from this recording's columns")
+    sub.add_argument("--latitude", type=float, help="deg; gravity is computed from it")
+    sub.add_argument("--height", type=float, default=0.0, help="m above sea level")
+    sub.add_argument("--json-schema", action="store_true", help="print the JSON Schema of scenario files instead")
+    _output(sub, "where the scenario goes (stdout unless given)")
+    sub = commands.add(
+        "import", "start", "import_", "bring a foreign text log in by a mapping file",
+        "A mapping file says which column is what:\n\n" + _mapping_example(),
+    )  # fmt: skip
+    sub.add_argument("file", metavar="FILE", help="the foreign log")
+    sub.add_argument("--map", required=True, metavar="MAP.toml", help="what its columns are")
+    _output(sub, "where the recording goes", required=True)
+
+
+def _mapping_example() -> str:
+    return """\
+  [file]
+  separator = "space"        # space (any white space), comma, tab, semicolon
+  header = false
+  [time]
+  column = 1                 # number, or name in the header; or rate_hz = 100 where there is none
+  unit = "s"
+  [[column]]
+  from = 2                   # number or name
+  to = "accel_x_LSB"         # <sensor>_<axis>_<unit>
+  [[column]]
+  file = "gyro.txt"          # a second file beside the first, row by row
+  from = 2
+  to = "gyro_x_LSB"
+"""
+
+
+def _add_calibration(commands: _Commands) -> None:
+    sub = commands.add(
+        "calibrate", "calibrating", "calibrate", "recover parameters with covariance, tests and a verdict",
+        "METHOD is one of `tiltcal methods`, an installed entry point, or your own package.module:function,\n"
+        "called with the Recording and the Setup; it returns a Calibration.\n\n"
+        "  tiltcal calibrate run.csv --scenario bench.toml --method norm --option terms=9 -o CAL.json\n\n"
+        "exit status: 0 good; 1 suspect or cannot_tell; 2 unusable input",
+    )  # fmt: skip
+    sub.add_argument("recording", metavar="REC")
+    _scenario(sub)
+    sub.add_argument("--method", required=True, metavar="METHOD")
+    sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="of the method; may stand several times")
+    sub.add_argument("--segments", metavar="SEG.csv", help="dwells as `tiltcal segments` writes them, edited")
+    _output(sub, "where the calibration goes", "CAL.json")
+    sub = commands.add(
+        "correct", "calibrating", "correct", "correct a recording, streaming in fixed memory",
+        "Adds <sensor>_<axis>_corrected_<unit> and, where defined, tilt_x_deg and tilt_y_deg.\n\n"
+        "  tiltcal correct CAL.json run.csv -o corrected.csv",
+    )  # fmt: skip
+    sub.add_argument("calibration", metavar="CAL.json")
+    sub.add_argument("recording", metavar="REC")
+    _output(sub, "where the CSV goes (stdout unless given)", "OUT.csv")
+    sub = commands.add(
+        "check", "calibrating", "check", "is this calibration good on that other recording?",
+        "Where attitudes are known (table readout, labels) the tilt error is judged, else the norm.\n"
+        "Without a limit the error has to agree with its own uncertainty.",
+    )  # fmt: skip
+    sub.add_argument("calibration", metavar="CAL.json")
+    sub.add_argument("recording", metavar="REC")
+    _scenario(sub)
+    sub.add_argument("--limit-arcsec", type=float, metavar="X", help="largest rms error that is good enough")
+    sub.add_argument("--segments", metavar="SEG.csv", help="dwells as `tiltcal segments` writes them, edited")
+    sub = commands.add(
+        "segments", "calibrating", "segments", "find the dwells and moves of a recording",
+        "The file can be edited and given back to `calibrate --segments`.",
+    )  # fmt: skip
+    sub.add_argument("recording", metavar="REC")
+    sub.add_argument("--window", type=float, default=0.5, help="s over which quiet is judged (default 0.5)")
+    _output(sub, "where the list goes (stdout unless given)", "SEG.csv")
+
+
+def _add_judging(commands: _Commands) -> None:
+    sub = commands.add(
+        "run", "judging", "run", "simulate, calibrate and judge scenarios",
+        "A scenario with [[method]] tables says which methods have to reach what.\n\n"
+        "  tiltcal run bench.toml -o out        writes out/report.html and out/junit.xml as well",
+    )  # fmt: skip
+    sub.add_argument("scenario", nargs="+", metavar="SCENARIO")
+    _judging_options(sub)
+    sub = commands.add(
+        "verify", "judging", "verify", "run a folder of scenarios; JUnit XML, HTML report, exit status for CI",
+        "  tiltcal verify scenarios -o out\n  tiltcal verify                     the built-in scenarios",
+    )  # fmt: skip
+    sub.add_argument("folder", nargs="?", metavar="DIR", help="the built-in scenarios unless given")
+    _judging_options(sub)
+    sub = commands.add("demo", "demo", "demo", "simulate, calibrate and verify built-in scenarios, as a tour")
+    _output(sub, "folder for the report (default: demo-output)", "DIR", default="demo-output")
+
+
+def _judging_options(sub: argparse.ArgumentParser) -> None:
+    _output(sub, "folder for report.html and junit.xml", "DIR")
+    sub.add_argument("--allow-commands", action="store_true", help="let scenarios run programs as methods")
+
+
+def _add_reference(commands: _Commands) -> None:
+    commands.add("methods", "reference", "methods", "list the calibration methods")
+    sub = commands.add(
+        "effects", "reference", "effects", "list the physical effects, or explain one",
+        "  tiltcal effects             all\n  tiltcal effects acc_K2      one, with its equation, look and parameters",
+    )  # fmt: skip
+    sub.add_argument("word", nargs="?", metavar="ID", help="an id, or a word to search for")

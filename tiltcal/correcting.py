@@ -1,0 +1,169 @@
+"""Correcting a recording with a calibration, in fixed memory: chunk in, chunk out."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from tiltcal.calibration import Calibration, tilt_angles
+from tiltcal.errors import TiltcalError
+from tiltcal.files import require_file
+from tiltcal.frames import Array, force_of_tilt, tilt_of_force
+from tiltcal.recording import Recording
+from tiltcal.recording_files import assemble, csv_head, is_number, read_recording
+from tiltcal.setup import Sensor, Setup
+from tiltcal.units import COLUMN_UNITS, DEG
+
+CHUNK = 1 << 20  # bytes of text read at a time
+
+
+def setup_of(calibration: Calibration) -> Setup:
+    """The set-up a calibration was made with.
+
+    Raises:
+        TiltcalError: it does not carry one.
+    """
+    stated = calibration.provenance.get("setup")
+    if stated is None:
+        raise TiltcalError(
+            f"calibration by {calibration.method}", found="no provenance.setup", need="the set-up it belongs to",
+            do="make it with `tiltcal calibrate`, which adds the set-up",
+        )  # fmt: skip
+    return Setup.model_validate(stated)
+
+
+def corrected_columns(recording: Recording, calibration: Calibration, setup: Setup) -> dict[str, Array]:
+    """The columns that correction adds, full length: corrected readings in their own unit, and tilt where defined.
+
+    ``<sensor>_<axis>_corrected_<unit>``, ``tilt_x_deg``, ``tilt_y_deg``.
+    """
+    columns: dict[str, Array] = {}
+    g = setup.site.gravity
+    for name in calibration.sensors():
+        sensor = setup.named(name)
+        samples = recording.sensor(sensor)
+        values = force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
+        fixed = calibration.correct(sensor, values, g)
+        shown = tilt_of_force(fixed, g) if sensor.kind == "inclinometer" else fixed
+        for i, axis in enumerate(sensor.axes):
+            unit = _unit(samples.units[i], sensor)
+            key = f"{name}_{axis}_corrected_{unit}"
+            columns[key] = _full(shown[:, i] / COLUMN_UNITS[unit].factor, samples.rows, len(recording))
+        if sensor.is_accelerometer:
+            for axis, angle in tilt_angles(fixed, sensor, g).items():
+                columns.setdefault(f"tilt_{axis}_deg", _full(angle / DEG, samples.rows, len(recording)))
+    return columns
+
+
+def _unit(written: str, sensor: Sensor) -> str:
+    """The unit of the reading, or SI where it was raw."""
+    known = COLUMN_UNITS[written].quantity
+    return written if known != "raw" else {"acceleration": "m_s2", "angle": "deg", "rate": "rad_s"}[sensor.quantity]
+
+
+def _full(values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: int) -> Array:
+    full = np.full(n, np.nan)
+    full[rows] = values
+    return full
+
+
+def correct_stream(path: Path, calibration: Calibration, out: IO[bytes]) -> int:
+    """Read a recording chunk by chunk and write it corrected as CSV; returns the number of rows.
+
+    Raises:
+        TiltcalError: the recording does not read, or lacks the calibrated sensor.
+    """
+    import pyarrow as pa
+    from pyarrow import csv as pacsv
+
+    setup = setup_of(calibration)
+    rows, writer, last = 0, None, -np.inf
+    for chunk in _chunks(path):
+        chunk.require_increasing()
+        if chunk.time[0] <= last:
+            raise TiltcalError(
+                f"{chunk.source}, time {chunk.time[0]:.10g} s", found="time going back", need="time stamps that increase",
+                do="sort it or split it there",
+            )  # fmt: skip
+        last = float(chunk.time[-1])
+        names, arrays = _table(chunk, corrected_columns(chunk, calibration, setup))
+        table = pa.table(arrays, names=names)
+        if writer is None:
+            for key, value in chunk.metadata.items():
+                out.write(f"# {key}: {value}\n".encode())
+            out.write((",".join(names) + "\n").encode())
+            writer = pacsv.CSVWriter(out, table.schema, write_options=pacsv.WriteOptions(include_header=False))
+        writer.write_table(table)
+        rows += len(chunk)
+    if writer is not None:
+        writer.close()
+    return rows
+
+
+def _table(chunk: Recording, added: dict[str, Array]) -> tuple[list[str], list[Any]]:
+    import pyarrow as pa
+
+    numbers = {"time_s": chunk.time} | {name: chunk.column(name) for name in chunk.column_names} | added
+    texts = dict(chunk.extra) | ({} if chunk.labels is None else {"label": chunk.labels})
+    arrays = [pa.array(v, pa.float64(), from_pandas=True) for v in numbers.values()]
+    arrays += [pa.array([t or None for t in v], pa.string()) for v in texts.values()]
+    return [*numbers, *texts], arrays
+
+
+def _chunks(path: Path) -> Iterator[Recording]:
+    """The recording in pieces: CSV by blocks of text, Parquet by row groups, NPZ whole."""
+    path = require_file(path, "recording")
+    if path.suffix == ".parquet":
+        yield from _parquet_chunks(path)
+    elif path.suffix == ".csv" and path.stat().st_size > CHUNK:
+        yield from _csv_chunks(path)
+    else:
+        yield read_recording(path)
+
+
+def _csv_chunks(path: Path) -> Iterator[Recording]:
+    import pyarrow as pa
+    from pyarrow import csv as pacsv
+
+    metadata, names, skip = csv_head(path)
+    types = {name: pa.float64() if is_number(name) else pa.string() for name in names}
+    try:
+        reader = pacsv.open_csv(
+            path,
+            read_options=pacsv.ReadOptions(skip_rows=skip, column_names=names, block_size=CHUNK, use_threads=False),
+            convert_options=pacsv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=True),
+        )
+        yield from _batches(reader, names, metadata, path.name)
+    except pa.ArrowInvalid:
+        read_recording(path)  # names the bad line
+        raise
+
+
+def _parquet_chunks(path: Path) -> Iterator[Recording]:
+    from pyarrow import parquet
+
+    head = read_recording_head(path)
+    with parquet.ParquetFile(path) as file:
+        yield from _batches(file.iter_batches(batch_size=65536), file.schema_arrow.names, head, path.name)
+
+
+def read_recording_head(path: Path) -> dict[str, str]:
+    """Metadata of a Parquet recording."""
+    import json
+
+    from pyarrow import parquet
+
+    stored = (parquet.read_schema(path).metadata or {}).get(b"tiltcal.metadata")
+    return json.loads(stored) if stored else {}
+
+
+def _batches(batches: Iterable[Any], names: list[str], metadata: dict[str, str], source: str) -> Iterator[Recording]:
+    for batch in batches:
+        if batch.num_rows == 0:
+            continue
+        columns = {}
+        for i, name in enumerate(names):
+            values = batch.column(i).to_numpy(zero_copy_only=False)
+            columns[name] = np.array(values, dtype=float if is_number(name) else object)
+        yield assemble(columns, metadata, source)

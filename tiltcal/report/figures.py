@@ -1,0 +1,88 @@
+"""Figures of a report: parameters against truth, residuals against angle and time, tilt error before and after."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tiltcal.accuracy import TiltError
+from tiltcal.calibration import Calibration
+from tiltcal.errors import TiltcalError
+from tiltcal.frames import Array
+from tiltcal.poses import find_poses
+from tiltcal.recording import Recording
+from tiltcal.setup import Setup
+from tiltcal.units import ARCSEC, DEG, G0
+
+COLOURS = ("#2b6cb0", "#c05621", "#2f855a", "#6b46c1", "#b83280", "#4a5568")
+LAYOUT = {
+    "template": "plotly_white", "height": 340, "margin": {"l": 60, "r": 20, "t": 40, "b": 50},
+    "font": {"family": "system-ui, sans-serif", "size": 13},
+}  # fmt: skip
+
+
+def parameter_figure(calibration: Calibration, truth: Mapping[str, float]) -> Any:
+    """Error of each parameter in its own sigma, with the 95 % interval; without a truth nothing is drawn."""
+    import plotly.graph_objects as go
+
+    names = [n for n in calibration.parameters if n in truth and calibration.parameters[n].sigma > 0]
+    if not names:
+        return None
+    z = [(calibration.parameters[n].value - truth[n]) / calibration.parameters[n].sigma for n in names]
+    figure = go.Figure(layout=LAYOUT | {"title": "Parameters: found minus injected, in standard uncertainties"})
+    figure.add_hrect(y0=-1.96, y1=1.96, fillcolor="#2f855a", opacity=0.12, line_width=0)
+    figure.add_scatter(x=names, y=z, mode="markers", marker={"size": 9, "color": COLOURS[0]}, error_y={"type": "constant", "value": 1})
+    figure.update_yaxes(title="error / sigma", zeroline=True)
+    return figure
+
+
+def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Any:
+    """Tilt error before and after, and what the covariance predicts."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure(layout=LAYOUT | {"title": "Tilt error, arcsec rms", "barmode": "group"})
+    for i, part in enumerate(("before", "after", "predicted by the covariance")):
+        figure.add_bar(x=[name for name, _ in tilts], y=[t.in_arcsec[i] for _, t in tilts], name=part, marker={"color": COLOURS[i]})
+    figure.update_yaxes(title="arcsec", type="log")
+    return figure
+
+
+def residual_figures(recording: Recording, setup: Setup, calibration: Calibration) -> list[Any]:
+    """Residuals of the dwells against time and against the outer angle, where attitudes are known; else of the norm."""
+    names = calibration.sensors()
+    if not names or not setup.named(names[0]).is_accelerometer:
+        return []
+    try:
+        poses = find_poses(recording, setup, setup.named(names[0]))
+    except TiltcalError:
+        return []
+    middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
+    residual, channels, unit = _residuals(poses.means, poses.up, poses.sensor.axes, setup, calibration)
+    figures = [_scatter(middle, residual, channels, "time, s", f"Residuals of the dwells, {unit}")]
+    if "outer" in poses.angles:
+        figures.append(_scatter(poses.angles["outer"] / DEG, residual, channels, "table outer, deg", f"Residuals of the dwells, {unit}"))
+    return figures
+
+
+def _residuals(
+    means: Array, up: Array, axes: Sequence[str], setup: Setup, calibration: Calibration
+) -> tuple[Array, list[str], str]:
+    sensor = setup.named(calibration.sensors()[0])
+    g = setup.site.gravity
+    f = calibration.correct(sensor, means, g)
+    if np.isnan(up).any() or calibration.method == "norm" or "base.roll" in calibration.parameters:
+        if f.shape[1] == 3:
+            return (np.linalg.norm(f, axis=1) - g)[:, None] / (1e-3 * G0), ["norm"], "mg"
+        return f / g / ARCSEC, [f"{a} (bias removed)" for a in axes], "arcsec"
+    return (f - g * up[:, list(sensor.axis_indices)]) / (1e-3 * G0), list(axes), "mg"
+
+
+def _scatter(x: Array, y: Array, names: Sequence[str], x_title: str, title: str) -> Any:
+    import plotly.graph_objects as go
+
+    figure = go.Figure(layout=LAYOUT | {"title": title})
+    for i, name in enumerate(names):
+        figure.add_scatter(x=x, y=y[:, i], name=name, mode="markers", marker={"size": 8, "color": COLOURS[i % len(COLOURS)]})
+    figure.update_xaxes(title=x_title)
+    figure.update_yaxes(zeroline=True)
+    return figure

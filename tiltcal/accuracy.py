@@ -188,5 +188,7 @@ def normalised_error(calibration: Calibration, truth: Mapping[str, float]) -> tu
     scale = np.sqrt(np.diag(covariance))
     if len(names) == 0 or np.any(scale == 0):
         return 0.0, 0
-    z = error / scale
-    return float(z @ np.linalg.solve(covariance / np.outer(scale, scale), z)), len(names)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    determined = values > 1e-9 * values[-1]  # two names of one parameter count once
+    z = vectors[:, determined].T @ (error / scale)
+    return float(np.sum(z**2 / values[determined])), int(determined.sum())

@@ -12,6 +12,7 @@ from tiltcal.errors import TiltcalError
 from tiltcal.files import require_file, write_json
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.setup import Sensor
+from tiltcal.units import PARAMETER_UNITS
 
 Verdict = Literal["good", "suspect", "cannot_tell"]
 VERDICTS: tuple[Verdict, ...] = ("good", "suspect", "cannot_tell")
@@ -129,23 +130,47 @@ class Calibration:
     def correct(self, sensor: Sensor, reading: Array, g: float) -> Array:
         """Corrected readings, SI in the sensing form (f or rate), (n, k).
 
-        A triad: M^-1 (reading - bias). Two channels: the third component follows from |f| = g, z up.
+        A triad: M^-1 (reading - bias). Two channels: the third component follows from |f| = g, z up. Further terms
+        (K2, K3, ...) are taken off at the last corrected force, until nothing changes.
         """
-        M, b = self.sensitivity(sensor), self.bias(sensor)
-        y = reading - b
-        if M.shape[0] == 3:
-            return np.asarray(np.linalg.solve(M, y.T).T)
+        M, y = self.sensitivity(sensor), reading - self.bias(sensor)
         if sensor.kind == "fog":
             return np.asarray(y / (1 + self.value(f"{sensor.name}.scale_a")))
-        rows = list(sensor.axis_indices)
-        A, c = M[:, rows], M[:, [i for i in range(3) if i not in rows]]
+        further = self._further(sensor)
         f = np.array(y)
-        if sensor.is_accelerometer and len(rows) == 2:
-            for _ in range(6):  # contracts by the cross term of the third axis
-                third = np.sqrt(np.maximum(g * g - (f * f).sum(axis=1), 0.0))
-                f = np.linalg.solve(A, (y - np.outer(third, c[:, 0])).T).T
-            return f
-        return np.asarray(np.linalg.solve(A, y.T).T)
+        for _ in range(20 if further or len(sensor.axes) == 2 else 1):
+            before = f
+            f = _solve(M, sensor, y - self._beyond_linear(further, sensor, f, g), f, g)
+            if np.max(np.abs(f - before), initial=0.0) < 1e-13 * g:
+                break
+        return f
+
+    def _further(self, sensor: Sensor) -> dict[str, float]:
+        """Terms beyond bias, scale and cross-axis: effect parameter -> SI value."""
+        from tiltcal.effects import CATALOGUE
+
+        found = {}
+        for name, e in self.parameters.items():
+            owner, _, term = name.partition(".")
+            if owner == sensor.name and not term.startswith(("bias_", "scale_", "cross_")) and f"acc_{term[:-2]}" in CATALOGUE:
+                found[term] = e.value * PARAMETER_UNITS[e.unit].factor
+        return found
+
+    @staticmethod
+    def _beyond_linear(further: Mapping[str, float], sensor: Sensor, f: Array, g: float) -> Array | float:
+        if not further:
+            return 0.0
+        from tiltcal.effects import CATALOGUE
+        from tiltcal.effects.base import Sense, TermEffect
+
+        sense = Sense.at_rest(sensor, g, _three(f, sensor, g))
+        total = np.zeros_like(f)
+        for term, value in further.items():
+            effect = CATALOGUE[f"acc_{term[:-2]}"]()
+            if isinstance(effect, TermEffect):
+                channel, column = effect.term(term[0].lower() + term[1:], sense)
+                total[:, channel] += value * column
+        return total
 
     # ----------------------------------------------------------------------------------------------------------- files
 
@@ -168,6 +193,25 @@ class Calibration:
     def save(self, path: Path) -> None:
         """Write CAL.json, whole or not at all."""
         write_json(Path(path), self.to_json())
+
+
+def _three(f: Array, sensor: Sensor, g: float) -> Array:
+    """Forces of all three body axes, (n, 3): a missing one follows from |f| = g, positive."""
+    full = np.zeros((len(f), 3))
+    full[:, list(sensor.axis_indices)] = f
+    if f.shape[1] == 2:
+        (missing,) = set(range(3)) - set(sensor.axis_indices)
+        full[:, missing] = np.sqrt(np.maximum(g * g - (f * f).sum(axis=1), 0.0))
+    return full
+
+
+def _solve(M: Array, sensor: Sensor, y: Array, f: Array, g: float) -> Array:
+    """f of ``y = M f``; what a missing axis contributes is taken from the last f."""
+    rows = list(sensor.axis_indices)
+    if len(rows) == 2 and sensor.is_accelerometer:
+        (missing,) = set(range(3)) - set(rows)
+        y = y - np.outer(_three(f, sensor, g)[:, missing], M[:, missing])
+    return np.asarray(np.linalg.solve(M[:, rows], y.T).T)
 
 
 def load_calibration(path: Path | str) -> Calibration:

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.chain import Mover, readings
-from tiltcal.effects.base import Effect
+from tiltcal.chain import CONVERSION, Mover, readings
+from tiltcal.effects.base import Effect, Sense, SignalEffect
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
 from tiltcal.kinematics import closed_form
@@ -136,19 +136,12 @@ def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[st
         up: unit vectors in the body frame, (n, 3).
         effects: those that act on a sensor are used.
     """
-    from tiltcal.effects.base import Sense, SignalEffect
-
-    zero = np.zeros((len(up), 3))
-    still = np.zeros(len(up))
     found = {}
     for sensor in setup.sensors("accelerometer", "inclinometer"):
-        sense = Sense(
-            still, still, setup.site.gravity * up, zero, up, zero, still, sensor.axis_indices, sensor.kind,
-            np.zeros(3), setup.site.gravity, sensor.rate_hz, sensor.full_scale,
-        )  # fmt: skip
+        sense = Sense.at_rest(sensor, setup.site.gravity, setup.site.gravity * up)
         reading = sense.true_input()
         for effect in effects:
-            if isinstance(effect, SignalEffect) and effect.sensor == sensor.name and not effect.random and effect.order < 70:
+            if isinstance(effect, SignalEffect) and effect.sensor == sensor.name and not effect.random and effect.order < CONVERSION:
                 reading = effect.apply(reading, sense, None)
         found[sensor.name] = reading
     return found

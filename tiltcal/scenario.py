@@ -42,7 +42,7 @@ class Dynamics(Part):
     stiffness_N_m_rad: Annotated[float, Field(gt=0)] | None = None
     damping_N_m_s_rad: Annotated[float, Field(ge=0)] | None = None
     friction_N_m: Annotated[float, Field(ge=0)] = 0.0
-    hand_torque_N_m: Annotated[float, Field(ge=0)] = 0.02
+    hand_torque_N_m: Annotated[float, Field(ge=0)] = 0.1
 
 
 class Accept(Part):

@@ -21,7 +21,7 @@ import numpy as np
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
 from tiltcal.frames import Array
 from tiltcal.motion import Drive, Jet
-from tiltcal.setup import Rig
+from tiltcal.setup import Rig, Sensor
 from tiltcal.units import PARAMETER_UNITS
 
 Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
@@ -194,6 +194,15 @@ class Sense:
     gravity: float
     rate_hz: float
     full_scale: float | None = None
+
+    @classmethod
+    def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
+        """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose."""
+        still, zero = np.zeros(len(force)), np.zeros_like(force)
+        return cls(
+            still, still, force, zero, force / gravity, zero, still, sensor.axis_indices, sensor.kind, np.zeros(3), gravity,
+            sensor.rate_hz, sensor.full_scale,
+        )  # fmt: skip
 
     def true_input(self) -> Array:
         """The ideal reading, (n, k): force or rate along each channel, before any error."""

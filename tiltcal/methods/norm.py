@@ -63,6 +63,7 @@ def norm(
     heldout, blindness = _leave_directions_out(poses, g, terms, fit)
     tests, determined = _tests(poses, fit, converged, blindness, terms)
     warnings = ["a rotation of the whole triad (mounting) does not change the norm and is not estimated"]
+    fit = mirrored(fit)
     units = ["m_s2" if ".bias_" in n else "1" for n in fit.names]
     return wrap_up(
         NAME, verdict_of(tests, determined), fit, units, tests, warnings, poses, recording,
@@ -75,6 +76,24 @@ def names_of(sensor: str, terms: int) -> list[str]:
     """Parameter names: biases, scales, and with nine the symmetric cross terms (each stands for cross_ij = cross_ji)."""
     names = [f"{sensor}.bias_{a}" for a in AXES] + [f"{sensor}.scale_{a}" for a in AXES]
     return names + ([f"{sensor}.cross_{AXES[i]}{AXES[j]}" for i, j in PAIRS] if terms == 9 else [])
+
+
+def mirrored(fit: Fit) -> Fit:
+    """The fit with cross_ji named beside cross_ij: one number, two names, so that the equation can be applied as it stands."""
+    twins = [(k, f"{n[:-2]}{n[-1]}{n[-2]}") for k, n in enumerate(fit.names) if ".cross_" in n]
+    if not twins:
+        return fit
+    T = np.vstack([np.eye(len(fit.names)), np.eye(len(fit.names))[[k for k, _ in twins]]])
+    names = (*fit.names, *(twin for _, twin in twins))
+    return _Mirrored(names, T @ fit.values, T @ fit.covariance @ T.T, fit.residuals, fit.dropped, fit.iterations, fit.condition)
+
+
+class _Mirrored(Fit):
+    """A fit whose second names for the cross terms are no parameters of their own."""
+
+    @property
+    def dof(self) -> int:
+        return len(self.residuals) - len(self.names) + len(PAIRS)
 
 
 def model_of(x: Array) -> tuple[Array, Array]:
@@ -133,16 +152,15 @@ def _start(y: Array, g: float, terms: int) -> Array:
     """Axis-aligned ellipsoid through the readings, by linear least squares; nominal where it is none."""
     x = np.zeros(terms)
     scaled = y / g
-    design = np.hstack([scaled**2, scaled])
-    solution, _, rank, _ = np.linalg.lstsq(design, np.ones(len(y)), rcond=1e-10)
-    if rank < 6 or np.any(solution[:3] <= 0):
+    design = np.hstack([scaled**2, scaled, np.ones((len(y), 1))])
+    coefficients = np.linalg.svd(design)[2][-1]  # a y^2 + c y + d = 0: also where the origin lies outside the ellipsoid
+    squares, linear, constant = coefficients[:3], coefficients[3:6], coefficients[6]
+    if not (np.all(squares > 0) or np.all(squares < 0)):
         return x
-    squares, linear = solution[:3], solution[3:]
     centre = -linear / (2 * squares)
-    radius2 = 1 + np.sum(squares * centre**2)
-    scale = np.sqrt(radius2 / squares)
-    if np.all((scale > 0.2) & (scale < 5)):
-        x[:3], x[3:6] = centre * g, scale - 1
+    scale2 = (np.sum(squares * centre**2) - constant) / squares
+    if np.all((scale2 > 0.04) & (scale2 < 25)):
+        x[:3], x[3:6] = centre * g, np.sqrt(scale2) - 1
     return x
 
 

@@ -33,22 +33,13 @@ def effect_of_term(term: str, sensor: Sensor) -> type[TermEffect]:
     return cls
 
 
-def pose_sense(sensor: Sensor, setup: Setup, force: Array) -> Sense:
-    """What a sensor senses at rest, from the specific force at each pose, (m, 3)."""
-    zero, still = np.zeros_like(force), np.zeros(len(force))
-    return Sense(
-        still, still, force, zero, force / setup.site.gravity, zero, still, sensor.axis_indices, sensor.kind, np.zeros(3),
-        setup.site.gravity, sensor.rate_hz, sensor.full_scale,
-    )  # fmt: skip
-
-
 def term_columns(terms: Sequence[str], sensor: Sensor, setup: Setup, force: Array) -> tuple[list[str], list[str], Array]:
     """Names, units and columns of all parameters of some terms.
 
     Returns:
         ``<sensor>.<name>`` (p), its unit (p), and columns (p, m, k): reading per unit parameter.
     """
-    sense = pose_sense(sensor, setup, force)
+    sense = Sense.at_rest(sensor, setup.site.gravity, force)
     names, units, columns = [], [], []
     for term in terms:
         cls = effect_of_term(term, sensor)

@@ -86,7 +86,7 @@ def _sensor_truth(sensor: Sensor, effects: Sequence[Effect], symmetric: bool) ->
     if sensor.is_accelerometer:
         M = M @ mount_rotation(effects).T
     if symmetric and M.shape == (3, 3):
-        u, s, vt = np.linalg.svd(M)
+        u, s, _ = np.linalg.svd(M)
         M = u @ np.diag(s) @ u.T
     for i, axis in enumerate(sensor.axes):
         truth[f"{sensor.name}.bias_{axis}"] = float(bias[i])
@@ -111,7 +111,10 @@ def tilt_error(setup: Setup, effects: Sequence[Effect], calibration: Calibration
     if free:
         over += ", after the best common rotation"
     return TiltError(
-        _rms(plain, up, setup, free), _rms(corrected, up, setup, free), _bound(setup, sensor, reading, calibration, free), over
+        _rms(plain, up, setup, free),
+        _rms(corrected, up, setup, free),
+        _bound(setup, sensor, reading, calibration, free),
+        over,
     )
 
 

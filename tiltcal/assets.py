@@ -16,5 +16,8 @@ def folder(name: str) -> Path:
         if place.is_dir():
             return place
     raise TiltcalError(
-        f"installation in {package}", found=f"no folder '{name}'", need="the packaged data", do="reinstall tiltcal"
+        f"installation in {package}",
+        found=f"no folder '{name}'",
+        need="the packaged data",
+        do="reinstall tiltcal",
     )

@@ -227,7 +227,10 @@ def load_calibration(path: Path | str) -> Calibration:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"no key {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
         raise TiltcalError(
-            f"calibration {path.name}", found=what, need="a CAL.json as `tiltcal calibrate` writes it", do="write it again"
+            f"calibration {path.name}",
+            found=what,
+            need="a CAL.json as `tiltcal calibrate` writes it",
+            do="write it again",
         ) from error
 
 

@@ -91,9 +91,7 @@ def _read(
     return columns
 
 
-def _delays(
-    sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: int | None, start: float
-) -> list[Array | float]:
+def _delays(sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: int | None, start: float) -> list[Array | float]:
     totals: list[Array | float] = []
     for channel in range(len(sensor.axes)):
         total: Array | float = 0.0

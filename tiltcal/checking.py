@@ -55,7 +55,7 @@ def check(
     """
     sensor = setup.named(calibration.sensors()[0])
     poses = find_poses(recording, setup, sensor, segments)
-    known = ~np.isnan(poses.up).any(axis=1)
+    known = np.asarray(~np.isnan(poses.up).any(axis=1))
     if "base.roll" in calibration.parameters:
         return _base_check(calibration, recording, setup, limit, segments)
     by_norm = not known.any() or (calibration.method == "norm" and known.sum() < 3)
@@ -68,7 +68,12 @@ def check(
     dof = residual.size - (3 if measure.free_rotation else 0)
     chi2 = float(residual @ np.linalg.solve(covariance, residual))
     expected = float(np.sqrt(np.trace(measure.covariance(calibration, rotation=False)) / len(poses)))
-    test = chi2_test("agrees with its uncertainty", chi2, dof, f"errors against noise and covariance over {len(poses)} dwells")
+    test = chi2_test(
+        "agrees with its uncertainty",
+        chi2,
+        dof,
+        f"errors against noise and covariance over {len(poses)} dwells",
+    )
     return _answer(error, expected, test, "norm" if by_norm else "tilt", limit, poses)
 
 
@@ -76,7 +81,12 @@ class _Measure:
     """Errors of the dwells as one vector with its covariance: |f|/g - 1 each, or two tangential components of up each."""
 
     def __init__(self, poses: Poses, setup: Setup, by_norm: bool, free_rotation: bool) -> None:
-        self.poses, self.g, self.by_norm, self.free_rotation = poses, setup.site.gravity, by_norm, free_rotation
+        self.poses, self.g, self.by_norm, self.free_rotation = (
+            poses,
+            setup.site.gravity,
+            by_norm,
+            free_rotation,
+        )
         if not by_norm:
             helper = np.where(np.abs(poses.up[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
             first = np.cross(poses.up, helper)
@@ -123,8 +133,16 @@ class _Measure:
 def _answer(error: Array, expected: float, test: Test, kind: str, limit: float | None, poses: Poses) -> Check:
     rms, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
     accepted = test.passed if limit is None else rms <= limit
-    against = f"its own uncertainty ({expected / ARCSEC:.3g} arcsec expected)" if limit is None else f"the limit of {limit / ARCSEC:.4g} arcsec"
-    named = {"tilt": "tilt error", "norm": "error of the norm (as an angle; attitudes are not known)", "base": "difference of the base tilt"}
+    against = (
+        f"its own uncertainty ({expected / ARCSEC:.3g} arcsec expected)"
+        if limit is None
+        else f"the limit of {limit / ARCSEC:.4g} arcsec"
+    )
+    named = {
+        "tilt": "tilt error",
+        "norm": "error of the norm (as an angle; attitudes are not known)",
+        "base": "difference of the base tilt",
+    }
     statement = f"{named[kind]} over {len(error)} dwells: {rms / ARCSEC:.4g} arcsec rms, {worst / ARCSEC:.4g} worst; "
     statement += ("within " if accepted else "beyond ") + against
     spans = [(s.start_s, s.end_s) for s in poses.spans]
@@ -132,7 +150,11 @@ def _answer(error: Array, expected: float, test: Test, kind: str, limit: float |
 
 
 def _base_check(
-    calibration: Calibration, recording: Recording, setup: Setup, limit: float | None, segments: Sequence[Segment] | None
+    calibration: Calibration,
+    recording: Recording,
+    setup: Setup,
+    limit: float | None,
+    segments: Sequence[Segment] | None,
 ) -> Check:
     """A base tilt is judged by measuring it again."""
     from tiltcal.methods.registry import calibrate
@@ -141,7 +163,12 @@ def _base_check(
     names = ["base.roll", "base.pitch"]
     difference = np.array([again.value(n) - calibration.value(n) for n in names])
     sigma = np.array([np.hypot(again.parameters[n].sigma, calibration.parameters[n].sigma) for n in names])
-    test = chi2_test("agrees with its uncertainty", float(np.sum((difference / sigma) ** 2)), 2, "roll and pitch found again")
+    test = chi2_test(
+        "agrees with its uncertainty",
+        float(np.sum((difference / sigma) ** 2)),
+        2,
+        "roll and pitch found again",
+    )
     error = np.array([float(np.hypot(*difference))])
     poses = find_poses(recording, setup, setup.named(calibration.sensors()[0]), segments)
     return _answer(error, float(np.hypot(*sigma)), test, "base", limit, poses)

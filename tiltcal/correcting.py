@@ -106,7 +106,7 @@ def _table(chunk: Recording, added: dict[str, Array]) -> tuple[list[str], list[A
 
     numbers = {"time_s": chunk.time} | {name: chunk.column(name) for name in chunk.column_names} | added
     texts = dict(chunk.extra) | ({} if chunk.labels is None else {"label": chunk.labels})
-    arrays = [pa.array(v, pa.float64(), from_pandas=True) for v in numbers.values()]
+    arrays: list[Any] = [pa.array(v, pa.float64(), from_pandas=True) for v in numbers.values()]
     arrays += [pa.array([t or None for t in v], pa.string()) for v in texts.values()]
     return [*numbers, *texts], arrays
 

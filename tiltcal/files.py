@@ -41,7 +41,10 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise TiltcalError(
-            f"output {path}", found=reason.lower(), need="a folder that can be written", do="choose another place"
+            f"output {path}",
+            found=reason.lower(),
+            need="a folder that can be written",
+            do="choose another place",
         ) from error
     os.close(handle)
     temporary = Path(name)
@@ -54,7 +57,10 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise TiltcalError(
-            f"output {path}", found=reason.lower(), need="room and permission to write", do="choose another place"
+            f"output {path}",
+            found=reason.lower(),
+            need="room and permission to write",
+            do="choose another place",
         ) from error
     finally:
         temporary.unlink(missing_ok=True)

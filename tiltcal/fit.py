@@ -22,6 +22,7 @@ class Fit:
         dropped: names that the data do not determine.
         iterations: of Gauss-Newton; 1 for a linear fit.
         condition: of the column-scaled design.
+        rank: number of independent parameters, where two names stand for one; else all.
     """
 
     names: tuple[str, ...]
@@ -31,11 +32,12 @@ class Fit:
     dropped: tuple[str, ...] = ()
     iterations: int = 1
     condition: float = 1.0
+    rank: int | None = None
 
     @property
     def dof(self) -> int:
         """Residual degrees of freedom."""
-        return len(self.residuals) - len(self.names)
+        return len(self.residuals) - (len(self.names) if self.rank is None else self.rank)
 
     @property
     def chi2(self) -> float:
@@ -111,7 +113,7 @@ def gauss_newton(
     x = np.array(start, dtype=float)
     r, J = problem(x)
     damping = 0.0
-    for iteration in range(1, limit + 1):
+    for iteration in range(1, limit + 1):  # noqa: B007  its last value is reported
         scale = np.linalg.norm(J, axis=0)
         scale[scale == 0] = 1.0
         A = np.vstack([J / scale, np.sqrt(damping) * np.eye(len(x))])

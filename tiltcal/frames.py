@@ -50,7 +50,10 @@ def parse_mount(text: str) -> Array:
         match = _MOUNT.match(rest)
         if match is None:
             raise TiltcalError(
-                f"mount '{text}'", found=f"'{rest}'", need="identity or factors such as Rz(180)", do="correct it"
+                f"mount '{text}'",
+                found=f"'{rest}'",
+                need="identity or factors such as Rz(180)",
+                do="correct it",
             )
         R = R @ _exact_quarter_turn(match.group(1), float(match.group(2)))
         rest = rest[match.end() :].lstrip(" *@")

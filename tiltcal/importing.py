@@ -97,7 +97,10 @@ def load_mapping(path: Path | str) -> Mapping:
     except ValidationError as error:
         lines = "; ".join(".".join(str(p) for p in e["loc"]) + ": " + e["msg"] for e in error.errors())
         raise TiltcalError(
-            f"mapping {path.name}", found=lines, need="a mapping as `tiltcal import --help` shows", do="correct these keys"
+            f"mapping {path.name}",
+            found=lines,
+            need="a mapping as `tiltcal import --help` shows",
+            do="correct these keys",
         ) from error
 
 
@@ -142,7 +145,10 @@ class _Table:
         if not 0 <= index < self.cells.shape[1]:
             valid = self.names or [str(i + 1) for i in range(self.cells.shape[1])]
             raise TiltcalError(
-                f"foreign recording {self.source}", found=f"no column {which}", need="a column of it", do=nearest(str(which), valid)
+                f"foreign recording {self.source}",
+                found=f"no column {which}",
+                need="a column of it",
+                do=nearest(str(which), valid),
             )
         return self.cells[:, index]
 

@@ -21,7 +21,10 @@ Vector = list[Array]
 
 
 def true_angles(
-    setup: Setup, drive: Drive, effects: Sequence[Effect], rng_of: "dict[int, np.random.Generator] | None" = None
+    setup: Setup,
+    drive: Drive,
+    effects: Sequence[Effect],
+    rng_of: "dict[int, np.random.Generator] | None" = None,
 ) -> dict[str, Jet]:
     """True angles of the table's axes: the readout plus every AngleEffect's deviation. rng_of: by id() of the effect."""
     angles = {name: jet + drive.structure[name] if name in drive.structure else jet for name, jet in drive.axes.items()}
@@ -44,7 +47,10 @@ def world_of(setup: Setup, effects: Sequence[Effect]) -> World:
 
 
 def closed_form(
-    setup: Setup, drive: Drive, effects: Sequence[Effect] = (), rng_of: "dict[int, np.random.Generator] | None" = None
+    setup: Setup,
+    drive: Drive,
+    effects: Sequence[Effect] = (),
+    rng_of: "dict[int, np.random.Generator] | None" = None,
 ) -> Motion:
     """The motion of the instrument by algebra.
 

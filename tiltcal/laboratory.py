@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from tiltcal import __version__
+from tiltcal.byhand import predicted_readings
 from tiltcal.chain import CONVERSION, Mover, readings
 from tiltcal.effects.base import Effect, Sense, SignalEffect
 from tiltcal.errors import TiltcalError
@@ -40,11 +41,14 @@ class SimulatedLaboratory:
 
     mover: Mover = field(default=closed_form)
 
-    def course(self, scenario: Scenario, seed: int | None) -> Course:  # noqa: ARG002  a dynamic run needs the seed
+    def course(self, scenario: Scenario, seed: int | None) -> Course:
         """What the table does: the scenario's schedule, prescribed."""
         if scenario.dynamics is not None:
             raise TiltcalError(
-                f"scenario {scenario.name}", found="[dynamics]", need="a laboratory with mechanics", do="use the MuJoCo one"
+                f"scenario {scenario.name}",
+                found="[dynamics]",
+                need="a laboratory with mechanics",
+                do="use the MuJoCo one",
             )
         return scenario.schedule
 
@@ -71,22 +75,26 @@ class SimulatedLaboratory:
         if len(mounts) > 1 or mounts[0][1] != scenario.rig.mount:
             metadata["mount"] = "; ".join(text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts)
         return Recording.from_columns(
-            time, columns, labels=labels if any(labels) else None, metadata=metadata, source=f"recording of {scenario.name}"
+            time,
+            columns,
+            labels=labels if any(labels) else None,
+            metadata=metadata,
+            source=f"recording of {scenario.name}",
         )
 
     def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
         """What the model says ``motion`` should have read."""
-        course = replay(motion, scenario, scenario.climate.reference_degC)
         if scenario.rig.table == "handheld":
-            from tiltcal.byhand import redundant_columns
-
-            columns = redundant_columns(scenario, motion, scenario.effects)
+            values = predicted_readings(scenario, motion.require_increasing(), scenario.effects)
         else:
+            course = replay(motion, scenario, scenario.climate.reference_degC)
             times = {s.name: motion.time for s in scenario.sensor}
             values = readings(scenario, course, times, scenario.effects, seed=seed, mover=self.mover)
-            columns = {}
-            for sensor in scenario.sensor:
-                values[sensor.name][~course.known] = np.nan
+            for value in values.values():
+                value[~course.known] = np.nan
+        columns: dict[str, Array] = {}
+        for sensor in scenario.sensor:
+            if sensor.name in values:
                 columns |= _like(sensor, values[sensor.name], motion, seed)
         kept = {n: motion.column(n) for n in motion.column_names if n.startswith(("table_", "temperature_"))}
         metadata = dict(motion.metadata) | _metadata(scenario, seed) | {"predicts": motion.source}
@@ -105,7 +113,9 @@ def to_column(sensor: Sensor, values: Array, unit: str, rounded: bool) -> Array:
     return np.asarray(values / COLUMN_UNITS[unit].factor)
 
 
-def _columns(sensor: Sensor, values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: int, seed: int | None) -> dict[str, Array]:
+def _columns(
+    sensor: Sensor, values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: int, seed: int | None
+) -> dict[str, Array]:
     written = to_column(sensor, values, sensor.column_unit, seed is not None)
     columns = {}
     for i, axis in enumerate(sensor.axes):
@@ -125,7 +135,11 @@ def _like(sensor: Sensor, values: Array, motion: Recording, seed: int | None) ->
 
 
 def _metadata(scenario: Scenario, seed: int | None) -> dict[str, str]:
-    return {"scenario": scenario.name, "seed": "none (noise off)" if seed is None else str(seed), "made by": f"tiltcal {__version__}"}
+    return {
+        "scenario": scenario.name,
+        "seed": "none (noise off)" if seed is None else str(seed),
+        "made by": f"tiltcal {__version__}",
+    }
 
 
 def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[str, Array]:
@@ -141,7 +155,12 @@ def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[st
         sense = Sense.at_rest(sensor, setup.site.gravity, setup.site.gravity * up)
         reading = sense.true_input()
         for effect in effects:
-            if isinstance(effect, SignalEffect) and effect.sensor == sensor.name and not effect.random and effect.order < CONVERSION:
+            if (
+                isinstance(effect, SignalEffect)
+                and effect.sensor == sensor.name
+                and not effect.random
+                and effect.order < CONVERSION
+            ):
                 reading = effect.apply(reading, sense, None)
         found[sensor.name] = reading
     return found

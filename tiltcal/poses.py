@@ -139,7 +139,17 @@ def _drive_at(recording: Recording, setup: Setup, segments: Sequence[Segment]) -
     whole = course.drive(middle)
     zero = np.zeros(len(segments))
     jets = {name: Jet(angle, zero, zero) for name, angle in axes.items()}
-    return Drive(middle, jets, whole.start, whole.temperature, whole.reference_temperature, whole.stop, whole.mounts, None, known)
+    return Drive(
+        middle,
+        jets,
+        whole.start,
+        whole.temperature,
+        whole.reference_temperature,
+        whole.stop,
+        whole.mounts,
+        None,
+        known,
+    )
 
 
 def group_directions(directions: Array, limit: float = 15 * DEG) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":

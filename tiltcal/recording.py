@@ -161,7 +161,10 @@ class Recording:
             if known.quantity != sensor.quantity:
                 fix = "add input = {unit = ..., zero = ..., per_...} to the sensor" if known.quantity == "raw" else "rename it"
                 raise TiltcalError(
-                    f"{self.source}, column {name}", found=f"unit {unit}", need=f"a unit of {sensor.quantity}", do=fix
+                    f"{self.source}, column {name}",
+                    found=f"unit {unit}",
+                    need=f"a unit of {sensor.quantity}",
+                    do=fix,
                 )
             factors.append(known.factor)
         return np.asarray(raw * np.array(factors))

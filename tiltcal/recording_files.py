@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -52,7 +52,10 @@ def write_recording(recording: Recording, path: Path | str) -> None:
     writers = {".csv": _write_csv, ".parquet": _write_parquet, ".npz": _write_npz}
     if path.suffix not in writers:
         raise TiltcalError(
-            f"output {path}", found=f"the ending '{path.suffix}'", need="one of " + ", ".join(SUFFIXES), do="rename it"
+            f"output {path}",
+            found=f"the ending '{path.suffix}'",
+            need="one of " + ", ".join(SUFFIXES),
+            do="rename it",
         )
     with replacing(path) as temporary:
         writers[path.suffix](recording, temporary)
@@ -127,7 +130,10 @@ def _read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
             read_options=pacsv.ReadOptions(skip_rows=skip, column_names=names, encoding="utf8"),
             parse_options=pacsv.ParseOptions(newlines_in_values=False),
             convert_options=pacsv.ConvertOptions(
-                column_types=types, null_values=[""], strings_can_be_null=True, quoted_strings_can_be_null=True
+                column_types=types,
+                null_values=[""],
+                strings_can_be_null=True,
+                quoted_strings_can_be_null=True,
             ),
         )
     except pa.ArrowInvalid as error:
@@ -189,14 +195,14 @@ def _quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in ',"\n') else name
 
 
-def _arrow_columns(recording: Recording) -> tuple[list[str], list["object"]]:
+def _arrow_columns(recording: Recording) -> tuple[list[str], list[Any]]:
     import pyarrow as pa
 
     numbers = {"time_s": recording.time} | {name: recording.column(name) for name in recording.column_names}
     texts = dict(recording.extra)
     if recording.labels is not None:
         texts["label"] = recording.labels
-    arrays = [pa.array(values, pa.float64(), from_pandas=True) for values in numbers.values()]
+    arrays: list[Any] = [pa.array(values, pa.float64(), from_pandas=True) for values in numbers.values()]
     arrays += [pa.array([t if t else None for t in texts_], pa.string()) for texts_ in texts.values()]
     return list(numbers) + list(texts), arrays
 
@@ -271,4 +277,4 @@ def _write_npz(recording: Recording, path: Path) -> None:
     words = {name: np.array([t or "" for t in values], dtype=str) for name, values in texts.items()}
     metadata = {_METADATA: np.array(json.dumps(dict(recording.metadata)))}
     with path.open("wb") as out:
-        np.savez(out, allow_pickle=False, **arrays, **words, **metadata)  # type: ignore[arg-type]
+        np.savez(out, allow_pickle=False, **arrays, **words, **metadata)

@@ -51,7 +51,9 @@ class Replay:
                 continue
             shift = time - self.time[nearest]  # a short step along the nearest stamp's own motion
             axes[name] = Jet(
-                angle[nearest] + v[nearest] * shift + a[nearest] * shift**2 / 2, v[nearest] + a[nearest] * shift, a[nearest]
+                angle[nearest] + v[nearest] * shift + a[nearest] * shift**2 / 2,
+                v[nearest] + a[nearest] * shift,
+                a[nearest],
             )
         return Drive(
             time, axes, float(self.time[0]), np.interp(time, self.time, self.temperature), self.reference,

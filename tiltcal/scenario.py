@@ -123,7 +123,14 @@ class Scenario(Setup):
         """
         return tuple(
             make_effect(
-                t.id, t.model_extra or {}, self, sensor=t.sensor, axis=t.axis, role=t.role, fit=t.fit, subject=f"effect {k}"
+                t.id,
+                t.model_extra or {},
+                self,
+                sensor=t.sensor,
+                axis=t.axis,
+                role=t.role,
+                fit=t.fit,
+                subject=f"effect {k}",
             )
             for k, t in enumerate(self.effect, start=1)
         )
@@ -148,7 +155,9 @@ def load_scenario(path: Path | str) -> Scenario:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
-        raise TiltcalError(f"scenario {path.name}", found="bytes that are no text", need="TOML in UTF-8", do="check the file") from error
+        raise TiltcalError(
+            f"scenario {path.name}", found="bytes that are no text", need="TOML in UTF-8", do="check the file"
+        ) from error
     except tomllib.TOMLDecodeError as error:
         raise TiltcalError(f"scenario {path.name}", found=str(error), need="valid TOML", do="correct that line") from error
     return parse_scenario(table, path.name)

@@ -74,7 +74,11 @@ class Step(Part):
 
     @model_validator(mode="after")
     def _complete(self) -> "Step":
-        needs = {"turn": ("axis", "angle_deg"), "oscillate": ("axis", "amplitude_deg", "frequency_hz"), "remount": ("mount",)}
+        needs = {
+            "turn": ("axis", "angle_deg"),
+            "oscillate": ("axis", "amplitude_deg", "frequency_hz"),
+            "remount": ("mount",),
+        }
         missing = [key for key in needs.get(self.action, ()) if getattr(self, key) is None]
         if missing:
             raise ValueError(f"action {self.action} needs {', '.join(missing)}")
@@ -210,12 +214,22 @@ def build_schedule(steps: Sequence[Step], rig: Rig, climate: Climate | None = No
         TiltcalError: a step asks for an axis the table does not have, or for nothing at all.
     """
     if not steps:
-        raise TiltcalError("sequence", found="no steps", need="at least one", do="add a [[sequence]] table with action = 'rest'")
+        raise TiltcalError(
+            "sequence",
+            found="no steps",
+            need="at least one",
+            do="add a [[sequence]] table with action = 'rest'",
+        )
     builder = _Builder(rig)
     for number, step in enumerate(steps, start=1):
         builder.add(number, step)
     if not builder.legs:
-        raise TiltcalError("sequence", found="no motion and no dwell", need="dwell_s or a move", do="give the steps a dwell_s")
+        raise TiltcalError(
+            "sequence",
+            found="no motion and no dwell",
+            need="dwell_s or a move",
+            do="give the steps a dwell_s",
+        )
     return Schedule(tuple(builder.legs), rig.axis_names, climate or Climate())
 
 
@@ -226,7 +240,8 @@ class _Builder:
         self.rig, self.names = rig, rig.axis_names
         self.q = np.zeros(len(self.names) or 3)
         self.R = np.eye(3)
-        self.mount, self.label = rig.mount, None
+        self.mount = rig.mount
+        self.label: str | None = None
         self.t, self.stops = 0.0, 0
         self.legs: list[Leg] = []
 
@@ -262,7 +277,12 @@ class _Builder:
     def _index(self, name: str) -> int:
         if name not in self.names:
             have = ", ".join(self.names) or "none (hand-held)"
-            raise TiltcalError(self.subject, found=f"axis {name}", need=f"an axis of this table: {have}", do="correct the step")
+            raise TiltcalError(
+                self.subject,
+                found=f"axis {name}",
+                need=f"an axis of this table: {have}",
+                do="correct the step",
+            )
         return self.names.index(name)
 
     def _along(self, axis: object, angle: float) -> Array:
@@ -278,9 +298,14 @@ class _Builder:
             self._dwell(step.dwell_s)
 
     def _by_hand(self, step: Step) -> None:
-        if step.action in ("sweep", "oscillate") or any(getattr(step, f"{n}_deg") is not None for n in ("outer", "middle", "inner")):
+        if step.action in ("sweep", "oscillate") or any(
+            getattr(step, f"{n}_deg") is not None for n in ("outer", "middle", "inner")
+        ):
             raise TiltcalError(
-                self.subject, found="table words", need="rest, move with up, or turn with axis and angle_deg", do="correct the step"
+                self.subject,
+                found="table words",
+                need="rest, move with up, or turn with axis and angle_deg",
+                do="correct the step",
             )
         vector = np.zeros(3)
         if step.action == "turn":
@@ -330,5 +355,3 @@ class _Builder:
 def _duration(distance: float, rate: float) -> float:
     """Time of a move: cruising plus half of each ramp, or two ramps when it is too short to reach the rate."""
     return distance / rate + RAMP if distance > rate * RAMP else 2 * RAMP
-
-

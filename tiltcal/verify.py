@@ -135,7 +135,12 @@ def _limits(scenario: Scenario, table: MethodTable, found: Sequence[Calibration]
     wrong = [v for v in verdicts if v != table.expect]
     said = ", ".join(f"{v} x{verdicts.count(v)}" if len(verdicts) > 1 else v for v in dict.fromkeys(verdicts))
     allowed_wrong = _rare(len(found), table.accept.false_alarm) if table.expect == "good" else 0
-    yield Limit(f"verdict ({said})", float(len(wrong)), f"{table.expect}, at most {allowed_wrong} others", len(wrong) <= allowed_wrong)
+    yield Limit(
+        f"verdict ({said})",
+        float(len(wrong)),
+        f"{table.expect}, at most {allowed_wrong} others",
+        len(wrong) <= allowed_wrong,
+    )
     if table.expect == "cannot_tell":
         return
     if table.accept.parameters:
@@ -147,9 +152,19 @@ def _limits(scenario: Scenario, table: MethodTable, found: Sequence[Calibration]
     if a.tilt_arcsec is not None:
         yield Limit("tilt error, arcsec rms", after, f"<= {a.tilt_arcsec:g}", after <= a.tilt_arcsec)
     if a.tilt_over_bound is not None:
-        yield Limit("tilt error over its bound", after / bound, f"<= {a.tilt_over_bound:g}", after <= a.tilt_over_bound * bound)
+        yield Limit(
+            "tilt error over its bound",
+            after / bound,
+            f"<= {a.tilt_over_bound:g}",
+            after <= a.tilt_over_bound * bound,
+        )
     if a.better_by is not None:
-        yield Limit("tilt error before over after", before / after, f">= {a.better_by:g}", before >= a.better_by * after)
+        yield Limit(
+            "tilt error before over after",
+            before / after,
+            f">= {a.better_by:g}",
+            before >= a.better_by * after,
+        )
 
 
 def _rare(runs: int, false_alarm: float) -> int:
@@ -171,7 +186,12 @@ def _parameter_limit(scenario: Scenario, table: MethodTable, found: Sequence[Cal
         return Limit("parameters against the truth", 0.0, "a truth to compare with", False)
     low, high = chdtri(dof, 1 - table.accept.false_alarm / 2), chdtri(dof, table.accept.false_alarm / 2)
     ok = low <= total <= high
-    return Limit("parameters, NEES per degree of freedom", total / dof, f"{low / dof:.3g} ... {high / dof:.3g}", bool(ok))
+    return Limit(
+        "parameters, NEES per degree of freedom",
+        total / dof,
+        f"{low / dof:.3g} ... {high / dof:.3g}",
+        bool(ok),
+    )
 
 
 @dataclass(frozen=True)
@@ -189,7 +209,11 @@ class Verification:
 
 
 def verify_folder(
-    folder: Path, laboratory: Laboratory, *, allow_commands: bool = False, progress: Progress = lambda text: None
+    folder: Path,
+    laboratory: Laboratory,
+    *,
+    allow_commands: bool = False,
+    progress: Progress = lambda text: None,
 ) -> Verification:
     """Run every scenario of a folder that holds methods.
 
@@ -207,7 +231,12 @@ def verify_folder(
         if scenario.method:
             results.append(run_scenario(scenario, laboratory, source=path.name, allow_commands=allow_commands, progress=progress))
     if not results:
-        raise TiltcalError(f"folder {folder}", found="no scenario with a [[method]]", need="one to judge", do="add a [[method]]")
+        raise TiltcalError(
+            f"folder {folder}",
+            found="no scenario with a [[method]]",
+            need="one to judge",
+            do="add a [[method]]",
+        )
     return Verification(tuple(results), time.perf_counter() - start)
 
 
@@ -222,7 +251,11 @@ def write_junit(verification: Verification, path: Path) -> None:
             for limit in limits:
                 cases += 1
                 case = ElementTree.SubElement(
-                    suite, "testcase", classname=f"{result.source}.{method.title}", name=limit.name, time=f"{method.seconds:.3f}"
+                    suite,
+                    "testcase",
+                    classname=f"{result.source}.{method.title}",
+                    name=limit.name,
+                    time=f"{method.seconds:.3f}",
                 )
                 if not limit.passed or method.error:
                     failures += 1

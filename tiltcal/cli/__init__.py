@@ -33,7 +33,7 @@ def guarded(run: object, args: object) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except Exception as error:  # noqa: BLE001  the last resort: words instead of a traceback
+    except Exception as error:
         if os.environ.get("TILTCAL_TRACEBACK"):
             raise
         name = type(error).__name__

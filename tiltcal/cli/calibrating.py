@@ -67,7 +67,9 @@ def print_calibration(c: Calibration) -> None:
         print(f"held-out residual of {name}: {rms:.4g} (SI, whole directions left out)")
     for w in c.warnings:
         print(f"note: {w}")
-    print(f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of freedom; verdict: {c.verdict}")
+    print(
+        f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of freedom; verdict: {c.verdict}"
+    )
 
 
 def correct(args: argparse.Namespace) -> int:
@@ -110,7 +112,9 @@ def check(args: argparse.Namespace) -> int:
     else:
         print(result.statement)
         for t in result.tests:
-            print(f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g} with {t.dof} degrees of freedom, p {t.p_value:.2g})")
+            print(
+                f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g} with {t.dof} degrees of freedom, p {t.p_value:.2g})"
+            )
         print("accepted" if result.accepted else "not accepted")
     return 0 if result.accepted else 1
 
@@ -124,9 +128,15 @@ def segments(args: argparse.Namespace) -> int:
     header = ["start_s", "end_s", "kind", "label"]
     rows = [[repr(s.start), repr(s.end), s.kind, s.label or ""] for s in found]
     if args.output:
-        with replacing(Path(args.output)) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
+        with (
+            replacing(Path(args.output)) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as out,
+        ):
             csv.writer(out, lineterminator="\n").writerows([header, *rows])
-        print(f"{args.output}: {sum(s.kind == 'dwell' for s in found)} dwells, {sum(s.kind == 'move' for s in found)} moves", file=sys.stderr)
+        print(
+            f"{args.output}: {sum(s.kind == 'dwell' for s in found)} dwells, {sum(s.kind == 'move' for s in found)} moves",
+            file=sys.stderr,
+        )
     else:
         csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
     return 0
@@ -156,7 +166,9 @@ def _segment(row: dict[str, str], line: int, source: str, recording: Recording) 
     try:
         start, end = float(row["start_s"]), float(row["end_s"])
     except (TypeError, ValueError) as error:
-        raise TiltcalError(f"segments {source}, line {line}", found=str(error), need="two times in s", do="correct that line") from error
+        raise TiltcalError(
+            f"segments {source}, line {line}", found=str(error), need="two times in s", do="correct that line"
+        ) from error
     if kind not in ("dwell", "move") or not end > start:
         raise TiltcalError(
             f"segments {source}, line {line}", found=f"{kind} from {start:g} to {end:g} s", need="dwell or move, end after start",

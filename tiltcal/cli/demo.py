@@ -12,7 +12,14 @@ from tiltcal.files import make_folder
 from tiltcal.scenario import load_scenario
 from tiltcal.verify import Verification, run_scenario
 
-SHOWN = ("six_faces_dual", "six_faces_hidden_K2", "norm_by_hand", "norm_six_random_positions", "two_position_level", "tumble_three_axis")
+SHOWN = (
+    "six_faces_dual",
+    "six_faces_hidden_K2",
+    "norm_by_hand",
+    "norm_six_random_positions",
+    "two_position_level",
+    "tumble_three_axis",
+)
 
 
 def demo(args: argparse.Namespace) -> int:

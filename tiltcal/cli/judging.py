@@ -19,7 +19,13 @@ def run(args: argparse.Namespace) -> int:
     with progress_line() as progress:
         laboratory = simulator()
         results = tuple(
-            run_scenario(load_scenario(path), laboratory, source=Path(path).name, allow_commands=args.allow_commands, progress=progress)
+            run_scenario(
+                load_scenario(path),
+                laboratory,
+                source=Path(path).name,
+                allow_commands=args.allow_commands,
+                progress=progress,
+            )
             for path in args.scenario
         )
     return finish(Verification(results, time.perf_counter() - start), args)
@@ -55,7 +61,16 @@ def print_verification(verification: Verification) -> None:
         for m in r.methods:
             tilt = [f"{x:.3g}" for x in m.tilt.in_arcsec] if m.tilt else ["", "", ""]
             verdict = m.calibrations[0].verdict if m.calibrations else "error"
-            rows.append([r.scenario.name, m.title, str(len(m.calibrations)), verdict, *tilt, "accepted" if m.accepted else "NOT ACCEPTED"])
+            rows.append(
+                [
+                    r.scenario.name,
+                    m.title,
+                    str(len(m.calibrations)),
+                    verdict,
+                    *tilt,
+                    "accepted" if m.accepted else "NOT ACCEPTED",
+                ]
+            )
     print_table(["scenario", "method", "runs", "verdict", "before, arcsec", "after", "bound", "judged"], rows)
     for r in verification.results:
         for m in r.methods:

@@ -25,8 +25,13 @@ def simulator() -> Laboratory:
     """
     for entry in entry_points(group="tiltcal.laboratories"):
         if entry.name == "mujoco":
-            return entry.load()()  # type: ignore[no-any-return]
-    raise TiltcalError("simulator", found="none installed", need="the package tiltsim", do="install tiltcal with its simulator")
+            return entry.load()()
+    raise TiltcalError(
+        "simulator",
+        found="none installed",
+        need="the package tiltsim",
+        do="install tiltcal with its simulator",
+    )
 
 
 def simulate(args: argparse.Namespace) -> int:
@@ -43,7 +48,13 @@ def simulate(args: argparse.Namespace) -> int:
     if args.output:
         write_recording(recording, args.output)
         if args.json:
-            print_json({"recording": args.output, "rows": len(recording), "duration_s": float(np.ptp(recording.time))})
+            print_json(
+                {
+                    "recording": args.output,
+                    "rows": len(recording),
+                    "duration_s": float(np.ptp(recording.time)),
+                }
+            )
         else:
             print(f"{args.output}: {len(recording)} rows, {np.ptp(recording.time):.6g} s", file=sys.stderr)
     else:

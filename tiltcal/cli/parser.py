@@ -133,7 +133,13 @@ def _add_calibration(commands: _Commands) -> None:
     sub.add_argument("recording", metavar="REC")
     _scenario(sub)
     sub.add_argument("--method", required=True, metavar="METHOD")
-    sub.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="of the method; may stand several times")
+    sub.add_argument(
+        "--option",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="of the method; may stand several times",
+    )
     sub.add_argument("--segments", metavar="SEG.csv", help="dwells as `tiltcal segments` writes them, edited")
     _output(sub, "where the calibration goes", "CAL.json")
     sub = commands.add(

@@ -32,13 +32,23 @@ def effects(args: argparse.Namespace) -> int:
     if args.word in CATALOGUE:
         explain(CATALOGUE[args.word], args.json)
         return 0
-    found = {i: c for i, c in CATALOGUE.items() if not args.word or args.word.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()}
+    found = {
+        i: c for i, c in CATALOGUE.items() if not args.word or args.word.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()
+    }
     if not found:
-        raise TiltcalError(f"effect '{args.word}'", found="none of that word", need="an id or a word", do=nearest(args.word, list(CATALOGUE)))
+        raise TiltcalError(
+            f"effect '{args.word}'",
+            found="none of that word",
+            need="an id or a word",
+            do=nearest(args.word, list(CATALOGUE)),
+        )
     if args.json:
         print_json([_as_json(c) for c in found.values()])
     else:
-        print_table(["id", "stage", "what it is", "parameters"], [[i, c.stage, c.title, _parameters(c)] for i, c in found.items()])
+        print_table(
+            ["id", "stage", "what it is", "parameters"],
+            [[i, c.stage, c.title, _parameters(c)] for i, c in found.items()],
+        )
     return 0
 
 
@@ -67,7 +77,12 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         print_json(_as_json(cls))
         return
     print(f"{cls.id} ({cls.stage}): {cls.title}\n\n{cls.physics}\n")
-    for name, text in (("equation", cls.equation), ("excited by", cls.excited_by), ("look", cls.look), ("source", cls.source)):
+    for name, text in (
+        ("equation", cls.equation),
+        ("excited by", cls.excited_by),
+        ("look", cls.look),
+        ("source", cls.source),
+    ):
         print(f"{name + ':':12s}{text}")
     rows = [[f"{p.name}_{p.unit}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(["parameter", "precision laboratory", "mid MEMS", "consumer"], rows, "largest plausible size")

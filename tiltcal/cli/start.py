@@ -95,7 +95,10 @@ def init(args: argparse.Namespace) -> int:
     text = "\n".join(lines) + ("" if recording else SEQUENCE)
     if args.output:
         write_text(Path(args.output), text)
-        print(f"{args.output}: written; edit it, then `tiltcal simulate` or `calibrate --scenario` it", file=sys.stderr)
+        print(
+            f"{args.output}: written; edit it, then `tiltcal simulate` or `calibrate --scenario` it",
+            file=sys.stderr,
+        )
     else:
         print(text)
     return 0
@@ -105,7 +108,11 @@ def _rig(recording: Recording | None) -> list[str]:
     table = "dual"
     if recording is not None:
         axes = tuple(a for a in ("outer", "middle", "inner") if recording.channel(f"table_{a}") is not None)
-        table = {("outer",): "vertical", ("outer", "inner"): "dual", ("outer", "middle", "inner"): "three"}.get(axes, "handheld")
+        table = {
+            ("outer",): "vertical",
+            ("outer", "inner"): "dual",
+            ("outer", "middle", "inner"): "three",
+        }.get(axes, "handheld")
     return [
         "[rig]",
         f'table = "{table}"               # vertical, placing, dual, three or handheld',
@@ -135,12 +142,23 @@ def _sensors(recording: Recording) -> list[str]:
     lines = []
     for name, (axes, unit) in found.items():
         kind = "fog" if axes == ["a"] else kinds[COLUMN_UNITS[unit].quantity]
-        lines += ["[[sensor]]", f'name = "{name}"', f'kind = "{kind}"', f"axes = {axes}".replace("'", '"'), f"rate_hz = {rate:.4g}"]
+        lines += [
+            "[[sensor]]",
+            f'name = "{name}"',
+            f'kind = "{kind}"',
+            f"axes = {axes}".replace("'", '"'),
+            f"rate_hz = {rate:.4g}",
+        ]
         if kind == "fog":
             lines.append("input_axis = [0.577350269, 0.577350269, 0.577350269]   # state the FOG's input axis in the body frame")
         if COLUMN_UNITS[unit].quantity == "raw":
-            lines.append(f'input = {{ unit = "{unit}", zero = 0, per_m_s2 = 1000 }}   # value = (raw - zero) / per: from the data sheet')
-        lines += ['adjustable = ["bias", "scale", "cross_axis"]' if kind != "fog" else 'adjustable = ["bias", "scale"]', ""]
+            lines.append(
+                f'input = {{ unit = "{unit}", zero = 0, per_m_s2 = 1000 }}   # value = (raw - zero) / per: from the data sheet'
+            )
+        lines += [
+            'adjustable = ["bias", "scale", "cross_axis"]' if kind != "fog" else 'adjustable = ["bias", "scale"]',
+            "",
+        ]
     return lines
 
 
@@ -151,10 +169,18 @@ def import_(args: argparse.Namespace) -> int:
     recording = import_recording(args.file, load_mapping(args.map))
     write_recording(recording, args.output)
     back = int(np.sum(np.diff(recording.time) <= 0))
-    summary = {"recording": args.output, "rows": len(recording), "columns": recording.column_names, "steps_back_in_time": back}
+    summary = {
+        "recording": args.output,
+        "rows": len(recording),
+        "columns": recording.column_names,
+        "steps_back_in_time": back,
+    }
     if args.json:
         print_json(summary)
     else:
         note = f"; time does not increase at {back} rows" if back else ""
-        print(f"{args.output}: {len(recording)} rows, {len(recording.column_names)} channels{note}", file=sys.stderr)
+        print(
+            f"{args.output}: {len(recording)} rows, {len(recording.column_names)} channels{note}",
+            file=sys.stderr,
+        )
     return 0

@@ -42,7 +42,10 @@ def make_effect(
     """
     if id not in CATALOGUE:
         raise TiltcalError(
-            subject, found=f"unknown effect '{id}'", need="an id of `tiltcal effects`", do=nearest(id, list(CATALOGUE))
+            subject,
+            found=f"unknown effect '{id}'",
+            need="an id of `tiltcal effects`",
+            do=nearest(id, list(CATALOGUE)),
         )
     cls = CATALOGUE[id]
     subject = f"{subject} {id}"
@@ -78,9 +81,17 @@ def _parameter(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[
         if PARAMETER_UNITS[unit].quantity == PARAMETER_UNITS[known[name].unit].quantity:
             return name, PARAMETER_UNITS[unit].factor
         raise TiltcalError(
-            f"{subject}, key {key}", found=f"unit {unit}", need=f"a unit like {known[name].unit}", do="convert the value"
+            f"{subject}, key {key}",
+            found=f"unit {unit}",
+            need=f"a unit like {known[name].unit}",
+            do="convert the value",
         )
-    raise TiltcalError(subject, found=f"unknown key '{key}'", need="a parameter with its unit", do=nearest(key, _file_names(known)))
+    raise TiltcalError(
+        subject,
+        found=f"unknown key '{key}'",
+        need="a parameter with its unit",
+        do=nearest(key, _file_names(known)),
+    )
 
 
 def _number(value: Any, subject: str) -> float:
@@ -98,13 +109,21 @@ def _sensor_of(cls: type[Effect], setup: Setup, sensor: str | None, subject: str
         bound = setup.named(sensor)
         if bound.kind not in cls.kinds:
             raise TiltcalError(
-                subject, found=f"sensor '{sensor}' of kind {bound.kind}", need=" or ".join(sorted(cls.kinds)), do="choose another"
+                subject,
+                found=f"sensor '{sensor}' of kind {bound.kind}",
+                need=" or ".join(sorted(cls.kinds)),
+                do="choose another",
             )
         return bound
     fitting = setup.sensors(*cls.kinds)
     if len(fitting) != 1:
         names = ", ".join(s.name for s in fitting) or "none in this scenario"
-        raise TiltcalError(subject, found=f"no sensor named, {len(fitting)} that fit", need=f"sensor = one of {names}", do="add it")
+        raise TiltcalError(
+            subject,
+            found=f"no sensor named, {len(fitting)} that fit",
+            need=f"sensor = one of {names}",
+            do="add it",
+        )
     return fitting[0]
 
 

@@ -36,8 +36,7 @@ class Shake:
         p = 2 * np.pi * self.frequency
         c, s = np.cos(p * time), np.sin(p * time)
         return tuple(  # type: ignore[return-value]
-            Jet(-(C * c + S * s) / p**2, (C * s - S * c) / p, C * c + S * s)
-            for C, S in zip(self.cos, self.sin, strict=True)
+            Jet(-(C * c + S * s) / p**2, (C * s - S * c) / p, C * c + S * s) for C, S in zip(self.cos, self.sin, strict=True)
         )
 
 

@@ -1,5 +1,7 @@
 """Effects with memory, in one place: play over turning points, direction of the last motion, stops."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from tiltcal.frames import Array
@@ -17,7 +19,7 @@ def play(u: Array, width: float) -> Array:
     state = np.empty_like(u)
     output = float(u[0])
     turning = _turning_points(u)
-    for start, end in zip(turning[:-1], turning[1:], strict=True):
+    for start, end in pairwise(turning):
         run = u[start : end + 1]
         follow = np.maximum(output, run - half) if run[-1] >= run[0] else np.minimum(output, run + half)
         state[start : end + 1] = (run - follow) / half

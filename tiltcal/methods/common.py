@@ -24,7 +24,10 @@ def pick_sensor(setup: Setup, recording: Recording, kinds: Sequence[str], name: 
         sensor = setup.named(name)
         if sensor.kind not in kinds:
             raise TiltcalError(
-                f"method {method}", found=f"sensor {name} of kind {sensor.kind}", need=" or ".join(kinds), do="name another"
+                f"method {method}",
+                found=f"sensor {name} of kind {sensor.kind}",
+                need=" or ".join(kinds),
+                do="name another",
             )
         return sensor
     fitting = [s for s in setup.sensors(*kinds) if recording.has(s)]
@@ -49,12 +52,12 @@ def wrap_up(
     lacking = [t for t in tests if t.name == "fit" and not t.passed]
     if lacking and fit.chi2_per_dof > 1:
         widen = fit.chi2_per_dof
-        notes.append(f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are widened by that factor")
+        notes.append(
+            f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are widened by that factor"
+        )
     covariance = fit.covariance * widen
     sigmas = np.sqrt(np.diag(covariance))
-    parameters = {
-        n: Estimate(float(v), float(s), u) for n, v, s, u in zip(fit.names, fit.values, sigmas, units, strict=True)
-    }
+    parameters = {n: Estimate(float(v), float(s), u) for n, v, s, u in zip(fit.names, fit.values, sigmas, units, strict=True)}
     if fit.dropped:
         notes.append("not determined by these poses: " + ", ".join(fit.dropped))
     return Calibration(

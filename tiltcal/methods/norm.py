@@ -1,6 +1,7 @@
 """S2: attitudes unknown. At rest the length of the true specific force is g."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from tiltcal.setup import Setup
 
 NAME = "norm"
 PAIRS = ((0, 1), (0, 2), (1, 2))
-BAD_CONDITION = 100.0  # noise amplification; the best six positions have 1, a fifth of random ones exceeds this
+BAD_CONDITION = 100.0  # the best six positions have 1, a fifth of random ones exceeds this
 BLIND = 10.0  # a left-out direction predicted worse than this many sigmas of its own noise checks nothing
 
 
@@ -47,7 +48,12 @@ def norm(
     """
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     if len(used.axes) != 3:
-        raise TiltcalError(f"method {NAME}", found=f"{len(used.axes)} axes of {used.name}", need="a triad", do="use six_position")
+        raise TiltcalError(
+            f"method {NAME}",
+            found=f"{len(used.axes)} axes of {used.name}",
+            need="a triad",
+            do="use six_position",
+        )
     if terms is None:
         terms = 9 if not used.adjustable or "cross_axis" in used.adjustable else 6
     if terms not in (6, 9):
@@ -85,15 +91,7 @@ def mirrored(fit: Fit) -> Fit:
         return fit
     T = np.vstack([np.eye(len(fit.names)), np.eye(len(fit.names))[[k for k, _ in twins]]])
     names = (*fit.names, *(twin for _, twin in twins))
-    return _Mirrored(names, T @ fit.values, T @ fit.covariance @ T.T, fit.residuals, fit.dropped, fit.iterations, fit.condition)
-
-
-class _Mirrored(Fit):
-    """A fit whose second names for the cross terms are no parameters of their own."""
-
-    @property
-    def dof(self) -> int:
-        return len(self.residuals) - len(self.names) + len(PAIRS)
+    return replace(fit, names=names, values=T @ fit.values, covariance=T @ fit.covariance @ T.T, rank=len(fit.names))
 
 
 def model_of(x: Array) -> tuple[Array, Array]:
@@ -196,11 +194,18 @@ def _tests(poses: Poses, fit: Fit, converged: bool, blindness: float, terms: int
         Test("converged", float(fit.iterations), 0, float(converged), converged, f"{fit.iterations} Gauss-Newton iterations"),
         Test(
             "condition of the positions", condition, 0, float(condition <= BAD_CONDITION), condition <= BAD_CONDITION,
-            f"noise is amplified {condition:.3g} times by these positions (axis-aligned ones: 1); {BAD_CONDITION:.0f} is too much",
+            f"condition number {condition:.3g} (axis-aligned positions have 1, a fifth of random ones more than {BAD_CONDITION:.0f})",
         ),
     ]  # fmt: skip
     if fit.dof > 0:
-        tests.append(chi2_test("fit", fit.chi2, fit.dof, f"{len(poses)} norms against {terms} parameters and the noise of the means"))
+        tests.append(
+            chi2_test(
+                "fit",
+                fit.chi2,
+                fit.dof,
+                f"{len(poses)} norms against {terms} parameters and the noise of the means",
+            )
+        )
     determined = converged and not fit.dropped and fit.dof > 0 and blindness <= BLIND
     seen = "nothing is left over to check the model" if not np.isfinite(blindness) else f"{blindness:.3g} times its own noise"
     tests.append(

@@ -55,7 +55,10 @@ def _import(name: str) -> Method:
             target = getattr(target, part)
     except (ImportError, AttributeError, ValueError) as error:
         raise TiltcalError(
-            f"method '{name}'", found=str(error), need="an importable package.module:function", do="check the name and the folder"
+            f"method '{name}'",
+            found=str(error),
+            need="an importable package.module:function",
+            do="check the name and the folder",
         ) from error
     return _checked(target, name)
 
@@ -63,7 +66,7 @@ def _import(name: str) -> Method:
 def _checked(target: Any, name: str) -> Method:
     if not callable(target):
         raise TiltcalError(f"method '{name}'", found=type(target).__name__, need="a function", do="name the function itself")
-    return target  # type: ignore[no-any-return]
+    return target
 
 
 def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> Calibration:
@@ -78,12 +81,20 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
     unknown = [key for key in options if key not in accepted and not takes_any]
     if unknown:
         valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
-        raise TiltcalError(f"method {name}", found=f"option '{unknown[0]}'", need="an option of it", do=nearest(unknown[0], valid or ["none"]))
+        raise TiltcalError(
+            f"method {name}",
+            found=f"option '{unknown[0]}'",
+            need="an option of it",
+            do=nearest(unknown[0], valid or ["none"]),
+        )
     bare = setup if type(setup) is Setup else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
     result = method(recording, bare, **options)
     if not isinstance(result, Calibration):
         raise TiltcalError(
-            f"method {name}", found=f"a {type(result).__name__}", need="a tiltcal.calibration.Calibration", do="return one"
+            f"method {name}",
+            found=f"a {type(result).__name__}",
+            need="a tiltcal.calibration.Calibration",
+            do="return one",
         )
     return _with_setup(result, bare)
 
@@ -115,10 +126,17 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
         try:
             done = subprocess.run(words, capture_output=True, text=True, check=False)
         except OSError as error:
-            raise TiltcalError(f"command {words[0]}", found=str(error), need="a program that runs", do="check the path") from error
+            raise TiltcalError(
+                f"command {words[0]}", found=str(error), need="a program that runs", do="check the path"
+            ) from error
         if done.returncode != 0:
             last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
-            raise TiltcalError(f"command {words[0]}", found=f"exit status {done.returncode} ({last[0]})", need="0", do="run it by hand")
+            raise TiltcalError(
+                f"command {words[0]}",
+                found=f"exit status {done.returncode} ({last[0]})",
+                need="0",
+                do="run it by hand",
+            )
         return _with_setup(load_calibration(paths["cal"]), bare)
 
 
@@ -129,5 +147,3 @@ def _filled(word: str, paths: dict[str, str]) -> str:
     for key, path in paths.items():
         word = word.replace("{" + key + "}", path)
     return word
-
-

@@ -47,7 +47,7 @@ def six_position(
     """
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     poses = find_poses(recording, setup, used, segments)
-    known = ~np.isnan(poses.up).any(axis=1)
+    known = np.asarray(~np.isnan(poses.up).any(axis=1))
     if not known.any():
         raise TiltcalError(
             recording.source, found=f"{len(poses)} dwells without table readout or direction label",
@@ -56,13 +56,20 @@ def six_position(
     warnings = [] if known.all() else [f"{np.sum(~known)} of {len(known)} dwells have no known attitude and are not used"]
     poses = poses.subset(known)
     fit, units = solve(poses, setup, terms)
-    tests = [*_fit_tests(poses, setup, fit, terms), *_attitude_tests(poses, setup)]
+    tests = [*_fit_tests(poses, setup, fit, terms), *_attitude_tests(poses)]
     warnings.append(
         "a rotation common to all poses (fixture or mounting) is one with the antisymmetric part of the cross-axis terms"
     )
     if fit.dropped or fit.dof == 0:
         tests.append(
-            Test("determined", float(len(fit.dropped)), fit.dof, 0.0, False, f"{len(poses)} poses do not determine the model")
+            Test(
+                "determined",
+                float(len(fit.dropped)),
+                fit.dof,
+                0.0,
+                False,
+                f"{len(poses)} poses do not determine the model",
+            )
         )
     heldout = _heldout(poses, setup, terms) if not fit.dropped else {}
     return wrap_up(
@@ -97,12 +104,17 @@ def _fit_tests(poses: Poses, setup: Setup, fit: Fit, terms: Sequence[str]) -> li
         drop = fit.chi2 - wider.chi2
         sizes = ", ".join(f"{n} {wider.value(n):.3g}" for n in wider.names if ".K2_" in n)
         tests.append(
-            chi2_test("second order", drop, gained, f"a quadratic term (ug/g2: {sizes}) improves the fit by {drop:.3g} in chi2")
+            chi2_test(
+                "second order",
+                drop,
+                gained,
+                f"a quadratic term (ug/g2: {sizes}) improves the fit by {drop:.3g} in chi2",
+            )
         )
     return tests
 
 
-def _attitude_tests(poses: Poses, setup: Setup) -> list[Test]:
+def _attitude_tests(poses: Poses) -> list[Test]:
     """Wrong, swapped and missing faces, by name."""
     if len(poses.sensor.axes) < 3:
         return []
@@ -114,7 +126,16 @@ def _attitude_tests(poses: Poses, setup: Setup) -> list[Test]:
         for s, m, angle in zip(poses.spans, measured, off, strict=True)
         if angle > 30
     ]
-    tests.append(Test("faces as stated", float(off.max()), len(poses), float(not wrong), not wrong, "; ".join(wrong) or "all do"))
+    tests.append(
+        Test(
+            "faces as stated",
+            float(off.max()),
+            len(poses),
+            float(not wrong),
+            not wrong,
+            "; ".join(wrong) or "all do",
+        )
+    )
     missing = [
         sign + axis for axis, e in zip(AXES, np.eye(3), strict=True) for sign, s in (("+", 1), ("-", -1))
         if np.max(poses.up @ (s * e)) < 0.5

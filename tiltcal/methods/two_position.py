@@ -86,9 +86,7 @@ def _medians(recording: Recording, setup: Setup, sensor: Sensor, poses: Poses) -
     """Median of each dwell, the variance of a median over that of a mean (pi/2), and the code width of the reading."""
     samples = recording.sensor(sensor)
     values = force_of_tilt(samples.values, setup.site.gravity) if sensor.kind == "inclinometer" else samples.values
-    medians = [
-        np.nanmedian(values[(samples.time >= s.start_s) & (samples.time <= s.end_s)], axis=0) for s in poses.spans
-    ]
+    medians = [np.nanmedian(values[(samples.time >= s.start_s) & (samples.time <= s.end_s)], axis=0) for s in poses.spans]
     return np.array(medians), np.pi / 2, max(code_width(values[:, i]) for i in range(values.shape[1]))
 
 
@@ -105,9 +103,7 @@ def _solve(poses: Poses, values: Array, angles: Array, mount: Array, factor: flo
     return linear_fit(["u_x", "u_y", f"{name}.bias_x", f"{name}.bias_y"], np.vstack(rows), np.concatenate(target))
 
 
-def _tilt(
-    fit: Fit, poses: Poses, angles: Array, estimator: str, code: float, setup: Setup, recording: Recording
-) -> Calibration:
+def _tilt(fit: Fit, poses: Poses, angles: Array, estimator: str, code: float, setup: Setup, recording: Recording) -> Calibration:
     """From the horizontal force to roll and pitch, with covariance and tests."""
     g = setup.site.gravity
     roll, pitch = base_tilt(fit.values[:2], g)
@@ -117,11 +113,21 @@ def _tilt(
     J = np.eye(4)
     J[0, :2], J[1, :2] = d_roll, d_pitch
     names = ("base.roll", "base.pitch", *fit.names[2:])
-    tilted = Fit(names, np.array([roll, pitch, *fit.values[2:]]), J @ fit.covariance @ J.T, fit.residuals, (), 1, fit.condition)
+    tilted = Fit(
+        names,
+        np.array([roll, pitch, *fit.values[2:]]),
+        J @ fit.covariance @ J.T,
+        fit.residuals,
+        (),
+        1,
+        fit.condition,
+    )
     tests = _tests(tilted, poses, angles, estimator, code)
     warnings = ["base.* is the tilt of the table's rotation axis; bias_* is bias plus mounting"]
     if fit.dof == 0:
-        warnings.append("two dwells leave nothing to check them by: repeat the first position (A-B-A) to test drift and a moved base")
+        warnings.append(
+            "two dwells leave nothing to check them by: repeat the first position (A-B-A) to test drift and a moved base"
+        )
     return wrap_up(
         NAME, verdict_of(tests), tilted, ["rad", "rad", "m_s2", "m_s2"], tests, warnings, poses, recording,
         equation="reading = bias + P R_mount^T Rz(-outer) R_base^T (0, 0, g)", inverse="f = reading - bias",
@@ -136,7 +142,14 @@ def _tests(fit: Fit, poses: Poses, angles: Array, estimator: str, code: float) -
              f"the nearest pair is {opposite / DEG:.4g} deg off 180")
     )  # fmt: skip
     if fit.dof > 0:
-        tests.append(chi2_test("fit", fit.chi2, fit.dof, f"{len(poses)} dwells repeat within their noise (base, mounting, drift)"))
+        tests.append(
+            chi2_test(
+                "fit",
+                fit.chi2,
+                fit.dof,
+                f"{len(poses)} dwells repeat within their noise (base, mounting, drift)",
+            )
+        )
     if estimator == "median":
         noise = np.sqrt(np.pi / 2 * poses.noise[0, 0] / poses.counts.min())
         sticky = code / np.sqrt(24)

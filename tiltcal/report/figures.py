@@ -31,7 +31,13 @@ def parameter_figure(calibration: Calibration, truth: Mapping[str, float]) -> An
     z = [(calibration.parameters[n].value - truth[n]) / calibration.parameters[n].sigma for n in names]
     figure = go.Figure(layout=LAYOUT | {"title": "Parameters: found minus injected, in standard uncertainties"})
     figure.add_hrect(y0=-1.96, y1=1.96, fillcolor="#2f855a", opacity=0.12, line_width=0)
-    figure.add_scatter(x=names, y=z, mode="markers", marker={"size": 9, "color": COLOURS[0]}, error_y={"type": "constant", "value": 1})
+    figure.add_scatter(
+        x=names,
+        y=z,
+        mode="markers",
+        marker={"size": 9, "color": COLOURS[0]},
+        error_y={"type": "constant", "value": 1},
+    )
     figure.update_yaxes(title="error / sigma", zeroline=True)
     return figure
 
@@ -42,7 +48,12 @@ def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Any:
 
     figure = go.Figure(layout=LAYOUT | {"title": "Tilt error, arcsec rms", "barmode": "group"})
     for i, part in enumerate(("before", "after", "predicted by the covariance")):
-        figure.add_bar(x=[name for name, _ in tilts], y=[t.in_arcsec[i] for _, t in tilts], name=part, marker={"color": COLOURS[i]})
+        figure.add_bar(
+            x=[name for name, _ in tilts],
+            y=[t.in_arcsec[i] for _, t in tilts],
+            name=part,
+            marker={"color": COLOURS[i]},
+        )
     figure.update_yaxes(title="arcsec", type="log")
     return figure
 
@@ -60,7 +71,15 @@ def residual_figures(recording: Recording, setup: Setup, calibration: Calibratio
     residual, channels, unit = _residuals(poses.means, poses.up, poses.sensor.axes, setup, calibration)
     figures = [_scatter(middle, residual, channels, "time, s", f"Residuals of the dwells, {unit}")]
     if "outer" in poses.angles:
-        figures.append(_scatter(poses.angles["outer"] / DEG, residual, channels, "table outer, deg", f"Residuals of the dwells, {unit}"))
+        figures.append(
+            _scatter(
+                poses.angles["outer"] / DEG,
+                residual,
+                channels,
+                "table outer, deg",
+                f"Residuals of the dwells, {unit}",
+            )
+        )
     return figures
 
 

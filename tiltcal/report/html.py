@@ -20,9 +20,7 @@ def write_report(verification: Verification, path: Path) -> None:
     from plotly.offline import get_plotlyjs
 
     sections = [_section(r) for r in verification.results]
-    tilts = [
-        (f"{r.scenario.name}: {m.title}", m.tilt) for r in verification.results for m in r.methods if m.tilt is not None
-    ]
+    tilts = [(f"{r.scenario.name}: {m.title}", m.tilt) for r in verification.results for m in r.methods if m.tilt is not None]
     template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(
         TEMPLATE.read_text(encoding="utf-8")
     )
@@ -44,7 +42,9 @@ def _section(result: ScenarioResult) -> dict[str, Any]:
 
 def _effect_words(table: Any) -> str:
     where = table.sensor or table.axis
-    values = ", ".join(f"{k} = {v:g}" if isinstance(v, int | float) else f"{k} = {v}" for k, v in (table.model_extra or {}).items())
+    values = ", ".join(
+        f"{k} = {v:g}" if isinstance(v, int | float) else f"{k} = {v}" for k, v in (table.model_extra or {}).items()
+    )
     return f"{table.id}{f' on {where}' if where else ''}: {values}"
 
 

@@ -42,7 +42,10 @@ class DataDrop(SignalEffect):
     kinds = ANALOG
     order = 92
     title = "samples lost"
-    parameters = (Parameter("samples", "unitless", (100, 100, 100), positive=True), Parameter("time", "s", (1e5, 1e5, 1e5)))
+    parameters = (
+        Parameter("samples", "unitless", (100, 100, 100), positive=True),
+        Parameter("time", "s", (1e5, 1e5, 1e5)),
+    )
     physics = "A buffer overran: samples are missing and the rest moved up."
     equation = "from time_s on, reading_k = reading_(k + samples)"
     source = "effects list; PHYSICS 3.7"
@@ -93,7 +96,10 @@ class DataStuck(SignalEffect):
     kinds = ANALOG
     order = 93
     title = "channel frozen for a while"
-    parameters = (Parameter("start", "s", (1e5, 1e5, 1e5)), Parameter("length", "s", (100, 100, 100), positive=True))
+    parameters = (
+        Parameter("start", "s", (1e5, 1e5, 1e5)),
+        Parameter("length", "s", (100, 100, 100), positive=True),
+    )
     physics = "An interface hangs and repeats its last value."
     equation = "reading(t) = reading(start) for start <= t < start + length"
     source = "effects list; PHYSICS 3.7"

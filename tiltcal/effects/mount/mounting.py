@@ -76,7 +76,10 @@ class MountCompliance(FrameEffect):
     id = "mount_compliance"
     stage = "mount"
     title = "bracket or adhesive bends under the instrument's weight"
-    parameters = (Parameter("bend_x", "arcsec_g", (0.5, 30, 300)), Parameter("bend_y", "arcsec_g", (0.5, 30, 300)))
+    parameters = (
+        Parameter("bend_x", "arcsec_g", (0.5, 30, 300)),
+        Parameter("bend_y", "arcsec_g", (0.5, 30, 300)),
+    )
     physics = "The instrument's weight bends its bracket; the bend turns with the specific force in the body frame."
     equation = "small rotation of the mount (-c_x f_y, c_y f_x, 0) / g"
     source = "effects list; PHYSICS 3.3"

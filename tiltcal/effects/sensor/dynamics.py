@@ -64,9 +64,7 @@ class AccAngleBias(TermEffect):
     kinds = ACCELEROMETERS
     order = 25
     title = "zero bias that depends on the placing angle"
-    parameters = tuple(
-        Parameter(f"{part}{n}_{{axis}}", "ug", (300, 1000, 3000)) for n in (1, 2, 3, 4) for part in ("cos", "sin")
-    )
+    parameters = tuple(Parameter(f"{part}{n}_{{axis}}", "ug", (300, 1000, 3000)) for n in (1, 2, 3, 4) for part in ("cos", "sin"))
     physics = "A quartz flexure's zero shifts with its rotation about its own sensitive axis."
     equation = "reading_i += sum_n c_n cos(n beta_i) + s_n sin(n beta_i); beta_i: turn about axis i from level"
     source = "seed S0; PHYSICS 3.4"
@@ -106,7 +104,7 @@ class AccVre(TermEffect):
 
 
 def _moving_mean(u: Array, width: float) -> Array:
-    n = max(int(round(width)), 1)
+    n = max(round(width), 1)
     padded = np.pad(u, (n // 2, n - n // 2 - 1), mode="edge")
     return np.convolve(padded, np.full(n, 1 / n), mode="valid")
 

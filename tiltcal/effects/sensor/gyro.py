@@ -164,7 +164,10 @@ class FogAxisError(TermEffect):
     kinds = FOG
     order = 10
     title = "input axis not where assumed"
-    parameters = (Parameter("axis_u", "arcsec", (60, 400, 1800)), Parameter("axis_v", "arcsec", (60, 400, 1800)))
+    parameters = (
+        Parameter("axis_u", "arcsec", (60, 400, 1800)),
+        Parameter("axis_v", "arcsec", (60, 400, 1800)),
+    )
     physics = "The coil's normal leans against the stated input axis."
     equation = "input axis a + u b1 + v (a x b1), b1 = a x z / |a x z|"
     source = "effects list; PHYSICS 3.5"

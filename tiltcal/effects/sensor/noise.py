@@ -64,9 +64,9 @@ class Noise(SignalEffect):
         if rng is None:
             return reading
         size = 1 / G0 if sense.kind == "inclinometer" else 1.0  # on an inclinometer it acts on the angle: 1 ug = 1 urad
-        coefficients = [self.value(name) * size for name in ("white", "flicker", "walk")]
+        white, flicker, walk = (self.value(name) * size for name in ("white", "flicker", "walk"))
         for i, stream in enumerate(rng.spawn(reading.shape[1])):
-            reading[:, i] += draw_noise(len(reading), sense.rate_hz, *coefficients, stream)
+            reading[:, i] += draw_noise(len(reading), sense.rate_hz, white, flicker, walk, stream)
         return reading
 
 

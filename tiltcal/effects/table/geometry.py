@@ -11,7 +11,10 @@ class TableLevelling(FrameEffect):
     id = "table_levelling"
     stage = "table"
     title = "base of the table is not level"
-    parameters = (Parameter("tilt_east", "arcsec", (5, 60, 3600)), Parameter("tilt_north", "arcsec", (5, 60, 3600)))
+    parameters = (
+        Parameter("tilt_east", "arcsec", (5, 60, 3600)),
+        Parameter("tilt_north", "arcsec", (5, 60, 3600)),
+    )
     physics = "The base stands on its feet with a tilt about East and one about North."
     equation = "R_base = Rx(east) Ry(north)"
     source = "PHYSICS 3.2"

@@ -1,0 +1,109 @@
+"""Hand-held recordings: the attitude is known from the recording's own sensors only, so only what is redundant is predicted."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.effects.base import Effect, Sense, SignalEffect
+from tiltcal.errors import TiltcalError
+from tiltcal.frames import Array
+from tiltcal.recording import Recording
+from tiltcal.segments import dwells, find_segments
+from tiltcal.setup import Sensor, Setup
+
+ITERATIONS = 6
+
+
+def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> dict[str, Array]:
+    """What each sensor should read, SI, (n, k) at the recording's rows; NaN where nothing predicts it.
+
+    FOGs from the gyro triad's rate, interpolated to their stamps; an accelerometer triad at rest from |f| = g along its
+    own corrected direction. Gyro triads predict themselves.
+
+    Raises:
+        TiltcalError: there is no gyro triad and no accelerometer triad.
+    """
+    gyros = [s for s in setup.sensors("gyro") if motion.has(s) and len(s.axes) == 3]
+    triads = [s for s in setup.sensors("accelerometer") if motion.has(s) and len(s.axes) == 3]
+    if not gyros and not triads:
+        raise TiltcalError(
+            motion.source, found="no gyro triad and no accelerometer triad", need="one of them to take the attitude from",
+            do="predict a recording of a table instead",
+        )  # fmt: skip
+    n = len(motion)
+    force = _whole(motion, triads[0], _inverted(triads[0], setup, motion, effects)) if triads else np.full((n, 3), np.nan)
+    found: dict[str, Array] = {}
+    rate = np.zeros((n, 3))
+    if gyros:
+        rate = _whole(motion, gyros[0], _inverted(gyros[0], setup, motion, effects, force))
+        found[gyros[0].name] = motion_values(motion, gyros[0])
+    for fog in setup.sensors("fog"):
+        sense = _sense(fog, setup, motion, np.where(np.isnan(force), 0.0, force), rate)
+        found[fog.name] = _forward(fog, effects, sense)
+    if triads:
+        found[triads[0].name] = _at_rest(triads[0], setup, motion, effects, force)
+    return found
+
+
+def motion_values(motion: Recording, sensor: Sensor) -> Array:
+    """A sensor's own readings at full length, SI, (n, k)."""
+    samples = motion.sensor(sensor)
+    full = np.full((len(motion), len(sensor.axes)), np.nan)
+    full[samples.rows] = samples.values
+    return full
+
+
+def _whole(motion: Recording, sensor: Sensor, values: Array) -> Array:
+    """Values at the sensor's rows, interpolated to all rows, (n, 3)."""
+    time = motion.sensor(sensor).time
+    return np.column_stack([np.interp(motion.time, time, values[:, i]) for i in range(values.shape[1])])
+
+
+def _inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None) -> Array:
+    """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
+    samples = motion.sensor(sensor)
+    y = samples.values
+    true = y.copy()
+    f = np.zeros_like(true) if force is None else np.where(np.isnan(force), 0.0, force)[samples.rows]
+    for _ in range(ITERATIONS):
+        inputs = (true, np.zeros_like(true)) if sensor.kind == "accelerometer" else (f, true)
+        sense = _sense(sensor, setup, motion, *inputs, rows=samples.rows)
+        true = true + (y - _forward(sensor, effects, sense))
+    return true
+
+
+def _sense(
+    sensor: Sensor, setup: Setup, motion: Recording, force: Array, rate: Array,
+    rows: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None,
+) -> Sense:  # fmt: skip
+    time = motion.time if rows is None else motion.time[rows]
+    temperature = motion.temperature()
+    warm = np.zeros(len(motion)) if temperature is None else temperature - temperature.mean()
+    vector = sensor.input_vector if sensor.kind == "fog" else np.zeros(3)
+    return Sense(
+        time, time - motion.time[0], force, rate, force / setup.site.gravity, np.zeros_like(rate),
+        warm if rows is None else warm[rows], sensor.axis_indices, sensor.kind, vector, setup.site.gravity, sensor.rate_hz,
+        sensor.full_scale,
+    )  # fmt: skip
+
+
+def _forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
+    reading = sense.true_input()
+    mine = [e for e in effects if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random]
+    for effect in sorted(mine, key=lambda e: e.order):
+        if not effect.is_identity:
+            reading = effect.apply(reading, sense, None)
+    return reading
+
+
+def _at_rest(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array) -> Array:
+    """The triad's reading in its dwells: |f| = g along the dwell's own mean direction; NaN while moving."""
+    full = np.full((len(motion), 3), np.nan)
+    for s in dwells(find_segments(motion)):
+        mean = force[s.first : s.last].mean(axis=0)
+        full[s.first : s.last] = mean * setup.site.gravity / np.linalg.norm(mean)
+    known = ~np.isnan(full[:, 0])
+    sense = _sense(sensor, setup, motion, np.where(known[:, None], full, 0.0), np.zeros_like(full))
+    predicted = _forward(sensor, effects, sense)
+    predicted[~known] = np.nan
+    return predicted

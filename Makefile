@@ -22,7 +22,7 @@ demo: setup  ## simulate, calibrate and verify on built-in scenarios; prints a t
 	@$(BIN)/tiltcal demo -o demo-output
 
 test: setup  ## the whole test suite
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
 
 check: setup  ## format, lint, types, import arrows
 	$(BIN)/ruff format --check .

@@ -33,7 +33,10 @@ def setup_of(table: str, *sensors: Sensor, heading: float = 0.0, **rig: object) 
 def still(setup: Setup, temperature: np.ndarray | None = None, **degrees: float | np.ndarray) -> Drive:
     """The table at rest, one pose a row, a second apart; axes that are not named stand at zero."""
     n = max([np.size(a) for a in degrees.values()] + [1])
-    axes = {name: Jet(np.radians(np.broadcast_to(degrees.get(name, 0.0), n)), np.zeros(n), np.zeros(n)) for name in setup.rig.axis_names}
+    axes = {
+        name: Jet(np.radians(np.broadcast_to(degrees.get(name, 0.0), n)), np.zeros(n), np.zeros(n))
+        for name in setup.rig.axis_names
+    }
     return drive_of(axes, np.arange(n, dtype=float), temperature=temperature, rest=True)
 
 

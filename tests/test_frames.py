@@ -4,7 +4,20 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 import pytest
-from builders import ACCEL, FOG, GYRO, INSTRUMENT, LATITUDE, INCL, G, effect_of, motion_of, read_poses, setup_of, still
+from builders import (
+    ACCEL,
+    FOG,
+    GYRO,
+    INCL,
+    INSTRUMENT,
+    LATITUDE,
+    G,
+    effect_of,
+    motion_of,
+    read_poses,
+    setup_of,
+    still,
+)
 
 from tiltcal import frames
 from tiltcal.errors import TiltcalError
@@ -35,7 +48,10 @@ def test_each_table_shows_up_where_the_hand_puts_it(table, angles, up):
     np.testing.assert_allclose(motion.force[0], G * np.array(up), atol=1e-14)
 
 
-@pytest.mark.parametrize(("mount", "up"), [("Rz(180)", (HALF, 0, ROOT3)), ("Rx(90) Rz(180)", (HALF, -ROOT3, 0)), ("Ry(90)", (-ROOT3, 0, -HALF))])
+@pytest.mark.parametrize(
+    ("mount", "up"),
+    [("Rz(180)", (HALF, 0, ROOT3)), ("Rx(90) Rz(180)", (HALF, -ROOT3, 0)), ("Ry(90)", (-ROOT3, 0, -HALF))],
+)
 def test_the_mount_turns_the_body_behind_the_table(mount, up):
     setup = setup_of("placing", mount=mount)
     drive = still(setup, outer=30)
@@ -99,7 +115,11 @@ def test_a_gyro_reads_the_table_rate_about_the_right_axis_and_sense():
 
 
 @pytest.mark.parametrize(
-    ("heading", "outer", "body_rate"),  # in units of Earth's rate: body x, y at a latitude of 60 deg; North mark at ``heading``
+    (
+        "heading",
+        "outer",
+        "body_rate",
+    ),  # in units of Earth's rate: body x, y at a latitude of 60 deg; North mark at ``heading``
     [(0, 0, (0, HALF)), (90, 0, (-HALF, 0)), (180, 0, (0, -HALF)), (0, 90, (HALF, 0)), (90, 90, (0, HALF))],
 )
 def test_earths_rate_follows_latitude_heading_and_table(heading, outer, body_rate):
@@ -112,7 +132,9 @@ def test_earths_rate_follows_latitude_heading_and_table(heading, outer, body_rat
 def test_without_a_latitude_or_with_an_unknown_heading_earths_rate_is_still_defined():
     site = setup_of("vertical").site
     assert not site.model_copy(update={"latitude_deg": None}).earth_rate.any()
-    np.testing.assert_array_equal(site.model_copy(update={"heading_deg": "unknown"}).earth_rate, frames.earth_rate(LATITUDE * DEG))
+    np.testing.assert_array_equal(
+        site.model_copy(update={"heading_deg": "unknown"}).earth_rate, frames.earth_rate(LATITUDE * DEG)
+    )
 
 
 @pytest.mark.parametrize(
@@ -143,7 +165,10 @@ def test_rotations_are_right_handed_and_skew_is_their_slope(axis):
 def test_mountings_read_as_products_and_quarter_turns_are_exact():
     np.testing.assert_array_equal(frames.parse_mount(" identity "), np.eye(3))
     np.testing.assert_array_equal(frames.parse_mount("Rx(90) Rz(180)"), [[-1, 0, 0], [0, 0, -1], [0, -1, 0]])
-    np.testing.assert_allclose(frames.parse_mount("Ry(-1e1)*Rz( 2.5 )"), frames.rotation("y", -10 * DEG) @ frames.rotation("z", 2.5 * DEG))
+    np.testing.assert_allclose(
+        frames.parse_mount("Ry(-1e1)*Rz( 2.5 )"),
+        frames.rotation("y", -10 * DEG) @ frames.rotation("z", 2.5 * DEG),
+    )
 
 
 @pytest.mark.parametrize("text", ["Rz", "Rq(3)", "Rz(180) upside down", "Rz(half)", "180"])
@@ -162,6 +187,12 @@ def test_the_mount_metadata_holds_one_mounting_per_remount():
 @pytest.mark.parametrize("text", ["identity; Rz(180)", "identity; soon: Rz(180)", "nan s: identity"])
 def test_a_mounting_without_its_time_is_refused(text):
     with pytest.raises(TiltcalError, match="need a mounting, or '<time> s: <mounting>' after the first"):
+        frames.parse_mounts(text)
+
+
+@pytest.mark.parametrize("text", ["10 s: Rz(180)", "identity; 15 s: Rz(180); 10 s: identity"])
+def test_mountings_that_leave_a_stretch_open_or_go_back_in_time_are_refused(text):
+    with pytest.raises(TiltcalError, match="mount"):
         frames.parse_mounts(text)
 
 

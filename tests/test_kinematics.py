@@ -4,8 +4,6 @@ import mujoco
 import numpy as np
 import pytest
 from builders import AXLED, FOG, GYRO, LATITUDE, TABLES, schedule_of, setup_of, still, tossed
-from tiltsim.motion import mujoco_motion
-from tiltsim.rig import RigBuilder
 
 from tiltcal.assets import folder
 from tiltcal.effects.mechanisms import World
@@ -14,10 +12,12 @@ from tiltcal.kinematics import closed_form
 from tiltcal.motion import Jet, sampled_jet
 from tiltcal.sequence import RAMP, Leg
 from tiltcal.units import DEG, EARTH_RATE
+from tiltsim.motion import _Runner, mujoco_motion
+from tiltsim.rig import RigBuilder
 
 LEVER = (0.05, -0.03, 0.08)
 STATES = 1000
-MOUNT = "Rx(20) Rz(-130)"
+TURNED = rotation("x", 0.3) @ rotation("z", 2.0)
 
 
 def mounted(drive, *mounts):
@@ -37,14 +37,14 @@ def assert_same_motion(one, two, **limits):
 @pytest.mark.parametrize("table", TABLES)
 def test_mujoco_and_the_closed_form_agree_at_rest(table, rng):
     setup = setup_of(table, heading=25.0, lever_arm_m=LEVER)
-    drive = mounted(tossed(setup, rng, STATES, moving=False), (0, np.eye(3)), (STATES // 2, rotation("x", 0.3) @ rotation("z", 2.0)))
+    drive = mounted(tossed(setup, rng, STATES, moving=False), (0, np.eye(3)), (STATES // 2, TURNED))
     assert_same_motion(mujoco_motion(setup, drive), closed_form(setup, drive), force=1e-13, rate=1e-13, up=1e-13, spin=1e-13)
 
 
 @pytest.mark.parametrize("table", TABLES)
 def test_mujoco_and_the_closed_form_agree_in_motion_with_a_lever_arm(table, rng):
     setup = setup_of(table, heading=25.0, lever_arm_m=LEVER)
-    drive = mounted(tossed(setup, rng, STATES, moving=True), (0, rotation("x", 0.3) @ rotation("z", 2.0)))
+    drive = mounted(tossed(setup, rng, STATES, moving=True), (0, TURNED))
     assert_same_motion(mujoco_motion(setup, drive), closed_form(setup, drive), force=1e-12, rate=1e-13, up=1e-13, spin=1e-12)
 
 
@@ -115,9 +115,8 @@ def test_rates_and_accelerations_of_a_leg_are_the_derivatives_of_its_angle(leg):
     h = 1e-3
     time = np.linspace(leg.t0 + 2 * h, leg.t1 - 2 * h, 3001)
     jet = leg.progress(time)
-    kink = 0.02  # the five points may straddle an instant where the third derivative of the rate jumps
     np.testing.assert_allclose(derivative(lambda t: leg.progress(t).x, time, h), jet.v, atol=1e-7)
-    np.testing.assert_allclose(derivative(lambda t: leg.progress(t).v, time, h), jet.a, atol=kink * h * max(1, np.abs(jet.a).max()))
+    np.testing.assert_allclose(derivative(lambda t: leg.progress(t).v, time, h), jet.a, atol=2e-5 * max(1, np.abs(jet.a).max()))
 
 
 @pytest.mark.parametrize("leg", LEGS.values(), ids=LEGS.keys())
@@ -125,8 +124,7 @@ def test_a_leg_starts_and_ends_at_rest_and_covers_its_whole_way(leg):
     ends = leg.progress(np.array([leg.t0, leg.t1]))
     np.testing.assert_allclose(ends.x, [0, 1 if leg.law == "ramp" else 0], atol=1e-15)
     np.testing.assert_allclose(ends.v, 0, atol=1e-14)
-    if leg.law != "swing":  # the envelope's own curvature remains at a swing's ends, times sin(0)
-        np.testing.assert_allclose(ends.a, 0, atol=1e-13)
+    np.testing.assert_allclose(ends.a, 0, atol=1e-12)
 
 
 def test_a_schedule_is_continuous_over_all_its_legs():
@@ -144,7 +142,7 @@ def test_a_schedule_is_continuous_over_all_its_legs():
     for name in setup.rig.axis_names:
         jet = schedule.drive(time).axes[name]
         np.testing.assert_allclose(derivative(lambda t, n=name: schedule.drive(t).axes[n].x, time, h), jet.v, atol=1e-7)
-        np.testing.assert_allclose(derivative(lambda t, n=name: schedule.drive(t).axes[n].v, time, h), jet.a, atol=1e-2)
+        np.testing.assert_allclose(derivative(lambda t, n=name: schedule.drive(t).axes[n].v, time, h), jet.a, atol=1e-4)
 
 
 def by_hand():
@@ -166,7 +164,7 @@ def test_the_rate_of_a_hand_held_body_is_the_derivative_of_its_attitude():
     slope = derivative(lambda t: schedule.drive(t).attitude.R_wb, time, h)
     for R, dR, rate in zip(attitude.R_wb, slope, attitude.rate, strict=True):
         np.testing.assert_allclose(R.T @ dR, skew(rate), atol=1e-6)
-    np.testing.assert_allclose(derivative(lambda t: schedule.drive(t).attitude.rate, time, h), attitude.acceleration, atol=2e-2)
+    np.testing.assert_allclose(derivative(lambda t: schedule.drive(t).attitude.rate, time, h), attitude.acceleration, atol=1e-3)
 
 
 def test_the_force_of_a_hand_held_lever_arm_is_the_second_derivative_of_its_path():
@@ -178,9 +176,11 @@ def test_the_force_of_a_hand_held_lever_arm_is_the_second_derivative_of_its_path
     def path(t):
         return schedule.drive(t).attitude.R_wb @ np.array(LEVER)
 
-    acceleration = (-path(time - 2 * h) + 16 * path(time - h) - 30 * path(time) + 16 * path(time + h) - path(time + 2 * h)) / (12 * h * h)
+    acceleration = (-path(time - 2 * h) + 16 * path(time - h) - 30 * path(time) + 16 * path(time + h) - path(time + 2 * h)) / (
+        12 * h * h
+    )
     drive = schedule.drive(time)
-    force = np.einsum("nji,nj->ni", drive.attitude.R_wb, acceleration + [0, 0, setup.site.gravity])
+    force = np.einsum("nji,nj->ni", drive.attitude.R_wb, acceleration + np.array([0, 0, setup.site.gravity]))
     product = closed_form(setup, drive).force
     assert np.abs(product).max() > setup.site.gravity + 0.1  # the arm is felt
     np.testing.assert_allclose(product, force, atol=1e-3)
@@ -188,10 +188,12 @@ def test_the_force_of_a_hand_held_lever_arm_is_the_second_derivative_of_its_path
 
 def test_moving_to_an_up_direction_brings_it_up():
     setup, schedule = by_hand()
-    R = schedule.drive(np.array([schedule.legs[3].t1 - 1e-9])).attitude.R_wb[0]
-    assert [leg.label for leg in schedule.legs][3] == "-z"
-    np.testing.assert_allclose(R.T @ [0, 0, 1], [0, 0, -1], atol=1e-7)
-    assert closed_form(setup, schedule.drive(np.zeros(1))).up[0] == pytest.approx([0, 0, 1])
+    (move,) = [leg for leg in schedule.legs if leg.label == "-z" and leg.law == "ramp"]
+    np.testing.assert_allclose(
+        closed_form(setup, schedule.drive(np.array([0.0, move.t1 - 1e-9]))).up,
+        [[0, 0, 1], [0, 0, -1]],
+        atol=1e-7,
+    )
 
 
 def test_a_harmonic_jet_obeys_the_chain_rule(rng):
@@ -218,18 +220,9 @@ def test_sampled_jets_differentiate_and_constants_stay_still():
     assert not Jet(1.0, 1.0).constant
 
 
-def test_a_still_drive_repeats_one_state_and_mujoco_computes_it_once(monkeypatch):
-    setup = setup_of("dual")
-    rows = []
-    original = mujoco.batch.Batch.forward
-    monkeypatch.setattr("tiltsim.motion._Runner.run", lambda self, q, v, f, output, run=None: rows.append(len(q)) or _run(self, q, v, f, output))
-    from tiltsim.motion import _Runner
-
-    def _run(self, q, v, f, output):
-        return np.tile(np.arange(self.batch.bind(output).shape[1], dtype=float), (len(q), 1))
-
-    assert original is mujoco.batch.Batch.forward
-    assert _Runner is not None
-    motion = mujoco_motion(setup, still(setup, outer=np.full(500, 20.0)))
-    assert rows == [1]
+def test_mujoco_computes_a_dwell_once(monkeypatch):
+    setup, rows, run = setup_of("dual"), [], _Runner.run
+    monkeypatch.setattr(_Runner, "run", lambda self, q, *rest: rows.append(len(q)) or run(self, q, *rest))
+    motion = mujoco_motion(setup, still(setup, outer=np.repeat([20.0, -5.0], 250)))
+    assert rows == [2]
     assert motion.force.shape == (500, 3)

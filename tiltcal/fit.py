@@ -95,7 +95,7 @@ def gauss_newton(
     start: Array,
     problem: Callable[[Array], tuple[Array, Array]],
     *,
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-4,
     limit: int = 60,
 ) -> tuple[Fit, bool]:
     """Minimise |r(x)|^2 by damped Gauss-Newton steps.
@@ -104,7 +104,7 @@ def gauss_newton(
         names: of the parameters.
         start: (p,).
         problem: x -> (whitened residuals (n,), their Jacobian (n, p)).
-        tolerance: of the step, against the standard uncertainties.
+        tolerance: of the step, in standard uncertainties.
         limit: of iterations.
 
     Returns:

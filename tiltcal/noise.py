@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.frames import Array
 
-ARITHMETIC = 1e-10  # SI: standard deviation below which a recording counts as free of noise
+ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
 
 
 def code_width(column: Array) -> float:

@@ -100,12 +100,12 @@ def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np
     if len(time) < 9 or np.ptp(angle) == 0:
         return zero, zero
     dt = float(np.median(np.diff(time)))
-    n = int(round((time[-1] - time[0]) / dt)) + 1
+    n = round(float(time[-1] - time[0]) / dt) + 1
     if n > 4 * len(time):  # a log of dwells with nothing between them
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     uniform = CubicSpline(time, angle)(grid)
-    width = max(7, 2 * int(round(SMOOTHING / dt)) + 1)
+    width = max(7, 2 * round(SMOOTHING / dt) + 1)
     if n <= width:
         return zero, zero
     step = grid[1] - grid[0]

@@ -7,6 +7,7 @@ classes (Otsu 1979), never below what noise alone would reach in that many windo
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -96,7 +97,7 @@ def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     if n < 4:
         return np.ones(n, bool)
     dt = float(np.median(np.diff(time)))
-    width = max(int(round(window / dt)), 6)
+    width = max(round(window / dt), 6)
     if n <= width:
         raise TiltcalError(source, found=f"{n} rows", need=f"more than one window of {width} rows", do="record longer")
     ratio = np.zeros(n - width + 1)
@@ -164,7 +165,7 @@ def _segments(recording: Recording, resting: Mask, guard: float, shortest: float
     time = recording.time
     edges = [0, *(np.flatnonzero(np.diff(resting.astype(int))) + 1).tolist(), len(time)]
     found: list[Segment] = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         dwell = bool(resting[first])
         if dwell:
             cut_first = first if first == 0 else int(np.searchsorted(time, time[first] + guard))

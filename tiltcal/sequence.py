@@ -183,7 +183,7 @@ class Schedule:
         """The drive at these times (before the first and after the last instant it rests)."""
         which = self.leg_of(time)
         inside = np.clip(time, *self.times)
-        edges = np.flatnonzero(np.diff(which, prepend=-1)).tolist() + [len(time)]
+        edges = [*np.flatnonzero(np.diff(which, prepend=-1)).tolist(), len(time)]
         q, v, a = (np.empty((len(time), len(self.legs[0].q0))) for _ in range(3))
         R = np.empty((len(time), 3, 3)) if not self.axes else None
         for start, end in pairwise(edges):
@@ -196,7 +196,8 @@ class Schedule:
         attitude = None if R is None else Attitude(R, v, a)  # a turn about a fixed body axis: rate = dq's rate
         return Drive(
             time, {name: Jet(q[:, i], v[:, i], a[:, i]) for i, name in enumerate(self.axes)}, self.times[0],
-            self.climate.at(time - self.times[0]), self.climate.reference(self.times[1] - self.times[0]), np.array([leg.stop for leg in self.legs])[which],
+            self.climate.at(time - self.times[0]), self.climate.reference(self.times[1] - self.times[0]),
+            np.array([leg.stop for leg in self.legs])[which],
             tuple((row, parse_mount(text)) for row, text in self.mountings(time)), attitude, np.ones(len(time), bool),
         )  # fmt: skip
 
@@ -255,12 +256,11 @@ class _Builder:
         elif step.action == "sweep":
             self._sweep(step)
         elif step.action == "oscillate":
-            assert step.amplitude_deg is not None and step.frequency_hz is not None
-            dq = self._along(step.axis, step.amplitude_deg * DEG)
-            self._leg(step.cycles / step.frequency_hz, dq, "swing", frequency=step.frequency_hz)
+            frequency = step.frequency_hz or 1.0  # the step's own check has seen to it that it stands there
+            dq = self._along(step.axis, (step.amplitude_deg or 0.0) * DEG)
+            self._leg(step.cycles / frequency, dq, "swing", frequency=frequency)
         elif step.action == "turn":
-            assert step.angle_deg is not None
-            self._go(self.q + self._along(step.axis, step.angle_deg * DEG), step.rate_deg_s)
+            self._go(self.q + self._along(step.axis, (step.angle_deg or 0.0) * DEG), step.rate_deg_s)
         else:
             self._go(self._target(step), step.rate_deg_s)
         if step.action != "sweep":
@@ -309,8 +309,7 @@ class _Builder:
             )
         vector = np.zeros(3)
         if step.action == "turn":
-            assert step.angle_deg is not None
-            vector = self._body_axis(step.axis) * step.angle_deg * DEG
+            vector = self._body_axis(step.axis) * (step.angle_deg or 0.0) * DEG
         elif step.up is not None and (up := parse_up(step.up)) is not None:
             now = self.R.T @ np.array([0.0, 0.0, 1.0])  # up in the body frame has to go from ``now`` to ``up``
             angle = float(angle_between(now[None], up[None])[0])
@@ -322,7 +321,6 @@ class _Builder:
         if angle > 0:
             self._leg(_duration(angle, step.rate_deg_s * DEG), vector, "ramp")
             self.R = self.R @ _rotations(vector[None])[0]
-        self._dwell(step.dwell_s)
 
     def _body_axis(self, axis: object) -> Array:
         if isinstance(axis, str) and axis in ("x", "y", "z"):

@@ -20,6 +20,10 @@ from tiltcal.scenario import MethodTable, Scenario, load_scenario
 Progress = Callable[[str], None]
 
 
+def silent(text: str) -> None:
+    """Progress that nobody watches."""
+
+
 @dataclass(frozen=True)
 class Limit:
     """One acceptance limit: what was reached, what was allowed, in words."""
@@ -76,7 +80,7 @@ class ScenarioResult:
 
 def run_scenario(
     scenario: Scenario, laboratory: Laboratory, *, source: str = "", allow_commands: bool = False,
-    progress: Progress = lambda text: None,
+    progress: Progress = silent,
 ) -> ScenarioResult:  # fmt: skip
     """Simulate, calibrate, judge.
 
@@ -213,7 +217,7 @@ def verify_folder(
     laboratory: Laboratory,
     *,
     allow_commands: bool = False,
-    progress: Progress = lambda text: None,
+    progress: Progress = silent,
 ) -> Verification:
     """Run every scenario of a folder that holds methods.
 

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from tiltsim.motion import mujoco_motion
-
 from tiltcal.chain import Mover
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.motion import Course
 from tiltcal.scenario import Scenario
+from tiltsim.motion import mujoco_motion
 
 
 @dataclass(frozen=True)

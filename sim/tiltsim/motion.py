@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 import mujoco
 import mujoco.batch
 import numpy as np
-from tiltsim.rig import ARMATURE, Rig, RigBuilder
 
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Spring, World
@@ -18,13 +17,17 @@ from tiltcal.frames import Array
 from tiltcal.kinematics import true_angles, world_of
 from tiltcal.motion import Drive, Motion, sampled_jet
 from tiltcal.setup import Setup
+from tiltsim.rig import ARMATURE, Rig, RigBuilder
 
 BLOCK = 4096  # states a batch holds at once: 20 MiB
 Progress = Callable[[int, int], None]
 
 
 def mujoco_motion(
-    setup: Setup, drive: Drive, effects: Sequence[Effect] = (), rng_of: dict[int, np.random.Generator] | None = None
+    setup: Setup,
+    drive: Drive,
+    effects: Sequence[Effect] = (),
+    rng_of: dict[int, np.random.Generator] | None = None,
 ) -> Motion:
     """The motion of the instrument by MuJoCo's mechanics; the same arguments as ``kinematics.closed_form``."""
     world = world_of(setup, effects)
@@ -40,9 +43,7 @@ def _one_mounting(
     setup: Setup, drive: Drive, effects: Sequence[Effect], rng_of: dict[int, np.random.Generator] | None, world: World,
     mount: Array, rows: slice,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
-    springs = [
-        e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised and _has_spring(e, setup)
-    ]
+    springs = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised and _has_spring(e, setup)]
     rest = [e for e in effects if e not in springs]
     angles = true_angles(setup, drive, rest, rng_of)
     builder = RigBuilder(setup, world, mount)
@@ -69,7 +70,7 @@ def _states(rig: Rig, drive: Drive, rows: slice) -> tuple[Array, Array, Array]:
     for name, jet in rig.prescribed.items():
         i = rig.dof(name)
         for target, part in ((q, jet.x), (v, jet.v), (a, jet.a)):
-            target[:, i] = part[rows] if np.ndim(part) else part
+            target[:, i] = np.asarray(part)[rows] if np.ndim(part) else part
     if rig.free and drive.attitude is not None:
         from scipy.spatial.transform import Rotation
 
@@ -86,7 +87,9 @@ def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Arra
     States that repeat (a dwell) are computed once.
     """
     new = np.ones(len(q), bool)
-    new[1:] = (np.diff(q, axis=0) != 0).any(axis=1) | (np.diff(v, axis=0) != 0).any(axis=1) | (np.diff(a, axis=0) != 0).any(axis=1)
+    new[1:] = (
+        (np.diff(q, axis=0) != 0).any(axis=1) | (np.diff(v, axis=0) != 0).any(axis=1) | (np.diff(a, axis=0) != 0).any(axis=1)
+    )
     first = np.flatnonzero(new)
     which = np.cumsum(new) - 1
     q, v, a = q[first], v[first], a[first]
@@ -95,7 +98,7 @@ def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Arra
     if rig.springs:
         correction = _settle(rig, runner, q, v, a, which, first, time)
     readings = runner.run(q, v, ARMATURE * a + correction, "sensordata")
-    return tuple(part[which] for part in _body_frame(rig, readings, world))  # type: ignore[return-value]
+    return tuple(part[which] for part in _body_frame(rig, readings, world))
 
 
 class _Runner:
@@ -177,5 +180,3 @@ class _Rotations:
                     total += value * row
             return total
         return np.einsum("ni,inj->nj", v, self.rows)
-
-

@@ -6,6 +6,7 @@ one that moves becomes a hinge of its own, prescribed like the table's axes.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,9 +16,11 @@ from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.mechanisms import Context, Gap, Mechanism, Spring, Turn, World
 from tiltcal.frames import Array, rotation, unit
 from tiltcal.motion import Drive, Jet
+from tiltcal.scenario import Dynamics
 from tiltcal.setup import Setup
 
 ARMATURE = 1e15  # kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
+GAP_FRICTION = 2.0  # N m on a load with play: stops it against its own inertia up to some 5 rad/s2
 _VECTOR = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 
 
@@ -71,7 +74,7 @@ class RigBuilder:
         slots = ["base", *(f"{name}_bearing" for name in self.setup.rig.axis_names), "mount"]
         for slot in slots:
             turns = [turn for effect in effects for turn in effect.turns(slot, context)]
-            body = self.spec.body(slot) if turns else None
+            body: Any = self.spec.body(slot) if turns else None
             while turns and turns[0].angle.constant:
                 R = rotation(turns[0].axis, float(turns.pop(0).angle.x))
                 q = np.zeros(4)
@@ -96,8 +99,26 @@ class RigBuilder:
             base.add_joint(name=f"base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=_VECTOR[axis])
             self.prescribed[f"base_{axis}"] = jet
 
+    def install_dynamics(self, dynamics: Dynamics, mechanisms: Sequence[Mechanism]) -> None:
+        """Make the model ready for a run by time steps: mechanisms with true masses, servos, dry friction."""
+        spec = self.spec
+        spec.option.timestep = dynamics.timestep_s
+        self.install_mechanisms(mechanisms, light=False)
+        for servo in spec.actuators:
+            kp = servo.gainprm[0] if dynamics.stiffness_N_m_rad is None else dynamics.stiffness_N_m_rad
+            kv = -servo.biasprm[2] if dynamics.damping_N_m_s_rad is None else dynamics.damping_N_m_s_rad
+            servo.set_to_position(kp, kv=kv)
+        for name in self.setup.rig.axis_names:
+            joint = spec.joint(name)
+            joint.frictionloss = dynamics.friction_N_m
+            harden(joint)
+
     def install_mechanisms(self, mechanisms: Sequence[Mechanism], light: bool = True) -> None:
-        """Springs and gaps. ``light`` makes the mount's ballasts negligible loads for the table's springs."""
+        """Springs and gaps.
+
+        Either way the mount's ballasts are no load for the table: ``light`` makes them tiny, else counterweights
+        hold them, as a table is trimmed for its payload.
+        """
         self.lock_mount({m.body for m in mechanisms if isinstance(m, Spring)})
         for m in mechanisms:
             if isinstance(m, Spring):
@@ -114,18 +135,40 @@ class RigBuilder:
             joint.damping = [2.0, 0.0, 0.0]
         joint.stiffness = [spring.stiffness * scale, 0.0, 0.0]
         mass = spring.mass * scale
-        body.add_body(name=f"{name}_ballast", pos=spring.arm, ipos=[0.0, 0.0, 0.0], mass=mass, inertia=[1e-6 * scale] * 3, explicitinertial=True)
+        body.add_body(
+            name=f"{name}_ballast",
+            pos=spring.arm,
+            ipos=[0.0, 0.0, 0.0],
+            mass=mass,
+            inertia=[1e-6 * scale] * 3,
+            explicitinertial=True,
+        )
         self.springs[name] = spring.stiffness * scale
+        if scale == 1.0 and name.startswith("bend"):
+            behind = tuple(-r for r in spring.arm)
+            self.spec.body("mount").add_body(
+                name=f"{name}_counterweight", pos=behind, ipos=[0.0, 0.0, 0.0], mass=mass, inertia=[1e-6] * 3,
+                explicitinertial=True,
+            )  # fmt: skip
 
     def _gap(self, gap: Gap) -> None:
-        """Lost motion: a second hinge between hard limits, dragged by friction."""
+        """Lost motion: a second hinge between hard limits.
+
+        The friction that holds the load back is the bearing's, against the stator, so it acts on the sum of the two
+        angles: a tendon (friction inside the gap would carry the load along).
+        """
         joint = self.spec.body(gap.axis).add_joint(
             name=f"{gap.axis}_gap", type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[dict(self.setup.rig.axes)[gap.axis]],
-            limited=True, range=[-gap.width / 2, gap.width / 2], armature=0.01, frictionloss=2.0,
+            limited=True, range=[-gap.width / 2, gap.width / 2], armature=0.01,
         )  # fmt: skip
-        harden(joint)
-        joint.solref_limit, joint.solimp_limit = [0.001, 1.0], [0.9999, 0.9999, 1e-6, 0.5, 2.0]
+        joint.solimp_limit = [0.9999, 0.9999, 1e-6, 0.5, 2.0]
+        stop = 8 * self.spec.option.timestep  # s; with 2 steps the load rattles between its stops
+        joint.solref_limit = [stop, 1.0]
         joint.damping = [1.0, 0.0, 0.0]
+        load = self.spec.add_tendon(name=f"{gap.axis}_load", frictionloss=GAP_FRICTION)
+        for name in (gap.axis, f"{gap.axis}_gap"):
+            load.wrap_joint(name, 1.0)
+        harden(load)
 
     def lock_mount(self, free: set[str]) -> None:
         """Delete the mount's compliant hinges, but for the freed ones."""
@@ -152,8 +195,18 @@ class RigBuilder:
         spec.add_sensor(name="speed", type=kinds.mjSENS_VELOCIMETER, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
         return Rig(spec.compile(), dict(self.prescribed), dict(self.springs), free)
 
+    def compile_dynamic(self) -> Rig:
+        """The rig for a run by time steps: everything moves as its inertia lets it; a hand carries the weight."""
+        spec, free = self.spec, self.setup.rig.table == "handheld"
+        flags = mujoco.mjtDisableBit
+        for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_SENSOR, flags.mjDSBL_AUTORESET):
+            spec.option.disableflags |= int(flag)
+        if free:
+            spec.option.gravity = [0.0, 0.0, 0.0]
+        return Rig(spec.compile(), {}, dict(self.springs), free)
 
-def harden(joint: "mujoco.MjsJoint") -> None:
+
+def harden(joint: "mujoco.MjsJoint | mujoco.MjsTendon") -> None:
     """Dry friction that holds: with MuJoCo's default a loaded joint creeps 1970 arcsec/s, so 0.09."""
     joint.solref_friction, joint.solimp_friction = [0.001, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0]
 

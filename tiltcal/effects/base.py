@@ -97,6 +97,7 @@ class Effect(ABC):
     random: ClassVar[bool] = False
     axis_wise: ClassVar[bool] = False
     kinds: ClassVar[frozenset[str]] = frozenset()
+    on_table: ClassVar[bool] = False
 
     def value(self, name: str) -> float:
         """SI value of a bare parameter name."""

@@ -49,6 +49,8 @@ def make_effect(
         )
     cls = CATALOGUE[id]
     subject = f"{subject} {id}"
+    if (cls.stage == "table" or cls.on_table) and not setup.rig.axes:
+        raise TiltcalError(subject, found="a hand-held instrument", need="a table for it to act on", do="remove the effect")
     bound = _sensor_of(cls, setup, sensor, subject)
     if cls.axis_wise and axis is not None and axis not in setup.rig.axis_names:
         have = ", ".join(setup.rig.axis_names) or "none"

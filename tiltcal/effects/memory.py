@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from tiltcal.frames import Array
+from tiltcal.motion import Jet
 
 
 def play(u: Array, width: float) -> Array:
@@ -39,6 +40,16 @@ def last_direction(u: Array) -> Array:
     index = np.where(step != 0, np.arange(len(u)), -1)
     last = np.maximum.accumulate(index)
     return np.where(last >= 0, step[np.maximum(last, 0)], 0.0)
+
+
+def motion_direction(angle: Jet) -> Array:
+    """Sign of the last motion of an axis at each sample, (n,): from its rate, which is zero at rest where a readout is noisy;
+    from its steps when only poses are known."""
+    rate = np.broadcast_to(angle.v, np.shape(angle.x))
+    limit = 1e-4 * np.abs(rate).max(initial=0.0)
+    if limit == 0:
+        return last_direction(np.asarray(angle.x))
+    return last_direction(np.cumsum(np.where(np.abs(rate) > limit, np.sign(rate), 0.0)))
 
 
 def first_order_lag(time: Array, u: Array, tau: float) -> Array:

@@ -188,8 +188,17 @@ def _full(fit: Fit, poses: Poses, terms: int) -> Array:
     return np.array([fit.value(n) for n in names_of(poses.sensor.name, terms)])
 
 
+def _condition(poses: Poses, x: Array) -> float:
+    """Condition number of the positions alone: of d|f|/g with bias/g, scale and cross terms, all poses weighing the same."""
+    f, v = _directions(poses.means, x)
+    g = np.linalg.norm(f, axis=1).mean()
+    slopes = _slopes(f / g, v, len(x))
+    s = np.linalg.svd(slopes, compute_uv=False)
+    return float(s[0] / s[-1]) if s[-1] > 1e-12 * s[0] else np.inf
+
+
 def _tests(poses: Poses, fit: Fit, converged: bool, blindness: float, terms: int) -> tuple[list[Test], bool]:
-    condition = fit.condition
+    condition = _condition(poses, _full(fit, poses, terms))
     tests = [
         Test("converged", float(fit.iterations), 0, float(converged), converged, f"{fit.iterations} Gauss-Newton iterations"),
         Test(

@@ -69,6 +69,7 @@ class BaseVibration(WorldEffect):
     source = "PHYSICS 3.1"
     excited_by = "any recording; a change of pose shows that it is fixed in the world"
     look = "a line in the spectrum, coherent over the axes"
+    on_table = True
 
     @property
     def is_identity(self) -> bool:

@@ -85,6 +85,7 @@ class MountCompliance(FrameEffect):
     source = "effects list; PHYSICS 3.3"
     excited_by = "tilting about two axes"
     look = "products of two force components on all channels, norm unchanged; follows the body at a remount"
+    on_table = True
     linear = True
     mechanised = True
 

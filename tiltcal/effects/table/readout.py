@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.mechanisms import Gap, Mechanism, Spring
-from tiltcal.effects.memory import last_direction
+from tiltcal.effects.memory import motion_direction
 from tiltcal.frames import Array
 from tiltcal.motion import Drive, Jet
 from tiltcal.setup import Rig
@@ -136,7 +136,7 @@ class TableBacklash(AngleEffect):
     mechanised = True
 
     def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
-        lag = -0.5 * self.value("width") * last_direction(np.asarray(readout.x))
+        lag = -0.5 * self.value("width") * motion_direction(readout)
         zero: Array = np.zeros_like(lag)
         return Jet(lag, zero, zero)
 

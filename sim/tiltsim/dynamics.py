@@ -1,0 +1,409 @@
+"""A sequence run by time steps: the servos follow with droop, lag and friction, the structure rings.
+
+``run_dynamics`` steps the mechanics once, keeps a log of the joints and returns it as a Course. The readings
+come from the exact reader of prescribed motion (``motion.py``) at the logged states: none is one step old.
+
+- The log takes positions from the integrator, rates and accelerations from differences of its own step
+  velocities (fourth order): one curve. ``qacc`` would not do: it is explicit, the servo's damping implicit.
+- Vibration: a base that accelerates by ``a`` is, for everything on it, a gravity ``g - a`` (equivalence
+  principle): the stepping shakes gravity, exactly and without driven slides; the reader adds the base's own.
+- Turns of effects that move (wobble, slip, thermal tilt) are tiny and load nothing: left to the reader.
+- Springs too stiff for the time step follow at once: the reader settles them, as in prescribed motion.
+- Memory: a row a millisecond (a step, with springs) where something accelerates, one of CHUNK where nothing
+  does, and ROWS at most: runs beyond half an hour have wider rows.
+
+Errors: the implicit damping c of a joint adds c dt / 2 to its inertia: a mount of 30 arcsec/g rings 2 % too
+low at 0.5 ms. Friction creeps by some 0.05 arcsec/s.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from tiltcal.chain import stream
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
+from tiltcal.effects.mechanisms import Context, Gap, Mechanism, Spring
+from tiltcal.effects.table.readout import ReadoutError
+from tiltcal.errors import TiltcalError
+from tiltcal.frames import Array, parse_mount
+from tiltcal.kinematics import true_angles, world_of
+from tiltcal.motion import Attitude, Drive, Index, Jet
+from tiltcal.scenario import Dynamics, Scenario
+from tiltsim.motion import Progress
+from tiltsim.rig import Rig, RigBuilder
+
+PREROLL = 1.0  # s before the start, in which the start-up transient dies
+SPACING = 1e-3  # s, of the log's rows
+BLOCK = 4096  # steps planned and logged at once
+ROWS = 2_000_000  # of a log, at most: 0.2 GB with four joints
+CHUNK = 64  # rows of which one is kept when nothing accelerates
+QUIET = 1e-7  # rad/s2
+RESOLVED = 0.7  # rad: largest phase a free spring may go through in a step; beyond, it follows at once
+HAND = 2 * np.pi * 5.0  # rad/s, natural frequency of a hand that holds an instrument
+TREMOR = 3.0  # Hz, corner of a hand's irregular torque
+
+
+def run_dynamics(scenario: Scenario, seed: int | None, progress: Progress | None = None) -> "DynamicCourse":
+    """Run a scenario's sequence by time steps.
+
+    Args:
+        scenario: with ``[dynamics]`` (its defaults when it has none).
+        seed: of the hand's irregular torque; None: a hand without it.
+        progress: called with (steps done, steps in all).
+
+    Raises:
+        TiltcalError: the run diverges, or the sequence does not fit the table.
+    """
+    effects = [e for e in scenario.effects if not e.is_identity]
+    driver: _Driver
+    if scenario.rig.table == "handheld":
+        driver = _Hand(scenario, effects, seed)
+    else:
+        driver = _Servos(scenario, effects)
+    log = _march(scenario, driver, progress)
+    model = driver.rig.model
+    return DynamicCourse(scenario, log, {model.joint(i).name: int(model.jnt_dofadr[i]) for i in range(model.njnt)})
+
+
+@dataclass(frozen=True)
+class Log:
+    """States of the joints at increasing times.
+
+    Args:
+        time: s, (n,).
+        x: positions as in qpos, (n, nq); v, a: rates and accelerations as in qvel, (n, nv).
+    """
+
+    time: Array
+    x: Array
+    v: Array
+    a: Array
+
+    def _between(self, time: Array) -> tuple[Index, Array, Array]:
+        """Row before each time, the interval it starts, and the time into it, (m, 1)."""
+        inside = np.clip(time, self.time[0], self.time[-1])
+        row = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
+        start = self.time[row]
+        return row, (self.time[row + 1] - start)[:, None], (inside - start)[:, None]
+
+    def joints(self, time: Array) -> Jet:
+        """All joints of a table at these times: a jet of shape (m, nq)."""
+        i, h, t = self._between(time)
+        k = i + 1
+        return _quintic(Jet(self.x[i], self.v[i], self.a[i]), Jet(self.x[k], self.v[k], self.a[k]), h, t)
+
+    def attitude(self, time: Array) -> Attitude:
+        """Attitude of a free body at these times: that of the row before, then a small rotation vector u.
+
+        Its body rate is w = u' - u x u' / 2 + u x (u x u') / 6 (Bortz), so that u' = w + u x w / 2 + ...
+        """
+        from scipy.spatial.transform import Rotation
+
+        i, h, t = self._between(time)
+        here, there = (Rotation.from_quat(self.x[rows, 3:7], scalar_first=True) for rows in (i, i + 1))
+        w, a = self.v[:, 3:], self.a[:, 3:]
+        step, rate, cross = (here.inv() * there).as_rotvec(), w[i + 1], np.cross
+        du = rate + cross(step, rate) / 2 + cross(step, cross(step, rate)) / 12
+        end = Jet(step, du, a[i + 1] + (cross(du, rate) + cross(step, a[i + 1])) / 2)
+        u = _quintic(Jet(np.zeros_like(step), w[i], a[i]), end, h, t)
+        swing, push = cross(u.x, u.v), cross(u.x, u.a)
+        return Attitude(
+            (here * Rotation.from_rotvec(np.asarray(u.x))).as_matrix(),
+            u.v - swing / 2 + cross(u.x, swing) / 6,
+            u.a - push / 2 + (cross(u.v, swing) + cross(u.x, push)) / 6,
+        )
+
+
+def _quintic(start: Jet, end: Jet, h: Array, t: Array) -> Jet:
+    """The quintic through two jets (m, j) that are h (m, 1) apart, at t (m, 1): itself a jet."""
+    d = (end.x - start.x) - h * (start.v + h / 2 * start.a)
+    e, f = h * (end.v - start.v - h * start.a), h * h * (end.a - start.a)
+    c3, c4, c5 = 10 * d - 4 * e + f / 2, -15 * d + 7 * e - f, 6 * d - 3 * e + f / 2
+    s = t / h
+    return Jet(
+        start.x + t * (start.v + t / 2 * start.a) + s**3 * (c3 + s * (c4 + s * c5)),
+        start.v + t * start.a + s**2 / h * (3 * c3 + s * (4 * c4 + s * 5 * c5)),
+        start.a + s / h**2 * (6 * c3 + s * (12 * c4 + s * 20 * c5)),
+    )
+
+
+@dataclass(frozen=True)
+class DynamicCourse:
+    """What the table did in a run by time steps: a Course.
+
+    Args:
+        scenario: that was run.
+        log: of its joints.
+        columns: joint name -> column of the log.
+    """
+
+    scenario: Scenario
+    log: Log
+    columns: Mapping[str, int]
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """First and last instant of the sequence, s."""
+        return self.scenario.schedule.times
+
+    def drive(self, time: Array) -> Drive:
+        """Readout, structure and (hand-held) attitude at these times, (n,)."""
+        asked = self.scenario.schedule.drive(time)
+        if self.scenario.rig.table == "handheld":
+            return replace(asked, attitude=self.log.attitude(time))
+        states = self.log.joints(time)
+        parts = [np.asarray(part) for part in (states.x, states.v, states.a)]
+        joints = {name: Jet(*(part[:, i] for part in parts)) for name, i in self.columns.items()}
+        motors = {name: joints.pop(name) for name in asked.axes}
+        gaps = {name: joints.pop(f"{name}_gap") for name in asked.axes if f"{name}_gap" in joints}
+        errors = _readout_errors(self.scenario.effects)
+        if self.scenario.rig.readout == "command":
+            goals = true_angles(self.scenario, asked, errors)
+            beyond = {name: motors[name] - goals[name] for name in motors}
+            beyond |= {name: beyond[name] + gap for name, gap in gaps.items()}
+            return replace(asked, structure=joints | beyond, realised=("table_backlash",))
+        axes = self._readout(asked, motors, errors)
+        return replace(asked, axes=axes, structure=joints | gaps, realised=("table_backlash",))
+
+    def _readout(self, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]) -> dict[str, Jet]:
+        """What encoders say at true angles: a fixed point contracts by the errors' slope, < 1e-2."""
+        readout = dict(true)
+        for _ in range(6 if errors else 0):
+            found = true_angles(self.scenario, replace(asked, axes=readout), errors)
+            readout = {name: readout[name] + (true[name] - found[name]) for name in true}
+        return readout
+
+
+class _Driver(Protocol):
+    """What pushes the joints: planned a block of steps ahead, applied step by step."""
+
+    rig: Rig
+    data: mujoco.MjData
+    spacing: float
+
+    def plan(self, time: Array) -> None:
+        """Work out what to do at the instants of the next steps, (n,)."""
+
+    def push(self, k: int) -> None:
+        """Apply it before step ``k`` of the block."""
+
+
+def _march(scenario: Scenario, driver: _Driver, progress: Progress | None) -> Log:
+    """Step from PREROLL before the start of the sequence to its end."""
+    model, data = driver.rig.model, driver.data
+    dt = float(model.opt.timestep)
+    start, end = scenario.schedule.times
+    before = round(PREROLL / dt)
+    steps = before + int(np.ceil((end - start) / dt))
+    stride = max(1, int(driver.spacing / dt + 1e-9), -(-steps // ROWS))
+    steps += stride + 4
+    recorder = _Recorder(stride)
+    step, qpos, qvel, push = mujoco.mj_step, data.qpos, data.qvel, driver.push
+    for first in range(0, steps, BLOCK):
+        n = min(BLOCK, steps - first)
+        time: Array = start + dt * np.arange(first - before, first - before + n, dtype=float)
+        driver.plan(time)
+        x, u = np.empty((n, model.nq)), np.empty((n, model.nv))
+        for k in range(n):
+            push(k)
+            x[k], u[k] = qpos, qvel
+            step(model, data)
+        if not (np.isfinite(x).all() and np.isfinite(u).all()):
+            raise TiltcalError(
+                f"scenario {scenario.name}", found=f"a motion that diverges before {time[-1]:.4g} s",
+                need="a stable run by time steps", do="lower dynamics.timestep_s, or the servo's stiffness",
+            )  # fmt: skip
+        recorder.add(time, x, u, dt)
+        if progress is not None:
+            progress(first + n, steps)
+    return recorder.log()
+
+
+class _Recorder:
+    """Turns steps into rows: rates and accelerations by differences, thinned where nothing accelerates."""
+
+    def __init__(self, stride: int) -> None:
+        self.stride, self.offset = stride, 0
+        self.carry: tuple[Array, Array, Array] | None = None
+        self.parts: list[tuple[Array, Array, Array, Array]] = []
+
+    def add(self, time: Array, x: Array, u: Array, dt: float) -> None:
+        """Steps at these times, (n,), with positions (n, nq) and the velocities that led there, (n, nv)."""
+        if self.carry is not None:
+            time, x, u = (np.concatenate(pair) for pair in zip(self.carry, (time, x, u), strict=True))
+        self.carry = time[-3:], x[-3:], u[-3:]
+        u0, u1, u2, u3 = u[:-3], u[1:-2], u[2:-1], u[3:]  # two steps before and two after each row
+        v, a = (7 * (u1 + u2) - u0 - u3) / 12, (15 * (u2 - u1) - (u3 - u0)) / (12 * dt)
+        rows = np.arange(self.offset, len(v), self.stride)
+        self.offset = (self.offset - len(v)) % self.stride
+        rows = rows[_worth_keeping(a[rows])]
+        self.parts.append((time[1:-2][rows], x[1:-2][rows], v[rows], a[rows]))
+
+    def log(self) -> Log:
+        """Everything kept."""
+        return Log(*(np.concatenate(arrays) for arrays in zip(*self.parts, strict=True)))
+
+
+def _worth_keeping(a: Array) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Rows, (n,), of chunks in which something accelerates; else the chunk's first; and the last of all."""
+    group = np.arange(len(a)) // CHUNK
+    keep = np.bincount(group, (np.abs(a) > QUIET).any(axis=1))[group] > 0 if len(a) else np.zeros(0, bool)
+    keep[::CHUNK] = True
+    keep[-1:] = True
+    return np.asarray(keep)
+
+
+class _Servos:
+    """The servos of a table, the shaking of its base, and the operator who remounts."""
+
+    def __init__(self, scenario: Scenario, effects: Sequence[Effect]) -> None:
+        self.scenario, self.schedule = scenario, scenario.schedule
+        self.errors = _readout_errors(effects)
+        self.world = world_of(scenario, effects)
+        mechanisms = _resolved(scenario, effects, _mechanisms(scenario, effects))
+        texts = list(dict.fromkeys(leg.mount for leg in self.schedule.legs))
+        rigs = {text: _build(scenario, effects, mechanisms, text) for text in texts}
+        self.rig = rigs[texts[0]]
+        self.mounts = {text: rig.model.body("mount").quat.copy() for text, rig in rigs.items()}
+        self.spacing = 0.0 if self.rig.springs else SPACING
+        self.data = mujoco.MjData(self.rig.model)
+        self.names = [self.rig.model.actuator(i).name for i in range(self.rig.model.nu)]
+        self._balance()
+
+    def _goal(self, time: Array) -> Array:
+        """Angles asked of the motors, rad, (n, axes): loops are closed on the encoders, errors and all."""
+        goals = true_angles(self.scenario, self.schedule.drive(time), self.errors)
+        return np.column_stack([np.asarray(goals[name].x) for name in self.names])
+
+    def _balance(self) -> None:
+        """Start in equilibrium: servos and springs hold the weight. A fixed point contracts by m g l / k."""
+        model, data, rig = self.rig.model, self.data, self.rig
+        goal = self._goal(np.array(self.schedule.times[:1]))[0]
+        axes, springs = [rig.dof(name) for name in self.names], [rig.dof(name) for name in rig.springs]
+        data.qpos[axes] = goal
+        for _ in range(6):
+            mujoco.mj_forward(model, data)
+            data.qpos[axes] = goal - data.qfrc_bias[axes] / model.actuator_gainprm[:, 0]
+            data.qpos[springs] = -data.qfrc_bias[springs] / np.array(list(rig.springs.values()))
+
+    def plan(self, time: Array) -> None:
+        """Commands, gravity in the shaken base's frame, remounts."""
+        self.goal, self.ctrl = self._goal(time), self.data.ctrl
+        self.gravity: Array | None = None
+        if self.world.shakes:
+            self.gravity = np.tile([0.0, 0.0, -self.world.gravity], (len(time), 1))
+            for shake in self.world.shakes:
+                self.gravity -= np.column_stack([jet.a for jet in shake.jets(time - self.schedule.times[0])])
+        self.remounts = dict(self.schedule.mountings(time)) if len(self.mounts) > 1 else {}
+
+    def push(self, k: int) -> None:
+        """Set the command; after a remount the mount's springs start from where they were, and ring."""
+        self.ctrl[:] = self.goal[k]
+        if self.gravity is not None:
+            self.rig.model.opt.gravity = self.gravity[k]
+        if k in self.remounts:
+            self.rig.model.body("mount").quat = self.mounts[self.remounts[k]]
+
+
+class _Hand:
+    """A hand: spring and damper toward the wanted attitude, irregular torque on the way."""
+
+    spacing = SPACING
+
+    def __init__(self, scenario: Scenario, effects: Sequence[Effect], seed: int | None) -> None:
+        dynamics = scenario.dynamics or Dynamics()
+        self.schedule = scenario.schedule
+        self.rig = _build(scenario, effects, (), scenario.rig.mount)
+        self.data = mujoco.MjData(self.rig.model)
+        inertia = float(np.mean(self.rig.model.dof_M0[3:6]))
+        self.stiffness = dynamics.stiffness_N_m_rad or inertia * HAND**2
+        critical = 2 * np.sqrt(self.stiffness * inertia)
+        self.damping = critical if dynamics.damping_N_m_s_rad is None else dynamics.damping_N_m_s_rad
+        self.torque = dynamics.hand_torque_N_m
+        self.rng = None if seed is None else stream(seed, "hand")
+        self.tremor = _Tremor(float(self.rig.model.opt.timestep))
+        self.quat, self.spin = self.data.qpos[3:7], self.data.qvel[3:6]
+        self.force = self.data.qfrc_applied[3:6]
+        self.error = np.zeros(3)
+        self.plan(np.array(self.schedule.times[:1]))
+        self.quat[:] = self.wanted[0]
+
+    def plan(self, time: Array) -> None:
+        """Wanted attitudes (w, x, y, z), (n, 4), and the torque that does not depend on the state, (n, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        attitude = self.schedule.drive(time).attitude
+        assert attitude is not None
+        self.wanted = Rotation.from_matrix(attitude.R_wb).as_quat(scalar_first=True)
+        self.known = self.damping * attitude.rate
+        if self.rng is not None and len(time) > 1:
+            effort = self.torque * self._effort(time, attitude)[:, None]
+            self.known = self.known + effort * self.tremor.draw(self.rng, len(time))
+
+    def _effort(self, time: Array, attitude: Attitude) -> Array:
+        """Rate as a share of its leg's highest, (n,): 0 at rest, so that nothing moves there."""
+        moves = [e if e.law == "ramp" else None for e in self.schedule.legs]
+        peaks = np.array([1.0 if e is None else np.linalg.norm(e.dq) / (e.t1 - e.t0 - e.ramp) for e in moves])
+        return np.asarray(np.linalg.norm(attitude.rate, axis=1) / peaks[self.schedule.leg_of(time)])
+
+    def push(self, k: int) -> None:
+        """Torque in the body frame: stiffness x turn to go + damping x rate to gain + irregular part."""
+        mujoco.mju_subQuat(self.error, self.wanted[k], self.quat)
+        self.force[:] = self.stiffness * self.error + self.known[k] - self.damping * self.spin
+
+
+class _Tremor:
+    """White noise through two equal first-order lags of corner TREMOR, rms 1: H ~ 1 / (1 - p z^-1)^2."""
+
+    def __init__(self, dt: float) -> None:
+        p = float(np.exp(-2 * np.pi * TREMOR * dt))
+        power = (1 + p * p) / (1 - p * p) ** 3  # sum of the squared impulse response (n + 1) p^n
+        self.b, self.a = [1 / np.sqrt(power)], [1.0, -2 * p, p * p]
+        self.state = np.zeros((2, 3))
+
+    def draw(self, rng: np.random.Generator, n: int) -> Array:
+        """The next n samples about three axes, (n, 3)."""
+        from scipy.signal import lfilter
+
+        noise, self.state = lfilter(self.b, self.a, rng.normal(size=(n, 3)), axis=0, zi=self.state)
+        return np.asarray(noise)
+
+
+def _readout_errors(effects: Sequence[Effect]) -> list[Effect]:
+    return [e for e in effects if isinstance(e, ReadoutError) and not e.is_identity]
+
+
+def _mechanisms(scenario: Scenario, effects: Sequence[Effect]) -> tuple[Mechanism, ...]:
+    """Springs and gaps of all effects."""
+    mechanised = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised]
+    gravity = world_of(scenario, effects).gravity
+    return tuple(m for e in mechanised for m in e.mechanisms(scenario.rig, gravity))
+
+
+def _resolved(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism]) -> tuple[Mechanism, ...]:
+    """The mechanisms without the springs that swing faster than the time step can follow."""
+    rig = _build(scenario, effects, mechanisms, scenario.rig.mount)
+    data, inertia = mujoco.MjData(rig.model), np.empty((rig.model.nv, rig.model.nv))
+    mujoco.mj_forward(rig.model, data)
+    mujoco.mj_fullM(rig.model, data, inertia)
+    mobility = np.diag(np.linalg.inv(inertia))  # of each joint with all others free: the fastest it can swing
+    fastest = (RESOLVED / rig.model.opt.timestep) ** 2
+    slow = {name.removesuffix("_sag") for name, k in rig.springs.items() if k * mobility[rig.dof(name)] <= fastest}
+    return tuple(m for m in mechanisms if isinstance(m, Gap) or (isinstance(m, Spring) and m.body in slow))
+
+
+def _build(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism], mount: str) -> Rig:
+    """The rig with what never moves built in, and the mechanisms with their true masses."""
+    world = world_of(scenario, effects)
+    drive = scenario.schedule.drive(np.array(scenario.schedule.times[:1]))
+    context = Context(drive, drive.axes, scenario.rig, world.gravity)
+    slots = ["base", *(f"{name}_bearing" for name in scenario.rig.axis_names), "mount"]
+    frames = [e for e in effects if isinstance(e, FrameEffect)]
+    fixed = [e for e in frames if all(t.angle.constant for slot in slots for t in e.turns(slot, context))]
+    builder = RigBuilder(scenario, world, parse_mount(mount))
+    builder.install_frames(fixed, drive, drive.axes)
+    builder.install_dynamics(scenario.dynamics or Dynamics(), mechanisms)
+    return builder.compile_dynamic()

@@ -1,0 +1,111 @@
+"""The shared memory helpers against slow textbook loops and analytic responses."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from tiltcal.effects.memory import first_order_lag, last_direction, play
+
+WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda k: k / 2))
+
+
+def textbook_play(u, width):
+    """The play operator one sample after the other (Visintin 1994): the output moves only where it is pushed."""
+    half, output, state = width / 2, u[0], []
+    for x in u:
+        output = min(max(output, x - half), x + half)
+        state.append((x - output) / half)
+    return np.array(state)
+
+
+def textbook_direction(u):
+    direction, found = 0.0, []
+    for before, now in zip(np.concatenate([u[:1], u[:-1]]), u, strict=True):
+        direction = float(np.sign(now - before)) or direction
+        found.append(direction)
+    return np.array(found)
+
+
+@settings(deadline=None, max_examples=400, derandomize=True)
+@given(u=WALKS, width=st.sampled_from([0.3, 1.0, 2.0, 5.0, 40.0]))
+def test_play_over_turning_points_is_the_textbook_operator(u, width):
+    np.testing.assert_allclose(play(u, width), textbook_play(u, width), atol=1e-13)
+
+
+@pytest.mark.parametrize("width", [0.01, 1.0, 30.0])
+def test_play_holds_on_long_random_walks(width, rng):
+    u = np.cumsum(rng.normal(size=5000))
+    np.testing.assert_allclose(play(u, width), textbook_play(u, width), atol=1e-9 / width)
+
+
+@settings(deadline=None, max_examples=400, derandomize=True)
+@given(u=WALKS)
+def test_the_last_direction_is_kept_over_plateaus(u):
+    np.testing.assert_array_equal(last_direction(u), textbook_direction(u))
+
+
+@settings(deadline=None, derandomize=True)
+@given(u=WALKS, width=st.floats(0.1, 10))
+def test_play_stays_in_its_gap_and_starts_in_the_middle(u, width):
+    state = play(u, width)
+    assert np.all(np.abs(state) <= 1 + 1e-12)
+    assert state[0] == 0
+
+
+def test_play_of_no_width_is_the_direction():
+    u = np.array([1.0, 1.0, 2.0, 2.0, 0.0])
+    np.testing.assert_array_equal(play(u, 0.0), [0, 0, 1, 1, -1])
+    assert len(play(np.zeros(0), 1.0)) == 0
+
+
+def test_play_forgets_a_small_loop_inside_a_large_one():
+    """Wiping-out property of Preisach operators: what happens between two equal extremes leaves no trace."""
+    plain = np.array([0.0, 10.0, -10.0, 3.0])
+    looped = np.array([0.0, 10.0, 9.0, 10.0, -10.0, 3.0])
+    assert play(looped, 4.0)[-1] == play(plain, 4.0)[-1]
+
+
+def irregular(rng, n=400):
+    return np.cumsum(rng.uniform(0.001, 0.3, n))
+
+
+@pytest.mark.parametrize("tau", [1e-4, 0.05, 2.0, 500.0])
+def test_a_lag_answers_a_ramp_as_the_textbook_says_at_any_stamps(tau, rng):
+    time = irregular(rng)
+    t = time - time[0]
+    np.testing.assert_allclose(
+        first_order_lag(time, 1 + 2 * t, tau), 1 + 2 * (t - tau * -np.expm1(-t / tau)), atol=1e-10 * (1 + tau)
+    )
+
+
+def test_a_lag_settles_exponentially_after_a_ramp_that_stops(rng):
+    time = np.sort(np.append(irregular(rng), 10.0))
+    tau, stop = 0.7, 10.0
+    y = first_order_lag(time, np.minimum(time, stop), tau)
+    at_stop = y[np.searchsorted(time, stop)]
+    late = time >= stop
+    np.testing.assert_allclose(y[late], stop + (at_stop - stop) * np.exp(-(time[late] - stop) / tau), atol=1e-12)
+
+
+def test_a_lag_delays_a_slow_sine_by_its_phase():
+    tau, w = 0.2, 2 * np.pi * 0.5
+    time = np.linspace(0, 40, 40001)
+    y = first_order_lag(time, np.sin(w * time), tau)
+    expected = np.sin(w * time - np.arctan(w * tau)) / np.hypot(1, w * tau)
+    np.testing.assert_allclose(y[time > 10], expected[time > 10], atol=(w * 1e-3) ** 2)  # linear between samples: O((w dt)^2)
+
+
+def test_further_stamps_on_the_same_lines_change_nothing(rng):
+    time = irregular(rng, 60)
+    u = np.cumsum(rng.normal(size=60))
+    fine = np.union1d(time, rng.uniform(time[0], time[-1], 300))
+    y = first_order_lag(fine, np.interp(fine, time, u), 0.4)
+    np.testing.assert_allclose(y[np.searchsorted(fine, time)], first_order_lag(time, u, 0.4), atol=1e-11)
+
+
+@pytest.mark.parametrize(("tau", "n"), [(0.0, 5), (-1.0, 5), (1.0, 1)])
+def test_without_a_time_constant_or_a_past_nothing_lags(tau, n):
+    u = np.arange(float(n))
+    np.testing.assert_array_equal(first_order_lag(np.arange(float(n)), u, tau), u)

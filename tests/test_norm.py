@@ -1,0 +1,143 @@
+"""S2: attitudes unknown."""
+
+import numpy as np
+import pytest
+from builders import ACCEL, G, setup_of
+from logs import log_of, triad_readings
+from scipy.stats import chi2
+from statistics_helpers import rng_of
+
+from tiltcal.accuracy import normalised_error
+from tiltcal.errors import TiltcalError
+from tiltcal.frames import sphere
+from tiltcal.methods.norm import names_of
+from tiltcal.methods.registry import calibrate
+from tiltcal.segments import find_segments
+
+SENSOR = ACCEL.model_copy(update={"rate_hz": 50.0})
+SETUP = setup_of("handheld", SENSOR)
+BIAS = np.array([0.12, -0.08, 0.15])
+M = np.array([[1.004, 0.003, -0.0015], [0.003, 0.997, 0.0022], [-0.0015, 0.0022, 1.0025]])
+DIRECTIONS = sphere(16)
+SIGMA = 2e-3
+FACES = np.vstack([np.eye(3), -np.eye(3)])
+
+
+def log(up=DIRECTIONS, bias=BIAS, M=M, rng=None, dwell=60):
+    clean = triad_readings(up, G, bias, M)
+    rows = len(log_of(clean, SENSOR, dwell=dwell))
+    noise = None if rng is None else rng.normal(0, SIGMA, (rows, 3))
+    return log_of(clean, SENSOR, dwell=dwell, noise=noise)
+
+
+def truth(terms: int) -> dict[str, float]:
+    values = [*BIAS, *(np.diag(M) - 1), M[0, 1], M[0, 2], M[1, 2]]
+    return dict(zip(names_of("accel", 9), values, strict=True)) if terms == 9 else dict(zip(names_of("accel", 6), values[:6], strict=True))
+
+
+def test_exact_readings_give_exact_parameters_with_both_names_of_each_cross_term():
+    found = calibrate("norm", log(), SETUP)
+    for name, value in truth(9).items():
+        assert found.value(name) == pytest.approx(value, abs=1e-9), name
+    assert found.value("accel.cross_yx") == found.value("accel.cross_xy")
+    assert found.dof == 16 - 9
+    assert found.verdict == "good"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_it_converges_from_half_the_scale_and_half_a_g_off(sign):
+    rng = rng_of(f"far start {sign}")
+    for _ in range(40):
+        scale, bias = 1 + 0.5 * sign * rng.uniform(-1, 1, 3), 0.5 * G * rng.uniform(-1, 1, 3)
+        found = calibrate("norm", log(bias=bias, M=np.diag(scale)), SETUP, terms=6)
+        assert [found.value(f"accel.scale_{a}") for a in "xyz"] == pytest.approx(list(scale - 1), abs=1e-8)
+        assert [found.value(f"accel.bias_{a}") for a in "xyz"] == pytest.approx(list(bias), abs=1e-7)
+
+
+@pytest.mark.slow
+def test_four_thousand_draws_reach_the_bound():
+    draws, names = 4000, list(truth(9))
+    clean = log()
+    segments = find_segments(clean)
+    rng = rng_of("norm at its bound")
+    columns = np.column_stack([clean.column(f"accel_{a}_m_s2") for a in "xyz"])
+    values, nees = np.empty((draws, 9)), np.empty(draws)
+    for k in range(draws):
+        noisy = columns + rng.normal(0, SIGMA, columns.shape)
+        draw = type(clean).from_columns(clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")})
+        found = calibrate("norm", draw, SETUP, segments=segments)
+        values[k], nees[k] = [found.value(n) for n in names], normalised_error(found, truth(9))[0]
+    ratio = values.var(axis=0, ddof=1) / np.diag(_bound(segments))
+    p = 1e-3 / 10 / 2
+    low, high = chi2.ppf(p, draws - 1) / (draws - 1), chi2.isf(p, draws - 1) / (draws - 1)
+    assert np.all((ratio > low) & (ratio < high)), ratio
+    assert chi2.ppf(p, 9 * draws) / (9 * draws) < nees.mean() / 9 < chi2.isf(p, 9 * draws) / (9 * draws) * (1 + 2 / 1500)
+
+
+def _bound(segments):
+    """Only the radial part of the noise informs: F = sum N_k J' J / (s^2 v' v), rows from d|f|."""
+    counts = np.array([s.last - s.first for s in segments if s.kind == "dwell"], dtype=float)
+    inverse = np.linalg.inv(M)
+    v = DIRECTIONS @ inverse
+    f = G * DIRECTIONS
+    pairs = [(0, 1), (0, 2), (1, 2)]
+    J = np.hstack([v, v * f, np.column_stack([v[:, i] * f[:, j] + v[:, j] * f[:, i] for i, j in pairs])])
+    weight = counts / (SIGMA**2 * (v * v).sum(axis=1))
+    return np.linalg.inv(J.T @ (J * weight[:, None]))
+
+
+def test_six_positions_cannot_tell_about_their_own_model():
+    rng = rng_of("six positions")
+    found = calibrate("norm", log(up=FACES, rng=rng), SETUP, terms=6)
+    assert found.verdict == "cannot_tell"
+    assert found.dof == 0
+    # PHYSICS 6 (2): a shear of 1 mrad left out gives a zero residual and wrong parameters all the same
+    sheared = np.eye(3)
+    sheared[0, 1] = 1e-3
+    wrong = calibrate("norm", log(up=sphere(6), bias=0 * BIAS, M=sheared), SETUP, terms=6)
+    assert wrong.chi2_per_dof == 0
+    assert max(abs(wrong.value(f"accel.scale_{a}")) for a in "xyz") > 1e-5
+    assert wrong.verdict == "cannot_tell"
+
+
+def test_random_positions_get_a_condition_verdict():
+    rng = rng_of("condition of random positions")
+    conditions = []
+    for _ in range(60):
+        up = rng.normal(size=(6, 3))
+        up /= np.linalg.norm(up, axis=1)[:, None]
+        found = calibrate("norm", log(up=up, bias=0 * BIAS, M=np.eye(3)), SETUP, terms=6)
+        test = next(t for t in found.tests if t.name == "condition of the positions")
+        assert test.passed == (test.statistic <= 100)
+        conditions.append(test.statistic)
+    assert np.median(conditions) > 5  # axis-aligned positions have 1
+    best = calibrate("norm", log(up=FACES, bias=0 * BIAS, M=np.eye(3)), SETUP, terms=6)
+    assert next(t for t in best.tests if t.name == "condition of the positions").statistic == pytest.approx(1.0, abs=0.01)
+
+
+def test_six_directions_repeated_do_not_determine_nine_parameters():
+    found = calibrate("norm", log(up=np.vstack([FACES, FACES, FACES]), rng=rng_of("repeated faces")), SETUP, terms=9)
+    assert found.verdict == "cannot_tell"
+
+
+def test_a_missing_cross_term_is_seen_and_called_suspect():
+    found = calibrate("norm", log(rng=rng_of("missing cross term")), SETUP, terms=6)
+    assert found.verdict == "suspect"
+    assert not next(t for t in found.tests if t.name == "fit").passed
+    assert any("widened" in w for w in found.warnings)
+
+
+def test_the_scenario_decides_between_six_and_nine_parameters():
+    narrow = setup_of("handheld", SENSOR.model_copy(update={"adjustable": ("bias", "scale")}))
+    assert len(calibrate("norm", log(M=np.diag(np.diag(M))), narrow).parameters) == 6
+    assert len(calibrate("norm", log(), SETUP).parameters) == 12
+
+
+def test_too_few_dwells_wrong_terms_and_no_triad_are_refused_in_words():
+    with pytest.raises(TiltcalError, match=r"found 8 dwells, need at least 9.*terms=6"):
+        calibrate("norm", log(up=sphere(8)), SETUP)
+    with pytest.raises(TiltcalError, match="found 7, need 6 or 9"):
+        calibrate("norm", log(), SETUP, terms=7)
+    two = SENSOR.model_copy(update={"axes": ("x", "y")})
+    with pytest.raises(TiltcalError, match="found 2 axes"):
+        calibrate("norm", log(), setup_of("handheld", two))

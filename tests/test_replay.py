@@ -1,0 +1,106 @@
+"""A recorded readout played again predicts what the recording read."""
+
+import numpy as np
+import pytest
+from builders import ACCEL, FOG, GYRO, INCL, setup_of
+
+from tiltcal.errors import TiltcalError
+from tiltcal.laboratory import SimulatedLaboratory
+from tiltcal.recording import Recording
+from tiltcal.replay import differentiate, replay
+from tiltcal.scenario import parse_scenario
+
+LABORATORY = SimulatedLaboratory()
+STEPS = [
+    {"action": "move", "outer_deg": 0, "dwell_s": 3},
+    {"action": "move", "outer_deg": 60, "inner_deg": 30, "dwell_s": 3},
+    {"action": "remount", "mount": "Rz(180)", "dwell_s": 3},
+    {"action": "turn", "axis": "inner", "angle_deg": -400, "rate_deg_s": 50, "dwell_s": 3},
+]
+
+
+def scenario(**more):
+    setup = setup_of(
+        "dual",
+        *(s.model_copy(update={"rate_hz": 100}) for s in (ACCEL, GYRO, FOG, INCL)),
+        lever_arm_m=(0.05, 0, 0.02),
+    )
+    table = setup.model_dump(exclude_none=True)
+    return parse_scenario({"schema": 1, **table, "sequence": STEPS, "climate": {"ramp_degC_h": 600}, **more})
+
+
+def steady(time):
+    """Rows well inside a dwell, or a turn at constant rate: away from where the table speeds up or slows down."""
+    drive = scenario().schedule.drive(time)
+    unsteady = np.any([jet.a != 0 for jet in drive.axes.values()], axis=0) | (np.diff(drive.stop, prepend=0) != 0)
+    return np.convolve(unsteady.astype(float), np.ones(61), mode="same") < 0.5
+
+
+def test_a_noise_free_recording_is_predicted_exactly_at_rest_and_in_steady_turns():
+    effects = [
+        {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 500},
+        {"id": "acc_temp_bias", "sensor": "accel", "temp_bias_z_ug_degC": 100},
+    ]
+    told = scenario(effect=effects)
+    recording = LABORATORY.record(told)
+    assert recording.metadata["mount"].endswith("s: Rz(180)")
+    prediction = LABORATORY.predict(told, recording)
+    assert set(prediction.column_names) == set(recording.column_names)
+    rows = steady(recording.time)
+    assert 0.5 < rows.mean() < 0.95
+    assert np.abs(recording.column("gyro_z_deg_s")[rows]).max() > 49
+    for sensor in told.sensor:
+        error = np.abs(prediction.sensor(sensor).values - recording.sensor(sensor).values)
+        assert error[rows].max() < 1e-8, sensor.name
+
+
+def test_what_the_table_did_not_read_is_not_predicted():
+    told = scenario()
+    recording = LABORATORY.record(told)
+    columns = {name: recording.column(name) for name in recording.column_names}
+    columns["table_outer_deg"] = np.where(recording.time < 2, np.nan, columns["table_outer_deg"])
+    gap = Recording.from_columns(recording.time, columns, metadata=recording.metadata)
+    values = LABORATORY.predict(told, gap).column("accel_x_m_s2")
+    np.testing.assert_array_equal(np.isnan(values), recording.time < 2)
+
+
+def test_temperature_comes_from_the_column_or_the_site():
+    recording = LABORATORY.record(scenario())
+    course = replay(recording, scenario())
+    assert course.reference == pytest.approx(np.mean(recording.column("temperature_degC")))
+    bare = Recording.from_columns(recording.time, {n: recording.column(n) for n in ("table_outer_deg", "table_inner_deg")})
+    assert set(replay(bare, scenario()).temperature) == {23.0}
+    assert replay(recording, scenario(), reference_temperature=20.0).reference == 20.0
+
+
+def test_between_stamps_a_steady_table_moves_on():
+    recording = LABORATORY.record(scenario())
+    course, schedule = replay(recording, scenario()), scenario().schedule
+    rows = steady(recording.time)
+    later = recording.time[rows][:-1] + 0.004
+    played, true = course.drive(later).axes["inner"], schedule.drive(later).axes["inner"]
+    assert np.abs(played.x - true.x).max() < 1e-8
+
+
+def test_differentiation_of_a_readout_is_smooth_and_zero_at_rest():
+    time = np.linspace(0, 10, 1001)
+    v, a = differentiate(time, np.sin(time), np.zeros(1001, bool))
+    np.testing.assert_allclose(v[20:-20], np.cos(time)[20:-20], atol=1e-5)
+    np.testing.assert_allclose(a[20:-20], -np.sin(time)[20:-20], atol=1e-3)
+    assert not differentiate(time, np.sin(time), np.ones(1001, bool))[0].any()
+    assert not differentiate(time[:5], time[:5], np.zeros(5, bool))[0].any()
+
+
+def test_a_recording_without_the_tables_readout_is_refused():
+    recording = LABORATORY.record(scenario())
+    bare = Recording.from_columns(
+        recording.time, {"table_outer_deg": recording.column("table_outer_deg")}, source="recording r.csv"
+    )
+    with pytest.raises(
+        TiltcalError,
+        match=r"recording r\.csv: found no column table_inner_<unit>, need the readout of the dual table",
+    ):
+        replay(bare, scenario())
+    backwards = Recording.from_columns(recording.time[::-1], {})
+    with pytest.raises(TiltcalError, match="time goes back"):
+        replay(backwards, scenario())

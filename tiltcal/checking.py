@@ -7,11 +7,12 @@ import numpy as np
 
 from tiltcal.accuracy import estimated_up
 from tiltcal.calibration import Calibration, Test, chi2_test
+from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, best_rotation
 from tiltcal.poses import Poses, find_poses
 from tiltcal.recording import Recording
 from tiltcal.segments import Segment
-from tiltcal.setup import Setup
+from tiltcal.setup import Sensor, Setup
 from tiltcal.units import ARCSEC
 
 
@@ -52,13 +53,21 @@ def check(
         setup: of the recording.
         limit: largest rms tilt error, rad; without it the error has to agree with its own uncertainty at 0.1 %.
         segments: dwells to use.
+
+    Raises:
+        TiltcalError: it calibrates nothing that senses gravity, or neither attitudes nor a triad can judge it.
     """
-    sensor = setup.named(calibration.sensors()[0])
+    sensor = _judged_sensor(calibration, setup)
     poses = find_poses(recording, setup, sensor, segments)
     known = np.asarray(~np.isnan(poses.up).any(axis=1))
     if "base.roll" in calibration.parameters:
         return _base_check(calibration, recording, setup, limit, segments)
     by_norm = not known.any() or (calibration.method == "norm" and known.sum() < 3)
+    if by_norm and len(sensor.axes) < 3:
+        raise TiltcalError(
+            recording.source, found=f"no known attitude, and {len(sensor.axes)} axes of {sensor.name}",
+            need="table readout or direction labels, or a triad to judge by the norm", do="label the dwells",
+        )  # fmt: skip
     if not by_norm:
         poses = poses.subset(known)
     measure = _Measure(poses, setup, by_norm, free_rotation=calibration.method == "norm" and not by_norm)
@@ -75,6 +84,16 @@ def check(
         f"errors against noise and covariance over {len(poses)} dwells",
     )
     return _answer(error, expected, test, "norm" if by_norm else "tilt", limit, poses)
+
+
+def _judged_sensor(calibration: Calibration, setup: Setup) -> Sensor:
+    sensors = [s for s in map(setup.named, calibration.sensors()) if s.is_accelerometer]
+    if not sensors:
+        raise TiltcalError(
+            f"calibration by {calibration.method}", found="no parameter of an accelerometer or inclinometer",
+            need="one that senses gravity", do="check it on what it calibrates",
+        )  # fmt: skip
+    return sensors[0]
 
 
 class _Measure:
@@ -170,5 +189,5 @@ def _base_check(
         "roll and pitch found again",
     )
     error = np.array([float(np.hypot(*difference))])
-    poses = find_poses(recording, setup, setup.named(calibration.sensors()[0]), segments)
+    poses = find_poses(recording, setup, _judged_sensor(calibration, setup), segments)
     return _answer(error, float(np.hypot(*sigma)), test, "base", limit, poses)

@@ -62,7 +62,7 @@ class SimulatedLaboratory:
         values = readings(scenario, course, own, scenario.effects, seed=seed, mover=self.mover)
         time = own[scenario.sensor[0].name]
         for stamps in own.values():
-            if len(stamps) != len(time) or stamps is not time:
+            if not np.array_equal(stamps, time):
                 time = np.union1d(time, stamps)
         drive = course.drive(time)
         columns = {f"table_{name}_deg": np.asarray(jet.x) / DEG for name, jet in drive.axes.items()}

@@ -94,7 +94,6 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
 def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> tuple[Array, Array]:
     """Rate and acceleration of a readout by a local quartic on a uniform grid; exactly zero at rest. All (n,)."""
     from scipy.interpolate import CubicSpline
-    from scipy.signal import savgol_filter
 
     zero = np.zeros_like(angle)
     if len(time) < 9 or np.ptp(angle) == 0:
@@ -109,6 +108,13 @@ def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np
     if n <= width:
         return zero, zero
     step = grid[1] - grid[0]
-    v = np.interp(time, grid, savgol_filter(uniform, width, 4, deriv=1, delta=step))
-    a = np.interp(time, grid, savgol_filter(uniform, width, 4, deriv=2, delta=step))
+    v = np.interp(time, grid, _local_quartic(uniform, width, 1) / step)
+    a = np.interp(time, grid, _local_quartic(uniform, width, 2) / step**2)
     return np.where(resting, 0.0, v), np.where(resting, 0.0, a)
+
+
+def _local_quartic(u: Array, width: int, derivative: int) -> Array:
+    """First or second derivative, per sample, of the quartic fitted to each window (Savitzky and Golay 1964); ends held."""
+    k = np.arange(width) - width // 2
+    weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[derivative] * derivative
+    return np.convolve(np.pad(u, width // 2, mode="reflect", reflect_type="odd"), weights[::-1], mode="valid")

@@ -114,10 +114,10 @@ def _run_method(scenario: Scenario, table: MethodTable, recordings: Sequence[Rec
     start = time.perf_counter()
     try:
         found = tuple(_calibrate(scenario, table, r) for r in recordings)
+        truth = true_parameters(scenario, scenario.effects, found[0])
+        tilt = tilt_error(scenario, scenario.effects, found[0]) if _has_tilt(found[0], scenario) else None
     except TiltcalError as error:
         return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
-    truth = true_parameters(scenario, scenario.effects, found[0])
-    tilt = tilt_error(scenario, scenario.effects, found[0]) if _has_tilt(found[0], scenario) else None
     limits = tuple(_limits(scenario, table, found, tilt))
     return MethodResult(table.title, found, truth, tilt, limits, time.perf_counter() - start)
 
@@ -158,17 +158,22 @@ def _limits(scenario: Scenario, table: MethodTable, found: Sequence[Calibration]
     if a.tilt_over_bound is not None:
         yield Limit(
             "tilt error over its bound",
-            after / bound,
+            _ratio(after, bound),
             f"<= {a.tilt_over_bound:g}",
             after <= a.tilt_over_bound * bound,
         )
     if a.better_by is not None:
         yield Limit(
             "tilt error before over after",
-            before / after,
+            _ratio(before, after),
             f">= {a.better_by:g}",
             before >= a.better_by * after,
         )
+
+
+def _ratio(a: float, b: float) -> float:
+    """a / b; a perfect b makes it infinite."""
+    return a / b if b else np.inf
 
 
 def _rare(runs: int, false_alarm: float) -> int:
@@ -244,6 +249,11 @@ def verify_folder(
     return Verification(tuple(results), time.perf_counter() - start)
 
 
+def _printable(text: str) -> str:
+    """Without the control characters that XML cannot hold."""
+    return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
+
+
 def write_junit(verification: Verification, path: Path) -> None:
     """JUnit XML: a suite a scenario, a case a limit."""
     root = ElementTree.Element("testsuites", name="tiltcal verify", time=f"{verification.seconds:.3f}")
@@ -263,7 +273,7 @@ def write_junit(verification: Verification, path: Path) -> None:
                 )
                 if not limit.passed or method.error:
                     failures += 1
-                    text = method.error or f"reached {limit.reached:.6g}, allowed {limit.allowed}"
+                    text = _printable(method.error or f"reached {limit.reached:.6g}, allowed {limit.allowed}")
                     ElementTree.SubElement(case, "failure", message=text).text = text
         suite.set("tests", str(cases))
         suite.set("failures", str(failures))

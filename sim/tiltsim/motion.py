@@ -5,7 +5,7 @@ and its accelerometer the exact specific force (a plain ``mj_forward`` lets the 
 Earth-fixed laboratory; Earth's rate and the Coriolis acceleration are added in the body frame afterwards.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import mujoco
 import mujoco.batch
@@ -92,34 +92,41 @@ def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Arra
     )
     first = np.flatnonzero(new)
     which = np.cumsum(new) - 1
-    q, v, a = q[first], v[first], a[first]
+    if len(first) < len(q):
+        q, v, a = q[first], v[first], a[first]
     runner = _Runner(rig, len(first))
-    correction = np.zeros_like(a)
-    if rig.springs:
-        correction = _settle(rig, runner, q, v, a, which, first, time)
-    readings = runner.run(q, v, ARMATURE * a + correction, "sensordata")
-    return tuple(part[which] for part in _body_frame(rig, readings, world))
+    correction = _settle(rig, runner, q, v, a, which, first, time) if rig.springs else None
+    found = tuple(np.empty((len(q), 3)) for _ in range(4))
+    for part, data in runner.blocks(q, v, a, correction, "sensordata"):
+        for target, values in zip(found, _body_frame(rig, data, world), strict=True):
+            target[part] = values
+    return found if len(first) == len(new) else tuple(values[which] for values in found)
 
 
 class _Runner:
     """A batch of states on all threads, block by block."""
 
     def __init__(self, rig: Rig, n: int) -> None:
-        self.batch = mujoco.batch.Batch(rig.model, min(BLOCK, max(n, 1)))
         self.size = min(BLOCK, max(n, 1))
+        self.batch = mujoco.batch.Batch(rig.model, self.size)
         self.fields = {name: self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied")}
 
-    def run(self, q: Array, v: Array, force: Array, output: str) -> Array:
-        """An output field of mj_forward at each state."""
+    def blocks(self, q: Array, v: Array, a: Array, correction: Array | None, output: str) -> Iterator[tuple[slice, Array]]:
+        """An output field of mj_forward at each state, as (rows, values); the values are valid until the next block."""
         bound = self.batch.bind(output)
-        out = np.empty((len(q), bound.shape[1]))
         for i in range(0, len(q), self.size):
-            k = min(self.size, len(q) - i)
-            for name, values in (("qpos", q), ("qvel", v), ("qfrc_applied", force)):
-                self.fields[name][:k] = values[i : i + k]
+            part = slice(i, min(i + self.size, len(q)))
+            k = part.stop - part.start
+            self.fields["qpos"][:k], self.fields["qvel"][:k] = q[part], v[part]
+            np.multiply(a[part], ARMATURE, out=self.fields["qfrc_applied"][:k])
+            if correction is not None:
+                self.fields["qfrc_applied"][:k] += correction[part]
             self.batch.forward(None if k == self.size else np.arange(k))
-            out[i : i + k] = bound[:k]
-        return out
+            yield part, bound[:k]
+
+    def still(self, q: Array, v: Array, output: str) -> Array:
+        """An output field at each state with no acceleration prescribed."""
+        return np.concatenate([data.copy() for _, data in self.blocks(q, v, np.zeros_like(v), None, output)])
 
 
 def _settle(
@@ -132,15 +139,14 @@ def _settle(
     """
     dofs = [rig.dof(name) for name in rig.springs]
     stiffness = np.array(list(rig.springs.values()))
-    still = np.zeros_like(v)
     for _ in range(5):
-        bias = runner.run(q, still, still, "qfrc_bias")
+        bias = runner.still(q, np.zeros_like(v), "qfrc_bias")
         q[:, dofs] = -bias[:, dofs] / stiffness
     if np.any(v):
         for dof in dofs:  # a deflection that changes turns the instrument: its rate, from the deflection against time
             jet = sampled_jet(time, q[which, dof])
             v[:, dof], a[:, dof] = np.asarray(jet.v)[first], np.asarray(jet.a)[first]
-    return runner.run(q, v, still, "qfrc_bias") - runner.run(q, v, still, "qfrc_passive")
+    return runner.still(q, v, "qfrc_bias") - runner.still(q, v, "qfrc_passive")
 
 
 def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, Array, Array, Array]:

@@ -5,25 +5,15 @@ from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; the entry point of ``tiltcal``."""
-    from tiltcal.cli.parser import build_parser
-
-    parser = build_parser()
-    args = parser.parse_args(arguments)
-    if getattr(args, "command", None) is None:
-        parser.print_help()
-        return 0
-    return guarded(args.run, args)
-
-
-def guarded(run: object, args: object) -> int:
-    """Run a command so that the user never sees a traceback."""
+    """Run one command, never with a traceback; the entry point of ``tiltcal``."""
     import os
 
     from tiltcal.errors import TiltcalError
 
     try:
-        return int(run(args))  # type: ignore[operator]
+        status = _run(arguments)
+        sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
+        return status
     except TiltcalError as error:
         print(f"tiltcal: {error}", file=sys.stderr)
         return 2
@@ -43,6 +33,17 @@ def guarded(run: object, args: object) -> int:
             file=sys.stderr,
         )
         return 2
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    from tiltcal.cli.parser import build_parser
+
+    parser = build_parser()
+    args = parser.parse_args(arguments)
+    if getattr(args, "command", None) is None:
+        parser.print_help()
+        return 0
+    return int(args.run(args))
 
 
 if __name__ == "__main__":

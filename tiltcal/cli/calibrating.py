@@ -5,11 +5,12 @@ import csv
 import sys
 import tomllib
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from tiltcal.calibration import Calibration, load_calibration
-from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.output import print_json, print_table, require_output
 from tiltcal.errors import TiltcalError
 from tiltcal.files import replacing, require_file
 from tiltcal.methods.registry import calibrate as run_method
@@ -17,7 +18,7 @@ from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording
 from tiltcal.report.html import parameter_rows
 from tiltcal.scenario import load_scenario
-from tiltcal.segments import Segment, find_segments, majority
+from tiltcal.segments import Segment, dwells, find_segments, majority
 from tiltcal.units import ARCSEC
 
 
@@ -49,6 +50,8 @@ def parse_options(words: list[str]) -> dict[str, Any]:
         key, equals, value = word.partition("=")
         if not equals or not key:
             raise TiltcalError(f"--option {word}", found="no KEY=VALUE", need="for example terms=9", do="correct it")
+        if key == "segments":
+            raise TiltcalError(f"--option {word}", found="segments as an option", need="their file", do="use --segments SEG.csv")
         try:
             options[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
@@ -76,6 +79,7 @@ def correct(args: argparse.Namespace) -> int:
     """Correct a recording."""
     from tiltcal.correcting import correct_stream
 
+    require_output(args, "the corrected recording")
     calibration = load_calibration(args.calibration)
     if not args.output:
         correct_stream(Path(args.recording), calibration, sys.stdout.buffer)
@@ -122,33 +126,32 @@ def check(args: argparse.Namespace) -> int:
 def segments(args: argparse.Namespace) -> int:
     """Find dwells and moves."""
     found = find_segments(read_recording(args.recording), window=args.window)
+    if args.output:
+        with replacing(Path(args.output)) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
+            write_segments(found, out)
     if args.json:
         print_json([vars(s) for s in found])
-        return 0
-    header = ["start_s", "end_s", "kind", "label"]
-    rows = [[repr(s.start), repr(s.end), s.kind, s.label or ""] for s in found]
-    if args.output:
-        with (
-            replacing(Path(args.output)) as temporary,
-            temporary.open("w", newline="", encoding="utf-8") as out,
-        ):
-            csv.writer(out, lineterminator="\n").writerows([header, *rows])
-        print(
-            f"{args.output}: {sum(s.kind == 'dwell' for s in found)} dwells, {sum(s.kind == 'move' for s in found)} moves",
-            file=sys.stderr,
-        )
+    elif args.output:
+        still = len(dwells(found))
+        print(f"{args.output}: {still} dwells, {len(found) - still} moves", file=sys.stderr)
     else:
-        csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
+        write_segments(found, sys.stdout)
     return 0
+
+
+def write_segments(found: list[Segment], out: TextIO) -> None:
+    """Segments as CSV: start_s, end_s, kind, label."""
+    rows = [[repr(s.start), repr(s.end), s.kind, s.label or ""] for s in found]
+    csv.writer(out, lineterminator="\n").writerows([["start_s", "end_s", "kind", "label"], *rows])
 
 
 def read_segments(path: Path, recording: Recording) -> list[Segment]:
     """An edited list of segments: start_s, end_s, kind and an optional label.
 
     Raises:
-        TiltcalError: a column is missing or a cell is wrong.
+        TiltcalError: a column is missing, a cell is wrong, or two dwells overlap.
     """
-    with require_file(path, "segments").open(newline="", encoding="utf-8") as lines:
+    with require_file(path, "segments").open(newline="", encoding="utf-8-sig", errors="replace") as lines:
         reader = csv.DictReader(lines)
         missing = {"start_s", "end_s"} - set(reader.fieldnames or ())
         if missing:
@@ -156,7 +159,14 @@ def read_segments(path: Path, recording: Recording) -> list[Segment]:
                 f"segments {path.name}", found="no column " + ", ".join(sorted(missing)), need="start_s, end_s, kind, label",
                 do="start from `tiltcal segments -o`",
             )  # fmt: skip
-        return [_segment(row, number, path.name, recording) for number, row in enumerate(reader, start=2)]
+        found = [_segment(row, number, path.name, recording) for number, row in enumerate(reader, start=2)]
+    for before, after in pairwise(sorted(dwells(found), key=lambda s: s.start)):
+        if after.first < before.last:
+            raise TiltcalError(
+                f"segments {path.name}", found=f"dwells that overlap from {after.start:g} to {before.end:g} s",
+                need="each sample in one dwell", do="correct their times",
+            )  # fmt: skip
+    return found
 
 
 def _segment(row: dict[str, str], line: int, source: str, recording: Recording) -> Segment:
@@ -175,5 +185,10 @@ def _segment(row: dict[str, str], line: int, source: str, recording: Recording) 
             do="correct that line",
         )  # fmt: skip
     first, last = (int(i) for i in np.searchsorted(recording.time, [start, np.nextafter(end, np.inf)]))
-    label = (row.get("label") or "").strip() or majority(recording, first, max(last, first + 1))
+    if last == first:
+        raise TiltcalError(
+            f"segments {source}, line {line}", found=f"no sample from {start:g} to {end:g} s",
+            need=f"times within the recording, {recording.time[0]:g} to {recording.time[-1]:g} s", do="correct that line",
+        )  # fmt: skip
+    label = (row.get("label") or "").strip() or majority(recording, first, last)
     return Segment(start, end, first, last, kind, label)

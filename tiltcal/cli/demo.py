@@ -1,6 +1,7 @@
 """``tiltcal demo``: the main job on built-in scenarios, ending with a table and the report's path."""
 
 import argparse
+import sys
 import time
 from pathlib import Path
 
@@ -26,12 +27,12 @@ def demo(args: argparse.Namespace) -> int:
     """Simulate, calibrate and verify."""
     out = make_folder(Path(args.output))
     start = time.perf_counter()
-    print("Simulating tables in MuJoCo, calibrating the recordings, judging the result against what was injected.\n")
+    print("Simulating tables in MuJoCo, calibrating the recordings, judging the result against what was injected.\n", file=sys.stderr)
     with progress_line() as progress:
         laboratory = simulator()
         results = []
         for name in SHOWN:
             scenario = load_scenario(folder("scenarios") / f"{name}.toml")
             results.append(run_scenario(scenario, laboratory, source=f"{name}.toml", progress=progress))
-    args.output, args.json = str(out), False
+    args.output = str(out)
     return finish(Verification(tuple(results), time.perf_counter() - start), args)

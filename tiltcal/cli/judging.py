@@ -7,6 +7,7 @@ from pathlib import Path
 from tiltcal.assets import folder
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_json, print_table, progress_line
+from tiltcal.errors import TiltcalError
 from tiltcal.files import make_folder
 from tiltcal.report import write_report
 from tiltcal.scenario import load_scenario
@@ -16,6 +17,7 @@ from tiltcal.verify import Verification, run_scenario, verify_folder, write_juni
 def run(args: argparse.Namespace) -> int:
     """Run some scenarios."""
     start = time.perf_counter()
+    _check_output(args)
     with progress_line() as progress:
         laboratory = simulator()
         results = tuple(
@@ -34,9 +36,23 @@ def run(args: argparse.Namespace) -> int:
 def verify(args: argparse.Namespace) -> int:
     """Run a folder of scenarios."""
     place = Path(args.folder) if args.folder else folder("scenarios")
+    _check_output(args)
     with progress_line() as progress:
         verification = verify_folder(place, simulator(), allow_commands=args.allow_commands, progress=progress)
     return finish(verification, args)
+
+
+def _check_output(args: argparse.Namespace) -> None:
+    """Refuse a report folder that cannot be made, before the work rather than after it.
+
+    Raises:
+        TiltcalError: a file is in the way.
+    """
+    if args.output:
+        out = Path(args.output).absolute()
+        there = next(p for p in (out, *out.parents) if p.exists())
+        if not there.is_dir():
+            raise TiltcalError(f"output {args.output}", found=f"the file {there.name}", need="a folder", do="choose another place")
 
 
 def finish(verification: Verification, args: argparse.Namespace) -> int:

@@ -2,16 +2,18 @@
 
 import argparse
 import sys
+from contextlib import nullcontext
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
 
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, require_output
 from tiltcal.effects import to_file
 from tiltcal.errors import TiltcalError
-from tiltcal.files import write_json
+from tiltcal.files import replacing, write_json
 from tiltcal.laboratory import Laboratory
+from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording, write_csv, write_recording
 from tiltcal.scenario import Scenario, load_scenario
 from tiltcal.units import DEG
@@ -36,6 +38,7 @@ def simulator() -> Laboratory:
 
 def simulate(args: argparse.Namespace) -> int:
     """Make a recording."""
+    require_output(args, "the recording")
     scenario = load_scenario(args.scenario)
     seed = None if args.noise == "off" else scenario.seed if args.seed is None else args.seed
     laboratory = simulator()
@@ -43,23 +46,24 @@ def simulate(args: argparse.Namespace) -> int:
         recording = laboratory.predict(scenario, read_recording(args.motion), seed)
     else:
         recording = laboratory.record(scenario, seed)
-    if args.truth:
-        write_json(Path(args.truth), truth_table(scenario, seed))
-    if args.output:
-        write_recording(recording, args.output)
-        if args.json:
-            print_json(
-                {
-                    "recording": args.output,
-                    "rows": len(recording),
-                    "duration_s": float(np.ptp(recording.time)),
-                }
-            )
-        else:
-            print(f"{args.output}: {len(recording)} rows, {np.ptp(recording.time):.6g} s", file=sys.stderr)
-    else:
-        write_csv(recording, sys.stdout.buffer)
+    with replacing(Path(args.truth)) if args.truth else nullcontext() as truth:  # both or none
+        if truth is not None:
+            write_json(truth, truth_table(scenario, seed))
+        _deliver(recording, args)
     return 0
+
+
+def _deliver(recording: Recording, args: argparse.Namespace) -> None:
+    """The recording to its file, or to stdout."""
+    if not args.output:
+        write_csv(recording, sys.stdout.buffer)
+        return
+    write_recording(recording, args.output)
+    duration = float(np.ptp(recording.time))
+    if args.json:
+        print_json({"recording": args.output, "rows": len(recording), "duration_s": duration})
+    else:
+        print(f"{args.output}: {len(recording)} rows, {duration:.6g} s", file=sys.stderr)
 
 
 def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:

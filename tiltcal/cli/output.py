@@ -1,11 +1,13 @@
 """Printing: tables for people, JSON for machines, progress on stderr."""
 
+import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from tiltcal.errors import TiltcalError
 from tiltcal.verify import Progress
 
 
@@ -13,6 +15,19 @@ def print_json(value: Any) -> None:
     """JSON on stdout."""
     json.dump(value, sys.stdout, indent=1, default=float)
     sys.stdout.write("\n")
+
+
+def require_output(args: argparse.Namespace, what: str) -> None:
+    """Without ``-o`` stdout carries the output itself, so that it cannot carry JSON as well.
+
+    Raises:
+        TiltcalError: ``--json`` stands without ``-o``.
+    """
+    if args.json and not args.output:
+        raise TiltcalError(
+            f"command line of `tiltcal {args.command}`", found=f"--json without -o: {what} itself goes to stdout",
+            need="a file for it", do="add -o FILE, or leave --json out",
+        )  # fmt: skip
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:

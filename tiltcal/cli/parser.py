@@ -3,9 +3,10 @@
 import argparse
 import importlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NoReturn
 
 from tiltcal import __version__
+from tiltcal.errors import TiltcalError
 
 TOP = """\
 A testbed for calibrating inclinometers, accelerometers and gyroscopes.
@@ -33,6 +34,16 @@ def lazily(module: str, function: str) -> Callable[[argparse.Namespace], int]:
     return run
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says in the words of all other messages what is wrong with a command line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line."""
+        raise TiltcalError(
+            f"command line of `{self.prog}`", found=message, need="the arguments its help lists", do=f"see `{self.prog} --help`"
+        )
+
+
 class _Commands:
     """Adds commands to the parser, all alike."""
 
@@ -51,7 +62,7 @@ class _Commands:
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="tiltcal", description=TOP, epilog=FIRST, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--version", action="version", version=f"tiltcal {__version__}")

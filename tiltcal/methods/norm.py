@@ -194,7 +194,7 @@ def _condition(poses: Poses, x: Array) -> float:
     g = np.linalg.norm(f, axis=1).mean()
     slopes = _slopes(f / g, v, len(x))
     s = np.linalg.svd(slopes, compute_uv=False)
-    return float(s[0] / s[-1]) if s[-1] > 1e-12 * s[0] else np.inf
+    return float(s[0] / max(s[-1], 1e-12 * s[0]))
 
 
 def _tests(poses: Poses, fit: Fit, converged: bool, blindness: float, terms: int) -> tuple[list[Test], bool]:

@@ -97,7 +97,7 @@ class AccK3(AccTerm):
     look = "first and third harmonics; six positions hide it in the scale factor"
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
-        return fi**3 / G0**2
+        return fi * fi * fi / G0**2
 
 
 class AccKoq(AccTerm):

@@ -5,6 +5,7 @@ from math import log, pi
 import numpy as np
 
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect
+from tiltcal.effects.memory import steady_recursion
 from tiltcal.effects.sensor.environmental import GYROS
 from tiltcal.frames import Array
 from tiltcal.units import G0
@@ -36,15 +37,13 @@ def draw_noise(n: int, rate_hz: float, white: float, flicker: float, walk: float
 
 def draw_flicker(n: int, rate_hz: float, flicker: float, rng: np.random.Generator) -> Array:
     """Flicker noise of one channel, (n,), see ``draw_noise``."""
-    from scipy.signal import lfilter
-
     variance = flicker**2 * log(4) / pi
     total = np.zeros(n)
     for tau in FLICKER_TAUS:
-        decay = np.exp(-1 / (rate_hz * tau))
+        decay = float(np.exp(-1 / (rate_hz * tau)))
         drive = rng.standard_normal(n) * np.sqrt(variance * (1 - decay**2))
         drive[:1] /= np.sqrt(1 - decay**2)  # starts stationary
-        total += lfilter([1.0], [1.0, -decay], drive)
+        total += steady_recursion(decay, drive)
     return total
 
 

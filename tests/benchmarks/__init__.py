@@ -1,0 +1,1 @@
+"""Figures that `make bench` prints: accuracy against bounds, speed as ratios in one run, memory as peak RSS."""

@@ -1,0 +1,14 @@
+"""Run the benchmarks: all, or the named ones."""
+
+import importlib
+import sys
+
+ROOMS = ("simulation", "reading", "accuracy")
+
+
+def main(names: list[str]) -> None:
+    for name in names or ROOMS:
+        importlib.import_module(f"tests.benchmarks.{name}").main()
+
+
+main(sys.argv[1:])

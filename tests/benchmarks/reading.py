@@ -1,0 +1,41 @@
+"""Time of dwells + fit on a real log, inside the process after imports, and with reading the text."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+LOG = ROOT.parent / "shared" / "recordings" / "xsens_mti" / "xsens_acc.mat"
+
+
+def main() -> None:
+    """Ten runs; medians. And the command line's answer to --help."""
+    start = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "tiltcal", "--help"], capture_output=True, check=True)
+        start.append(time.perf_counter() - begin)
+    print(f"tiltcal --help: {1e3 * np.median(start):.0f} ms (limit 300)")
+    if not LOG.exists():
+        print(f"real log: {LOG.name} is not here; left out")
+        return
+    from tiltcal.importing import import_recording, load_mapping
+    from tiltcal.methods.registry import calibrate
+    from tiltcal.scenario import load_scenario
+
+    setup, mapping = load_scenario(ROOT / "tests/real/xsens.toml"), load_mapping(ROOT / "tests/real/xsens_map.toml")
+    fits, whole = [], []
+    for _ in range(11):
+        begin = time.perf_counter()
+        recording = import_recording(LOG, mapping)
+        middle = time.perf_counter()
+        found = calibrate("norm", recording, setup)
+        fits.append(time.perf_counter() - middle)
+        whole.append(time.perf_counter() - begin)
+    print(
+        f"dwells + 9-parameter fit of {len(recording)} real samples: {1e3 * np.median(fits):.0f} ms (limit 25), with reading the "
+        f"text {1e3 * np.median(whole):.0f} ms (limit 90), held-out {found.heldout_rms['accel'] / 9.80665e-3:.3f} mg"
+    )

@@ -1,0 +1,181 @@
+"""Equations of the catalogue worked by hand: what a size of each effect adds to a reading (effects.txt, PHYSICS 1.1)."""
+
+from math import sqrt
+
+import numpy as np
+import pytest
+from builders import ACCEL, FOG, GYRO, INCL, drive_of, effect_of, read_poses, schedule_of, setup_of, still
+
+from tiltcal.chain import readings, stream
+from tiltcal.motion import Jet
+from tiltcal.units import ARCSEC, DEG, DEG_H, G0
+
+N = 200
+T = np.linspace(0.0, 40.0, N)  # s
+WARM = 2.0 * np.sin(T / 6)  # K above the mean, about
+G = G0
+X, Y, Z = range(3)
+
+
+def lively():
+    """Three axes in arbitrary motion, temperature swinging, one reading every 0.2 s."""
+    axes = {
+        "outer": Jet(0.3 * T, np.full(N, 0.3), np.zeros(N)),
+        "middle": Jet(np.sin(T / 5), np.cos(T / 5) / 5, -np.sin(T / 5) / 25),
+        "inner": Jet(-0.5 * T, np.full(N, -0.5), np.zeros(N)),
+    }
+    return drive_of(axes, T, temperature=23 + WARM - WARM.mean())
+
+
+def change(id, sensor, words, beside=()):
+    """(true input, change of the reading) of one sensor, SI."""
+    setup = setup_of("three", sensor)
+    others = [effect_of(i, setup, **w) for i, w in beside]
+    plain = read_poses(setup, lively(), *others)[sensor.name]
+    return plain, read_poses(setup, lively(), *others, effect_of(id, setup, **words))[sensor.name] - plain
+
+
+DT = WARM - WARM.mean()
+ORACLES = [
+    ("acc_bias", ACCEL, {"bias_y_ug": 100}, Y, lambda _: 1e-4 * G),
+    ("acc_scale", ACCEL, {"scale_z_ppm": 100}, Z, lambda f: 1e-4 * f[:, Z]),
+    ("acc_cross_axis", ACCEL, {"cross_zx_ppm": 100}, Z, lambda f: 1e-4 * f[:, X]),
+    ("acc_K2", ACCEL, {"k2_y_ug_g2": 100}, Y, lambda f: 1e-4 * G * (f[:, Y] / G) ** 2),
+    ("acc_K3", ACCEL, {"k3_y_ug_g3": 100}, Y, lambda f: 1e-4 * G * (f[:, Y] / G) ** 3),
+    ("acc_Koq", ACCEL, {"koq_y_ug_g2": 100}, Y, lambda f: 1e-4 * f[:, Y] * np.abs(f[:, Y]) / G),
+    ("acc_Kip", ACCEL, {"kip_z_ug_g2": 100}, Z, lambda f: 1e-4 * f[:, Z] * f[:, X] / G),
+    ("acc_Kio", ACCEL, {"kio_z_ug_g2": 100}, Z, lambda f: 1e-4 * f[:, Z] * f[:, Y] / G),
+    ("acc_Kpo", ACCEL, {"kpo_z_ug_g2": 100}, Z, lambda f: 1e-4 * f[:, X] * f[:, Y] / G),
+    ("acc_scale_asym", ACCEL, {"scale_asym_y_ppm": 100}, Y, lambda f: 0.5e-4 * np.abs(f[:, Y])),
+    ("acc_bias_asym", ACCEL, {"bias_asym_y_ug": 100}, Y, lambda f: 0.5e-4 * G * np.sign(f[:, Y])),
+    ("acc_temp_bias", ACCEL, {"temp_bias_x_ug_degC": 10}, X, lambda _: 1e-5 * G * DT),
+    ("acc_temp_scale", ACCEL, {"temp_scale_x_ppm_degC": 10}, X, lambda f: 1e-5 * DT * f[:, X]),
+    ("acc_thermal_gradient", ACCEL, {"temp_rate_x_ug_s_degC": 100}, X, lambda _: 1e-4 * G * np.gradient(DT, T)),
+    ("acc_warmup", ACCEL, {"warmup_x_ug": 100, "tau_s": 7}, X, lambda _: 1e-4 * G * np.exp(-T / 7)),
+    ("acc_bias_step", ACCEL, {"bias_step_x_ug": 100, "time_s": 20}, X, lambda _: 1e-4 * G * (T >= 20)),
+    ("acc_drift", ACCEL, {"drift_x_ug": 100}, X, lambda _: 1e-4 * G * T / 40),
+    ("acc_saturation", ACCEL, {"full_scale_m_s2": 5}, Y, lambda f: np.clip(f[:, Y], -5, 5) - f[:, Y]),
+    ("acc_angle_bias", ACCEL, {"sin2_y_ug": 100}, Y, lambda f: 1e-4 * G * np.sin(2 * np.arctan2(-f[:, X], f[:, Z]))),
+    ("adc_gain_error", ACCEL, {"gain_x_ppm": 100}, X, lambda f: 1e-4 * f[:, X]),
+    ("adc_inl", ACCEL, {"inl_x_ug": 100}, X, lambda f: 1e-4 * G * (1 - (f[:, X] / (1.2 * G)) ** 2)),
+    ("mains_pickup", ACCEL, {"pickup_x_ug": 100, "frequency_hz": 0.7}, X, lambda _: 1e-4 * G * np.sin(1.4 * np.pi * T)),
+    ("tilt_conversion", INCL, {"mix_unitless": 0.5}, Y, lambda a: 0.5 * (np.sin(a[:, Y]) - a[:, Y])),
+    ("gyr_bias", GYRO, {"bias_y_deg_s": 0.1}, Y, lambda _: 0.1 * DEG),
+    ("gyr_scale", GYRO, {"scale_z_ppm": 100}, Z, lambda w: 1e-4 * w[:, Z]),
+    ("gyr_scale_asym", GYRO, {"scale_asym_z_ppm": 100}, Z, lambda w: 0.5e-4 * np.abs(w[:, Z])),
+    ("gyr_nonlinearity", GYRO, {"cubic_z_ppm_rad2_s2": 100}, Z, lambda w: 1e-4 * w[:, Z] ** 3),
+    ("gyr_misalignment", GYRO, {"cross_zx_ppm": 100}, Z, lambda w: 1e-4 * w[:, X]),
+    ("gyr_temp", GYRO, {"temp_bias_y_deg_s_degC": 0.1}, Y, lambda _: 0.1 * DEG * DT),
+    ("gyr_warmup", GYRO, {"warmup_y_deg_s": 0.1, "tau_s": 7}, Y, lambda _: 0.1 * DEG * np.exp(-T / 7)),
+    ("gyr_bias_step", GYRO, {"bias_step_y_deg_s": 0.1, "time_s": 20}, Y, lambda _: 0.1 * DEG * (T >= 20)),
+    ("gyr_saturation", GYRO, {"full_scale_deg_s": 10}, X, lambda w: np.clip(w[:, X], -10 * DEG, 10 * DEG) - w[:, X]),
+    ("fog_bias", FOG, {"bias_a_deg_h": 5}, 0, lambda _: 5 * DEG_H),
+    ("fog_scale", FOG, {"scale_a_ppm": 100}, 0, lambda w: 1e-4 * w[:, 0]),
+    ("fog_shupe", FOG, {"shupe_a_deg_h_s_degC": 50}, 0, lambda _: 50 * DEG_H * np.gradient(DT, T)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("id", "sensor", "words", "channel", "expected"), ORACLES, ids=[case[0] for case in ORACLES])
+def test_an_effect_adds_what_its_equation_says_to_its_channel_alone(id, sensor, words, channel, expected):
+    true, added = change(id, sensor, words)
+    np.testing.assert_allclose(added[:, channel], np.broadcast_to(expected(true), N), rtol=0, atol=1e-13)
+    assert np.abs(added[:, channel]).max() > 1e-6
+    if "full_scale" not in next(iter(words)) and id != "tilt_conversion":
+        assert not np.delete(added, channel, axis=1).any()
+
+
+def test_a_gyro_feels_the_force_of_its_pose():
+    setup = setup_of("three", ACCEL, GYRO)
+    force = read_poses(setup, lively())["accel"]
+    effect = effect_of("gyr_gsens", setup, sensor="gyro", gsens_xz_deg_h_g=60)
+    added = read_poses(setup, lively(), effect)["gyro"] - read_poses(setup, lively())["gyro"]
+    np.testing.assert_allclose(added[:, X], 60 * DEG_H * force[:, Z] / G, atol=1e-15)
+
+
+@pytest.mark.parametrize(("key", "across"), [("axis_u", [1, -1, 0]), ("axis_v", [1, 1, -2])])
+def test_a_fog_out_of_its_axis_reads_the_transverse_rate(key, across):
+    """a = (1, 1, 1): b1 = a x z = (1, -1, 0), a x b1 = (1, 1, -2), normalised."""
+    setup = setup_of("three", GYRO, FOG)
+    rate = read_poses(setup, lively())["gyro"]
+    effect = effect_of("fog_axis_error", setup, **{f"{key}_arcsec": 400})
+    added = read_poses(setup, lively(), effect)["fog"] - read_poses(setup, lively())["fog"]
+    np.testing.assert_allclose(added[:, 0], 400 * ARCSEC * rate @ np.array(across) / sqrt(np.dot(across, across)), atol=1e-15)
+
+
+def test_noise_free_codes_stay_and_with_chance_on_they_are_rounded():
+    setup = setup_of("three", ACCEL)
+    effect = effect_of("adc_quantisation", setup, lsb_si=0.25)
+    plain = read_poses(setup, lively())["accel"]
+    np.testing.assert_array_equal(read_poses(setup, lively(), effect, seed=1)["accel"], np.rint(plain / 0.25) * 0.25)
+
+
+def moving(id, words, shift):
+    """Reading of a placing table at a steady rate with a timing effect, and what it was ``shift(t, channel)`` earlier."""
+    setup = setup_of("placing", ACCEL)
+    course = schedule_of(setup, {"action": "turn", "axis": "outer", "angle_deg": 300, "rate_deg_s": 10})
+    time = np.linspace(2.0, 28.0, 400)
+    found = readings(setup, course, {"accel": time}, [effect_of(id, setup, **words)])["accel"]
+    early = [readings(setup, course, {"accel": time - shift(time, c)}, [])["accel"][:, c] for c in range(3)]
+    return found, np.column_stack(early)
+
+
+@pytest.mark.parametrize(
+    ("id", "words", "shift"),
+    [
+        ("data_latency", {"latency_ms": 80}, lambda t, _: 0.08 + 0 * t),
+        ("channel_mux_skew", {"skew_ms": 15}, lambda t, channel: channel * 0.015 + 0 * t),
+        ("clock_skew", {"skew_ppm": 2000}, lambda t, _: 0.002 * t),
+    ],
+)
+def test_a_timing_effect_reads_an_earlier_signal(id, words, shift):
+    found, early = moving(id, words, shift)
+    np.testing.assert_allclose(found, early, atol=1e-12)
+
+
+def test_lost_and_frozen_samples_stand_where_they_should():
+    setup = setup_of("three", ACCEL)
+    plain = read_poses(setup, lively())["accel"]
+    lost = read_poses(setup, lively(), effect_of("data_drop", setup, samples_unitless=7, time_s=T[50]))["accel"]
+    np.testing.assert_array_equal(lost[:50], plain[:50])
+    np.testing.assert_array_equal(lost[50:-7], plain[57:])
+    assert np.isnan(lost[-7:]).all()
+    stuck = read_poses(setup, lively(), effect_of("data_stuck", setup, start_s=T[50], length_s=T[60] - T[50] - 0.01))["accel"]
+    np.testing.assert_array_equal(stuck[50:60], np.broadcast_to(plain[50], (10, 3)))
+    np.testing.assert_array_equal(np.delete(stuck, slice(50, 60), axis=0), np.delete(plain, slice(50, 60), axis=0))
+
+
+@pytest.mark.parametrize(("name", "n"), [("m1", -1), ("p2", 2), ("m2", -2)])
+def test_the_wobble_of_a_vertical_axis_shows_one_order_lower_in_the_body(name, n):
+    """Tilts e + i d of the axis about East and North lift x + i y by i (e + i d) exp(-i a): order n becomes n - 1."""
+    setup = setup_of("vertical", ACCEL)
+    setup = setup.model_copy(update={"site": setup.site.model_copy(update={"gravity_m_s2": G})})
+    degrees = np.arange(0.0, 360.0, 5)
+    effect = effect_of("table_axis_wobble", setup, **{f"{name}c_arcsec": 3, f"{name}s_arcsec": -2})
+    force = read_poses(setup, still(setup, outer=degrees), effect)["accel"] / (G * ARCSEC)
+    expected = 1j * (3 - 2j) * np.exp(1j * (n - 1) * np.radians(degrees))
+    np.testing.assert_allclose(force[:, X] + 1j * force[:, Y], expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "angles", "up"),
+    [  # Ry(e) between outer and inner; Rx(e1) after outer, Rz(e2) after middle, in arcsec of the up direction
+        ("dual", "outer_inner", {"outer": 0, "inner": 0}, (-10, 0)),
+        ("dual", "outer_inner", {"outer": 0, "inner": 90}, (0, 10)),
+        ("three", "outer_middle", {"outer": 70}, (0, 10)),
+        ("three", "middle_inner", {"middle": 90, "inner": 0}, (0, 10)),
+    ],
+)
+def test_axes_out_of_square_lift_the_body_as_worked_by_hand(table, key, angles, up):
+    setup = setup_of(table, ACCEL)
+    square = read_poses(setup, still(setup, **angles))["accel"]
+    skewed = read_poses(setup, still(setup, **angles), effect_of("axis_nonorthogonality", setup, **{f"{key}_arcsec": 10}))[
+        "accel"
+    ]
+    np.testing.assert_allclose((skewed - square)[0, :2] / (setup.site.gravity * ARCSEC), up, atol=1e-3)
+
+
+def test_every_name_has_a_random_stream_of_its_own():
+    names = [("acc_noise", "a"), ("acc_noise", "b"), ("gyr_noise", "a"), ("acc_noise", None)]
+    first = [stream(seed, *name).random() for seed in (1, 2) for name in names]
+    assert len(set(first)) == len(first)
+    assert stream(1, "acc_noise", "a").random() == first[0]

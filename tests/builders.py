@@ -10,7 +10,8 @@ from tiltcal.effects import make_effect
 from tiltcal.effects.base import Effect
 from tiltcal.kinematics import closed_form
 from tiltcal.motion import Attitude, Drive, Jet, Motion
-from tiltcal.sequence import Climate, Schedule, Step, build_schedule
+from tiltcal.schedule import Schedule, build_schedule
+from tiltcal.sequence import Climate, Step
 from tiltcal.setup import TABLE_AXES, Rig, Sensor, Setup, Site
 
 G = 9.80123
@@ -34,8 +35,7 @@ def still(setup: Setup, temperature: np.ndarray | None = None, **degrees: float 
     """The table at rest, one pose a row, a second apart; axes that are not named stand at zero."""
     n = max([np.size(a) for a in degrees.values()] + [1])
     axes = {
-        name: Jet(np.radians(np.broadcast_to(degrees.get(name, 0.0), n)), np.zeros(n), np.zeros(n))
-        for name in setup.rig.axis_names
+        name: Jet(np.radians(np.broadcast_to(degrees.get(name, 0.0), n)), np.zeros(n), np.zeros(n)) for name in setup.rig.axis_names
     }
     return drive_of(axes, np.arange(n, dtype=float), temperature=temperature, rest=True)
 

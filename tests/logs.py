@@ -43,5 +43,3 @@ def rows_of(poses: int, dwell: int, move: int) -> np.ndarray:
 def triad_readings(up: np.ndarray, g: float, bias: np.ndarray, M: np.ndarray) -> np.ndarray:
     """reading = bias + M g up, (m, 3)."""
     return bias + g * up @ M.T
-
-

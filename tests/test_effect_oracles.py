@@ -168,9 +168,7 @@ def test_the_wobble_of_a_vertical_axis_shows_one_order_lower_in_the_body(name, n
 def test_axes_out_of_square_lift_the_body_as_worked_by_hand(table, key, angles, up):
     setup = setup_of(table, ACCEL)
     square = read_poses(setup, still(setup, **angles))["accel"]
-    skewed = read_poses(setup, still(setup, **angles), effect_of("axis_nonorthogonality", setup, **{f"{key}_arcsec": 10}))[
-        "accel"
-    ]
+    skewed = read_poses(setup, still(setup, **angles), effect_of("axis_nonorthogonality", setup, **{f"{key}_arcsec": 10}))["accel"]
     np.testing.assert_allclose((skewed - square)[0, :2] / (setup.site.gravity * ARCSEC), up, atol=1e-3)
 
 

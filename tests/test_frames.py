@@ -132,9 +132,7 @@ def test_earths_rate_follows_latitude_heading_and_table(heading, outer, body_rat
 def test_without_a_latitude_or_with_an_unknown_heading_earths_rate_is_still_defined():
     site = setup_of("vertical").site
     assert not site.model_copy(update={"latitude_deg": None}).earth_rate.any()
-    np.testing.assert_array_equal(
-        site.model_copy(update={"heading_deg": "unknown"}).earth_rate, frames.earth_rate(LATITUDE * DEG)
-    )
+    np.testing.assert_array_equal(site.model_copy(update={"heading_deg": "unknown"}).earth_rate, frames.earth_rate(LATITUDE * DEG))
 
 
 @pytest.mark.parametrize(

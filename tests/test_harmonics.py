@@ -101,9 +101,7 @@ def test_an_effect_has_the_harmonics_of_the_dictionary(words):
 
 
 def test_one_channel_cannot_tell_encoder_eccentricity_from_bias_and_k2_but_the_norm_can():
-    encoder, bias, k2 = (
-        signature(w) for w in ("table_encoder_eccentricity cos_arcsec", "acc_bias bias_x_ug", "acc_K2 k2_x_ug_g2")
-    )
+    encoder, bias, k2 = (signature(w) for w in ("table_encoder_eccentricity cos_arcsec", "acc_bias bias_x_ug", "acc_K2 k2_x_ug_g2"))
     np.testing.assert_allclose(encoder["x"], bias["x"] - k2["x"], atol=1e-6)
     assert np.abs(encoder["|f|"]).max() < 1e-6
     assert np.abs(bias["|f|"] - k2["|f|"]).max() > 0.3

@@ -10,7 +10,7 @@ from tiltcal.effects.mechanisms import World
 from tiltcal.frames import earth_rate, rotation, skew
 from tiltcal.kinematics import closed_form
 from tiltcal.motion import Jet, sampled_jet
-from tiltcal.sequence import RAMP, Leg
+from tiltcal.schedule import RAMP, Leg
 from tiltcal.units import DEG, EARTH_RATE
 from tiltsim.motion import _Runner, mujoco_motion
 from tiltsim.rig import RigBuilder

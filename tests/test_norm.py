@@ -32,7 +32,11 @@ def log(up=DIRECTIONS, bias=BIAS, M=M, rng=None, dwell=60):
 
 def truth(terms: int) -> dict[str, float]:
     values = [*BIAS, *(np.diag(M) - 1), M[0, 1], M[0, 2], M[1, 2]]
-    return dict(zip(names_of("accel", 9), values, strict=True)) if terms == 9 else dict(zip(names_of("accel", 6), values[:6], strict=True))
+    return (
+        dict(zip(names_of("accel", 9), values, strict=True))
+        if terms == 9
+        else dict(zip(names_of("accel", 6), values[:6], strict=True))
+    )
 
 
 def test_exact_readings_give_exact_parameters_with_both_names_of_each_cross_term():

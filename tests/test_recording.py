@@ -196,9 +196,7 @@ def test_a_sensor_without_a_column_names_the_axis():
         Recording(TIME).sensor(ACCEL)
 
 
-@pytest.mark.parametrize(
-    ("unit", "advice"), [("LSB", r"add input = \{unit = \.\.\."), ("V", "add input"), ("deg_s", "rename it")]
-)
+@pytest.mark.parametrize(("unit", "advice"), [("LSB", r"add input = \{unit = \.\.\."), ("V", "add input"), ("deg_s", "rename it")])
 def test_a_unit_that_does_not_fit_the_sensor_is_refused(unit, advice):
     with pytest.raises(TiltcalError, match=f"column accel_x_{unit}: found unit {unit}, need a unit of acceleration; {advice}"):
         triad(unit).sensor(ACCEL)

@@ -83,9 +83,7 @@ def test_the_least_scenario_of_the_contract_parses(text, tmp_path):
 
 
 def test_a_fog_an_unknown_heading_and_an_effect_as_adjustable_are_taken(tmp_path):
-    fog = (
-        '[[sensor]]\nname = "fog"\nkind = "fog"\naxes = ["a"]\ninput_axis = [1, 1, 1]\nadjustable = ["bias", "fog_axis_error"]\n'
-    )
+    fog = '[[sensor]]\nname = "fog"\nkind = "fog"\naxes = ["a"]\ninput_axis = [1, 1, 1]\nadjustable = ["bias", "fog_axis_error"]\n'
     scenario = load(tmp_path, MINIMAL.replace("heading_deg = 0.0", 'heading_deg = "unknown"') + fog)
     assert scenario.named("fog").adjustable == ("bias", "fog_axis_error")
     assert [s.name for s in scenario.sensors("fog", "gyro")] == ["fog"]

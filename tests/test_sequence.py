@@ -7,7 +7,8 @@ from pydantic import ValidationError
 
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import parse_mount
-from tiltcal.sequence import RAMP, Climate, Step, build_schedule
+from tiltcal.schedule import RAMP, build_schedule
+from tiltcal.sequence import Climate, Step
 from tiltcal.units import DEG
 
 

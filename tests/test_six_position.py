@@ -61,7 +61,9 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover():
     clean_values = np.column_stack([clean.column(f"accel_{a}_m_s2") for a in "xyz"])
     for k in range(draws):
         noisy = clean_values + rng.normal(0, SIGMA, clean_values.shape)
-        log = type(clean).from_columns(clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")}, labels=clean.labels)
+        log = type(clean).from_columns(
+            clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")}, labels=clean.labels
+        )
         found = calibrate("six_position", log, SETUP, segments=segments)
         values[k] = [found.value(n) for n in names]
         nees[k] = normalised_error(found, truth())[0]
@@ -92,7 +94,7 @@ def _bound(segments, names):
     counts = np.array([s.last - s.first for s in segments if s.kind == "dwell"], dtype=float)
     A = np.hstack([np.ones((6, 1)), G * FACES])
     C = SIGMA**2 * np.linalg.inv(A.T @ (A * counts[:, None]))
-    column = {"bias": lambda a: 0, "scale": lambda a: 1 + "xyz".index(a), "cross": lambda a: 1 + "xyz".index(a[1])}
+    column = {"bias": lambda _: 0, "scale": lambda a: 1 + "xyz".index(a), "cross": lambda a: 1 + "xyz".index(a[1])}
     terms = [n.split(".")[1].split("_") for n in names]
     return np.array([C[column[t](a), column[t](a)] for t, a in terms])
 
@@ -139,7 +141,9 @@ def test_a_rotation_of_the_fixture_is_the_antisymmetric_part_of_the_cross_terms(
     e = np.array([1e-3, -2e-3, 5e-4])
     skew = np.array([[0, -e[2], e[1]], [e[2], 0, -e[0]], [-e[1], e[0], 0]])
     R = np.eye(3) + skew + skew @ skew / 2
-    found = calibrate("six_position", log_of(triad_readings(FACES @ R, G, BIAS, np.eye(3)), SENSOR, dwell=DWELL, labels=LABELS), SETUP)
+    found = calibrate(
+        "six_position", log_of(triad_readings(FACES @ R, G, BIAS, np.eye(3)), SENSOR, dwell=DWELL, labels=LABELS), SETUP
+    )
     for a, b, size in (("y", "z", e[0]), ("z", "x", e[1]), ("x", "y", e[2])):
         antisymmetric = (found.value(f"accel.cross_{a}{b}") - found.value(f"accel.cross_{b}{a}")) / 2
         assert antisymmetric == pytest.approx(size, abs=1e-8)
@@ -163,7 +167,7 @@ def test_dwells_without_any_attitude_are_refused_in_words():
 
 
 def test_an_unknown_term_or_option_is_named_with_the_nearest():
-    with pytest.raises(TiltcalError, match="calibration term 'scael'.*did you mean 'scale'"):
+    with pytest.raises(TiltcalError, match=r"calibration term 'scael'.*did you mean 'scale'"):
         calibrate("six_position", noiseless(), SETUP, terms=["bias", "scael"])
-    with pytest.raises(TiltcalError, match="option 'term'.*did you mean 'terms'"):
+    with pytest.raises(TiltcalError, match=r"option 'term'.*did you mean 'terms'"):
         calibrate("six_position", noiseless(), SETUP, term=["bias"])

@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from tiltcal.calibration import Calibration, tilt_angles
 from tiltcal.errors import TiltcalError
 from tiltcal.files import require_file
 from tiltcal.frames import Array, force_of_tilt, tilt_of_force
 from tiltcal.recording import Recording
-from tiltcal.recording_files import assemble, csv_head, is_number, read_recording
+from tiltcal.recording_files import assemble, csv_head, is_number, read_recording, write_head
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import COLUMN_UNITS, DEG
 
@@ -22,7 +23,7 @@ def setup_of(calibration: Calibration) -> Setup:
     """The set-up a calibration was made with.
 
     Raises:
-        TiltcalError: it does not carry one.
+        TiltcalError: it does not carry one, or one that is none.
     """
     stated = calibration.provenance.get("setup")
     if stated is None:
@@ -30,7 +31,14 @@ def setup_of(calibration: Calibration) -> Setup:
             f"calibration by {calibration.method}", found="no provenance.setup", need="the set-up it belongs to",
             do="make it with `tiltcal calibrate`, which adds the set-up",
         )  # fmt: skip
-    return Setup.model_validate(stated)
+    try:
+        return Setup.model_validate(stated)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise TiltcalError(
+            f"calibration by {calibration.method}, provenance.setup.{'.'.join(map(str, first['loc']))}",
+            found=first["msg"].lower(), need="the set-up as `tiltcal calibrate` writes it", do="make the calibration again",
+        ) from error  # fmt: skip
 
 
 def corrected_columns(recording: Recording, calibration: Calibration, setup: Setup) -> dict[str, Array]:
@@ -78,43 +86,48 @@ def correct_stream(path: Path, calibration: Calibration, out: IO[bytes]) -> int:
     from pyarrow import csv as pacsv
 
     setup = setup_of(calibration)
-    rows, writer, last = 0, None, -np.inf
+    rows, last = 0, -np.inf
+    writer, names = None, []
     for chunk in _chunks(path):
-        chunk.require_increasing()
-        if chunk.time[0] <= last:
-            raise TiltcalError(
-                f"{chunk.source}, time {chunk.time[0]:.10g} s", found="time going back", need="time stamps that increase",
-                do="sort it or split it there",
-            )  # fmt: skip
-        last = float(chunk.time[-1])
-        names, arrays = _table(chunk, corrected_columns(chunk, calibration, setup))
-        table = pa.table(arrays, names=names)
+        last = _require_onward(chunk, last)
+        columns = _columns(chunk, corrected_columns(chunk, calibration, setup))
         if writer is None:
-            for key, value in chunk.metadata.items():
-                out.write(f"# {key}: {value}\n".encode())
-            out.write((",".join(names) + "\n").encode())
-            writer = pacsv.CSVWriter(out, table.schema, write_options=pacsv.WriteOptions(include_header=False))
-        writer.write_table(table)
+            names = list(columns)
+            write_head(out, chunk.metadata, names)
+            schema = pa.schema([(name, column.type) for name, column in columns.items()])
+            writer = pacsv.CSVWriter(out, schema, write_options=pacsv.WriteOptions(include_header=False))
+        writer.write_table(pa.table([columns[name] for name in names], names=names))  # gaps may order a chunk otherwise
         rows += len(chunk)
     if writer is not None:
         writer.close()
     return rows
 
 
-def _table(chunk: Recording, added: dict[str, Array]) -> tuple[list[str], list[Any]]:
+def _require_onward(chunk: Recording, last: float) -> float:
+    """The last stamp of a chunk, when time runs forward in it and from the stamp before it."""
+    chunk.require_increasing()
+    if chunk.time[0] <= last:
+        raise TiltcalError(
+            f"{chunk.source}, time {chunk.time[0]:.10g} s", found="time going back or a repeated stamp",
+            need="time stamps that increase", do="sort it or split it there",
+        )  # fmt: skip
+    return float(chunk.time[-1])
+
+
+def _columns(chunk: Recording, added: dict[str, Array]) -> dict[str, Any]:
+    """All columns of a chunk and those added, as Arrow arrays."""
     import pyarrow as pa
 
     numbers = {"time_s": chunk.time} | {name: chunk.column(name) for name in chunk.column_names} | added
     texts = dict(chunk.extra) | ({} if chunk.labels is None else {"label": chunk.labels})
-    arrays: list[Any] = [pa.array(v, pa.float64(), from_pandas=True) for v in numbers.values()]
-    arrays += [pa.array([t or None for t in v], pa.string()) for v in texts.values()]
-    return [*numbers, *texts], arrays
+    arrays: dict[str, Any] = {name: pa.array(v, pa.float64(), from_pandas=True) for name, v in numbers.items()}
+    return arrays | {name: pa.array([t or None for t in v], pa.string()) for name, v in texts.items()}
 
 
 def _chunks(path: Path) -> Iterator[Recording]:
     """The recording in pieces: CSV by blocks of text, Parquet by row groups, NPZ whole."""
     path = require_file(path, "recording")
-    if path.suffix == ".parquet":
+    if path.suffix == ".parquet" and path.stat().st_size > CHUNK:
         yield from _parquet_chunks(path)
     elif path.suffix == ".csv" and path.stat().st_size > CHUNK:
         yield from _csv_chunks(path)
@@ -141,11 +154,16 @@ def _csv_chunks(path: Path) -> Iterator[Recording]:
 
 
 def _parquet_chunks(path: Path) -> Iterator[Recording]:
+    import pyarrow as pa
     from pyarrow import parquet
 
-    head = read_recording_head(path)
-    with parquet.ParquetFile(path) as file:
-        yield from _batches(file.iter_batches(batch_size=65536), file.schema_arrow.names, head, path.name)
+    try:
+        head = read_recording_head(path)
+        with parquet.ParquetFile(path) as file:
+            yield from _batches(file.iter_batches(batch_size=65536), file.schema_arrow.names, head, path.name)
+    except (pa.ArrowException, ValueError):
+        read_recording(path)  # names what is wrong
+        raise
 
 
 def read_recording_head(path: Path) -> dict[str, str]:

@@ -1,12 +1,13 @@
 """Foreign formats by a mapping file: columns, units and time of somebody else's text log -> Recording."""
 
+import contextlib
+import io
 import tomllib
-import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.files import require_file
@@ -82,6 +83,15 @@ class Mapping(Part):
     column: tuple[ColumnWords, ...]
     metadata: dict[str, str] = {}
 
+    @field_validator("column")
+    @classmethod
+    def _distinct(cls, columns: tuple[ColumnWords, ...]) -> tuple[ColumnWords, ...]:
+        names = [c.to for c in columns]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"'{twice[0]}' stands twice")
+        return columns
+
 
 def load_mapping(path: Path | str) -> Mapping:
     """Read a mapping file.
@@ -92,16 +102,29 @@ def load_mapping(path: Path | str) -> Mapping:
     path = require_file(Path(path), "mapping")
     try:
         return Mapping.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise TiltcalError(f"mapping {path.name}", found=str(error), need="valid TOML", do="correct that line") from error
     except ValidationError as error:
-        lines = "; ".join(".".join(str(p) for p in e["loc"]) + ": " + e["msg"] for e in error.errors())
+        lines = "; ".join(_problem(e) for e in error.errors())
         raise TiltcalError(
             f"mapping {path.name}",
             found=lines,
             need="a mapping as `tiltcal import --help` shows",
             do="correct these keys",
         ) from error
+
+
+_PARTS: dict[str, type[Part]] = {"file": FileWords, "time": TimeWords, "column": ColumnWords}
+
+
+def _problem(error: Any) -> str:
+    """One wrong key in words, with the nearest valid one."""
+    path = ".".join(str(part + 1) if isinstance(part, int) else part for part in error["loc"])
+    if error["type"] != "extra_forbidden":
+        return f"{path}: {error['msg'].removeprefix('Value error, ')}"
+    part = _PARTS.get(error["loc"][0], Mapping) if len(error["loc"]) > 1 else Mapping
+    valid = [f.alias or name for name, f in part.model_fields.items()]
+    return f"{path}: unknown key; {nearest(str(error['loc'][-1]), valid)}"
 
 
 def import_recording(path: Path | str, mapping: Mapping) -> Recording:
@@ -170,15 +193,11 @@ def _read(path: Path, words: FileWords) -> _Table:
 
 
 def _numbers(text: str, separator: str | None, width: int, path: Path) -> Array:
-    """All cells at once; only when that fails, line by line to name the bad one."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            flat = np.fromstring(text if separator is None else text.replace(separator, " "), sep=" ")
-            if len(flat) % width == 0 and "\n\n" not in text.strip():
-                return flat.reshape(-1, width)
-        except (DeprecationWarning, ValueError):
-            pass
+    """All cells at once; only when that fails, line by line: empty cells are no number, and a bad one is named."""
+    with contextlib.suppress(ValueError):
+        table = np.loadtxt(io.StringIO(text), delimiter=separator, comments=None, ndmin=2)
+        if table.shape[1] == width:
+            return table
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
         cells = line.split(separator)
@@ -186,8 +205,8 @@ def _numbers(text: str, separator: str | None, width: int, path: Path) -> Array:
             continue
         if len(cells) != width:
             raise TiltcalError(
-                f"foreign recording {path.name}, data line {number}", found=f"{len(cells)} cells", need=f"{width} as in the first",
-                do="correct that line, or set separator in the mapping",
+                f"foreign recording {path.name}, data line {number}", found=f"{len(cells)} cells",
+                need=f"{width} as in the first", do="correct that line, or set separator in the mapping",
             )  # fmt: skip
         rows.append([_cell(c, path.name, number) for c in cells])
     return np.array(rows)

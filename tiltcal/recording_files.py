@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -185,10 +185,15 @@ def write_csv(recording: Recording, out: IO[bytes]) -> None:
     from pyarrow import csv as pacsv
 
     names, arrays = _arrow_columns(recording)
-    for key, value in recording.metadata.items():
-        out.write(f"# {key}: {value}\n".encode())
-    out.write((",".join(_quoted(name) for name in names) + "\n").encode())
+    write_head(out, recording.metadata, names)
     pacsv.write_csv(pa.table(arrays, names=names), out, pacsv.WriteOptions(include_header=False))
+
+
+def write_head(out: IO[bytes], metadata: Mapping[str, str], names: Sequence[str]) -> None:
+    """Metadata, one line each, and the line of column names."""
+    for key, value in metadata.items():
+        out.write(f"# {key}: {' '.join(value.splitlines())}\n".encode())
+    out.write((",".join(_quoted(name) for name in names) + "\n").encode())
 
 
 def _quoted(name: str) -> str:

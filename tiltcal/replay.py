@@ -74,7 +74,7 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
         angle = recording.table(axis)
         if angle is None or np.isnan(angle).all():
             raise TiltcalError(
-                f"{recording.source}", found=f"no column table_{axis}_<unit>", need=f"the readout of the {setup.rig.table} table",
+                f"{recording.source}", found=f"no column table_{axis}_<unit>", need=f"the readout of table {setup.rig.table}",
                 do="record it, or state the poses by labels",
             )  # fmt: skip
         read = ~np.isnan(angle)

@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from tiltcal.effects import CATALOGUE, Effect, make_effect
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.files import require_file
-from tiltcal.sequence import Climate, Schedule, Step, build_schedule
+from tiltcal.schedule import Schedule, build_schedule
+from tiltcal.sequence import Climate, Step
 from tiltcal.setup import Part, Setup
 
 CALIBRATION_TERMS = ("bias", "scale", "cross_axis")

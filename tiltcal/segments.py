@@ -44,9 +44,7 @@ class Segment:
     label: str | None = None
 
 
-def find_segments(
-    recording: Recording, window: float = WINDOW, guard: float = GUARD, shortest: float = SHORTEST
-) -> list[Segment]:
+def find_segments(recording: Recording, window: float = WINDOW, guard: float = GUARD, shortest: float = SHORTEST) -> list[Segment]:
     """All dwells and moves of a recording, in order.
 
     Args:

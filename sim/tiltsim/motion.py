@@ -42,7 +42,7 @@ def mujoco_motion(
 def _one_mounting(
     setup: Setup, drive: Drive, effects: Sequence[Effect], rng_of: dict[int, np.random.Generator] | None, world: World,
     mount: Array, rows: slice,
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+) -> tuple[Array, ...]:  # fmt: skip
     springs = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised and _has_spring(e, setup)]
     rest = [e for e in effects if e not in springs]
     angles = true_angles(setup, drive, rest, rng_of)
@@ -81,15 +81,13 @@ def _states(rig: Rig, drive: Drive, rows: slice) -> tuple[Array, Array, Array]:
     return q, v, a
 
 
-def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array) -> tuple[Array, Array, Array, Array]:
+def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array) -> tuple[Array, ...]:
     """Force, rate, up and angular acceleration in the body frame at given joint states, (n, 3) each.
 
     States that repeat (a dwell) are computed once.
     """
     new = np.ones(len(q), bool)
-    new[1:] = (
-        (np.diff(q, axis=0) != 0).any(axis=1) | (np.diff(v, axis=0) != 0).any(axis=1) | (np.diff(a, axis=0) != 0).any(axis=1)
-    )
+    new[1:] = (np.diff(q, axis=0) != 0).any(axis=1) | (np.diff(v, axis=0) != 0).any(axis=1) | (np.diff(a, axis=0) != 0).any(axis=1)
     first = np.flatnonzero(new)
     which = np.cumsum(new) - 1
     if len(first) < len(q):
@@ -149,7 +147,7 @@ def _settle(
     return runner.still(q, v, "qfrc_bias") - runner.still(q, v, "qfrc_passive")
 
 
-def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, Array, Array, Array]:
+def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, ...]:
     """Sensor data to force, rate, up, angular acceleration; adds Earth's rate and Coriolis."""
 
     def sensor(name: str) -> Array:

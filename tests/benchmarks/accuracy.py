@@ -30,6 +30,7 @@ def main() -> None:
             nees, dof = nees + value, dof + n
             ratio.append((tilt.after / tilt.bound) ** 2)
         print(
-            f"{name}: {DRAWS} fresh seeds from {first}: NEES per parameter {nees / dof:.3f} (chance: 1 +- {2 * np.sqrt(2 / dof):.3f}), "
+            f"{name}: {DRAWS} fresh seeds from {first}: "
+            f"NEES per parameter {nees / dof:.3f} (chance: 1 +- {2 * np.sqrt(2 / dof):.3f}), "
             f"rms tilt error over its bound {np.sqrt(np.mean(ratio)):.3f}"
         )

@@ -45,7 +45,10 @@ def scenario(moving: bool) -> Scenario:
         ]  # fmt: skip
     else:
         steps = [
-            {"action": "move", "outer_deg": 7.0 * k, "middle_deg": 31.0 * k, "inner_deg": 53.0 * k % 360, "rate_deg_s": 60, "dwell_s": 55}
+            {
+                "action": "move", "outer_deg": 7.0 * k, "middle_deg": 31.0 * k, "inner_deg": 53.0 * k % 360, "rate_deg_s": 60,
+                "dwell_s": 55,
+            }
             for k in range(1, 64)
         ]  # fmt: skip
     return parse_scenario(

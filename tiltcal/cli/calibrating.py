@@ -51,7 +51,7 @@ def parse_options(words: list[str]) -> dict[str, Any]:
         if not equals or not key:
             raise TiltcalError(f"--option {word}", found="no KEY=VALUE", need="for example terms=9", do="correct it")
         if key == "segments":
-            raise TiltcalError(f"--option {word}", found="segments as an option", need="their file", do="use --segments SEG.csv")
+            raise TiltcalError(f"--option {word}", found="segments", need="a file of them", do="use --segments SEG.csv")
         try:
             options[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
@@ -70,9 +70,7 @@ def print_calibration(c: Calibration) -> None:
         print(f"held-out residual of {name}: {rms:.4g} (SI, whole directions left out)")
     for w in c.warnings:
         print(f"note: {w}")
-    print(
-        f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of freedom; verdict: {c.verdict}"
-    )
+    print(f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of freedom; verdict: {c.verdict}")
 
 
 def correct(args: argparse.Namespace) -> int:
@@ -117,7 +115,7 @@ def check(args: argparse.Namespace) -> int:
         print(result.statement)
         for t in result.tests:
             print(
-                f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g} with {t.dof} degrees of freedom, p {t.p_value:.2g})"
+                f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g}, {t.dof} degrees of freedom, p {t.p_value:.2g})"
             )
         print("accepted" if result.accepted else "not accepted")
     return 0 if result.accepted else 1

@@ -27,7 +27,7 @@ def demo(args: argparse.Namespace) -> int:
     """Simulate, calibrate and verify."""
     out = make_folder(Path(args.output))
     start = time.perf_counter()
-    print("Simulating tables in MuJoCo, calibrating the recordings, judging the result against what was injected.\n", file=sys.stderr)
+    print("Simulating tables in MuJoCo, calibrating, judging against what was injected.\n", file=sys.stderr)
     with progress_line() as progress:
         laboratory = simulator()
         results = []

@@ -4,6 +4,7 @@ import argparse
 import time
 from pathlib import Path
 
+from tiltcal.accuracy import TiltError
 from tiltcal.assets import folder
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_json, print_table, progress_line
@@ -52,7 +53,7 @@ def _check_output(args: argparse.Namespace) -> None:
         out = Path(args.output).absolute()
         there = next(p for p in (out, *out.parents) if p.exists())
         if not there.is_dir():
-            raise TiltcalError(f"output {args.output}", found=f"the file {there.name}", need="a folder", do="choose another place")
+            raise TiltcalError(f"output {args.output}", found=f"the file {there}", need="a folder", do="choose another")
 
 
 def finish(verification: Verification, args: argparse.Namespace) -> int:
@@ -99,6 +100,10 @@ def print_verification(verification: Verification) -> None:
     print(f"{good} of {len(verification.results)} scenarios accepted in {verification.seconds:.1f} s")
 
 
+def _tilt_json(tilt: TiltError | None) -> dict[str, float] | None:
+    return None if tilt is None else dict(zip(("before", "after", "bound"), tilt.in_arcsec, strict=True))
+
+
 def as_json(verification: Verification) -> dict[str, object]:
     """The verification for machines."""
     return {
@@ -110,7 +115,7 @@ def as_json(verification: Verification) -> dict[str, object]:
                     {
                         "method": m.title, "accepted": m.accepted, "error": m.error, "runs": len(m.calibrations),
                         "verdict": m.calibrations[0].verdict if m.calibrations else None,
-                        "tilt_arcsec": None if m.tilt is None else dict(zip(("before", "after", "bound"), m.tilt.in_arcsec, strict=True)),
+                        "tilt_arcsec": _tilt_json(m.tilt),
                         "limits": [vars(limit) for limit in m.limits], "truth": m.truth,
                         "parameters": m.calibrations[0].to_json()["parameters"] if m.calibrations else {},
                     }

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -42,14 +43,29 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str
     console = Console(file=sys.stdout, highlight=False, markup=False)
     if not sys.stdout.isatty():
         console.width = 160
-    console.print(table)
+    with console.capture() as text:  # a closed pipe is for the command line to notice, not for rich
+        console.print(table)
+    sys.stdout.write(text.get())
+
+
+def _every_second() -> Progress:
+    """Progress into a pipe: at most a line a second."""
+    last = [0.0]
+
+    def show(text: str) -> None:
+        now = time.monotonic()
+        if now - last[0] >= 1.0:
+            last[0] = now
+            print(text, file=sys.stderr, flush=True)
+
+    return show
 
 
 @contextmanager
 def progress_line() -> Iterator[Progress]:
-    """Progress on stderr: one changing line on a terminal, a line a step elsewhere."""
+    """Progress on stderr: one changing line on a terminal, at most a line a second elsewhere."""
     if not sys.stderr.isatty():
-        yield lambda text: print(text, file=sys.stderr, flush=True)
+        yield _every_second()
         return
     from rich.console import Console
 

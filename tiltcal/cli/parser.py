@@ -39,8 +39,9 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Refuse the command line."""
+        found = message.replace("the following arguments are required:", "no")
         raise TiltcalError(
-            f"command line of `{self.prog}`", found=message, need="the arguments its help lists", do=f"see `{self.prog} --help`"
+            f"command line of `{self.prog}`", found=found, need="the arguments its help lists", do=f"see `{self.prog} --help`"
         )
 
 
@@ -62,9 +63,7 @@ class _Commands:
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
-    parser = _Parser(
-        prog="tiltcal", description=TOP, epilog=FIRST, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = _Parser(prog="tiltcal", description=TOP, epilog=FIRST, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"tiltcal {__version__}")
     commands = _Commands(parser)
     _add_laboratory(commands)

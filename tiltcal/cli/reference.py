@@ -9,6 +9,8 @@ from tiltcal.effects import CATALOGUE, Effect
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.methods.registry import GROUP, METHODS
 
+GRADES = ("precision", "mid_mems", "consumer")
+
 
 def methods(args: argparse.Namespace) -> int:
     """List the methods."""
@@ -67,7 +69,7 @@ def _as_json(cls: type[Effect]) -> dict[str, object]:
     return {
         "id": cls.id, "stage": cls.stage, "title": cls.title, "physics": cls.physics, "equation": cls.equation,
         "source": cls.source, "excited_by": cls.excited_by, "look": cls.look, "linear": cls.linear, "random": cls.random,
-        "parameters": [{"name": f"{p.name}_{p.unit}", "plausible": dict(zip(("precision", "mid_mems", "consumer"), p.plausible, strict=True))} for p in cls.parameters],
+        "parameters": [{"name": f"{p.name}_{p.unit}", "plausible": dict(zip(GRADES, p.plausible, strict=True))} for p in cls.parameters],
     }  # fmt: skip
 
 

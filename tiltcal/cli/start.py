@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.cli.output import print_json
+from tiltcal.errors import TiltcalError
 from tiltcal.files import write_text
 from tiltcal.frames import normal_gravity
 from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording, write_recording
+from tiltcal.setup import RESERVED
 from tiltcal.units import COLUMN_UNITS, DEG, split_unit
 
 SEQUENCE = """
@@ -81,6 +83,8 @@ def init(args: argparse.Namespace) -> int:
 
         print_json(scenario_schema())
         return 0
+    if args.latitude is not None and not -90 <= args.latitude <= 90:
+        raise TiltcalError("--latitude", found=f"{args.latitude:g} deg", need="-90 to 90 deg", do="correct it")
     latitude = 48.0 if args.latitude is None else args.latitude
     gravity = normal_gravity(latitude * DEG, args.height)
     lines = [
@@ -95,11 +99,10 @@ def init(args: argparse.Namespace) -> int:
     text = "\n".join(lines) + ("" if recording else SEQUENCE)
     if args.output:
         write_text(Path(args.output), text)
-        print(
-            f"{args.output}: written; edit it, then `tiltcal simulate` or `calibrate --scenario` it",
-            file=sys.stderr,
-        )
-    else:
+        print(f"{args.output}: written; edit it, then `tiltcal simulate` or `calibrate --scenario` it", file=sys.stderr)
+    if args.json:
+        print_json({"output": args.output, "scenario": text})
+    elif not args.output:
         print(text)
     return 0
 
@@ -136,8 +139,10 @@ def _sensors(recording: Recording) -> list[str]:
     for column in recording.column_names:
         channel, unit = split_unit(column)
         name, _, axis = channel.rpartition("_")
-        if name and axis in ("x", "y", "z", "a") and name != "table" and unit:
-            found.setdefault(name, ([], unit))[0].append(axis)
+        quantity = COLUMN_UNITS[unit].quantity if unit else ""
+        named = name.isascii() and name.isalnum() and name[0].isalpha() and name not in RESERVED
+        if named and quantity in kinds and axis in (("x", "y") if quantity == "angle" else ("x", "y", "z", "a")):
+            found.setdefault(name, ([], str(unit)))[0].append(axis)
     rate = 1 / float(np.median(np.diff(recording.time))) if len(recording) > 1 else 1.0
     lines = []
     for name, (axes, unit) in found.items():

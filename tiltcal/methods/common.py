@@ -52,9 +52,7 @@ def wrap_up(
     lacking = [t for t in tests if t.name == "fit" and not t.passed]
     if lacking and fit.chi2_per_dof > 1:
         widen = fit.chi2_per_dof
-        notes.append(
-            f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are widened by that factor"
-        )
+        notes.append(f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are widened by that factor")
     covariance = fit.covariance * widen
     sigmas = np.sqrt(np.diag(covariance))
     parameters = {n: Estimate(float(v), float(s), u) for n, v, s, u in zip(fit.names, fit.values, sigmas, units, strict=True)}

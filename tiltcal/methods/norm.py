@@ -61,7 +61,7 @@ def norm(
     poses = find_poses(recording, setup, used, segments)
     if len(poses) < terms:
         raise TiltcalError(
-            recording.source, found=f"{len(poses)} dwells", need=f"at least {terms} for {terms} parameters (12 or more are better)",
+            recording.source, found=f"{len(poses)} dwells", need=f"at least {terms} for {terms} parameters (12 are better)",
             do="record more positions" + (", or use --option terms=6" if terms == 9 and len(poses) >= 6 else ""),
         )  # fmt: skip
     g = setup.site.gravity
@@ -203,7 +203,7 @@ def _tests(poses: Poses, fit: Fit, converged: bool, blindness: float, terms: int
         Test("converged", float(fit.iterations), 0, float(converged), converged, f"{fit.iterations} Gauss-Newton iterations"),
         Test(
             "condition of the positions", condition, 0, float(condition <= BAD_CONDITION), condition <= BAD_CONDITION,
-            f"condition number {condition:.3g} (axis-aligned positions have 1, a fifth of random ones more than {BAD_CONDITION:.0f})",
+            f"condition number {condition:.3g} (axis-aligned positions: 1; a fifth of random ones: over {BAD_CONDITION:.0f})",
         ),
     ]  # fmt: skip
     if fit.dof > 0:

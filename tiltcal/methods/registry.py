@@ -126,9 +126,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
         try:
             done = subprocess.run(words, capture_output=True, text=True, check=False)
         except OSError as error:
-            raise TiltcalError(
-                f"command {words[0]}", found=str(error), need="a program that runs", do="check the path"
-            ) from error
+            raise TiltcalError(f"command {words[0]}", found=str(error), need="a program that runs", do="check the path") from error
         if done.returncode != 0:
             last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
             raise TiltcalError(

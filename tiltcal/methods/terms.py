@@ -25,9 +25,7 @@ def effect_of_term(term: str, sensor: Sensor) -> type[TermEffect]:
     id = term if term in CATALOGUE else names.get(term, f"{prefix}_{term}")
     cls = CATALOGUE.get(id)
     if cls is None or not issubclass(cls, TermEffect) or not cls.linear or sensor.kind not in cls.kinds:
-        terms = [
-            i.removeprefix(prefix + "_") for i, c in CATALOGUE.items() if issubclass(c, TermEffect) and sensor.kind in c.kinds
-        ]
+        terms = [i.removeprefix(prefix + "_") for i, c in CATALOGUE.items() if issubclass(c, TermEffect) and sensor.kind in c.kinds]
         raise TiltcalError(
             f"calibration term '{term}' of sensor {sensor.name}", found="no linear term of that name",
             need="bias, scale, cross_axis or a linear effect", do=nearest(term, terms),

@@ -42,9 +42,7 @@ def _section(result: ScenarioResult) -> dict[str, Any]:
 
 def _effect_words(table: Any) -> str:
     where = table.sensor or table.axis
-    values = ", ".join(
-        f"{k} = {v:g}" if isinstance(v, int | float) else f"{k} = {v}" for k, v in (table.model_extra or {}).items()
-    )
+    values = ", ".join(f"{k} = {v:g}" if isinstance(v, int | float) else f"{k} = {v}" for k, v in (table.model_extra or {}).items())
     return f"{table.id}{f' on {where}' if where else ''}: {values}"
 
 

@@ -18,7 +18,7 @@ def catalogue_page() -> str:
         lines += [f"Excited by {cls.excited_by}. Look: {cls.look}. Source: {cls.source}.", ""]
         lines += ["| parameter | precision laboratory | mid MEMS | consumer |", "|---|---|---|---|"]
         for p in cls.parameters:
-            lines.append(f"| `{p.name}_{p.unit}` | {' | '.join(f'{x:g}' for x in p.plausible)} |")
+            lines.append(f"| `{p.name}{p.suffix}` | {' | '.join(f'{x:g}' for x in p.plausible)} |")
         lines.append("")
     return "\n".join(lines)
 

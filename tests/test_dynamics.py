@@ -16,6 +16,7 @@ from tiltcal.scenario import Scenario, parse_scenario
 from tiltcal.setup import TABLE_AXES
 from tiltcal.units import ARCSEC, DEG, G0
 from tiltsim import dynamics as module
+from tiltsim import log
 from tiltsim.dynamics import DynamicCourse, run_dynamics
 from tiltsim.laboratory import MujocoLaboratory
 from tiltsim.motion import mujoco_motion
@@ -113,7 +114,7 @@ def test_backlash_rests_on_the_side_of_approach_as_its_closed_form_says():
     (effect,) = course.scenario.effects
     time = np.linspace(*course.times, 2000)
     asked = course.scenario.schedule.drive(time)
-    expected = np.interp([UP, DOWN], time, effect.deviation(asked, asked.axes["outer"], None).x)
+    expected = np.interp([UP, DOWN], time, effect.deviation(asked, "outer", None).x)
     gap = at(course, UP, DOWN).structure["outer"].x
     assert expected == pytest.approx([-20 * ARCSEC, 20 * ARCSEC])
     assert gap == pytest.approx(expected, abs=0.02 * ARCSEC)  # how far the stops give way under the servo's push
@@ -250,7 +251,7 @@ def test_readings_on_the_move_are_the_second_derivative_of_where_the_sensor_was(
 def test_between_two_rows_the_log_is_a_curve_with_its_own_derivatives(rng):
     poly = np.polynomial.Polynomial(rng.normal(size=6))
     start, end = (Jet(*(np.array([[poly.deriv(k)(t)]]) for k in range(3))) for t in (0.0, 0.7))
-    got = module._quintic(start, end, np.array([[0.7]]), np.array([[0.3]]))
+    got = log._quintic(start, end, np.array([[0.7]]), np.array([[0.3]]))
     assert [got.x[0, 0], got.v[0, 0], got.a[0, 0]] == pytest.approx([poly(0.3), poly.deriv()(0.3), poly.deriv(2)(0.3)])
 
 

@@ -135,7 +135,7 @@ def test_a_timing_effect_reads_an_earlier_signal(id, words, shift):
 def test_lost_and_frozen_samples_stand_where_they_should():
     setup = setup_of("three", ACCEL)
     plain = read_poses(setup, lively())["accel"]
-    lost = read_poses(setup, lively(), effect_of("data_drop", setup, samples_unitless=7, time_s=T[50]))["accel"]
+    lost = read_poses(setup, lively(), effect_of("data_drop", setup, samples=7, time_s=T[50]))["accel"]
     np.testing.assert_array_equal(lost[:50], plain[:50])
     np.testing.assert_array_equal(lost[50:-7], plain[57:])
     assert np.isnan(lost[-7:]).all()

@@ -37,7 +37,7 @@ ONE_WAY = {
     "mount_misalignment tilt_z_arcsec": "x[-] y[s1 +1.00] z[-] |f|[-]",
     "table_levelling tilt_east_arcsec": "x[-] y[DC +1.00] z[-] |f|[-]",
     "table_levelling tilt_north_arcsec": "x[c1 -1.00] y[-] z[s1 -1.00] |f|[-]",
-    "table_encoder_zero -zero_arcsec": "x[c1 -1.00] y[-] z[s1 -1.00] |f|[-]",
+    "table_encoder_zero -outer_zero_arcsec": "x[c1 -1.00] y[-] z[s1 -1.00] |f|[-]",
     "table_encoder_eccentricity -cos_arcsec": "x[DC -0.50 c2 -0.50] y[-] z[s2 -0.50] |f|[-]",
     "table_encoder_eccentricity -sin_arcsec": "x[s2 -0.50] y[-] z[DC -0.50 c2 +0.50] |f|[-]",
     "table_encoder_2rev -cos_arcsec": "x[c1 -0.50 c3 -0.50] y[-] z[s1 +0.50 s3 -0.50] |f|[-]",

@@ -221,8 +221,8 @@ def test_sampled_jets_differentiate_and_constants_stay_still():
 
 
 def test_mujoco_computes_a_dwell_once(monkeypatch):
-    setup, rows, run = setup_of("dual"), [], _Runner.run
-    monkeypatch.setattr(_Runner, "run", lambda self, q, *rest: rows.append(len(q)) or run(self, q, *rest))
+    setup, states = setup_of("dual"), []
+    monkeypatch.setattr("tiltsim.motion._Runner", lambda rig, n: states.append(n) or _Runner(rig, n))
     motion = mujoco_motion(setup, still(setup, outer=np.repeat([20.0, -5.0], 250)))
-    assert rows == [2]
+    assert states == [2]
     assert motion.force.shape == (500, 3)

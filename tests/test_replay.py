@@ -98,7 +98,7 @@ def test_a_recording_without_the_tables_readout_is_refused():
     )
     with pytest.raises(
         TiltcalError,
-        match=r"recording r\.csv: found no column table_inner_<unit>, need the readout of the dual table",
+        match=r"recording r\.csv: found no column table_inner_<unit>, need the readout of",
     ):
         replay(bare, scenario())
     backwards = Recording.from_columns(recording.time[::-1], {})

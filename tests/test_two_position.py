@@ -48,10 +48,9 @@ def test_the_formula_is_exact_at_any_tilt(roll, pitch):
 def test_any_two_opposite_angles_and_any_mounting_turn_serve():
     found = calibrate("two_position", log(0.01, -0.02, angles=(37.0, 217.0)), SETUP)
     assert found.value("base.roll") == pytest.approx(0.01, abs=1e-14)
-    turned = log_of(
-        np.array([(rotation("z", np.pi / 2).T @ np.append(r, 0.0))[:2] for r in readings(0.01, -0.02, np.array([0.0, 180.0]), 0.0)]),
-        ACCEL, dwell=SAMPLES, angles={"outer": np.array([0.0, 180.0])},
-    )  # fmt: skip
+    quarter, angles = rotation("z", np.pi / 2), np.array([0.0, 180.0])
+    in_body = np.array([(quarter.T @ np.append(r, 0.0))[:2] for r in readings(0.01, -0.02, angles, 0.0)])
+    turned = log_of(in_body, ACCEL, dwell=SAMPLES, angles={"outer": angles})
     mounted = Setup(site=SETUP.site, rig=Rig(table="vertical", mount="Rz(90)"), sensor=(ACCEL,))
     assert calibrate("two_position", turned, mounted).value("base.pitch") == pytest.approx(-0.02, abs=1e-14)
 

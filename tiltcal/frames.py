@@ -80,7 +80,7 @@ def parse_mounts(text: str) -> list[tuple[float, Array]]:
             start = float(when.strip().removesuffix("s"))
         except ValueError:
             start = float("nan")
-        if start != start or (k > 0 and not colon):
+        if start != start or bool(colon) != (k > 0) or (found and start <= found[-1][0]):
             raise TiltcalError(
                 f"mount '{text}'", found=f"'{part.strip()}'", need="a mounting, or '<time> s: <mounting>' after the first",
                 do="correct the metadata line",

@@ -33,7 +33,7 @@ def true_angles(
             for name in setup.rig.axis_names:
                 if effect.acts_on(name, setup.rig):
                     rng = None if rng_of is None else rng_of.get(id(effect))
-                    angles[name] = angles[name] + effect.deviation(drive, drive.axes[name], rng)
+                    angles[name] = angles[name] + effect.deviation(drive, name, rng)
     return angles
 
 

@@ -17,6 +17,7 @@ from tiltcal.units import split_unit
 
 SUFFIXES = (".csv", ".parquet", ".npz")
 _METADATA = "tiltcal.metadata"
+EMPTY = [" " * k for k in range(9)]  # cells that hold nothing
 
 
 def read_recording(path: Path | str) -> Recording:
@@ -131,13 +132,13 @@ def _read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
             parse_options=pacsv.ParseOptions(newlines_in_values=False),
             convert_options=pacsv.ConvertOptions(
                 column_types=types,
-                null_values=[""],
+                null_values=EMPTY,
                 strings_can_be_null=True,
                 quoted_strings_can_be_null=True,
             ),
         )
     except pa.ArrowInvalid as error:
-        if "Empty CSV" in str(error):
+        if "Empty CSV" in str(error) or "skip initial" in str(error):
             return {name: np.zeros(0) for name in names}, metadata
         raise _bad_cell(path, names, skip, str(error)) from error
     return {name: _to_numpy(table.column(i), is_number(name)) for i, name in enumerate(names)}, metadata
@@ -171,7 +172,7 @@ def _reads_as_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return True
+    return "_" not in cell
 
 
 def _write_csv(recording: Recording, path: Path) -> None:
@@ -224,7 +225,7 @@ def _read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]
     except (pa.ArrowInvalid, OSError) as error:
         reason = str(error).splitlines()[0]
         raise TiltcalError(f"recording {path.name}", found=reason, need="a Parquet file", do="check the file") from error
-    stored = (table.schema.metadata or {}).get(_METADATA.encode())
+    metadata = stored_metadata(table.schema.metadata, path)
     columns: dict[str, Array | Labels] = {}
     for i, name in enumerate(table.column_names):
         number = is_number(name)
@@ -233,8 +234,28 @@ def _read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]
                 f"recording {path.name}, column {name}", found=f"type {table.schema.types[i]}", need="numbers",
                 do="convert that column",
             )  # fmt: skip
-        columns[name] = _to_numpy(table.column(i).cast(pa.float64() if number else pa.string()), number)
-    return columns, json.loads(stored) if stored else {}
+        try:
+            columns[name] = _to_numpy(table.column(i).cast(pa.float64() if number else pa.string()), number)
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+            raise TiltcalError(
+                f"recording {path.name}, column {name}", found=str(error).splitlines()[0], need="text or numbers",
+                do="convert or leave out that column",
+            ) from error  # fmt: skip
+    return columns, metadata
+
+
+def stored_metadata(schema: Mapping[bytes, bytes] | None, path: Path) -> dict[str, str]:
+    """The metadata that a Parquet schema carries.
+
+    Raises:
+        TiltcalError: it is not what we write.
+    """
+    try:
+        return dict(json.loads((schema or {}).get(_METADATA.encode(), b"{}")))
+    except ValueError as error:
+        raise TiltcalError(
+            f"recording {path.name}, metadata", found=str(error), need="the JSON that tiltcal writes", do="write the file again"
+        ) from error
 
 
 def _write_parquet(recording: Recording, path: Path) -> None:
@@ -252,16 +273,19 @@ def _read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
     columns: dict[str, Array | Labels] = {}
     metadata: dict[str, str] = {}
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
             for name in archive.files:
                 values = archive[name]
                 if name == _METADATA:
                     metadata = json.loads(str(values))
+                elif np.ndim(values) != 1:
+                    raise ValueError(f"array {name} of shape {np.shape(values)}")
                 elif is_number(name):
                     columns[name] = np.asarray(values, dtype=float)
                 else:
                     columns[name] = np.array([str(v) or None for v in values], dtype=object)
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
+    except (ValueError, OSError, AttributeError, zipfile.BadZipFile) as error:
         raise TiltcalError(
             f"recording {path.name}", found=str(error).splitlines()[0], need="an NPZ archive, one array a column",
             do="check the file",

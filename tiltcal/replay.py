@@ -57,7 +57,8 @@ class Replay:
             )
         return Drive(
             time, axes, float(self.time[0]), np.interp(time, self.time, self.temperature), self.reference,
-            self.stop[nearest], tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts), None, self.known[nearest],
+            self.stop[nearest], tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts), None,
+            self.known[nearest],
         )  # fmt: skip
 
 
@@ -74,8 +75,8 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
         angle = recording.table(axis)
         if angle is None or np.isnan(angle).all():
             raise TiltcalError(
-                f"{recording.source}", found=f"no column table_{axis}_<unit>", need=f"the readout of table {setup.rig.table}",
-                do="record it, or state the poses by labels",
+                f"{recording.source}", found=f"no column table_{axis}_<unit>", need=f"the readout of the {setup.rig.table} table",
+                do="record it, or label the poses",
             )  # fmt: skip
         read = ~np.isnan(angle)
         known &= read

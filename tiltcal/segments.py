@@ -16,12 +16,13 @@ from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
 from tiltcal.noise import code_width
 from tiltcal.recording import Recording
-from tiltcal.units import COLUMN_UNITS, split_unit
+from tiltcal.units import COLUMN_UNITS, DEG, split_unit
 
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
 SHORTEST = 1.0  # s, of a dwell
 Mask = npt.NDArray[np.bool_]
+STEADY = 1.0 * DEG  # rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
 _MOVING = {"acceleration", "angle", "rate", "raw"}
 
 
@@ -64,9 +65,11 @@ def find_segments(recording: Recording, window: float = WINDOW, guard: float = G
             do="name columns as <sensor>_<axis>_<unit>",
         )  # fmt: skip
     moving = np.zeros(len(recording), bool)
-    for rows, values in groups:  # a long window misses the edges of a move, a short one its slow parts
+    for rows, values, rates in groups:  # a long window misses the edges of a move, a short one its slow parts
+        quiet = np.ones(len(rows), bool)
         for width in {window, min(window, WINDOW)}:
-            moving |= _spread(rows, ~_quiet(recording.time[rows], values, width, recording.source), len(recording))
+            quiet &= _quiet(recording.time[rows], values, width, recording.source)
+        moving |= _spread(rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording))
     return _segments(recording, ~moving, guard, shortest)
 
 
@@ -77,17 +80,35 @@ def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
     return _quiet(time, angles, window, "readout")
 
 
-def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array]]:
+def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Array]]:
+    """Rows, all moving channels as written (n, k), and those among them that are rates in rad/s (n, j), of each block."""
     found = []
     for block in recording.blocks:
-        columns = [
-            values for name, values in block.columns.items()
-            if COLUMN_UNITS[split_unit(name)[1] or "s"].quantity in _MOVING
-        ]  # fmt: skip
+        columns, rates = [], []
+        for name, values in block.columns.items():
+            unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
+            if unit.quantity in _MOVING:
+                columns.append(values)
+            if unit.quantity == "rate":
+                rates.append(values * unit.factor)
         if columns:
             rows = np.arange(len(recording)) if block.rows is None else block.rows
-            found.append((rows, np.column_stack(columns)))
+            found.append((rows, np.column_stack(columns), np.array(rates).reshape(-1, len(rows)).T))
     return found
+
+
+def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
+    """Rows of a steady turn: quiet, but a gyro reads more than STEADY off its usual quiet reading, (n,)."""
+    turning = np.zeros(len(time), bool)
+    if not quiet.any():
+        return turning
+    width = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
+    for rate in rates.T:
+        total = np.cumsum(np.concatenate([np.zeros(1), rate]))
+        first = np.clip(np.arange(len(rate)) - width // 2, 0, max(len(rate) - width, 0))
+        mean = (total[first + min(width, len(rate))] - total[first]) / min(width, len(rate))
+        turning |= np.abs(mean - np.median(mean[quiet])) > STEADY
+    return turning
 
 
 def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:

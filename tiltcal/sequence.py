@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from tiltcal.frames import Array, parse_up
-from tiltcal.setup import Part
+from tiltcal.setup import Part, readable_mount
 
 
 class Climate(Part):
@@ -63,6 +63,11 @@ class Step(Part):
         if text is not None and parse_up(text) is None:
             raise ValueError(f"up = '{text}' is no direction; write '+x', '-z' or '[0.5, 0, 1]'")
         return text
+
+    @field_validator("mount")
+    @classmethod
+    def _mount_reads(cls, text: str | None) -> str | None:
+        return text if text is None else readable_mount(text)
 
     @model_validator(mode="after")
     def _complete(self) -> "Step":

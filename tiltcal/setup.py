@@ -4,7 +4,7 @@ from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, earth_rate, parse_mount, unit
@@ -53,6 +53,15 @@ class Site(Part):
         return earth_rate(self.latitude_deg * DEG, heading * DEG)
 
 
+def readable_mount(text: str) -> str:
+    """``text`` when it is a mounting; a ValueError for pydantic otherwise."""
+    try:
+        parse_mount(text)
+    except TiltcalError as error:
+        raise ValueError(str(error)) from error
+    return text
+
+
 class Rig(Part):
     """The table and how the instrument sits on it."""
 
@@ -64,11 +73,7 @@ class Rig(Part):
     @field_validator("mount")
     @classmethod
     def _mount_reads(cls, text: str) -> str:
-        try:
-            parse_mount(text)
-        except TiltcalError as error:
-            raise ValueError(str(error)) from error
-        return text
+        return readable_mount(text)
 
     @property
     def axes(self) -> tuple[tuple[str, str], ...]:
@@ -81,17 +86,26 @@ class Rig(Part):
         return tuple(name for name, _ in self.axes)
 
 
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise ValueError("a slope of 0 reads nothing")
+    return value
+
+
+NonZero = Annotated[float, AfterValidator(_not_zero)]
+
+
 class Input(Part):
     """How raw readings (LSB, V, mA) become SI: ``value = (raw - zero) / per_unit``."""
 
     unit: Literal["V", "mV", "mA", "LSB"]
     zero: float | tuple[float, ...] = 0.0
-    per_m_s2: float | None = None
-    per_g: float | None = None
-    per_rad_s: float | None = None
-    per_deg_s: float | None = None
-    per_rad: float | None = None
-    per_deg: float | None = None
+    per_m_s2: NonZero | None = None
+    per_g: NonZero | None = None
+    per_rad_s: NonZero | None = None
+    per_deg_s: NonZero | None = None
+    per_rad: NonZero | None = None
+    per_deg: NonZero | None = None
 
     @model_validator(mode="after")
     def _one_slope(self) -> "Input":

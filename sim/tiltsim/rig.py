@@ -91,12 +91,12 @@ class RigBuilder:
         """Slide joints under the base for its vibration (a mocap body would not shake the sensors)."""
         if not self.world.shakes:
             return
-        base = self.spec.body("base")
+        pier = self.spec.body("pier")  # outside the levelling: its axes are the world's
         totals = [Jet(0.0), Jet(0.0), Jet(0.0)]
         for shake in self.world.shakes:
             totals = [total + jet for total, jet in zip(totals, shake.jets(drive.elapsed), strict=True)]
         for axis, jet in zip("xyz", totals, strict=True):
-            base.add_joint(name=f"base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=_VECTOR[axis])
+            pier.add_joint(name=f"base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=_VECTOR[axis])
             self.prescribed[f"base_{axis}"] = jet
 
     def install_dynamics(self, dynamics: Dynamics, mechanisms: Sequence[Mechanism]) -> None:

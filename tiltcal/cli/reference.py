@@ -69,7 +69,9 @@ def _as_json(cls: type[Effect]) -> dict[str, object]:
     return {
         "id": cls.id, "stage": cls.stage, "title": cls.title, "physics": cls.physics, "equation": cls.equation,
         "source": cls.source, "excited_by": cls.excited_by, "look": cls.look, "linear": cls.linear, "random": cls.random,
-        "parameters": [{"name": f"{p.name}_{p.unit}", "plausible": dict(zip(GRADES, p.plausible, strict=True))} for p in cls.parameters],
+        "parameters": [
+            {"name": f"{p.name}{p.suffix}", "plausible": dict(zip(GRADES, p.plausible, strict=True))} for p in cls.parameters
+        ],
     }  # fmt: skip
 
 
@@ -86,5 +88,5 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         ("source", cls.source),
     ):
         print(f"{name + ':':12s}{text}")
-    rows = [[f"{p.name}_{p.unit}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
+    rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(["parameter", "precision laboratory", "mid MEMS", "consumer"], rows, "largest plausible size")

@@ -91,7 +91,7 @@ def init(args: argparse.Namespace) -> int:
         "# A tiltcal scenario. Units stand in the names; unknown keys are errors.",
         "schema = 1", 'name = "bench"', "",
         "[site]",
-        f"gravity_m_s2 = {gravity:.6f}        # WGS 84 at latitude {latitude:g} deg, height {args.height:g} m; put your local value",
+        f"gravity_m_s2 = {gravity:.6f}        # WGS 84 at latitude {latitude:g} deg, height {args.height:g} m; put yours",
         f"latitude_deg = {latitude:g}              # needed by gyros and FOGs", "",
     ]  # fmt: skip
     recording = read_recording(args.recording) if args.recording else None

@@ -36,7 +36,7 @@ class Parameter:
     Args:
         name: without unit; ``{axis}`` stands for each axis of the sensor, ``{pair}`` for each ordered
             pair of different axes, ``{matrix}`` for each axis with each direction x, y, z.
-        unit: as its suffix in files.
+        unit: as its suffix in files; empty for a plain count.
         plausible: largest typical size at the grades precision laboratory, mid MEMS, consumer, in ``unit``.
         positive: whether only values >= 0 make sense (a width, a time constant, a standard deviation).
         default: SI value when a scenario leaves it out.
@@ -57,6 +57,11 @@ class Parameter:
         if "{pair}" in self.name:  # an inclinometer's two channels still see all three components
             return [self.name.format(pair=a + b) for a in axes for b in "xyz" if a != b]
         return [self.name]
+
+    @property
+    def suffix(self) -> str:
+        """What its name ends in, in files."""
+        return f"_{self.unit}" if self.unit else ""
 
     @property
     def factor(self) -> float:
@@ -132,8 +137,8 @@ class AngleEffect(Effect):
     mechanised: ClassVar[bool] = False
 
     @abstractmethod
-    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
-        """True angle minus readout, as a jet of shape (n,), rad."""
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        """True angle of an axis minus its readout ``drive.axes[axis]``, as a jet of shape (n,), rad."""
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
         """Whether it acts on that table axis (the outermost when none is named)."""

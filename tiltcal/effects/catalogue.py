@@ -3,6 +3,7 @@
 import importlib
 import inspect
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 from tiltcal.effects.base import STAGES, Effect, Parameter
@@ -64,19 +65,27 @@ def make_effect(
         target = sigmas if key.startswith("sigma_") and key not in _file_names(known) else numbers
         name, factor = _parameter(key if target is numbers else key[len("sigma_") :], known, subject)
         target[name] = _number(value, f"{subject}, key {key}") * factor
-        if target is numbers and known[name].positive and numbers[name] < 0:
-            raise TiltcalError(f"{subject}, key {key}", found=f"{value}", need="a value >= 0", do="correct its sign")
+        if target is numbers:
+            _allowed(known[name], numbers[name], value, f"{subject}, key {key}")
     return cls(numbers, bound.name if bound else None, axis, role, sigmas, fit)
 
 
+def _allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
+    """Widths, deviations and times are not negative; what divides (it has a default) is not zero."""
+    if parameter.positive and number < 0:
+        raise TiltcalError(subject, found=f"{value}", need="a value >= 0", do="correct its sign")
+    if parameter.positive and parameter.default and number == 0:
+        raise TiltcalError(subject, found=f"{value}", need="a value > 0", do="leave it out, or give its size")
+
+
 def _file_names(known: Mapping[str, Parameter]) -> list[str]:
-    return [f"{name}_{p.unit}" for name, p in known.items()]
+    return [f"{name}{p.suffix}" for name, p in known.items()]
 
 
 def _parameter(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[str, float]:
     """Bare name and SI factor of a key such as ``k2_x_ug_g2``; any unit of the same quantity will do."""
     for name, parameter in known.items():
-        if key == f"{name}_{parameter.unit}":
+        if key == f"{name}{parameter.suffix}":
             return name, parameter.factor
     name, unit = split_unit(key, PARAMETER_UNITS)
     if name in known and unit is not None:
@@ -97,7 +106,7 @@ def _parameter(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[
 
 
 def _number(value: Any, subject: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
         raise TiltcalError(subject, found=repr(value), need="a number", do="write it without quotes")
     return float(value)
 
@@ -140,5 +149,5 @@ def to_file(effect: Effect) -> dict[str, Any]:
     parameters = {name: p for p in effect.parameters for name in p.expand(tuple("xyza")) or [p.name]}
     for values, prefix in ((effect.values, ""), (effect.sigmas, "sigma_")):
         for name, value in values.items():
-            table[f"{prefix}{name}_{parameters[name].unit}"] = value / parameters[name].factor
+            table[f"{prefix}{name}{parameters[name].suffix}"] = value / parameters[name].factor
     return table

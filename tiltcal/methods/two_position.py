@@ -155,6 +155,6 @@ def _tests(fit: Fit, poses: Poses, angles: Array, estimator: str, code: float) -
         sticky = code / np.sqrt(24)
         tests.append(
             Test("median against codes", float(sticky / noise), 0, float(sticky < noise), bool(sticky < noise),
-                 f"a median sticks to codes of {code:.3g} m/s2: {sticky / noise:.2g} times its noise; use the mean without outliers")
+                 f"a median sticks to codes of {code:.3g} m/s2: {sticky / noise:.2g} times its noise; use the mean")
         )  # fmt: skip
     return tests

@@ -46,15 +46,17 @@ def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Any:
     """Tilt error before and after, and what the covariance predicts."""
     import plotly.graph_objects as go
 
-    figure = go.Figure(layout=LAYOUT | {"title": "Tilt error, arcsec rms", "barmode": "group"})
+    figure = go.Figure(layout=LAYOUT | {"title": "Tilt error, rms", "barmode": "group", "height": 140 + 55 * len(tilts)})
     for i, part in enumerate(("before", "after", "predicted by the covariance")):
         figure.add_bar(
-            x=[name for name, _ in tilts],
-            y=[t.in_arcsec[i] for _, t in tilts],
+            y=[name for name, _ in tilts],
+            x=[t.in_arcsec[i] for _, t in tilts],
+            orientation="h",
             name=part,
             marker={"color": COLOURS[i]},
         )
-    figure.update_yaxes(title="arcsec", type="log")
+    figure.update_xaxes(title="arcsec", type="log")
+    figure.update_yaxes(automargin=True, autorange="reversed")
     return figure
 
 

@@ -18,29 +18,33 @@ class ReadoutError(AngleEffect):
     stage = "table"
 
     @abstractmethod
-    def error(self, true: Jet) -> Jet:
-        """The error of the readout at a true angle."""
+    def error(self, true: Jet, axis: str) -> Jet:
+        """The error of an axis' readout at a true angle."""
 
-    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
-        true = readout
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        true = readout = drive.axes[axis]
         for _ in range(4):  # contracts by the error's slope, < 1e-2 each time
-            true = readout - self.error(true)
+            true = readout - self.error(true, axis)
         return true - readout
 
 
 class EncoderZero(ReadoutError):
     id = "table_encoder_zero"
     title = "zero of the angle readout"
-    parameters = (Parameter("zero", "arcsec", (3, 60, 1800)),)
+    parameters = tuple(Parameter(f"{axis}_zero", "arcsec", (3, 60, 1800)) for axis in ("outer", "middle", "inner"))
+    axis_wise = False
     physics = "The readout's zero is not where the scenario's frame has it."
-    equation = "readout = true + zero"
+    equation = "readout = true + zero, each axis its own"
     source = "PHYSICS 3.2"
     excited_by = "any tilt"
     look = "a constant rotation about the axis; one with the mounting until a remount"
     linear = True
 
-    def error(self, true: Jet) -> Jet:
-        return Jet(self.value("zero") + 0 * true.x)
+    def acts_on(self, axis: str, rig: Rig) -> bool:
+        return bool(self.value(f"{axis}_zero"))
+
+    def error(self, true: Jet, axis: str) -> Jet:
+        return Jet(self.value(f"{axis}_zero") + 0 * true.x)
 
 
 class EncoderEccentricity(ReadoutError):
@@ -55,7 +59,7 @@ class EncoderEccentricity(ReadoutError):
     linear = True
     harmonic = 1
 
-    def error(self, true: Jet) -> Jet:
+    def error(self, true: Jet, axis: str) -> Jet:
         return true.harmonic(self.harmonic, self.value("cos"), self.value("sin"))
 
 
@@ -81,7 +85,7 @@ class IndexError_(AngleEffect):
     look = "white from pose to pose, a common rotation of all channels, norm unchanged"
     random = True
 
-    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         zero = np.zeros(len(drive.time))
         if rng is None or len(drive.stop) == 0:
             return Jet(zero, zero, zero)
@@ -111,8 +115,8 @@ class TableSag(AngleEffect):
     def acts_on(self, axis: str, rig: Rig) -> bool:
         return axis == (self.axis or self.LOADED.get(rig.table))
 
-    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
-        return readout.harmonic(1, 0.0, self.value("sag"))
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        return drive.axes[axis].harmonic(1, 0.0, self.value("sag"))
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         sag, axis = self.value("sag"), self.LOADED.get(rig.table)
@@ -135,8 +139,8 @@ class TableBacklash(AngleEffect):
     linear = True
     mechanised = True
 
-    def deviation(self, drive: Drive, readout: Jet, rng: np.random.Generator | None) -> Jet:
-        lag = -0.5 * self.value("width") * motion_direction(readout)
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        lag = -0.5 * self.value("width") * motion_direction(drive.axes[axis])
         zero: Array = np.zeros_like(lag)
         return Jet(lag, zero, zero)
 

@@ -1,7 +1,10 @@
 """Fixtures that all tests share."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from bench import make_bench
 from statistics_helpers import rng_of
 
 
@@ -9,3 +12,16 @@ from statistics_helpers import rng_of
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     """A random stream fixed by the test's own name."""
     return rng_of(request.node.name)
+
+
+@pytest.fixture(scope="session")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a scenario and all that the commands make of it; nobody writes there."""
+    return make_bench(tmp_path_factory.mktemp("good"))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

@@ -13,10 +13,10 @@ MAP = '[file]\n{file}\n[time]\nrate_hz = 10\n[[column]]\nfrom = {source}\nto = "
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bench.toml").write_text(BENCH)
-    return tmp_path
+def here(here):
+    """A working directory with a scenario."""
+    (here / "bench.toml").write_text(BENCH)
+    return here
 
 
 @pytest.mark.parametrize(("words", "found"), [

@@ -68,6 +68,7 @@ def promised(text: str) -> set[str]:
     return {name for name in names if name == "samples" or split_unit(name, PARAMETER_UNITS)[1]}
 
 
+EACH_AXIS = {"outer_zero_arcsec", "middle_zero_arcsec", "inner_zero_arcsec"}  # <axis>_zero_arcsec of the list
 needs_list = pytest.mark.skipif(not EFFECTS_TXT.exists(), reason="the list of effects lies beside the checkout, not here")
 
 
@@ -78,9 +79,6 @@ def test_an_effect_stands_in_the_contracts_list_under_its_stage(id):
 
 
 @needs_list
-EACH_AXIS = {"outer_zero_arcsec", "middle_zero_arcsec", "inner_zero_arcsec"}  # <axis>_zero_arcsec of the list
-
-
 @pytest.mark.parametrize("id", IDS)
 def test_parameters_are_named_as_the_contract_names_them(id):
     cls = CATALOGUE[id]

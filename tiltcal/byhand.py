@@ -81,7 +81,7 @@ def _sense(
     warm = np.zeros(len(motion)) if temperature is None else temperature - temperature.mean()
     vector = sensor.input_vector if sensor.kind == "fog" else np.zeros(3)
     return Sense(
-        time, time - motion.time[0], force, rate, force / setup.site.gravity, np.zeros_like(rate),
+        time, time - motion.time[0], force, rate, force / setup.site.gravity, np.zeros_like(rate), np.zeros_like(rate),
         warm if rows is None else warm[rows], sensor.axis_indices, sensor.kind, vector, setup.site.gravity, sensor.rate_hz,
         sensor.full_scale,
     )  # fmt: skip

@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tiltcal.effects.base import AngleEffect, DelayEffect, Effect, Sense, SignalEffect
+from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect, Streams, WritingEffect, no_streams
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.kinematics import closed_form
 from tiltcal.motion import Course, Drive, Motion
 from tiltcal.setup import Sensor, Setup
 
-Mover = Callable[[Setup, Drive, Sequence[Effect], "dict[int, np.random.Generator] | None"], Motion]
+Mover = Callable[[Setup, Drive, Sequence[Effect], Streams], Motion]
 """What turns a drive into motion: ``kinematics.closed_form``, or MuJoCo."""
 
 CONVERSION = 70  # order of an inclinometer's arcsine: after what acts on the force, before noise and codes
@@ -40,7 +40,7 @@ def readings(
         SI readings by sensor name, (n, k).
     """
     live = [e for e in effects if not e.is_identity]
-    geometry = [e for e in live if not isinstance(e, SignalEffect | DelayEffect)]
+    geometry = [e for e in live if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)]
     seen: list[tuple[Array, Motion, Drive]] = []
 
     def move(time: Array) -> tuple[Motion, Drive]:
@@ -48,17 +48,17 @@ def readings(
             if known is time or (len(known) == len(time) and np.array_equal(known, time)):
                 return motion, drive
         drive = course.drive(time)
-        motion = mover(setup, drive, geometry, _streams(geometry, seed))
+        motion = mover(setup, drive, geometry, _streams(seed))
         seen.append((time, motion, drive))
         return motion, drive
 
     return {name: _read(setup.named(name), setup, time, live, seed, move, course) for name, time in times.items()}
 
 
-def _streams(effects: Sequence[Effect], seed: int | None) -> dict[int, np.random.Generator] | None:
+def _streams(seed: int | None) -> Streams:
     if seed is None:
-        return None
-    return {id(e): stream(seed, e.id, e.axis) for e in effects if isinstance(e, AngleEffect) and e.random}
+        return no_streams
+    return lambda effect: stream(seed, effect.id, effect.axis)
 
 
 def _read(
@@ -105,7 +105,7 @@ def _delays(sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: i
 def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Sense:
     """What a sensor senses of a motion."""
     return Sense(
-        motion.time, drive.elapsed, motion.force, motion.rate, motion.up, motion.angular_acceleration,
+        motion.time, drive.elapsed, motion.force, motion.rate, motion.up, motion.north, motion.angular_acceleration,
         drive.temperature - drive.reference_temperature, sensor.axis_indices, sensor.kind,
         sensor.input_vector if sensor.kind == "fog" else np.zeros(3), setup.site.gravity, sensor.rate_hz,
         sensor.full_scale,

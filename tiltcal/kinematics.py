@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, WorldEffect
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, LinkEffect, Streams, WorldEffect, no_streams
 from tiltcal.effects.mechanisms import Context, Turn, World
 from tiltcal.frames import Array
 from tiltcal.motion import Drive, Jet, Motion
@@ -24,16 +24,15 @@ def true_angles(
     setup: Setup,
     drive: Drive,
     effects: Sequence[Effect],
-    rng_of: "dict[int, np.random.Generator] | None" = None,
+    streams: Streams = no_streams,
 ) -> dict[str, Jet]:
-    """True angles of the table's axes: the readout plus every AngleEffect's deviation. rng_of: by id() of the effect."""
+    """True angles of the table's axes: the readout plus every AngleEffect's deviation. streams: their random numbers."""
     angles = {name: jet + drive.structure[name] if name in drive.structure else jet for name, jet in drive.axes.items()}
     for effect in effects:
         if isinstance(effect, AngleEffect) and effect.id not in drive.realised:
             for name in setup.rig.axis_names:
                 if effect.acts_on(name, setup.rig):
-                    rng = None if rng_of is None else rng_of.get(id(effect))
-                    angles[name] = angles[name] + effect.deviation(drive, name, rng)
+                    angles[name] = angles[name] + effect.deviation(drive, name, streams(effect))
     return angles
 
 
@@ -50,7 +49,7 @@ def closed_form(
     setup: Setup,
     drive: Drive,
     effects: Sequence[Effect] = (),
-    rng_of: "dict[int, np.random.Generator] | None" = None,
+    streams: Streams = no_streams,
 ) -> Motion:
     """The motion of the instrument by algebra.
 
@@ -58,21 +57,22 @@ def closed_form(
         setup: site, rig, sensors.
         drive: the readout.
         effects: what differs from the nominal table, mounting and world.
-        rng_of: random streams of effects that need one.
+        streams: random numbers of effects that need them.
     """
     world = world_of(setup, effects)
-    angles = true_angles(setup, drive, effects, rng_of)
+    angles = true_angles(setup, drive, effects, streams)
     frames = [e for e in effects if isinstance(e, FrameEffect)]
     link = _Link(world, drive)
 
     def slot(name: str) -> None:
         for effect in frames:
-            context = Context(drive, angles, setup.rig, world.gravity, np.column_stack(link.force))
+            context = Context(drive, angles, setup.rig, world.gravity, np.column_stack(link.force), streams(effect))
             for turn in effect.turns(name, context):
                 link.turn(turn)
 
     slot("base")
     for name, axis in setup.rig.axes:
+        link.offset(link_offset(setup, effects, f"{name}_bearing"))
         slot(f"{name}_bearing")
         link.turn(Turn(axis, angles[name]))
     if drive.attitude is not None:
@@ -80,6 +80,11 @@ def closed_form(
     link.mount(drive)
     slot("mount")
     return link.motion(world)
+
+
+def link_offset(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:
+    """Displacement of the frame behind a slot by all LinkEffects, m, (3,)."""
+    return sum((e.offset(slot, setup.rig) for e in effects if isinstance(e, LinkEffect)), np.zeros(3))
 
 
 class _Link:
@@ -91,22 +96,41 @@ class _Link:
         one = np.ones(n)
         self.force: Vector = [np.zeros(n), np.zeros(n), world.gravity * one]
         self.speed: Vector = [np.zeros(n) for _ in range(3)]
+        self.place: Vector = [np.zeros(n) for _ in range(3)]  # from where the axes' common point rests
         for shake in world.shakes:
             for i, jet in enumerate(shake.jets(drive.elapsed)):
                 self.force[i] = self.force[i] + jet.a
                 self.speed[i] = self.speed[i] + jet.v
+                self.place[i] = self.place[i] + jet.x
         self.rate: Vector = [np.zeros(n) for _ in range(3)]
         self.spin: Vector = [np.zeros(n) for _ in range(3)]
         self.up: Vector = [np.zeros(n), np.zeros(n), one]
+        self.north: Vector = [np.zeros(n), one, np.zeros(n)]
         self.earth: Vector = [component * one for component in world.earth]
         self.coriolis: Vector = [component * one for component in world.coriolis]
+
+    def _vectors(self) -> tuple[Vector, ...]:
+        moving = (self.force, self.speed, self.rate, self.spin, self.place)
+        return (*moving, self.up, self.north, self.earth, self.coriolis)
+
+    def offset(self, r: Array) -> None:
+        """Pass a displacement: the point behind it moves on with the link."""
+        if not np.any(r):
+            return
+        rate, spin = np.column_stack(self.rate), np.column_stack(self.spin)
+        for target, change in (
+            (self.force, np.cross(spin, r) + np.cross(rate, np.cross(rate, r))),
+            (self.speed, np.cross(rate, r)),
+            (self.place, np.broadcast_to(r, rate.shape)),
+        ):
+            target[:] = [component + change[:, i] for i, component in enumerate(target)]
 
     def turn(self, turn: Turn) -> None:
         """Pass a hinge: all vectors into the frame behind it."""
         i = "xyz".index(turn.axis)
         j, k = (i + 1) % 3, (i + 2) % 3
         c, s = np.cos(turn.angle.x), np.sin(turn.angle.x)
-        for u in (self.force, self.speed, self.rate, self.spin, self.up, self.earth, self.coriolis):
+        for u in self._vectors():
             u[j], u[k] = c * u[j] + s * u[k], c * u[k] - s * u[j]
         v = turn.angle.v
         self.spin[i] = self.spin[i] + turn.angle.a  # w x e v has components (w_k v, -w_j v) along j, k
@@ -130,18 +154,15 @@ class _Link:
         self._rotate(np.array([R for _, R in drive.mounts])[which])
 
     def _rotate(self, R: Array) -> None:
-        for u in (self.force, self.speed, self.rate, self.spin, self.up, self.earth, self.coriolis):
+        for u in self._vectors():
             u[:] = list(np.einsum("nji,jn->in", R, np.array(u)))
 
     def motion(self, world: World) -> Motion:
         """Add the lever arm and Coriolis; stack."""
-        force, rate = np.column_stack(self.force), np.column_stack(self.rate)
-        spin, coriolis = np.column_stack(self.spin), np.column_stack(self.coriolis)
-        r = world.lever
-        speed = np.column_stack(self.speed)
-        if np.any(r):
-            speed = speed + np.cross(rate, r)
-            force = force + np.cross(spin, r) + np.cross(rate, np.cross(rate, r))
-        if np.any(world.coriolis) and (np.any(r) or world.shakes):
-            force = force + 2 * np.cross(coriolis, speed) + np.cross(coriolis, np.cross(coriolis, r))
-        return Motion(self.time, force, rate + np.column_stack(self.earth), np.column_stack(self.up), spin)
+        self.offset(world.lever)
+        force, rate, coriolis, place = (np.column_stack(v) for v in (self.force, self.rate, self.coriolis, self.place))
+        if np.any(world.coriolis) and (np.any(place) or world.shakes):
+            speed = np.column_stack(self.speed)
+            force = force + 2 * np.cross(coriolis, speed) + np.cross(coriolis, np.cross(coriolis, place))
+        up, north, spin = (np.column_stack(v) for v in (self.up, self.north, self.spin))
+        return Motion(self.time, force, rate + np.column_stack(self.earth), up, north, spin)

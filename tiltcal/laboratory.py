@@ -1,7 +1,7 @@
 """What may ask for recordings gets a Laboratory as an argument: a simulated one, or a real table."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -9,13 +9,13 @@ import numpy as np
 from tiltcal import __version__
 from tiltcal.byhand import predicted_readings
 from tiltcal.chain import CONVERSION, Mover, readings
-from tiltcal.effects.base import Effect, Sense, SignalEffect
+from tiltcal.effects.base import Effect, Sense, SignalEffect, WritingEffect
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
 from tiltcal.kinematics import closed_form
-from tiltcal.motion import Course
+from tiltcal.motion import Course, Drive, Jet
 from tiltcal.recording import Recording
-from tiltcal.replay import replay
+from tiltcal.replay import Replay, replay
 from tiltcal.scenario import Scenario
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import COLUMN_UNITS, DEG, split_unit
@@ -65,7 +65,7 @@ class SimulatedLaboratory:
             if not np.array_equal(stamps, time):
                 time = np.union1d(time, stamps)
         drive = course.drive(time)
-        columns = {f"table_{name}_deg": np.asarray(jet.x) / DEG for name, jet in drive.axes.items()}
+        columns = {f"table_{name}_deg": angle / DEG for name, angle in written_readout(scenario.effects, drive).items()}
         for sensor in scenario.sensor:
             columns |= _columns(sensor, values[sensor.name], np.searchsorted(time, own[sensor.name]), len(time), seed)
         columns["temperature_degC"] = drive.temperature
@@ -75,7 +75,7 @@ class SimulatedLaboratory:
         if len(mounts) > 1 or mounts[0][1] != scenario.rig.mount:
             metadata["mount"] = "; ".join(text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts)
         return Recording.from_columns(
-            time,
+            written_stamps(scenario.effects, time),
             columns,
             labels=labels if any(labels) else None,
             metadata=metadata,
@@ -87,7 +87,7 @@ class SimulatedLaboratory:
         if scenario.rig.table == "handheld":
             values = predicted_readings(scenario, motion.require_increasing(), scenario.effects)
         else:
-            course = replay(motion, scenario, scenario.climate.reference_degC)
+            course = restored(replay(motion, scenario, scenario.climate.reference_degC), scenario.effects)
             times = {s.name: motion.time for s in scenario.sensor}
             values = readings(scenario, course, times, scenario.effects, seed=seed, mover=self.mover)
             for value in values.values():
@@ -99,6 +99,36 @@ class SimulatedLaboratory:
         kept = {n: motion.column(n) for n in motion.column_names if n.startswith(("table_", "temperature_"))}
         metadata = dict(motion.metadata) | _metadata(scenario, seed) | {"predicts": motion.source}
         return Recording.from_columns(motion.time, kept | columns, labels=motion.labels, metadata=metadata, source="prediction")
+
+
+def written_readout(effects: Sequence[Effect], drive: Drive) -> dict[str, Array]:
+    """The readout of each axis as the file has it, rad, (n,): what WritingEffects make of it."""
+    found = {}
+    for name, jet in drive.axes.items():
+        angle = np.asarray(jet.x)
+        for effect in effects:
+            if isinstance(effect, WritingEffect) and not effect.is_identity:
+                changed = effect.written(name, replace(drive, axes={**drive.axes, name: Jet(angle, jet.v, jet.a)}))
+                angle = angle if changed is None else changed
+        found[name] = angle
+    return found
+
+
+def written_stamps(effects: Sequence[Effect], time: Array) -> Array:
+    """The stamps as the file has them, s, (n,)."""
+    for effect in effects:
+        if isinstance(effect, WritingEffect) and not effect.is_identity:
+            time = effect.stamps(time)
+    return time
+
+
+def restored(course: Replay, effects: Sequence[Effect]) -> Replay:
+    """A replayed readout with known writing faults undone."""
+    for effect in reversed(effects):
+        if isinstance(effect, WritingEffect) and not effect.is_identity:
+            angles = {n: effect.restored(n, course.time, angle) for n, angle in course.angles.items()}
+            course = replace(course, angles=angles)
+    return course
 
 
 def _stamps(start: float, end: float, rate_hz: float) -> Array:

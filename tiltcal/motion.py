@@ -122,7 +122,7 @@ class Motion:
         time: s, (n,).
         force: specific force at the sensors in the body frame, m/s2, (n, 3).
         rate: angular rate against inertial space in the body frame, rad/s, (n, 3).
-        up: the world's up in the body frame, (n, 3).
+        up, north: the world's up and table North in the body frame, (n, 3).
         angular_acceleration: rad/s2, (n, 3).
     """
 
@@ -130,4 +130,5 @@ class Motion:
     force: Array
     rate: Array
     up: Array
+    north: Array
     angular_acceleration: Array

@@ -103,11 +103,14 @@ def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
     if not quiet.any():
         return turning
     width = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
+    first = np.clip(np.arange(len(time)) - width // 2, 0, max(len(time) - width, 0))
+    last = np.minimum(first + width, len(time))
+    counted = np.cumsum(np.concatenate([[0], quiet]))
+    whole = counted[last] - counted[first] == last - first  # windows without any motion
     for rate in rates.T:
         total = np.cumsum(np.concatenate([np.zeros(1), rate]))
-        first = np.clip(np.arange(len(rate)) - width // 2, 0, max(len(rate) - width, 0))
-        mean = (total[first + min(width, len(rate))] - total[first]) / min(width, len(rate))
-        turning |= np.abs(mean - np.median(mean[quiet])) > STEADY
+        mean = (total[last] - total[first]) / (last - first)
+        turning |= whole & (np.abs(mean - np.median(mean[quiet])) > STEADY)
     return turning
 
 

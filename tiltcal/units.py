@@ -51,6 +51,7 @@ def _parameter_units() -> dict[str, Unit]:
     units |= _table("rate s/degC", deg_h_s_degC=DEG_H, deg_s_s_degC=DEG)
     units |= _table("angle/g", arcsec_g=ARCSEC, deg_g=DEG, rad_g=1.0)
     units |= _table("rate/g", deg_h_g=DEG_H, deg_s_g=DEG, rad_s_g=1.0)
+    units |= _table("rate/g2", deg_h_g2=DEG_H, deg_s_g2=DEG)
     units |= _table("angle/rad", arcsec_rad=ARCSEC)
     units |= _table("ratio/(rad/s)2", ppm_rad2_s2=1e-6)
     units |= _table("acceleration/(rad/s2)", ug_s2_rad=1e-6 * G0)

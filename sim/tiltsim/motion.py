@@ -11,7 +11,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, Streams, no_streams
 from tiltcal.effects.mechanisms import Spring, World
 from tiltcal.frames import Array
 from tiltcal.kinematics import true_angles, world_of
@@ -27,7 +27,7 @@ def mujoco_motion(
     setup: Setup,
     drive: Drive,
     effects: Sequence[Effect] = (),
-    rng_of: dict[int, np.random.Generator] | None = None,
+    streams: Streams = no_streams,
 ) -> Motion:
     """The motion of the instrument by MuJoCo's mechanics; the same arguments as ``kinematics.closed_form``."""
     world = world_of(setup, effects)
@@ -35,20 +35,21 @@ def mujoco_motion(
     parts = []
     for (first, mount), last in zip(drive.mounts, starts[1:], strict=True):
         if last > first:
-            parts.append(_one_mounting(setup, drive, effects, rng_of, world, mount, slice(first, last)))
+            parts.append(_one_mounting(setup, drive, effects, streams, world, mount, slice(first, last)))
     return Motion(drive.time, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def _one_mounting(
-    setup: Setup, drive: Drive, effects: Sequence[Effect], rng_of: dict[int, np.random.Generator] | None, world: World,
+    setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Streams, world: World,
     mount: Array, rows: slice,
 ) -> tuple[Array, ...]:  # fmt: skip
     springs = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised and _has_spring(e, setup)]
     rest = [e for e in effects if e not in springs]
-    angles = true_angles(setup, drive, rest, rng_of)
+    angles = true_angles(setup, drive, rest, streams)
     builder = RigBuilder(setup, world, mount)
     builder.install_shakes(drive)
-    builder.install_frames([e for e in rest if isinstance(e, FrameEffect)], drive, angles)
+    builder.install_frames([e for e in rest if isinstance(e, FrameEffect)], drive, angles, streams)
+    builder.install_offsets(rest)
     builder.install_mechanisms([m for e in springs for m in e.mechanisms(setup.rig, world.gravity)])
     builder.prescribed.update(angles)
     for name, deflection in drive.structure.items():
@@ -82,7 +83,7 @@ def _states(rig: Rig, drive: Drive, rows: slice) -> tuple[Array, Array, Array]:
 
 
 def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array) -> tuple[Array, ...]:
-    """Force, rate, up and angular acceleration in the body frame at given joint states, (n, 3) each.
+    """Force, rate, up, north and angular acceleration in the body frame at given joint states, (n, 3) each.
 
     States that repeat (a dwell) are computed once.
     """
@@ -94,7 +95,7 @@ def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Arra
         q, v, a = q[first], v[first], a[first]
     runner = _Runner(rig, len(first))
     correction = _settle(rig, runner, q, v, a, which, first, time) if rig.springs else None
-    found = tuple(np.empty((len(q), 3)) for _ in range(4))
+    found = tuple(np.empty((len(q), 3)) for _ in range(5))
     for part, data in runner.blocks(q, v, a, correction, "sensordata"):
         for target, values in zip(found, _body_frame(rig, data, world), strict=True):
             target[part] = values
@@ -148,7 +149,7 @@ def _settle(
 
 
 def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, ...]:
-    """Sensor data to force, rate, up, angular acceleration; adds Earth's rate and Coriolis."""
+    """Sensor data to force, rate, up, north, angular acceleration; adds Earth's rate and Coriolis."""
 
     def sensor(name: str) -> Array:
         s = rig.model.sensor(name)
@@ -159,10 +160,11 @@ def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, ...]:
     up = to_body.of(np.array([0.0, 0.0, 1.0]))
     if np.any(world.earth):
         rate += to_body.of(world.earth)
-    if np.any(world.coriolis) and (np.any(world.lever) or world.shakes):
+    if np.any(world.coriolis) and rig.displaced:
         earth = to_body.of(world.coriolis)
-        force += 2 * np.cross(earth, sensor("speed")) + np.cross(earth, np.cross(earth, world.lever))
-    return force, rate, up, to_body.of(sensor("spin"))
+        place = to_body.of(sensor("place") - rig.centre)
+        force += 2 * np.cross(earth, sensor("speed")) + np.cross(earth, np.cross(earth, place))
+    return force, rate, up, to_body.of(np.array([0.0, 1.0, 0.0])), to_body.of(sensor("spin"))
 
 
 class _Rotations:

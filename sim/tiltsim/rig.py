@@ -12,9 +12,10 @@ import mujoco
 import numpy as np
 
 from tiltcal.assets import folder
-from tiltcal.effects.base import FrameEffect
+from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
 from tiltcal.effects.mechanisms import Context, Gap, Mechanism, Spring, Turn, World
 from tiltcal.frames import Array, rotation, unit
+from tiltcal.kinematics import link_offset
 from tiltcal.motion import Drive, Jet
 from tiltcal.scenario import Dynamics
 from tiltcal.setup import Setup
@@ -33,12 +34,16 @@ class Rig:
         prescribed: joint name -> jet, of the joints that follow a given motion.
         springs: joint name -> stiffness, N m/rad, of the joints whose equilibrium MuJoCo finds.
         free: whether the instrument is a free body.
+        displaced: whether the sensors are off the axes' common point, or that point is shaken.
+        centre: the common point at rest, world, m, (3,).
     """
 
     model: mujoco.MjModel
     prescribed: Mapping[str, Jet]
     springs: Mapping[str, float] = field(default_factory=dict)
     free: bool = False
+    displaced: bool = False
+    centre: Array = field(default_factory=lambda: np.zeros(3))
 
     def dof(self, joint: str) -> int:
         """Address of a joint's (first) degree of freedom; of its qpos too, but for a free body."""
@@ -67,13 +72,16 @@ class RigBuilder:
             self.spec.site("fog").quat = quaternion(_frame_along(fogs[0].input_vector))
         self.prescribed: dict[str, Jet] = {}
         self.springs: dict[str, float] = {}
+        self.displaced = bool(np.any(world.lever)) or bool(world.shakes)
 
-    def install_frames(self, effects: Sequence[FrameEffect], drive: Drive, angles: Mapping[str, Jet]) -> None:
+    def install_frames(
+        self, effects: Sequence[FrameEffect], drive: Drive, angles: Mapping[str, Jet], streams: Streams = no_streams
+    ) -> None:
         """Build the turns of frame effects into their slots."""
-        context = Context(drive, angles, self.setup.rig, self.world.gravity)
+        rig, gravity = self.setup.rig, self.world.gravity
         slots = ["base", *(f"{name}_bearing" for name in self.setup.rig.axis_names), "mount"]
         for slot in slots:
-            turns = [turn for effect in effects for turn in effect.turns(slot, context)]
+            turns = [t for e in effects for t in e.turns(slot, Context(drive, angles, rig, gravity, None, streams(e)))]
             body: Any = self.spec.body(slot) if turns else None
             while turns and turns[0].angle.constant:
                 R = rotation(turns[0].axis, float(turns.pop(0).angle.x))
@@ -86,6 +94,14 @@ class RigBuilder:
     def _hinge(self, name: str, body: "mujoco.MjsBody", turn: Turn) -> None:
         body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[turn.axis])
         self.prescribed[name] = turn.angle
+
+    def install_offsets(self, effects: Sequence[Effect]) -> None:
+        """Displace the frames behind bearings whose axes do not intersect."""
+        for name in self.setup.rig.axis_names:
+            r = link_offset(self.setup, effects, f"{name}_bearing")
+            if np.any(r):
+                self.spec.body(f"{name}_bearing").pos = r
+                self.displaced = True
 
     def install_shakes(self, drive: Drive) -> None:
         """Slide joints under the base for its vibration (a mocap body would not shake the sensors)."""
@@ -190,10 +206,12 @@ class RigBuilder:
                 body.gravcomp = 1.0
         spec.delete(spec.sensor("fog"))
         kinds = mujoco.mjtSensor
-        for name, kind in (("attitude", kinds.mjSENS_FRAMEQUAT), ("spin", kinds.mjSENS_FRAMEANGACC)):
+        frames = (("attitude", kinds.mjSENS_FRAMEQUAT), ("spin", kinds.mjSENS_FRAMEANGACC), ("place", kinds.mjSENS_FRAMEPOS))
+        for name, kind in frames:
             spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
         spec.add_sensor(name="speed", type=kinds.mjSENS_VELOCIMETER, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
-        return Rig(spec.compile(), dict(self.prescribed), dict(self.springs), free)
+        centre = np.array(spec.body("hand" if free else "pier").pos)
+        return Rig(spec.compile(), dict(self.prescribed), dict(self.springs), free, self.displaced, centre)
 
     def compile_dynamic(self) -> Rig:
         """The rig for a run by time steps: everything moves as its inertia lets it; a hand carries the weight."""

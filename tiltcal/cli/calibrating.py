@@ -177,7 +177,7 @@ def _segment(row: dict[str, str], line: int, source: str, recording: Recording) 
         raise TiltcalError(
             f"segments {source}, line {line}", found=str(error), need="two times in s", do="correct that line"
         ) from error
-    if kind not in ("dwell", "move") or not end > start:
+    if kind not in ("dwell", "move") or not end >= start:  # a move may be one sample
         raise TiltcalError(
             f"segments {source}, line {line}", found=f"{kind} from {start:g} to {end:g} s", need="dwell or move, end after start",
             do="correct that line",

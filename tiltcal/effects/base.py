@@ -12,7 +12,7 @@ SignalEffect          what does the reading become?                             
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -67,6 +67,14 @@ class Parameter:
     def factor(self) -> float:
         """SI value of one ``unit``."""
         return PARAMETER_UNITS[self.unit].factor
+
+
+Streams = Callable[["Effect"], np.random.Generator | None]
+"""A fresh random stream for an effect, the same each time it is asked; None when random effects are switched off."""
+
+
+def no_streams(effect: "Effect") -> None:
+    """Random effects switched off."""
 
 
 @dataclass(frozen=True)
@@ -156,11 +164,35 @@ class FrameEffect(Effect):
 
     @abstractmethod
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
-        """The turns it adds at a slot, in order; none at other slots."""
+        """The turns it adds at a slot, in order; none at other slots. ``context.rng`` is its own stream."""
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         """Its face in MuJoCo (gravity in m/s2), where ``mechanised``; the others are installed from ``turns``."""
         raise NotImplementedError(f"{self.id} is installed from its turns: {rig.table}, {gravity}")
+
+
+class LinkEffect(Effect):
+    """How far is the frame behind a bearing displaced?"""
+
+    @abstractmethod
+    def offset(self, slot: str, rig: Rig) -> Array:
+        """Displacement at a slot ``<axis>_bearing``, in the frame before it, m, (3,)."""
+
+
+class WritingEffect(Effect):
+    """What stands in the file instead of the table's readout, or of the time stamps?"""
+
+    def written(self, axis: str, drive: Drive) -> Array | None:
+        """The readout of an axis as written, rad, (n,); None where it is left alone."""
+        return None
+
+    def restored(self, axis: str, time: Array, written: Array) -> Array:
+        """The readout behind a written one, as far as it can be told, rad, (n,)."""
+        return written
+
+    def stamps(self, time: Array) -> Array:
+        """The stamps as written, s, (n,)."""
+        return time
 
 
 class DelayEffect(Effect):
@@ -179,7 +211,7 @@ class Sense:
         time: s, (n,); elapsed: since the first stamp.
         force: specific force, body frame, m/s2, (n, 3).
         rate: angular rate against inertial space, body frame, rad/s, (n, 3).
-        up: world's up in the body frame, (n, 3).
+        up, north: the world's up and table North in the body frame, (n, 3).
         angular_acceleration: rad/s2, (n, 3).
         temperature: minus T0, K, (n,).
         axes: body axis of each channel, (k,).
@@ -192,6 +224,7 @@ class Sense:
     force: Array
     rate: Array
     up: Array
+    north: Array
     angular_acceleration: Array
     temperature: Array
     axes: tuple[int, ...]
@@ -206,7 +239,7 @@ class Sense:
         """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose."""
         still, zero = np.zeros(len(force)), np.zeros_like(force)
         return cls(
-            still, still, force, zero, force / gravity, zero, still, sensor.axis_indices, sensor.kind, np.zeros(3), gravity,
+            still, still, force, zero, force / gravity, zero, zero, still, sensor.axis_indices, sensor.kind, np.zeros(3), gravity,
             sensor.rate_hz, sensor.full_scale,
         )  # fmt: skip
 

@@ -12,9 +12,10 @@ from tiltcal.setup import Sensor, Setup
 from tiltcal.units import PARAMETER_UNITS, split_unit
 
 FAMILIES = (
-    "environment.world", "table.readout", "table.geometry", "mount.mounting", "mount.lever",
+    "environment.world", "environment.ground", "table.readout", "table.geometry", "table.drive", "mount.mounting",
+    "mount.lever", "mount.triad",
     "sensor.accelerometer", "sensor.environmental", "sensor.gyro", "sensor.dynamics", "sensor.noise",
-    "electronics.converter", "electronics.mains", "timing.delays", "data.faults",
+    "electronics.converter", "electronics.mains", "electronics.supply", "timing.delays", "data.faults", "data.meaning",
 )  # fmt: skip
 
 

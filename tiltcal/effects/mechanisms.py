@@ -105,6 +105,7 @@ class Context:
         rig: table and mounting.
         gravity: m/s2.
         force: specific force in the frame of the slot, m/s2, (n, 3); None where MuJoCo will find it.
+        rng: the effect's own random stream; None when random effects are switched off.
     """
 
     drive: Drive
@@ -112,3 +113,4 @@ class Context:
     rig: Rig
     gravity: float
     force: Array | None = None
+    rng: np.random.Generator | None = None

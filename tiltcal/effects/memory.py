@@ -6,6 +6,7 @@ import numpy as np
 
 from tiltcal.frames import Array
 from tiltcal.motion import Jet
+from tiltcal.units import G0
 
 
 def play(u: Array, width: float) -> Array:
@@ -95,3 +96,18 @@ def steady_recursion(decay: float, drive: Array) -> Array:
         row += carry * onward
         carry = row[-1]
     return local.ravel()[:n]
+
+
+def vibration_power(force: Array, rate_hz: float) -> Array:
+    """Mean square over 1 s of what is faster than 0.25 s, in g^2, (n,). force: m/s2."""
+    fast = force / G0
+    fast = fast - moving_mean(fast, rate_hz * 0.25)
+    return moving_mean(fast * fast, rate_hz)
+
+
+def moving_mean(u: Array, width: float) -> Array:
+    """Centred mean over ``width`` samples, ends held, (n,)."""
+    n = max(round(width), 1)
+    padded = np.pad(u, (n // 2, n - n // 2 - 1), mode="edge")
+    total = np.cumsum(np.concatenate([np.zeros(1), padded]))
+    return (total[n:] - total[:-n]) / n

@@ -1,15 +1,17 @@
 """What happens to samples on their way into the file."""
 
+from typing import ClassVar
+
 import numpy as np
 
-from tiltcal.effects.base import Parameter, Sense, SignalEffect
+from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage
 from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.frames import Array
 
 
 class DataOutlier(SignalEffect):
     id = "data_outlier"
-    stage = "data"
+    stage: ClassVar[Stage] = "data"
     kinds = ANALOG
     order = 90
     title = "gross errors"
@@ -116,3 +118,40 @@ class DataStuck(SignalEffect):
         if frozen.any():
             reading[frozen] = reading[int(np.argmax(frozen))]
         return reading
+
+
+class EmiSpike(DataOutlier):
+    id = "emi_spike"
+    stage = "electronics"
+    order = 84
+    title = "spikes"
+    parameters = (
+        Parameter("share", "unitless", (1e-4, 1e-3, 1e-2), positive=True),
+        Parameter("size", "sigma", (30, 30, 100), positive=True, default=30.0),
+    )
+    physics = "Switching loads couple pulses into the cable."
+    equation = "with probability p a channel's sample gains +- size sigma"
+    source = "PHYSICS 3.6"
+
+
+class DataGap(SignalEffect):
+    id = "data_gap"
+    stage = "data"
+    kinds = ANALOG
+    order = 94
+    title = "stretch missing"
+    parameters = (Parameter("start", "s", (1e5, 1e5, 1e5)), Parameter("length", "s", (100, 100, 100), positive=True))
+    physics = "The link was down: cells are empty, the stamps go on."
+    equation = "no reading for start <= t < start + length"
+    source = "PHYSICS 3.7"
+    excited_by = "any recording"
+    look = "empty cells"
+
+    @property
+    def is_identity(self) -> bool:
+        return not self.value("length")
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        start = self.value("start")
+        missing = (sense.elapsed >= start) & (sense.elapsed < start + self.value("length"))
+        return np.where(missing[:, None], np.nan, reading)

@@ -1,10 +1,11 @@
 """Amplifier and converter."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
-from tiltcal.effects.base import Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage, TermEffect
 from tiltcal.frames import Array
 from tiltcal.units import G0
 
@@ -64,7 +65,7 @@ class AdcInl(PerChannel):
 
 class AdcQuantisation(SignalEffect):
     id = "adc_quantisation"
-    stage = "electronics"
+    stage: ClassVar[Stage] = "electronics"
     kinds = ANALOG
     order = 80
     title = "coarse code"
@@ -83,3 +84,52 @@ class AdcQuantisation(SignalEffect):
         np.divide(reading, lsb, out=reading)
         np.rint(reading, out=reading)
         return np.multiply(reading, lsb, out=reading)
+
+
+class GyrQuantisation(AdcQuantisation):
+    id = "gyr_quantisation"
+    stage = "sensor"
+    kinds = frozenset({"gyro", "fog"})
+    title = "coarse output code"
+    parameters = (Parameter("lsb", "deg_s", (1e-5, 0.004, 0.06), positive=True),)
+    physics = "The gyro's digital output has few bits a degree per second."
+    equation = "reading = lsb round(reading / lsb)"
+    source = "PHYSICS 3.5"
+
+
+class AdcStuckBit(SignalEffect):
+    id = "adc_stuck_bit"
+    stage = "electronics"
+    kinds = ANALOG
+    order = 82
+    title = "missing codes, stuck bit"
+    parameters = (Parameter("bit_value", "si", (1e-4, 1e-3, 1e-2), positive=True),)
+    physics = "A line of the interface or a comparator is stuck: one bit always reads 0."
+    equation = "reading -= bit where floor(reading / bit) is odd"
+    source = "effects list; PHYSICS 3.6"
+    excited_by = "readings that use the bit"
+    look = "half of all codes missing, jumps by one bit"
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        bit = self.value("bit_value")
+        return reading - bit * np.mod(np.floor(reading / bit), 2.0) if bit > 0 else reading
+
+
+class AdcCrosstalk(SignalEffect):
+    id = "adc_crosstalk"
+    stage = "electronics"
+    kinds = ANALOG
+    order = 66
+    title = "previous channel leaks in"
+    parameters = (Parameter("crosstalk", "ppm", (10, 100, 1000)),)
+    physics = "The multiplexer has not settled when the next channel is converted."
+    equation = "next channel += eps previous"
+    source = "effects list; PHYSICS 3.6"
+    excited_by = "different inputs on neighbouring channels"
+    look = "one-sided cross-axis terms, in the order of conversion"
+    linear = True
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        leaked = reading.copy()
+        leaked[:, 1:] += self.value("crosstalk") * reading[:, :-1]
+        return leaked

@@ -6,6 +6,7 @@ import numpy as np
 
 from tiltcal.effects.base import FrameEffect, Parameter
 from tiltcal.effects.mechanisms import Context, Mechanism, Spring, Turn
+from tiltcal.effects.table.drive import ringing
 from tiltcal.motion import Jet, sampled_jet
 from tiltcal.setup import Rig
 from tiltcal.units import G0
@@ -111,3 +112,52 @@ class MountCompliance(FrameEffect):
         if cy:
             springs.append(Spring("bend_y", "y", load / abs(cy), mass, (0.0, 0.0, arm_y)))
         return tuple(springs)
+
+
+class MountResonance(FrameEffect):
+    id = "mount_resonance"
+    stage = "mount"
+    title = "resonance of the mount"
+    parameters = (
+        Parameter("ring_x", "arcsec", (1, 10, 100)),
+        Parameter("ring_y", "arcsec", (1, 10, 100)),
+        Parameter("frequency", "hz", (100, 40, 20), positive=True, default=40.0),
+        Parameter("tau", "s", (0.1, 0.3, 1), positive=True, default=0.3),
+    )
+    physics = "The bracket rings at its own frequency when a move stops."
+    equation = "R_mount gains rotations (x, y) exp(-t/tau) cos(2 pi f t) after each move"
+    source = "PHYSICS 3.3"
+    excited_by = "the first samples after each move"
+    look = "a decaying tone in body axes, whichever table axis moved"
+
+    @property
+    def is_identity(self) -> bool:
+        return not (self.value("ring_x") or self.value("ring_y"))
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != "mount":
+            return ()
+        wave = ringing(context.drive, 1.0, self.value("frequency"), self.value("tau"))
+        return tuple(Turn(a, wave.scaled(self.value(f"ring_{a}"))) for a in "xy")
+
+
+class RemountRepeatability(FrameEffect):
+    id = "remount_repeatability"
+    stage = "mount"
+    title = "orientation changes at each remount"
+    parameters = (Parameter("sigma", "arcsec", (3, 60, 360), positive=True),)
+    physics = "Screws and dowels place the instrument a little differently each time."
+    equation = "R_mount gains a rotation N(0, sigma) about each axis, new at each mounting"
+    source = "PHYSICS 3.3"
+    excited_by = "remounts"
+    look = "a step of all channels at a remount, norm unchanged"
+    random = True
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != "mount" or context.rng is None:
+            return ()
+        starts = np.array([row for row, _ in context.drive.mounts])
+        which = np.searchsorted(starts, np.arange(len(context.drive.time)), side="right") - 1
+        drawn = context.rng.normal(0.0, self.value("sigma"), (3, len(starts)))
+        zero = np.zeros(len(which))
+        return tuple(Turn(a, Jet(drawn[i][which], zero, zero)) for i, a in enumerate("xyz"))

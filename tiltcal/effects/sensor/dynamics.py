@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
-from tiltcal.effects.memory import first_order_lag
+from tiltcal.effects.memory import first_order_lag, vibration_power
 from tiltcal.effects.sensor.environmental import GYROS
 from tiltcal.frames import Array
 from tiltcal.units import G0
@@ -98,15 +98,8 @@ class AccVre(TermEffect):
     look = "the bias follows the square of the vibration"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        fast = sense.force[:, "xyz".index(name[-1])] / G0
-        fast = fast - _moving_mean(fast, sense.rate_hz * 0.25)
-        return self.channel_of(name[-1], sense), G0 * _moving_mean(fast * fast, sense.rate_hz)
-
-
-def _moving_mean(u: Array, width: float) -> Array:
-    n = max(round(width), 1)
-    padded = np.pad(u, (n // 2, n - n // 2 - 1), mode="edge")
-    return np.convolve(padded, np.full(n, 1 / n), mode="valid")
+        power = vibration_power(sense.force[:, "xyz".index(name[-1])], sense.rate_hz)
+        return self.channel_of(name[-1], sense), G0 * power
 
 
 class TiltConversion(SignalEffect):

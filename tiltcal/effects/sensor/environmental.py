@@ -1,10 +1,11 @@
 """Errors that follow temperature and time: one set of laws, for accelerometers and for gyros."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import numpy as np
 
-from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, Stage, TermEffect
 from tiltcal.effects.memory import play
 from tiltcal.frames import Array
 from tiltcal.units import G0
@@ -15,7 +16,7 @@ GYROS = frozenset({"gyro", "fog"})
 class FollowsState(TermEffect):
     """A bias that follows one scalar state of the environment: reading_i += k_i state(t)."""
 
-    stage = "sensor"
+    stage: ClassVar[Stage] = "sensor"
     order = 20
     source = "PHYSICS 3.4, 3.5"
 
@@ -182,6 +183,59 @@ class AccDrift(FollowsState):
 
     def state(self, sense: Sense) -> Array:
         return sense.elapsed / max(float(sense.elapsed[-1]), 1e-12)
+
+
+class AccTempMisalign(TermEffect):
+    id = "acc_temp_misalign"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 20
+    title = "axis direction against temperature"
+    parameters = (Parameter("temp_cross_{pair}", "ppm_degC", (2, 20, 50)),)
+    physics = "The suspension leans as it expands: the sensitive axis turns with temperature."
+    equation = "reading_i += k_ij (T - T0) f_j"
+    source = "PHYSICS 3.4"
+    excited_by = "a temperature change while the other axis is loaded"
+    look = "temperature times the force of another axis"
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        return self.channel_of(name[-2], sense), sense.temperature * sense.force[:, "xyz".index(name[-1])]
+
+
+class AccTurnOn(SignalEffect):
+    id = "acc_turn_on"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 22
+    title = "run-to-run bias"
+    parameters = (Parameter("sigma", "ug", (160, 3500, 10000), positive=True),)
+    physics = "Each power-on finds another equilibrium of charge and stress."
+    equation = "reading_i += N(0, sigma), drawn once a recording"
+    source = "PHYSICS 3.4"
+    excited_by = "several recordings with power cycles between"
+    look = "a constant in one recording, another in the next"
+    random = True
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        return reading if rng is None else reading + rng.normal(0.0, self.value("sigma"), reading.shape[1])
+
+
+class AccAngularTerms(TermEffect):
+    id = "acc_angular_terms"
+    stage = "sensor"
+    kinds = ACCELEROMETERS
+    order = 12
+    title = "angular rate and acceleration terms"
+    parameters = (Parameter("kang_{axis}", "ug_s2_rad", (10, 100, 1000)),)
+    physics = "A pendulum that is not balanced about its hinge feels angular acceleration about the output axis."
+    equation = "reading_i += k_i dw_o/dt, o the output axis"
+    source = "IEEE 1293 (Kang); effects list"
+    excited_by = "starting and stopping a turn about the output axis"
+    look = "pulses at the ends of moves, unlike a lever arm without a w^2 part"
+    linear = True
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        return self.channel_of(name[-1], sense), sense.angular_acceleration[:, ("xyz".index(name[-1]) + 2) % 3]
 
 
 class AccHysteresis(SignalEffect):

@@ -4,7 +4,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from tiltcal.effects.base import Parameter, Sense, TermEffect
+from tiltcal.effects.base import Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.memory import vibration_power
 from tiltcal.effects.sensor.environmental import GYROS, FollowsState
 from tiltcal.frames import Array
 from tiltcal.units import G0
@@ -130,6 +131,44 @@ class GyrGsens(TermEffect):
         return self.channel_of(name[-2], sense), sense.force[:, "xyz".index(name[-1])] / G0
 
 
+class GyrG2sens(TermEffect):
+    id = "gyr_g2sens"
+    stage = "sensor"
+    kinds = GYROS
+    order = 10
+    title = "bias quadratic in specific force"
+    parameters = (Parameter("g2sens_{matrix}", "deg_h_g2", (1, 10, 60)),)
+    physics = "Anisoelastic deflection: two load directions at once turn the drive mode."
+    equation = "reading_i += G2_ij f_j^2 (g)"
+    source = "IEEE 1431; PHYSICS 1.1"
+    excited_by = "rest in several poses"
+    look = "even in the force, second harmonic over a turn"
+    linear = True
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        f = sense.force[:, "xyz".index(name[-1])] / G0
+        return self.channel_of(name[-2], sense), f * f
+
+
+class GyrVre(TermEffect):
+    id = "gyr_vre"
+    stage = "sensor"
+    kinds = GYROS
+    order = 25
+    title = "vibration rectification"
+    parameters = (Parameter("vre_{axis}", "deg_h_g2", (10, 300, 3000)),)
+    physics = "Vibration at the sense mode is rectified into a rate."
+    equation = "reading_i += k_i <a^2> (g), the mean square over 1 s of what is faster than 0.25 s, all axes"
+    source = "PHYSICS 3.5"
+    excited_by = "vibration of changing size"
+    look = "the bias follows the square of the vibration"
+    linear = True
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        total = sum((vibration_power(sense.force[:, j], sense.rate_hz) for j in range(3)), np.zeros(len(sense.time)))
+        return self.channel_of(name[-1], sense), total
+
+
 class GyrTemp(FollowsState):
     id = "gyr_temp"
     kinds = GYROS
@@ -185,3 +224,38 @@ def transverse(a: Array) -> tuple[Array, Array]:
     b1 = np.cross(a, [0.0, 0.0, 1.0])
     b1 = b1 / np.linalg.norm(b1) if np.linalg.norm(b1) > 1e-9 else np.array([1.0, 0.0, 0.0])
     return b1, np.cross(a, b1)
+
+
+class FogDeadband(SignalEffect):
+    id = "fog_deadband"
+    stage = "sensor"
+    kinds = FOG
+    order = 46
+    title = "lock-in around zero"
+    parameters = (Parameter("deadband", "deg_h", (0.1, 1, 10), positive=True),)
+    physics = "Cross-talk of modulation and detection pulls a small phase to zero."
+    equation = "reading = 0 where |reading| < dead band"
+    source = "effects list; PHYSICS 3.5"
+    excited_by = "rates near zero"
+    look = "zeros where the Earth's rate should show; variance falls"
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        return np.where(np.abs(reading) < self.value("deadband"), 0.0, reading)
+
+
+class FogFringe(SignalEffect):
+    id = "fog_fringe"
+    stage = "sensor"
+    kinds = FOG
+    order = 47
+    title = "wrap at the maximum rate"
+    parameters = (Parameter("max_rate", "deg_s", (500, 200, 100), positive=True),)
+    physics = "An open loop counts fringes only within +-pi of phase."
+    equation = "reading wraps beyond +- the maximum rate"
+    source = "effects list; PHYSICS 3.5"
+    excited_by = "rates beyond the maximum"
+    look = "jumps by twice the maximum rate"
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        limit = self.value("max_rate")
+        return np.mod(reading + limit, 2 * limit) - limit if limit > 0 else reading

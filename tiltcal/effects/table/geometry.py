@@ -2,9 +2,13 @@
 
 from collections.abc import Sequence
 
-from tiltcal.effects.base import FrameEffect, Parameter
+import numpy as np
+
+from tiltcal.effects.base import FrameEffect, LinkEffect, Parameter
 from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.frames import Array
 from tiltcal.motion import Jet
+from tiltcal.setup import Rig
 
 
 class TableLevelling(FrameEffect):
@@ -76,3 +80,52 @@ class AxisWobble(FrameEffect):
                 imaginary = imaginary + angle.harmonic(n, s, c)
         i = "xyz".index(dict(context.rig.axes)[axis])
         return Turn("xyz"[(i + 1) % 3], real), Turn("xyz"[(i + 2) % 3], imaginary)
+
+
+class WobbleAsync(FrameEffect):
+    id = "table_wobble_async"
+    stage = "table"
+    title = "non-repeating bearing wobble"
+    parameters = (
+        Parameter("cos", "arcsec", (0.5, 5, 20)),
+        Parameter("sin", "arcsec", (0.5, 5, 20)),
+        Parameter("ratio", "unitless", (0.43, 0.43, 0.43), positive=True, default=0.43),
+    )
+    axis_wise = True
+    physics = "The ball cage turns at less than half the axis' rate: the tilt of the axis does not close after a turn."
+    equation = "stator-frame rotation vector (c + i s) exp(i r a), r turns of the cage a turn of the axis"
+    source = "PHYSICS 3.2"
+    excited_by = "several turns"
+    look = "a wobble that differs from turn to turn and repeats with the cage"
+
+    @property
+    def is_identity(self) -> bool:
+        return not (self.value("cos") or self.value("sin"))
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        axis = self.axis or context.rig.axis_names[0]
+        if slot != f"{axis}_bearing":
+            return ()
+        angle, r, c, s = context.axes[axis], self.value("ratio"), self.value("cos"), self.value("sin")
+        i = "xyz".index(dict(context.rig.axes)[axis])
+        return Turn("xyz"[(i + 1) % 3], angle.harmonic(r, c, -s)), Turn("xyz"[(i + 2) % 3], angle.harmonic(r, s, c))
+
+
+class AxisNonintersection(LinkEffect):
+    id = "axis_nonintersection"
+    stage = "table"
+    title = "table axes do not intersect"
+    parameters = (Parameter("offset", "mm", (0.5, 5, 5)),)
+    physics = "The inner axes pass beside the outer one: a lever arm that depends on which axis turns."
+    equation = "inner axes displaced: dual along y, three along x, of the outer stage"
+    source = "effects list; PHYSICS 3.2"
+    excited_by = "turning the outer axis"
+    look = "centripetal and tangential, as a lever arm, but fixed to the outer stage"
+    linear = True
+    PLACE = {"dual": ("inner_bearing", 1), "three": ("middle_bearing", 0)}
+
+    def offset(self, slot: str, rig: Rig) -> Array:
+        place, component = self.PLACE.get(rig.table, ("", 0))
+        r = np.zeros(3)
+        r[component] = self.value("offset") if slot == place else 0.0
+        return r

@@ -111,15 +111,16 @@ class TableSag(AngleEffect):
     linear = True
     mechanised = True
     LOADED = {"placing": "outer", "dual": "outer", "three": "middle"}
+    size = "sag"
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
         return axis == (self.axis or self.LOADED.get(rig.table))
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
-        return drive.axes[axis].harmonic(1, 0.0, self.value("sag"))
+        return drive.axes[axis].harmonic(1, 0.0, self.value(self.size))
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        sag, axis = self.value("sag"), self.LOADED.get(rig.table)
+        sag, axis = self.value(self.size), self.LOADED.get(rig.table)
         if sag == 0 or axis is None or not self.acts_on(axis, rig):
             return ()
         mass, arm = 0.5, np.copysign(0.1, sag)  # only m g l / k = d matters

@@ -1,0 +1,61 @@
+"""References and supplies: gain and offset that drift."""
+
+import numpy as np
+
+from tiltcal.effects.base import Parameter, Sense, SignalEffect
+from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.effects.sensor.environmental import FollowsState
+from tiltcal.frames import Array
+
+
+class ReferenceDrift(SignalEffect):
+    id = "reference_drift"
+    stage = "electronics"
+    kinds = ANALOG
+    order = 60
+    title = "common gain drift of all channels"
+    parameters = (Parameter("gain", "ppm_degC", (10, 50, 100)),)
+    physics = "The converter's voltage reference drifts with temperature."
+    equation = "all channels (1 + k (T - T0))"
+    source = "effects list; PHYSICS 3.6"
+    excited_by = "a temperature change on loaded channels"
+    look = "the same ppm on every channel"
+    linear = True
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        return reading * (1 + self.value("gain") * sense.temperature)[:, None]
+
+
+class SupplyRatiometric(SignalEffect):
+    id = "supply_ratiometric"
+    stage = "electronics"
+    kinds = ANALOG
+    order = 60
+    title = "gain follows the supply"
+    parameters = (Parameter("gain", "ppm", (20, 1000, 20000)),)
+    physics = "A ratiometric sensor on a converter that is not: the supply sags over the recording."
+    equation = "all channels (1 + e x(t)), x = 0..1 over the recording"
+    source = "PHYSICS 3.6"
+    excited_by = "time on loaded channels"
+    look = "a gain that ramps, the same on every channel"
+    linear = True
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        return reading * (1 + self.value("gain") * sense.elapsed / max(float(sense.elapsed[-1]), 1e-12))[:, None]
+
+
+class AdcOffsetDrift(FollowsState):
+    id = "adc_offset_drift"
+    stage = "electronics"
+    kinds = ANALOG
+    order = 61
+    title = "offset drift"
+    parameters = (Parameter("offset_{axis}", "ug_degC", (1, 10, 100)),)
+    physics = "The amplifier's offset drifts with temperature; a shorted input shows it."
+    equation = "reading_i += k_i (T - T0)"
+    source = "PHYSICS 3.6"
+    excited_by = "a temperature change"
+    look = "one with the sensor's own bias drift until the input is shorted"
+
+    def state(self, sense: Sense) -> Array:
+        return sense.temperature

@@ -1,0 +1,31 @@
+"""The three accelerometers of a triad at different points."""
+
+import numpy as np
+
+from tiltcal.effects.base import Parameter, Sense, TermEffect
+from tiltcal.frames import Array
+
+PLACE = {"x": 1, "y": 2, "z": 0}  # the x accelerometer is displaced along y, y along z, z along x
+
+
+class TriadSizeEffect(TermEffect):
+    id = "triad_size_effect"
+    stage = "mount"
+    kinds = frozenset({"accelerometer"})
+    order = 5
+    title = "the three accelerometers sit at different points"
+    parameters = (Parameter("offset_{axis}", "mm", (30, 10, 1)),)
+    physics = "Each accelerometer of a triad feels the centripetal and tangential acceleration of its own place."
+    equation = "f_i at r_i: x displaced along y, y along z, z along x; f_i += (dw x r_i + w x (w x r_i))_i"
+    source = "effects list; PHYSICS 3.3"
+    excited_by = "turning"
+    look = "a lever arm that differs between the axes"
+    linear = True
+
+    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
+        axis = name[-1]
+        i, r = "xyz".index(axis), np.zeros(3)
+        r[PLACE[axis]] = 1.0
+        w = sense.rate
+        felt = np.cross(sense.angular_acceleration, r) + np.cross(w, np.cross(w, r))
+        return self.channel_of(axis, sense), felt[:, i]

@@ -1,0 +1,204 @@
+"""The drive: where the axis stands against what was asked of it, at rest, while moving and just after."""
+
+import numpy as np
+
+from tiltcal.effects.base import AngleEffect, Parameter
+from tiltcal.effects.mechanisms import Mechanism, Spring
+from tiltcal.effects.memory import motion_direction
+from tiltcal.effects.table.readout import ReadoutError, TableSag
+from tiltcal.frames import Array
+from tiltcal.motion import Drive, Jet
+from tiltcal.setup import Rig
+
+
+class ServoDroop(TableSag):
+    id = "servo_droop"
+    title = "finite static stiffness of the drive"
+    parameters = (Parameter("droop", "arcsec", (0.05, 5, 60)),)
+    physics = "A proportional loop gives way to gravity's torque: true minus command = tau_g / kp. The encoder sees it."
+    equation = "true = command + d sin(angle), on the axis that gravity loads (readout = command)"
+    look = "as sag, but visible in the encoder"
+    size = "droop"
+
+
+class TableUnbalance(AngleEffect):
+    id = "table_unbalance"
+    stage = "table"
+    title = "gravity torque of an unbalanced load"
+    parameters = (Parameter("cos", "arcsec", (2, 20, 60)), Parameter("sin", "arcsec", (2, 20, 60)))
+    physics = "A load off the axis in any direction bends the drive train by its gravity torque."
+    equation = "true = readout + c cos(angle) + s sin(angle), on the axis that gravity loads"
+    source = "PHYSICS 3.2"
+    excited_by = "a turn of a horizontal axis"
+    look = "sag with a phase; a payload change moves it"
+    linear = True
+    mechanised = True
+
+    def acts_on(self, axis: str, rig: Rig) -> bool:
+        return axis == (self.axis or TableSag.LOADED.get(rig.table))
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        return drive.axes[axis].harmonic(1, self.value("cos"), self.value("sin"))
+
+    def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        axis = TableSag.LOADED.get(rig.table)
+        size = float(np.hypot(self.value("cos"), self.value("sin")))
+        if size == 0 or axis is None or not self.acts_on(axis, rig):
+            return ()
+        # a ballast at angle p from z towards the next axis but one: torque m g l sin(angle + p)
+        phase = np.arctan2(self.value("cos"), self.value("sin"))
+        i = "xyz".index(dict(rig.axes)[axis])
+        arm = np.zeros(3)
+        arm[2] = 0.1 * np.cos(phase)
+        arm[3 - 2 - i] = 0.1 * np.sin(phase) * (1 if i == 1 else -1)
+        mass = 0.5
+        return (Spring(axis, "xyz"[i], mass * gravity * 0.1 / size, mass, (float(arm[0]), float(arm[1]), float(arm[2]))),)
+
+
+class CableTorque(AngleEffect):
+    id = "cable_torque"
+    stage = "table"
+    title = "cables pull the table"
+    parameters = (Parameter("pull", "arcsec_rad", (0.3, 3, 20)),)
+    physics = (
+        "A cable wound up by the turn pulls the axis back or on, in proportion to the angle; it does not repeat after 360 deg."
+    )
+    equation = "true = readout + k readout"
+    source = "effects list; PHYSICS 3.2"
+    excited_by = "a large range of the angle"
+    look = "a rotation that grows with the angle and does not close at 360 deg"
+    linear = True
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        return drive.axes[axis].scaled(self.value("pull"))
+
+
+class RateError(CableTorque):
+    id = "rate_error"
+    title = "rate scale or stability of the table"
+    parameters = (Parameter("rate", "ppm", (10, 100, 10000)),)
+    physics = "The table's rate reference is off: every turn is longer or shorter than it says."
+    equation = "true = readout (1 + e)"
+    excited_by = "turning"
+    look = "a common scale of all gyro axes; angle closure after whole turns shows it"
+    source = "PHYSICS 3.2"
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        return drive.axes[axis].scaled(self.value("rate"))
+
+
+class ServoFrictionDeadband(AngleEffect):
+    id = "servo_friction_deadband"
+    stage = "table"
+    title = "rests short of the command by friction"
+    parameters = (Parameter("width", "arcsec", (2, 20, 60), positive=True),)
+    physics = "Below the friction torque the loop does not pull any more: the axis rests tau_f / kp short."
+    equation = "true rests width/2 short of the command, in the direction of the last motion (readout = command)"
+    source = "effects list; PHYSICS 3.2"
+    excited_by = "approaching the same angle from both sides"
+    look = "as backlash; does not scale with the load"
+    linear = True
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        lag = -0.5 * self.value("width") * motion_direction(drive.axes[axis])
+        zero: Array = np.zeros_like(lag)
+        return Jet(lag, zero, zero)
+
+
+class ServoLag(AngleEffect):
+    id = "servo_lag"
+    stage = "table"
+    title = "lag proportional to rate"
+    parameters = (Parameter("tau", "ms", (1, 10, 50), positive=True),)
+    physics = "A servo follows a ramp with (kv + damping) / kp of lag."
+    equation = "true = command - tau rate (readout = command)"
+    source = "effects list; PHYSICS 3.2"
+    excited_by = "moves"
+    look = "as latency, but in the encoder too; nothing at rest"
+    linear = True
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        jet, tau = drive.axes[axis], self.value("tau")
+        return Jet(-tau * jet.v, -tau * jet.a, np.zeros_like(drive.time))
+
+
+class ServoRipple(AngleEffect):
+    id = "servo_ripple"
+    stage = "table"
+    title = "periodic rate ripple"
+    parameters = (
+        Parameter("ripple", "ppm", (100, 1000, 300000)),
+        Parameter("poles", "", (12, 12, 12), positive=True, default=12.0),
+    )
+    physics = "Cogging and commutation modulate the rate with the angle."
+    equation = "rate = readout rate (1 + r cos(n angle)): true = readout + r/n sin(n angle)"
+    source = "PHYSICS 3.2"
+    excited_by = "turning, and stops at odd angles"
+    look = "rate modulated at constant angle spacing; gyro and encoder both see it"
+
+    @property
+    def is_identity(self) -> bool:
+        return not self.value("ripple")
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        n = self.value("poles")
+        return drive.axes[axis].harmonic(n, 0.0, self.value("ripple") / n)
+
+
+class SettlingTransient(AngleEffect):
+    id = "settling_transient"
+    stage = "table"
+    title = "ringing after a move"
+    parameters = (
+        Parameter("amplitude", "arcsec", (2, 20, 200)),
+        Parameter("frequency", "hz", (20, 10, 5), positive=True, default=10.0),
+        Parameter("tau", "s", (0.2, 0.5, 2), positive=True, default=0.5),
+    )
+    physics = "The structure rings when a move stops."
+    equation = "A exp(-t/tau) cos(2 pi f t) after each move"
+    source = "effects list; PHYSICS 3.2"
+    excited_by = "the first samples after each move"
+    look = "a decaying tone at the start of each dwell"
+
+    @property
+    def is_identity(self) -> bool:
+        return not self.value("amplitude")
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        return ringing(drive, *(self.value(n) for n in ("amplitude", "frequency", "tau")))
+
+
+def ringing(drive: Drive, amplitude: float, frequency: float, tau: float) -> Jet:
+    """A decaying cosine from the end of each move on; nothing before the first, (n,)."""
+    rest, time = drive.stop, drive.time
+    begins = np.flatnonzero((rest >= 0) & (np.concatenate([rest[:1], rest[:-1]]) < 0))
+    if len(begins) == 0:
+        zero = np.zeros_like(time)
+        return Jet(zero, zero, zero)
+    which = np.searchsorted(begins, np.arange(len(time)), side="right") - 1
+    t = np.where(which >= 0, time - time[begins[np.maximum(which, 0)]], np.inf)
+    wave = amplitude * np.exp((-1 / tau + 2j * np.pi * frequency) * np.where(np.isfinite(t), t, 0.0)) * np.isfinite(t) * (rest >= 0)
+    rate = -1 / tau + 2j * np.pi * frequency
+    return Jet(*(np.asarray(part.real, dtype=float) for part in (wave, rate * wave, rate * rate * wave)))
+
+
+class EncoderSde(ReadoutError):
+    id = "table_encoder_sde"
+    title = "subdivisional (interpolation) error of the readout"
+    parameters = (
+        Parameter("cos", "arcsec", (0.3, 3, 10)),
+        Parameter("sin", "arcsec", (0.3, 3, 10)),
+        Parameter("lines", "", (360, 360, 36), positive=True, default=360.0),
+    )
+    physics = "Two sine tracks of unequal size or phase make the interpolation between lines err, once a line."
+    equation = "readout = true + c cos(n a) + s sin(n a), n the number of lines"
+    source = "effects list; PHYSICS 3.2"
+    excited_by = "angles that are no multiple of the line pitch"
+    look = "a fast ripple over the angle; round steps alias it into a constant"
+
+    @property
+    def is_identity(self) -> bool:
+        return not (self.value("cos") or self.value("sin"))
+
+    def error(self, true: Jet, axis: str) -> Jet:
+        return true.harmonic(self.value("lines"), self.value("cos"), self.value("sin"))

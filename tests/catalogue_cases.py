@@ -7,23 +7,17 @@ from builders import INSTRUMENT, schedule_of, setup_of
 
 from tiltcal.chain import readings
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.effects.base import Effect
+from tiltcal.effects.base import Effect, Parameter
 from tiltcal.setup import Sensor, Setup
 
-SETTINGS = {"time": 20.0, "start": 20.0, "frequency": 3.3, "size": 20.0}
-"""Where and when an effect acts, in file units: no size that could be scaled."""
-SMALL = {
-    "full_scale": 5.0,
-    "samples": 25.0,
-    "length": 10.0,
-}  # the plausible sizes are beyond these short recordings
-WHEN_DEFAULTED = {"width": 0.2, "tau": 30.0}  # a setting where the effect has a default for it, else a size
+SETTINGS = {"time": 20.0, "start": 20.0, "frequency": 3.3, "tau": 30.0}
+"""Where and when an effect acts in these short recordings, in file units; any other with a default keeps that."""
+SMALL = {"full_scale": 5.0, "max_rate": 10.0, "samples": 25.0, "length": 10.0}  # plausible ones are beyond the recordings
 
 
-def is_setting(cls: type[Effect], name: str) -> bool:
-    """Whether a parameter says where or when, not how much."""
-    parameter = next((p for p in cls.parameters if p.name == name), None)
-    return name in SETTINGS or (name in WHEN_DEFAULTED and parameter is not None and parameter.default != 0)
+def is_setting(parameter: Parameter) -> bool:
+    """Whether a parameter says where, when or how, not how much."""
+    return parameter.default != 0 or parameter.name in ("time", "start", "frequency")
 
 
 def words(cls: type[Effect], axes: tuple[str, ...], size: float, part: int) -> dict[str, float]:
@@ -31,12 +25,12 @@ def words(cls: type[Effect], axes: tuple[str, ...], size: float, part: int) -> d
     table: dict[str, float] = {}
     for parameter in cls.parameters:
         for name in parameter.expand(axes):
-            if is_setting(cls, name):
-                value = SETTINGS.get(name, WHEN_DEFAULTED.get(name))
+            if is_setting(parameter):
+                value = SETTINGS.get(name, parameter.default / parameter.factor)
             else:
                 share = 1 - 0.13 * (len(table) % 5)
                 value = size * share * SMALL.get(name, parameter.plausible[part])
-            table[f"{name}_{parameter.unit}"] = value
+            table[name + parameter.suffix] = value
     return table
 
 
@@ -99,8 +93,8 @@ def lively_readings(table: str, *effects: Effect, seed: int | None = None) -> di
 
 
 def difference(one: dict[str, np.ndarray], two: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Reading by reading; a lost sample counts as no difference."""
-    return {name: np.nan_to_num(one[name] - two[name]) for name in one}
+    """Reading by reading; a sample that only one of them has counts as 1."""
+    return {n: np.where(np.isnan(one[n]) != np.isnan(two[n]), 1.0, np.nan_to_num(one[n] - two[n])) for n in one}
 
 
 def largest(readings_: dict[str, np.ndarray], *names: str) -> float:

@@ -28,6 +28,8 @@ def here(here):
     (["correct", "CAL.json", "run.csv", "--json"], "--json without -o"),
     (["calibrate", "run.csv"], "no --scenario, --method"),
     (["init", "--latitude", "123"], "123 deg"),
+    (["segments", "run.csv", "--window", "0"], "--window: found 0 s"),
+    (["segments", "run.csv", "--window", "nan"], "--window: found nan s"),
     (["effects", "acc_bais"], "'acc_bais'"),
     (["simulate", "bench.toml", "-o", "run.xlsx"], "the ending '.xlsx'"),
     (["simulate", "bench.toml", "-o", "run.csv", "--truth", "none/truth.json"], "no such file or directory"),

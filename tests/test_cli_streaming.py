@@ -14,13 +14,13 @@ from tiltcal.scenario import load_scenario
 
 def long_log(path, rows):
     """A log whose pressure is sampled from its second half on, so that gaps differ from chunk to chunk."""
-    names = ("time_s", "pressure_V", "accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2", "label", "remark")
+    names = ("time_s", "accel_x_m_s2", "pressure_V", "accel_y_m_s2", "accel_z_m_s2", "label", "remark")
     third = np.random.default_rng(1).normal(size=(rows, 3))
     with path.open("w") as out:
         out.write(",".join(names) + "\n")
         for i, (x, y, z) in enumerate(third.tolist()):
-            pressure = i / 7 if i > rows // 2 and i % 3 else ""
-            out.write(f"{i / 100},{pressure},{x!r},{y!r},{z + 9.8!r},+z,row {i}\n")
+            pressure = i / 7 if i > rows // 2 else ""
+            out.write(f"{i / 100},{x!r},{pressure},{y!r},{z + 9.8!r},+z,row {i}\n")
     return path
 
 

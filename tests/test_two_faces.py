@@ -8,14 +8,14 @@ from builders import ACCEL, AXLED, GYRO, drive_of, read_poses, setup_of
 from catalogue_cases import plausible
 
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import AngleEffect, DelayEffect, FrameEffect, SignalEffect
+from tiltcal.effects.base import AngleEffect, DelayEffect, FrameEffect, SignalEffect, WritingEffect
 from tiltcal.effects.mechanisms import Spring
 from tiltcal.frames import parse_mount
 from tiltcal.kinematics import closed_form
 from tiltcal.motion import Jet
 from tiltsim.motion import mujoco_motion
 
-MOVERS = tuple(id for id, cls in CATALOGUE.items() if not issubclass(cls, SignalEffect | DelayEffect))
+MOVERS = tuple(id for id, cls in CATALOGUE.items() if not issubclass(cls, SignalEffect | DelayEffect | WritingEffect))
 TURNING = tuple(id for id, cls in CATALOGUE.items() if issubclass(cls, AngleEffect | FrameEffect))
 MOUNT = parse_mount("Rx(20) Rz(50)")
 N = 60

@@ -5,7 +5,7 @@ one that moves becomes a hinge of its own, prescribed like the table's axes.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -14,6 +14,7 @@ import numpy as np
 from tiltcal.assets import folder
 from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
 from tiltcal.effects.mechanisms import Context, Gap, Mechanism, Spring, Turn, World
+from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, rotation, unit
 from tiltcal.kinematics import link_offset
 from tiltcal.motion import Drive, Jet
@@ -89,7 +90,21 @@ class RigBuilder:
                 mujoco.mju_mulQuat(q, np.array(body.quat), quaternion(R))
                 body.quat = q
             for k, turn in enumerate(turns):
-                self._hinge(f"{slot}_turn{k}", body, turn)
+                self._hinge(f"{slot}_turn{k}", self._room(slot, k), turn)
+
+    def _room(self, slot: str, k: int) -> "mujoco.MjsBody":
+        """The body for the k-th moving turn of a slot: a body holds six joints, the mount's bend bodies take the rest.
+
+        Raises:
+            TiltcalError: there are more than they hold.
+        """
+        chain = [slot, "bend_x", "bend_y", "bend_z"] if slot == "mount" else [slot]
+        if k // 6 >= len(chain):
+            raise TiltcalError(
+                f"rig, {slot}", found=f"more than {6 * len(chain)} moving turns", need="fewer effects that turn this frame",
+                do="leave some out",
+            )  # fmt: skip
+        return self.spec.body(chain[k // 6])
 
     def _hinge(self, name: str, body: "mujoco.MjsBody", turn: Turn) -> None:
         body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[turn.axis])
@@ -135,11 +150,12 @@ class RigBuilder:
         Either way the mount's ballasts are no load for the table: ``light`` makes them tiny, else counterweights
         hold them, as a table is trimmed for its payload.
         """
-        self.lock_mount({m.body for m in mechanisms if isinstance(m, Spring)})
+        springs = combined([m for m in mechanisms if isinstance(m, Spring)])
+        self.lock_mount({spring.body for spring in springs})
+        for spring in springs:
+            self._spring(spring, 1e-4 if light and spring.body.startswith("bend") else 1.0)
         for m in mechanisms:
-            if isinstance(m, Spring):
-                self._spring(m, 1e-4 if light and m.body.startswith("bend") else 1.0)
-            else:
+            if isinstance(m, Gap):
                 self._gap(m)
 
     def _spring(self, spring: Spring, scale: float) -> None:
@@ -222,6 +238,18 @@ class RigBuilder:
         if free:
             spec.option.gravity = [0.0, 0.0, 0.0]
         return Rig(spec.compile(), {}, dict(self.springs), free)
+
+
+def combined(springs: Sequence[Spring]) -> list[Spring]:
+    """One spring for all that bend the same body about the same axis: the deflections m g arm / k add up as vectors."""
+    groups: dict[tuple[str, str], list[Spring]] = {}
+    for spring in springs:
+        groups.setdefault((spring.body, spring.axis), []).append(spring)
+    found = []
+    for first, *more in groups.values():
+        arm = sum((first.stiffness / first.mass * s.mass / s.stiffness * np.array(s.arm) for s in more), np.array(first.arm))
+        found.append(replace(first, arm=(float(arm[0]), float(arm[1]), float(arm[2]))))
+    return found
 
 
 def harden(joint: "mujoco.MjsJoint | mujoco.MjsTendon") -> None:

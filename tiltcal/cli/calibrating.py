@@ -123,6 +123,8 @@ def check(args: argparse.Namespace) -> int:
 
 def segments(args: argparse.Namespace) -> int:
     """Find dwells and moves."""
+    if not 0 < args.window < float("inf"):
+        raise TiltcalError("--window", found=f"{args.window:g} s", need="a time above zero", do="leave it out, or try 0.5")
     found = find_segments(read_recording(args.recording), window=args.window)
     if args.output:
         with replacing(Path(args.output)) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:

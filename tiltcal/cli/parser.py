@@ -209,3 +209,15 @@ def _add_reference(commands: _Commands) -> None:
         "  tiltcal effects             all\n  tiltcal effects acc_K2      one, with its equation, look and parameters",
     )  # fmt: skip
     sub.add_argument("word", nargs="?", metavar="ID", help="an id, or a word to search for")
+    sub = commands.add(
+        "confuse", "confusing", "confuse_", "what a scenario's recording can and cannot tell apart",
+        "For every effect of the catalogue: the share that the adjustable terms absorb, the size it would be found at,\n"
+        "the share that nothing else explains, and what it cannot be told from, with what to record to split them.",
+    )  # fmt: skip
+    sub.add_argument("scenario", metavar="SCENARIO")
+    sub.add_argument("--grade", choices=("precision", "mid_mems", "consumer"), default="mid_mems", help="whose plausible sizes")
+    sub = commands.add(
+        "explain-frames", "confusing", "explain_frames", "what each channel should read at the six faces and small turns",
+        "The first thing to compare with a real set-up.",
+    )  # fmt: skip
+    sub.add_argument("scenario", metavar="SCENARIO")

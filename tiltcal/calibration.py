@@ -224,7 +224,7 @@ def load_calibration(path: Path | str) -> Calibration:
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
         return calibration_from(table)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         what = f"no key {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
         raise TiltcalError(
             f"calibration {path.name}",

@@ -151,7 +151,7 @@ def _rivals(
     """Labels that leave less than SEPARABLE of this signature when re-tuned, within twice their plausible size."""
     cosine = P[i] / np.sqrt(np.maximum(P[i, i] * np.diag(P), 1e-300))
     separated = norms[i] ** 2 * P[i, i] * (1 - np.minimum(cosine**2, 1.0))
-    needed = np.abs(cosine) * norms[i] * np.sqrt(P[i, i]) / np.maximum(norms * np.sqrt(np.maximum(np.diag(P), 0.0)), 1e-300)
+    needed = np.abs(cosine) * norms[i] * np.sqrt(P[i, i]) / np.maximum(norms * np.sqrt(np.maximum(np.diag(P), 0.0)), 1e-30)
     hit = seen & (separated < SEPARABLE) & (np.abs(cosine) > 0.9) & (needed < 2.0)
     hit[i] = False
     order = np.argsort(-np.abs(cosine))

@@ -33,7 +33,8 @@ def skew(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
-_MOUNT = re.compile(r"R([xyz])\(\s*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)\s*\)")
+_FACTOR = r"R([xyz])\(\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\)"
+_MOUNT = re.compile(rf"{_FACTOR}(?:\s*[*@]\s*(?=R)|\s+(?=R)|$)")
 
 
 def parse_mount(text: str) -> Array:
@@ -56,7 +57,7 @@ def parse_mount(text: str) -> Array:
                 do="correct it",
             )
         R = R @ _exact_quarter_turn(match.group(1), float(match.group(2)))
-        rest = rest[match.end() :].lstrip(" *@")
+        rest = rest[match.end() :]
     return R
 
 

@@ -119,11 +119,17 @@ class Recording:
         raise TiltcalError(f"{self.source}, column {name}", found="no such column", need="that channel", do=hint)
 
     def channel(self, channel: str) -> str | None:
-        """The full column name of a channel, whatever its unit; None when absent."""
-        for name in self.column_names:
-            if split_unit(name)[0] == channel:
-                return name
-        return None
+        """The full column name of a channel, whatever its unit; None when absent.
+
+        Raises:
+            TiltcalError: it stands there in two units.
+        """
+        names = [name for name in self.column_names if split_unit(name)[0] == channel]
+        if len(names) > 1:
+            raise TiltcalError(
+                f"{self.source}, channel {channel}", found=" and ".join(names), need="one column a channel", do="remove the other"
+            )
+        return names[0] if names else None
 
     def has(self, sensor: Sensor) -> bool:
         """Whether every axis of ``sensor`` has a column."""
@@ -194,6 +200,11 @@ class Recording:
             TiltcalError: naming the first row where it does not.
         """
         step = np.diff(self.time)
+        if not np.all(np.isfinite(self.time)):
+            row = int(np.argmax(~np.isfinite(self.time)))
+            raise TiltcalError(
+                f"{self.source}, data row {row + 1}", found=f"the time {self.time[row]}", need="finite time stamps", do="correct it"
+            )
         if np.any(step <= 0):
             row = int(np.argmax(step <= 0)) + 1
             what = "time goes back by" if step[row - 1] < 0 else "a repeated time stamp, step"

@@ -7,11 +7,12 @@ import numpy as np
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, parse_mounts
 from tiltcal.motion import Drive, Index, Jet
+from tiltcal.noise import code_width
 from tiltcal.recording import Recording
 from tiltcal.segments import resting_rows
 from tiltcal.setup import Setup
 
-SMOOTHING = 0.1  # s, half-width of the local polynomial that differentiates a readout
+RATE_REACH, ACCELERATION_REACH = 0.02, 0.04  # s, half-widths of the local quartics: longer ones blur the edges of moves
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Replay:
     def drive(self, time: Array) -> Drive:
         """The drive at these times; between the stamps by interpolation."""
         axes = {}
-        nearest = np.clip(np.searchsorted(self.time, time), 0, len(self.time) - 1)
+        nearest = nearest_rows(self.time, time)
         for name, angle in self.angles.items():
             v, a = differentiate(self.time, angle, self.stop >= 0)
             if len(time) == len(self.time) and np.array_equal(time, self.time):
@@ -86,10 +87,38 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
         temperature = np.full(len(recording), setup.site.temperature_degC)
     reference = float(np.mean(temperature)) if reference_temperature is None else reference_temperature
     mounts = tuple(parse_mounts(recording.metadata.get("mount", setup.rig.mount)))
-    resting = resting_rows(recording.time, np.column_stack(list(angles.values()))) if angles else np.ones(len(recording), bool)
+    resting = np.ones(len(recording), bool)
+    if angles:
+        stacked = np.column_stack(list(angles.values()))
+        resting = still_rows(stacked, resting_rows(recording.time, stacked))
     starts = np.flatnonzero(np.diff(resting.astype(int), prepend=0) == 1)
     stop = np.where(resting, np.searchsorted(starts, np.arange(len(recording)), side="right") - 1, -1)
     return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
+
+
+def nearest_rows(stamps: Array, time: Array) -> Index:
+    """The row whose stamp is nearest to each time, (n,). stamps: increasing."""
+    between = (stamps[1:] + stamps[:-1]) / 2
+    return np.searchsorted(between, time)
+
+
+def still_rows(
+    angles: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]"
+) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one code, of the dwell's level.
+
+    The search for dwells takes the very start and end of a move for rest; a rate of zero there would be wrong.
+    """
+    still = resting.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        part = angles[first:last]
+        level = np.median(part, axis=0)
+        off = np.abs(part - level)
+        spread = np.maximum(6 * 1.4826 * np.median(off, axis=0), 1e-12)
+        codes = np.array([code_width(part[:, i]) if np.median(off[:, i]) > 0 else 0.0 for i in range(part.shape[1])])
+        still[first:last] = (off <= np.maximum(spread, 1.01 * codes)).all(axis=1)
+    return still
 
 
 def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> tuple[Array, Array]:
@@ -105,12 +134,12 @@ def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     uniform = CubicSpline(time, angle)(grid)
-    width = max(7, 2 * round(SMOOTHING / dt) + 1)
-    if n <= width:
+    widths = [max(least, 2 * round(reach / dt) + 1) for least, reach in ((5, RATE_REACH), (9, ACCELERATION_REACH))]
+    if n <= max(widths):
         return zero, zero
     step = grid[1] - grid[0]
-    v = np.interp(time, grid, _local_quartic(uniform, width, 1) / step)
-    a = np.interp(time, grid, _local_quartic(uniform, width, 2) / step**2)
+    v = np.interp(time, grid, _local_quartic(uniform, widths[0], 1) / step)
+    a = np.interp(time, grid, _local_quartic(uniform, widths[1], 2) / step**2)
     return np.where(resting, 0.0, v), np.where(resting, 0.0, a)
 
 

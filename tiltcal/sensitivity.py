@@ -6,6 +6,7 @@ size as the step. Dwells of a schedule are compressed to one row with its number
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def rows_of(course: Course, rate_hz: float) -> Rows:
     keep = np.ones(len(time), bool)
     weight = np.ones(len(time))
     edges = np.flatnonzero(np.diff(stop, prepend=stop[0] - 1, append=stop[-1] + 1))
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         if stop[first] >= 0 and last - first > 3:
             keep[first + 1 : last - 1] = False
             weight[first] = weight[last - 1] = (last - first) / 2

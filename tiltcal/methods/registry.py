@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -78,7 +79,8 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
     method = find_method(name)
     accepted = inspect.signature(method).parameters
     takes_any = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
-    unknown = [key for key in options if key not in accepted and not takes_any]
+    given = list(accepted)[:2]  # the recording and the set-up are not the user's to name
+    unknown = [key for key in options if key in given or (key not in accepted and not takes_any)]
     if unknown:
         valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
         raise TiltcalError(
@@ -88,7 +90,7 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             do=nearest(unknown[0], valid or ["none"]),
         )
     bare = setup if type(setup) is Setup else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
-    result = method(recording, bare, **options)
+    result = method(recording, bare, **options) if name in METHODS else _foreign(method, name, recording, bare, options)
     if not isinstance(result, Calibration):
         raise TiltcalError(
             f"method {name}",
@@ -97,6 +99,21 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             do="return one",
         )
     return _with_setup(result, bare)
+
+
+def _foreign(method: Method, name: str, recording: Recording, setup: Setup, options: dict[str, Any]) -> Calibration:
+    """Call a method that is not ours: whatever goes wrong in it is said to be its own."""
+    try:
+        return method(recording, setup, **options)
+    except TiltcalError:
+        raise
+    except Exception as error:
+        if os.environ.get("TILTCAL_TRACEBACK"):
+            raise
+        raise TiltcalError(
+            f"method {name}", found=f"an error in it ({type(error).__name__}: {error})", need="a function that returns",
+            do="mend it; TILTCAL_TRACEBACK=1 shows where",
+        ) from error  # fmt: skip
 
 
 def _with_setup(result: Calibration, setup: Setup) -> Calibration:

@@ -45,6 +45,10 @@ def six_position(
 
     Source: seed S1 (CN patent on six-position cross-coupling calibration); PHYSICS 6 (1).
     """
+    if isinstance(terms, str) or not isinstance(terms, Sequence) or not all(isinstance(t, str) for t in terms):
+        raise TiltcalError(
+            f"method {NAME}, option terms", found=repr(terms), need="a list of names", do='write terms=\'["bias", "scale"]\''
+        )
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     poses = find_poses(recording, setup, used, segments)
     known = np.asarray(~np.isnan(poses.up).any(axis=1))

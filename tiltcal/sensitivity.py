@@ -21,6 +21,7 @@ from tiltcal.units import G0
 
 GRADES = ("precision", "mid_mems", "consumer")
 WHITE = {"accelerometer": 25e-6 * G0, "inclinometer": 25e-6, "gyro": 1e-4, "fog": 3e-6}  # SI per root hertz, when not stated
+OF_THE_DRIVE = {"servo_droop", "servo_friction_deadband", "servo_lag"}
 NO_COLUMN = {"acc_saturation", "gyr_saturation", "fog_fringe", "fog_deadband", "adc_stuck_bit"}  # thresholds, not sizes
 
 
@@ -89,6 +90,8 @@ def candidates(setup: Setup, grade: str) -> Iterator[tuple[str, str | None, str 
             continue
         if (cls.stage == "table" or cls.on_table) and not setup.rig.axes:
             continue
+        if id in OF_THE_DRIVE and setup.rig.readout != "command":
+            continue  # the encoder sees them
         sensors: Iterable[Sensor | None] = setup.sensors(*cls.kinds) if cls.kinds else (None,)
         axes: Iterable[str | None] = setup.rig.axis_names if cls.axis_wise else (None,)
         for sensor in sensors:

@@ -37,10 +37,13 @@ def _turning_points(u: Array) -> list[int]:
 
 def last_direction(u: Array) -> Array:
     """Sign of the last change at or before each sample, (n,): +1, -1, or 0 before the first motion."""
-    step = np.sign(np.diff(u, prepend=u[:1]))
-    index = np.where(step != 0, np.arange(len(u)), -1)
-    last = np.maximum.accumulate(index)
-    return np.where(last >= 0, step[np.maximum(last, 0)], 0.0)
+    return _held(np.sign(np.diff(u, prepend=u[:1])))
+
+
+def _held(sign: Array) -> Array:
+    """The last value that was not zero, 0 before the first, (n,)."""
+    last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), -1))
+    return np.where(last >= 0, sign[np.maximum(last, 0)], 0.0)
 
 
 def motion_direction(angle: Jet) -> Array:
@@ -50,7 +53,7 @@ def motion_direction(angle: Jet) -> Array:
     limit = 1e-4 * np.abs(rate).max(initial=0.0)
     if limit == 0:
         return last_direction(np.asarray(angle.x))
-    return last_direction(np.cumsum(np.where(np.abs(rate) > limit, np.sign(rate), 0.0)))
+    return _held(np.where(np.abs(rate) > limit, np.sign(rate), 0.0))
 
 
 def first_order_lag(time: Array, u: Array, tau: float) -> Array:

@@ -46,11 +46,8 @@ def world_of(setup: Setup, effects: Sequence[Effect]) -> World:
 
 
 def closed_form(
-    setup: Setup,
-    drive: Drive,
-    effects: Sequence[Effect] = (),
-    streams: Streams = no_streams,
-) -> Motion:
+    setup: Setup, drive: Drive, effects: Sequence[Effect] = (), streams: Streams = no_streams
+) -> Motion:  # fmt: skip
     """The motion of the instrument by algebra.
 
     Args:
@@ -60,13 +57,35 @@ def closed_form(
         streams: random numbers of effects that need them.
     """
     world = world_of(setup, effects)
+    link = _carried(setup, drive, effects, streams, _Link(world, drive, _displaced(setup, world, effects)))
+    return link.motion(world)
+
+
+def force_and_rate(setup: Setup, drive: Drive, effects: Sequence[Effect] = ()) -> tuple[Array, Array]:
+    """Force and rate of ``closed_form`` alone, (n, 3) each: several times faster where nothing is off the common point."""
+    world = world_of(setup, effects)
+    if _displaced(setup, world, effects):
+        motion = closed_form(setup, drive, effects)
+        return motion.force, motion.rate
+    link = _carried(setup, drive, effects, no_streams, _Link(world, drive, False, whole=False))
+    return link.force(), np.column_stack(link.rate)
+
+
+def _displaced(setup: Setup, world: World, effects: Sequence[Effect]) -> bool:
+    """Whether the sensors are off the axes' common point, or that point is shaken."""
+    off_axis = any(np.any(link_offset(setup, effects, f"{name}_bearing")) for name in setup.rig.axis_names)
+    return bool(np.any(world.lever)) or bool(world.shakes) or off_axis
+
+
+def _carried(setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Streams, link: "_Link") -> "_Link":
+    """The link after the whole chain, base to mount."""
     angles = true_angles(setup, drive, effects, streams)
     frames = [e for e in effects if isinstance(e, FrameEffect)]
-    link = _Link(world, drive)
 
     def slot(name: str) -> None:
         for effect in frames:
-            context = Context(drive, angles, setup.rig, world.gravity, np.column_stack(link.force), streams(effect))
+            force = link.force() if effect.mechanised else None  # only what bends under load asks for it
+            context = Context(drive, angles, setup.rig, link.gravity, force, streams(effect))
             for turn in effect.turns(name, context):
                 link.turn(turn)
 
@@ -79,7 +98,7 @@ def closed_form(
         link.take(drive.attitude.R_wb, drive.attitude.rate, drive.attitude.acceleration)
     link.mount(drive)
     slot("mount")
-    return link.motion(world)
+    return link
 
 
 def link_offset(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:
@@ -88,30 +107,42 @@ def link_offset(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:
 
 
 class _Link:
-    """The vectors carried outward, each a list of three arrays of shape (n,)."""
+    """The vectors carried outward, each a list of three arrays of shape (n,).
 
-    def __init__(self, world: World, drive: Drive) -> None:
+    Gravity and Earth's rate follow from up and north, which are carried in their place. ``displaced`` carries the
+    acceleration, speed and place of the sensors' point as well; without ``whole`` only up and the inertial rate are.
+    """
+
+    def __init__(self, world: World, drive: Drive, displaced: bool, whole: bool = True) -> None:
         n = len(drive.time)
-        self.time = drive.time
-        one = np.ones(n)
-        self.force: Vector = [np.zeros(n), np.zeros(n), world.gravity * one]
-        self.speed: Vector = [np.zeros(n) for _ in range(3)]
-        self.place: Vector = [np.zeros(n) for _ in range(3)]  # from where the axes' common point rests
+        self.time, self.gravity, self.whole = drive.time, world.gravity, whole
+        one, zero = np.ones(n), np.zeros(n)
+        self.up: Vector = [zero, zero, one]
+        self.rate: Vector = [zero, zero, zero] if whole else [component * one for component in world.earth]
+        self.north: Vector = [zero, one, zero]
+        self.spin: Vector = [zero, zero, zero]
+        self.acceleration: Vector = [zero, zero, zero]
+        self.speed: Vector = [zero, zero, zero]
+        self.place: Vector = [zero, zero, zero]  # from where the axes' common point rests
         for shake in world.shakes:
             for i, jet in enumerate(shake.jets(drive.elapsed)):
-                self.force[i] = self.force[i] + jet.a
+                self.acceleration[i] = self.acceleration[i] + jet.a
                 self.speed[i] = self.speed[i] + jet.v
                 self.place[i] = self.place[i] + jet.x
-        self.rate: Vector = [np.zeros(n) for _ in range(3)]
-        self.spin: Vector = [np.zeros(n) for _ in range(3)]
-        self.up: Vector = [np.zeros(n), np.zeros(n), one]
-        self.north: Vector = [np.zeros(n), one, np.zeros(n)]
-        self.earth: Vector = [component * one for component in world.earth]
-        self.coriolis: Vector = [component * one for component in world.coriolis]
+        self.carried: tuple[Vector, ...] = (self.up, self.rate)
+        if whole:
+            self.carried = (*self.carried, self.north, self.spin)
+        if displaced:
+            self.carried = (*self.carried, self.acceleration, self.speed, self.place)
 
-    def _vectors(self) -> tuple[Vector, ...]:
-        moving = (self.force, self.speed, self.rate, self.spin, self.place)
-        return (*moving, self.up, self.north, self.earth, self.coriolis)
+    def force(self) -> Array:
+        """Specific force at the point that is carried, (n, 3)."""
+        return np.column_stack([self.gravity * u + a for u, a in zip(self.up, self.acceleration, strict=True)])
+
+    def world(self, v: Array) -> Array:
+        """A constant world vector in this frame, (n, 3): east is north x up."""
+        north, up = np.column_stack(self.north), np.column_stack(self.up)
+        return v[0] * np.cross(north, up) + v[1] * north + v[2] * up
 
     def offset(self, r: Array) -> None:
         """Pass a displacement: the point behind it moves on with the link."""
@@ -119,7 +150,7 @@ class _Link:
             return
         rate, spin = np.column_stack(self.rate), np.column_stack(self.spin)
         for target, change in (
-            (self.force, np.cross(spin, r) + np.cross(rate, np.cross(rate, r))),
+            (self.acceleration, np.cross(spin, r) + np.cross(rate, np.cross(rate, r))),
             (self.speed, np.cross(rate, r)),
             (self.place, np.broadcast_to(r, rate.shape)),
         ):
@@ -130,12 +161,13 @@ class _Link:
         i = "xyz".index(turn.axis)
         j, k = (i + 1) % 3, (i + 2) % 3
         c, s = np.cos(turn.angle.x), np.sin(turn.angle.x)
-        for u in self._vectors():
+        for u in self.carried:
             u[j], u[k] = c * u[j] + s * u[k], c * u[k] - s * u[j]
         v = turn.angle.v
-        self.spin[i] = self.spin[i] + turn.angle.a  # w x e v has components (w_k v, -w_j v) along j, k
-        self.spin[j] = self.spin[j] + self.rate[k] * v
-        self.spin[k] = self.spin[k] - self.rate[j] * v
+        if self.whole:
+            self.spin[i] = self.spin[i] + turn.angle.a  # w x e v has components (w_k v, -w_j v) along j, k
+            self.spin[j] = self.spin[j] + self.rate[k] * v
+            self.spin[k] = self.spin[k] - self.rate[j] * v
         self.rate[i] = self.rate[i] + v
 
     def take(self, R: Array, rate: Array, acceleration: Array) -> None:
@@ -154,15 +186,17 @@ class _Link:
         self._rotate(np.array([R for _, R in drive.mounts])[which])
 
     def _rotate(self, R: Array) -> None:
-        for u in self._vectors():
+        for u in self.carried:
             u[:] = list(np.einsum("nji,jn->in", R, np.array(u)))
 
     def motion(self, world: World) -> Motion:
-        """Add the lever arm and Coriolis; stack."""
+        """Add the lever arm, Earth's rate and Coriolis; stack."""
         self.offset(world.lever)
-        force, rate, coriolis, place = (np.column_stack(v) for v in (self.force, self.rate, self.coriolis, self.place))
+        force, place = self.force(), np.column_stack(self.place)
         if np.any(world.coriolis) and (np.any(place) or world.shakes):
-            speed = np.column_stack(self.speed)
-            force = force + 2 * np.cross(coriolis, speed) + np.cross(coriolis, np.cross(coriolis, place))
-        up, north, spin = (np.column_stack(v) for v in (self.up, self.north, self.spin))
-        return Motion(self.time, force, rate + np.column_stack(self.earth), up, north, spin)
+            earth, speed = self.world(world.coriolis), np.column_stack(self.speed)
+            force = force + 2 * np.cross(earth, speed) + np.cross(earth, np.cross(earth, place))
+        rate, up, north, spin = (np.column_stack(v) for v in (self.rate, self.up, self.north, self.spin))
+        if np.any(world.earth):
+            rate = rate + self.world(world.earth)
+        return Motion(self.time, force, rate, up, north, spin)

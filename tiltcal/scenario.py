@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from tiltcal.effects import CATALOGUE, Effect, make_effect
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.files import require_file
+from tiltcal.grades import draw_instrument
 from tiltcal.schedule import Schedule, build_schedule
 from tiltcal.sequence import Climate, Step
 from tiltcal.setup import Part, Setup
@@ -95,6 +96,8 @@ class Scenario(Setup):
     role: Literal["concealed"] | None = None
     about: str = ""
     seed: int = 0
+    grade: Literal["precision", "mid_mems", "consumer"] | None = None
+    grade_seed: int = 0
     climate: Climate = Climate()
     effect: tuple[EffectTable, ...] = ()
     sequence: tuple[Step, ...] = ()
@@ -117,12 +120,12 @@ class Scenario(Setup):
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects, made.
+        """The effects that are named, and with a grade those of a plausible instrument for which none is named.
 
         Raises:
             TiltcalError: one of them is wrong.
         """
-        return tuple(
+        named = tuple(
             make_effect(
                 t.id,
                 t.model_extra or {},
@@ -135,6 +138,8 @@ class Scenario(Setup):
             )
             for k, t in enumerate(self.effect, start=1)
         )
+        drawn = [] if self.grade is None else draw_instrument(self, self.grade, self.grade_seed)
+        return named + tuple(e for e in drawn if all((e.id, e.sensor) != (n.id, n.sensor) for n in named))
 
     @cached_property
     def schedule(self) -> Schedule:

@@ -5,21 +5,23 @@ size as the step. Dwells of a schedule are compressed to one row with its number
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
-from tiltcal.chain import readings
+from tiltcal.chain import CONVERSION, make_sense
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.effects.base import DelayEffect, Effect, Parameter, WritingEffect
+from tiltcal.effects.base import DelayEffect, Effect, Parameter, SignalEffect, WritingEffect
 from tiltcal.errors import TiltcalError
-from tiltcal.frames import Array
+from tiltcal.grades import GRADES
+from tiltcal.frames import Array, tilt_of_force
+from tiltcal.kinematics import closed_form, force_and_rate
 from tiltcal.motion import Course
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import G0
 
-GRADES = ("precision", "mid_mems", "consumer")
 WHITE = {"accelerometer": 25e-6 * G0, "inclinometer": 25e-6, "gyro": 1e-4, "fog": 3e-6}  # SI per root hertz, when not stated
 OF_THE_DRIVE = {"servo_droop", "servo_friction_deadband", "servo_lag"}
 NO_COLUMN = {"acc_saturation", "gyr_saturation", "fog_fringe", "fog_deadband", "adc_stuck_bit"}  # thresholds, not sizes
@@ -118,9 +120,7 @@ def sensitivity(
     """
     if grade not in GRADES:
         raise TiltcalError(f"grade '{grade}'", found="no such grade", need="one of " + ", ".join(GRADES), do="correct it")
-    times = {s.name: rows.time for s in setup.sensor}
-    base = readings(setup, course, times, known)
-    weights = {s.name: np.sqrt(rows.weight) / white_noise(s, known) for s in setup.sensor}
+    watch = _Watch(setup, course, rows, {s.name: white_noise(s, known) for s in setup.sensor})
     middle = (course.times[1] - course.times[0]) / 2
     found = []
     for id, sensor, axis, name, p, size in candidates(setup, grade):
@@ -129,9 +129,83 @@ def sensitivity(
         shape = {f"{q.name}{q.suffix}": middle for q in CATALOGUE[id].parameters if q.name in ("time", "start")}
         shape |= {"frequency_hz": 7.0} if any(q.name == "frequency" and not q.default for q in CATALOGUE[id].parameters) else {}
         effect = make_effect(id, {f"{name}{p.suffix}": size, **shape}, setup, sensor=sensor, axis=axis)
-        channels = _channels(setup, course, times, known, effect, base, weights)
-        found.append(Column(id, sensor, axis, name, p.unit, size, channels))
+        found.append(Column(id, sensor, axis, name, p.unit, size, watch.channels(effect)))
     return found
+
+
+Some = TypeVar("Some", bound=Effect)
+Channels = dict[tuple[str, int], "np.ndarray[tuple[int], np.dtype[np.float32]]"]
+
+
+class _Watch:
+    """The nominal motion at some rows, and what an effect changes against it."""
+
+    def __init__(self, setup: Setup, course: Course, rows: Rows, noise: Mapping[str, float]) -> None:
+        self.setup, self.course, self.time = setup, course, rows.time
+        self.weight = {name: np.sqrt(rows.weight) / sigma for name, sigma in noise.items()}
+        self.drive = course.drive(rows.time)
+        motion = closed_form(setup, self.drive)
+        self.sense = {s.name: make_sense(s, setup, motion, self.drive) for s in setup.sensor}
+        self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
+
+    def channels(self, effect: Effect) -> Channels:
+        """Whitened change of every channel that changes."""
+        if isinstance(effect, DelayEffect):
+            changes = self._late(effect)
+        elif isinstance(effect, SignalEffect):
+            changes = {str(effect.sensor): self._signal(effect)}
+        else:
+            changes = self._moved(effect)
+        found: Channels = {}
+        for name, change in changes.items():
+            sensor = self.setup.named(name)
+            if sensor.kind == "inclinometer" and getattr(effect, "order", 0) < CONVERSION:  # d asin(f/g) = df / (g cos)
+                g = self.setup.site.gravity
+                change = change / np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
+            for k in range(change.shape[1]):
+                column = change[:, k] * self.weight[name]
+                if np.abs(column).max(initial=0.0) > 1e-9 and np.linalg.norm(column) > 1e-6:
+                    found[name, k] = column.astype(np.float32)
+        return found
+
+    def _signal(self, effect: SignalEffect) -> Array:
+        """Change of a reading by an effect of the sensor or its electronics."""
+        sensor = self.setup.named(str(effect.sensor))
+        start = self.ideal[sensor.name]
+        if effect.order >= CONVERSION and sensor.kind == "inclinometer":
+            start = tilt_of_force(start, self.setup.site.gravity)
+        sense = self.sense[sensor.name]
+        up = effect.apply(start.copy(), sense, None) - start
+        if effect.linear:
+            return up
+        return (up - effect_down(effect).apply(start.copy(), sense, None) + start) / 2
+
+    def _moved(self, effect: Effect) -> dict[str, Array]:
+        """Change of every sensor's input by what moves differently."""
+        up = self._inputs(effect)
+        if effect.linear:
+            return {name: values - self.ideal[name] for name, values in up.items()}
+        down = self._inputs(effect_down(effect))
+        return {name: (values - down[name]) / 2 for name, values in up.items()}
+
+    def _inputs(self, effect: Effect) -> dict[str, Array]:
+        force, rate = force_and_rate(self.setup, self.drive, [effect])
+        return {
+            name: replace(sense, force=force, rate=rate).true_input() for name, sense in self.sense.items()
+        }  # fmt: skip
+
+    def _late(self, effect: DelayEffect) -> dict[str, Array]:
+        """Change of a sensor's input by a delay: minus the delay times its time derivative, by a millisecond's step."""
+        sensor = self.setup.named(str(effect.sensor))
+        step = 5e-4
+        sides = []
+        for sign in (1, -1):
+            drive = self.course.drive(self.time + sign * step)
+            force, rate = force_and_rate(self.setup, drive)
+            sides.append(replace(self.sense[sensor.name], force=force, rate=rate).true_input())
+        slope = (sides[0] - sides[1]) / (2 * step)
+        delays = [effect.delay(self.drive.elapsed, k, None) for k in range(slope.shape[1])]
+        return {sensor.name: np.column_stack([-delay * slope[:, k] for k, delay in enumerate(delays)])}
 
 
 def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:
@@ -143,33 +217,8 @@ def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:
     return float(WHITE[sensor.kind] * np.sqrt(sensor.rate_hz))
 
 
-def _channels(
-    setup: Setup, course: Course, times: dict[str, Array], known: Sequence[Effect], effect: Effect,
-    base: Mapping[str, Array], weights: Mapping[str, Array],
-) -> dict[tuple[str, int], "np.ndarray[tuple[int], np.dtype[np.float32]]"]:  # fmt: skip
-    touched = {effect.sensor: times[effect.sensor]} if effect.sensor else times
-    sign = (1.0,) if effect.linear or isinstance(effect, DelayEffect) else (1.0, -1.0)
-    changes: dict[str, Array] = {}
-    for s in sign:
-        turned = _scaled(effect, s)
-        now = readings(setup, course, touched, [*known, turned])
-        for name, values in now.items():
-            changes[name] = changes.get(name, 0.0) + s * (values - base[name]) / len(sign)
-    found = {}
-    for name, change in changes.items():
-        for k in range(change.shape[1]):
-            column = change[:, k] * weights[name]
-            if np.linalg.norm(column) > 1e-6:
-                found[name, k] = column.astype(np.float32)
-    return found
-
-
-def _scaled(effect: Effect, sign: float) -> Effect:
+def effect_down(effect: Some) -> Some:
     """The effect with the sign of its size turned, its shape kept."""
-    from dataclasses import replace
-
-    if sign > 0:
-        return effect
     shapes = {p.name for p in effect.parameters if p.default or p.name in ("time", "start", "length", "frequency")}
     return replace(effect, values={n: v if n in shapes else -v for n, v in effect.values.items()})
 

@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-ROOMS = ("simulation", "reading", "accuracy")
+ROOMS = ("simulation", "reading", "information", "accuracy")
 
 
 def main(names: list[str]) -> None:

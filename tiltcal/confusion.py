@@ -10,8 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tiltcal.assets import folder
+from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
-from tiltcal.scenario import Scenario
+from tiltcal.scenario import Scenario, load_scenario
 from tiltcal.sensitivity import Column, gram, rows_of, sensitivity
 
 POWER = 17.07  # (z(0.9995) + z(0.8))^2: non-centrality that is found in 80 % of recordings at 0.1 % false alarm
@@ -175,3 +177,36 @@ def tie_breaker(first: str, second: str) -> str:
     known = TIE_BREAKERS.get(frozenset({first, second}))
     stages = frozenset({CATALOGUE[first].stage, CATALOGUE[second].stage})
     return known or STAGE_BREAKERS.get(stages, "repeat the first pose at the end, and the sequence in the opposite direction")
+
+
+def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:
+    """The effects whose signatures are nearest to one's on the catalogue's own sequences, with |cosine|, largest first.
+
+    Each parameter against each, after bias, scale and cross-axis terms are re-fitted.
+    """
+    scenario = reference_scenario(id)
+    columns = sensitivity(scenario, scenario.schedule, rows_of(scenario.schedule, max(s.rate_hz for s in scenario.sensor)))
+    G = gram(columns)
+    norms = np.sqrt(np.maximum(np.diag(G), 1e-30))
+    P = _projected(G / np.outer(norms, norms), np.flatnonzero(adjustable_mask(columns, scenario)))
+    left = np.sqrt(np.maximum(np.diag(P), 1e-30))
+    found: dict[str, float] = {}
+    mine = [i for i, c in enumerate(columns) if c.effect == id and left[i] > 0.01]
+    for i in mine:
+        for j, c in enumerate(columns):
+            if c.effect != id and left[j] > 0.01:
+                found[c.effect] = max(found.get(c.effect, 0.0), min(abs(float(P[i, j] / (left[i] * left[j]))), 1.0))
+    return sorted(found.items(), key=lambda item: -item[1])[:count]
+
+
+def reference_scenario(id: str) -> Scenario:
+    """The scenario of the catalogue that exercises an effect.
+
+    Raises:
+        TiltcalError: none does.
+    """
+    for path in sorted(folder("scenarios").glob("catalogue_*.toml")):
+        scenario = load_scenario(path)
+        if any(t.id == id for t in scenario.effect):
+            return scenario
+    raise TiltcalError(f"effect {id}", found="no scenario that exercises it", need="one", do="add it to a catalogue scenario")

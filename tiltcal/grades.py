@@ -13,7 +13,8 @@ GRADES = ("precision", "mid_mems", "consumer")
 ORDINARY = (
     "table_levelling", "table_encoder_zero", "table_encoder_eccentricity", "table_encoder_2rev", "table_axis_wobble",
     "axis_nonorthogonality", "table_sag", "mount_misalignment",
-    "acc_bias", "acc_scale", "acc_cross_axis", "acc_K2", "acc_K3", "acc_Kip", "acc_Kio", "acc_Kpo", "acc_temp_bias", "acc_temp_scale",
+    "acc_bias", "acc_scale", "acc_cross_axis", "acc_K2", "acc_K3", "acc_Kip", "acc_Kio", "acc_Kpo", "acc_temp_bias",
+    "acc_temp_scale",
     "acc_noise", "gyr_bias", "gyr_scale", "gyr_misalignment", "gyr_gsens", "gyr_temp", "gyr_noise", "fog_bias", "fog_scale",
     "fog_axis_error",
 )  # fmt: skip

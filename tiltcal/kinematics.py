@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, LinkEffect, Streams, WorldEffect, no_streams
-from tiltcal.effects.mechanisms import Context, Turn, World
+from tiltcal.effects.mechanisms import Context, Ring, Turn, World
 from tiltcal.frames import Array
 from tiltcal.motion import Drive, Jet, Motion
 from tiltcal.setup import Setup
@@ -29,7 +29,7 @@ def true_angles(
     """True angles of the table's axes: the readout plus every AngleEffect's deviation. streams: their random numbers."""
     angles = {name: jet + drive.structure[name] if name in drive.structure else jet for name, jet in drive.axes.items()}
     for effect in effects:
-        if isinstance(effect, AngleEffect) and effect.id not in drive.realised:
+        if isinstance(effect, AngleEffect) and effect.address not in drive.realised:
             for name in setup.rig.axis_names:
                 if effect.acts_on(name, setup.rig):
                     angles[name] = angles[name] + effect.deviation(drive, name, streams(effect))
@@ -86,7 +86,7 @@ def _carried(setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Str
         for effect in frames:
             force = link.force() if effect.mechanised else None  # only what bends under load asks for it
             context = Context(drive, angles, setup.rig, link.gravity, force, streams(effect))
-            for turn in effect.turns(name, context):
+            for turn in turns_at(effect, name, context):
                 link.turn(turn)
 
     slot("base")
@@ -99,6 +99,14 @@ def _carried(setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Str
     link.mount(drive)
     slot("mount")
     return link
+
+
+def turns_at(effect: FrameEffect, slot: str, context: Context) -> Sequence[Turn]:
+    """The turns of an effect at a slot; those a run by time steps found, where it has realised the effect."""
+    if effect.address not in context.drive.realised:
+        return effect.turns(slot, context)
+    rings = [m for m in effect.dynamics(context.rig, context.gravity) if isinstance(m, Ring) and m.body == slot]
+    return [Turn(m.axis, context.drive.structure[m.joint]) for m in rings]
 
 
 def link_offset(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:

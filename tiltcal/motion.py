@@ -82,7 +82,7 @@ class Drive:
         known: rows where the readout is known, (n,) bool.
         structure: what a run by time steps found: deviation of an axis from its readout, and deflections of the
             structure's own joints, by name.
-        realised: ids of the effects that ``structure`` already holds, so that the algebra leaves them out.
+        realised: addresses of the effects that the readout or ``structure`` already holds: the algebra leaves them out.
     """
 
     time: Array

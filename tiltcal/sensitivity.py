@@ -15,8 +15,8 @@ from tiltcal.chain import CONVERSION, make_sense
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import DelayEffect, Effect, Parameter, SignalEffect, WritingEffect
 from tiltcal.errors import TiltcalError
-from tiltcal.grades import GRADES
 from tiltcal.frames import Array, tilt_of_force
+from tiltcal.grades import GRADES
 from tiltcal.kinematics import closed_form, force_and_rate
 from tiltcal.motion import Course
 from tiltcal.setup import Sensor, Setup

@@ -5,6 +5,7 @@ import inspect
 from importlib.metadata import entry_points
 
 from tiltcal.cli.output import print_json, print_table
+from tiltcal.confusion import nearest_rivals
 from tiltcal.effects import CATALOGUE, Effect
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.methods.registry import GROUP, METHODS
@@ -88,5 +89,8 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         ("source", cls.source),
     ):
         print(f"{name + ':':12s}{text}")
+    rivals = nearest_rivals(cls.id)
+    if rivals:
+        print(f"{'rivals:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
     rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(["parameter", "precision laboratory", "mid MEMS", "consumer"], rows, "largest plausible size")

@@ -156,6 +156,10 @@ class AngleEffect(Effect):
         """Its face in MuJoCo (gravity in m/s2), where ``mechanised``."""
         raise NotImplementedError(f"{self.id} is readout algebra, no mechanism: {rig.table}, {gravity}")
 
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        """Its face in a run by time steps; none: the algebra adds it afterwards."""
+        return self.mechanisms(rig, gravity) if self.mechanised else ()
+
 
 class FrameEffect(Effect):
     """Which small turns does a frame gain? Slots: ``base``, ``<axis>_bearing`` (stator side), ``mount``."""
@@ -169,6 +173,10 @@ class FrameEffect(Effect):
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         """Its face in MuJoCo (gravity in m/s2), where ``mechanised``; the others are installed from ``turns``."""
         raise NotImplementedError(f"{self.id} is installed from its turns: {rig.table}, {gravity}")
+
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        """Its face in a run by time steps; none: the reader turns the frame afterwards."""
+        return self.mechanisms(rig, gravity) if self.mechanised else ()
 
 
 class LinkEffect(Effect):

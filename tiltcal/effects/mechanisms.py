@@ -67,7 +67,74 @@ class Gap:
     width: float
 
 
-Mechanism = Spring | Gap
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction of a table axis: its servo lets it rest ``short`` (rad) of the command. Runs by time steps only."""
+
+    axis: str
+    short: float
+
+
+@dataclass(frozen=True)
+class Lag:
+    """Damping of an axis' servo: on a ramp it follows ``tau`` (s) behind. Runs by time steps only."""
+
+    axis: str
+    tau: float
+
+
+@dataclass(frozen=True)
+class Ballast:
+    """A load above an axis (below: negative) under which its servo gives way by ``droop`` (rad), held out level.
+
+    Runs by time steps only.
+    """
+
+    axis: str
+    droop: float
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A cable wound up by an axis against its servo: the axis stands ``pull`` further, in rad per rad. Time steps only."""
+
+    axis: str
+    pull: float
+
+
+@dataclass(frozen=True)
+class Cogging:
+    """A motor's torque against its angle: the servo gives way by ``size`` (rad) sin(poles x angle). Time steps only."""
+
+    axis: str
+    poles: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A compliant hinge wound up by each move and let go when it stops. Runs by time steps only.
+
+    Args:
+        body: the body it is inserted in, after that body's own joints.
+        axis: coordinate axis of the hinge.
+        size: where it is let go, rad.
+        frequency, tau: of its ringing, Hz and s.
+    """
+
+    body: str
+    axis: str
+    size: float
+    frequency: float
+    tau: float
+
+    @property
+    def joint(self) -> str:
+        """Name of its hinge, in the model and in ``Drive.structure``."""
+        return f"{self.body}_ring_{self.axis}"
+
+
+Mechanism = Spring | Gap | Friction | Lag | Ballast | Cable | Cogging | Ring
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.effects.base import FrameEffect, Parameter
-from tiltcal.effects.mechanisms import Context, Mechanism, Spring, Turn
+from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring, Turn
 from tiltcal.effects.table.drive import ringing
 from tiltcal.motion import Jet, sampled_jet
 from tiltcal.setup import Rig
@@ -139,6 +139,10 @@ class MountResonance(FrameEffect):
             return ()
         wave = ringing(context.drive, 1.0, self.value("frequency"), self.value("tau"))
         return tuple(Turn(a, wave.scaled(self.value(f"ring_{a}"))) for a in "xy")
+
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        sizes = {a: self.value(f"ring_{a}") for a in "xy"}
+        return tuple(Ring("mount", a, size, self.value("frequency"), self.value("tau")) for a, size in sizes.items() if size)
 
 
 class RemountRepeatability(FrameEffect):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
-from tiltcal.effects.mechanisms import Mechanism, Spring
+from tiltcal.effects.mechanisms import Ballast, Cable, Cogging, Friction, Lag, Mechanism, Ring, Spring
 from tiltcal.effects.memory import motion_direction
 from tiltcal.effects.table.readout import ReadoutError, TableSag
 from tiltcal.frames import Array
@@ -19,6 +19,10 @@ class ServoDroop(TableSag):
     equation = "true = command + d sin(angle), on the axis that gravity loads (readout = command)"
     look = "as sag, but visible in the encoder"
     size = "droop"
+
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        axis = self.LOADED.get(rig.table)
+        return (Ballast(axis, self.value("droop")),) if axis is not None and self.acts_on(axis, rig) else ()
 
 
 class TableUnbalance(AngleEffect):
@@ -72,6 +76,9 @@ class CableTorque(AngleEffect):
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("pull"))
 
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        return (Cable(self.axis or rig.axis_names[0], self.value("pull")),)
+
 
 class RateError(CableTorque):
     id = "rate_error"
@@ -85,6 +92,9 @@ class RateError(CableTorque):
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("rate"))
+
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        return ()
 
 
 class ServoFrictionDeadband(AngleEffect):
@@ -104,6 +114,9 @@ class ServoFrictionDeadband(AngleEffect):
         zero: Array = np.zeros_like(lag)
         return Jet(lag, zero, zero)
 
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        return (Friction(self.axis or rig.axis_names[0], self.value("width") / 2),)
+
 
 class ServoLag(AngleEffect):
     id = "servo_lag"
@@ -120,6 +133,9 @@ class ServoLag(AngleEffect):
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         jet, tau = drive.axes[axis], self.value("tau")
         return Jet(-tau * jet.v, -tau * jet.a, np.zeros_like(drive.time))
+
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        return (Lag(self.axis or rig.axis_names[0], self.value("tau")),)
 
 
 class ServoRipple(AngleEffect):
@@ -144,6 +160,10 @@ class ServoRipple(AngleEffect):
         n = self.value("poles")
         return drive.axes[axis].harmonic(n, 0.0, self.value("ripple") / n)
 
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        n = self.value("poles")
+        return (Cogging(self.axis or rig.axis_names[0], n, self.value("ripple") / n),)
+
 
 class SettlingTransient(AngleEffect):
     id = "settling_transient"
@@ -166,6 +186,11 @@ class SettlingTransient(AngleEffect):
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return ringing(drive, *(self.value(n) for n in ("amplitude", "frequency", "tau")))
+
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        axis = self.axis or rig.axis_names[0]
+        size, frequency, tau = (self.value(n) for n in ("amplitude", "frequency", "tau"))
+        return (Ring(axis, dict(rig.axes)[axis], size, frequency, tau),)
 
 
 def ringing(drive: Drive, amplitude: float, frequency: float, tau: float) -> Jet:

@@ -1,0 +1,41 @@
+"""Every effect of the catalogue is exercised by a scenario and documented with a picture of its residual."""
+
+import importlib.util
+import tomllib
+
+import numpy as np
+import pytest
+
+from tiltcal.assets import folder
+from tiltcal.confusion import nearest_rivals
+from tiltcal.effects import CATALOGUE
+
+
+def test_every_id_stands_in_a_scenario():
+    used = set()
+    for path in folder("scenarios").glob("*.toml"):
+        used |= {e["id"] for e in tomllib.loads(path.read_text(encoding="utf-8")).get("effect", ())}
+    assert set(CATALOGUE) <= used
+
+
+def build():
+    path = folder("models").parent / "docs" / "build.py"
+    if not path.exists():
+        pytest.skip("the documentation lies in the checkout only")
+    spec = importlib.util.spec_from_file_location("docs_build", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("id", list(CATALOGUE))
+def test_every_effect_has_a_residual_to_show(id):
+    residual = build().residual_of(id)
+    assert residual.channels, id
+    assert any(np.nanmax(np.abs(values)) > 0 or np.isnan(values).any() for values in residual.channels.values()), id
+
+
+def test_the_rivals_of_sag_are_those_of_its_shape():
+    rivals = dict(nearest_rivals("table_sag"))
+    assert {"table_encoder_eccentricity", "table_unbalance"} & set(rivals)
+    assert all(0 <= cosine <= 1 for cosine in rivals.values())

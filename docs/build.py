@@ -1,5 +1,6 @@
 """Build the documentation: the API reference by pdoc, and the catalogue of effects with a picture of each residual."""
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -100,6 +101,7 @@ def main() -> None:
     """Write docs/api."""
     import pdoc
 
+    importlib.import_module("tiltsim.laboratory")  # before pdoc forbids what importing MuJoCo runs
     (OUT / "residuals").mkdir(parents=True, exist_ok=True)
     (OUT / "catalogue.md").write_text(catalogue_page(), encoding="utf-8")
     for k, id in enumerate(CATALOGUE, start=1):

@@ -74,7 +74,9 @@ class AccAngleBias(TermEffect):
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         axis, n = name[-1], int(name[3])
         beta = placing_angle(axis, sense.force)
-        return self.channel_of(axis, sense), np.cos(n * beta) if name.startswith("cos") else np.sin(n * beta)
+        across = (sense.force**2).sum(axis=1) - sense.force[:, "xyz".index(axis)] ** 2
+        meaning = across / (across + (1e-7 * G0) ** 2)  # with the axis exactly vertical the angle has none
+        return self.channel_of(axis, sense), meaning * (np.cos(n * beta) if name.startswith("cos") else np.sin(n * beta))
 
 
 def placing_angle(axis: str, force: Array) -> Array:

@@ -6,14 +6,19 @@ from tiltcal.chain import Mover
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.motion import Course
 from tiltcal.scenario import Scenario
-from tiltsim.motion import mujoco_motion
+from tiltsim.motion import Progress, mujoco_motion
 
 
 @dataclass(frozen=True)
 class MujocoLaboratory(SimulatedLaboratory):
-    """Prescribed motion read exactly, or with ``[dynamics]`` a run by time steps."""
+    """Prescribed motion read exactly, or with ``[dynamics]`` a run by time steps.
+
+    Args:
+        progress: called with (steps done, steps in all) of a run by time steps.
+    """
 
     mover: Mover = field(default=mujoco_motion)
+    progress: Progress | None = None
 
     def course(self, scenario: Scenario, seed: int | None) -> Course:
         """What the table does: prescribed, or found by stepping the mechanics."""
@@ -21,4 +26,4 @@ class MujocoLaboratory(SimulatedLaboratory):
             return scenario.schedule
         from tiltsim.dynamics import run_dynamics
 
-        return run_dynamics(scenario, seed)
+        return run_dynamics(scenario, seed, self.progress)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.cli.output import print_json, require_output
+from tiltcal.cli.output import print_json, progress_line, require_output
 from tiltcal.effects import to_file
 from tiltcal.errors import TiltcalError
 from tiltcal.files import replacing, write_json
@@ -17,17 +17,18 @@ from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording, write_csv, write_recording
 from tiltcal.scenario import Scenario, load_scenario
 from tiltcal.units import DEG
+from tiltcal.verify import Progress, silent
 
 
-def simulator() -> Laboratory:
-    """The MuJoCo laboratory, by its entry point.
+def simulator(progress: Progress = silent) -> Laboratory:
+    """The MuJoCo laboratory, by its entry point; long runs by time steps report to ``progress``.
 
     Raises:
         TiltcalError: it is not installed.
     """
     for entry in entry_points(group="tiltcal.laboratories"):
         if entry.name == "mujoco":
-            return entry.load()()
+            return entry.load()(progress=lambda done, steps: progress(f"step {done} of {steps}"))
     raise TiltcalError(
         "simulator",
         found="none installed",
@@ -41,11 +42,12 @@ def simulate(args: argparse.Namespace) -> int:
     require_output(args, "the recording")
     scenario = load_scenario(args.scenario)
     seed = None if args.noise == "off" else scenario.seed if args.seed is None else args.seed
-    laboratory = simulator()
-    if args.motion:
-        recording = laboratory.predict(scenario, read_recording(args.motion), seed)
-    else:
-        recording = laboratory.record(scenario, seed)
+    with progress_line() as progress:
+        laboratory = simulator(progress)
+        if args.motion:
+            recording = laboratory.predict(scenario, read_recording(args.motion), seed)
+        else:
+            recording = laboratory.record(scenario, seed)
     with replacing(Path(args.truth)) if args.truth else nullcontext() as truth:  # both or none
         if truth is not None:
             write_json(truth, truth_table(scenario, seed))

@@ -29,7 +29,7 @@ def demo(args: argparse.Namespace) -> int:
     start = time.perf_counter()
     print("Simulating tables in MuJoCo, calibrating, judging against what was injected.\n", file=sys.stderr)
     with progress_line() as progress:
-        laboratory = simulator()
+        laboratory = simulator(progress)
         results = []
         for name in SHOWN:
             scenario = load_scenario(folder("scenarios") / f"{name}.toml")

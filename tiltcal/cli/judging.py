@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     start = time.perf_counter()
     _check_output(args)
     with progress_line() as progress:
-        laboratory = simulator()
+        laboratory = simulator(progress)
         results = tuple(
             run_scenario(
                 load_scenario(path),
@@ -39,7 +39,7 @@ def verify(args: argparse.Namespace) -> int:
     place = Path(args.folder) if args.folder else folder("scenarios")
     _check_output(args)
     with progress_line() as progress:
-        verification = verify_folder(place, simulator(), allow_commands=args.allow_commands, progress=progress)
+        verification = verify_folder(place, simulator(progress), allow_commands=args.allow_commands, progress=progress)
     return finish(verification, args)
 
 

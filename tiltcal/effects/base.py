@@ -246,9 +246,10 @@ class Sense:
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
         """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose, ages apart."""
         still, zero = np.zeros(len(force)), np.zeros_like(force)
+        ages = 1e9 * np.arange(len(force), dtype=float)
         return cls(
-            1e9 * np.arange(len(force)), still, force, zero, force / gravity, zero, zero, still, sensor.axis_indices, sensor.kind, np.zeros(3), gravity,
-            sensor.rate_hz, sensor.full_scale,
+            ages, still, force, zero, force / gravity, zero, zero, still, sensor.axis_indices, sensor.kind, np.zeros(3),
+            gravity, sensor.rate_hz, sensor.full_scale,
         )  # fmt: skip
 
     def true_input(self) -> Array:

@@ -17,7 +17,7 @@ SMALL = {"full_scale": 5.0, "max_rate": 10.0, "samples": 25.0, "length": 10.0}  
 
 def is_setting(parameter: Parameter) -> bool:
     """Whether a parameter says where, when or how, not how much."""
-    return parameter.default != 0 or parameter.name in ("time", "start", "frequency")
+    return parameter.is_shape
 
 
 def words(cls: type[Effect], axes: tuple[str, ...], size: float, part: int) -> dict[str, float]:

@@ -99,7 +99,7 @@ def candidates(setup: Setup, grade: str) -> Iterator[tuple[str, str | None, str 
         for sensor in sensors:
             for axis in axes:
                 for p in cls.parameters:
-                    if p.default or p.name in ("time", "start", "length", "frequency"):
+                    if p.is_shape:
                         continue  # a shape, not a size
                     for name in p.expand(sensor.axes if sensor else ()):
                         yield id, sensor.name if sensor else None, axis, name, p, sizes(p, grade)
@@ -219,8 +219,7 @@ def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:
 
 def effect_down(effect: Some) -> Some:
     """The effect with the sign of its size turned, its shape kept."""
-    shapes = {p.name for p in effect.parameters if p.default or p.name in ("time", "start", "length", "frequency")}
-    return replace(effect, values={n: v if n in shapes else -v for n, v in effect.values.items()})
+    return replace(effect, values={**effect.values, **{n: -v for n, v in effect.sizes.items()}})
 
 
 def gram(columns: Sequence[Column]) -> Array:

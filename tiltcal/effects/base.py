@@ -40,6 +40,7 @@ class Parameter:
         plausible: largest typical size at the grades precision laboratory, mid MEMS, consumer, in ``unit``.
         positive: whether only values >= 0 make sense (a width, a time constant, a standard deviation).
         default: SI value when a scenario leaves it out.
+        shape: whether it says when, how fast or how wide and not how much; so does everything with a default.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Parameter:
     plausible: tuple[float, float, float]
     positive: bool = False
     default: float = 0.0
+    shape: bool = False
 
     def expand(self, axes: Sequence[str]) -> list[str]:
         """Bare names for a sensor with these axes."""
@@ -57,6 +59,11 @@ class Parameter:
         if "{pair}" in self.name:  # an inclinometer's two channels still see all three components
             return [self.name.format(pair=a + b) for a in axes for b in "xyz" if a != b]
         return [self.name]
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether the effect stays nothing when only this is given."""
+        return self.shape or self.default != 0
 
     @property
     def suffix(self) -> str:
@@ -121,7 +128,13 @@ class Effect(ABC):
     @property
     def is_identity(self) -> bool:
         """Whether it does nothing."""
-        return not any(self.values.values())
+        return not any(self.sizes.values())
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """The values that say how much, SI; without those that give the shape."""
+        shapes = {p.name for p in self.parameters if p.is_shape}
+        return {name: value for name, value in self.values.items() if name not in shapes}
 
     @property
     def address(self) -> str:
@@ -280,7 +293,7 @@ class TermEffect(SignalEffect):
         """The channel a parameter adds to and its column, (n,): reading[:, channel] += value * column."""
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        for name, value in self.values.items():
+        for name, value in self.sizes.items():
             if value:
                 channel, column = self.term(name, sense)
                 if channel >= 0:

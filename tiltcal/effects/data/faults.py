@@ -26,10 +26,6 @@ class DataOutlier(SignalEffect):
     look = "isolated values beyond 8 sigma"
     random = True
 
-    @property
-    def is_identity(self) -> bool:
-        return not self.value("share")
-
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if rng is None or len(reading) < 3:
             return reading
@@ -46,17 +42,13 @@ class DataDrop(SignalEffect):
     title = "samples lost"
     parameters = (
         Parameter("samples", "", (100, 100, 100), positive=True),
-        Parameter("time", "s", (1e5, 1e5, 1e5)),
+        Parameter("time", "s", (1e5, 1e5, 1e5), shape=True),
     )
     physics = "A buffer overran: samples are missing and the rest moved up."
     equation = "from time_s on, reading_k = reading_(k + samples)"
     source = "effects list; PHYSICS 3.7"
     excited_by = "moves after the loss"
     look = "moves come early from an instant on"
-
-    @property
-    def is_identity(self) -> bool:
-        return not self.value("samples")
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         lost = int(self.value("samples"))
@@ -99,7 +91,7 @@ class DataStuck(SignalEffect):
     order = 93
     title = "channel frozen for a while"
     parameters = (
-        Parameter("start", "s", (1e5, 1e5, 1e5)),
+        Parameter("start", "s", (1e5, 1e5, 1e5), shape=True),
         Parameter("length", "s", (100, 100, 100), positive=True),
     )
     physics = "An interface hangs and repeats its last value."
@@ -107,10 +99,6 @@ class DataStuck(SignalEffect):
     source = "effects list; PHYSICS 3.7"
     excited_by = "any recording"
     look = "a flat stretch without noise"
-
-    @property
-    def is_identity(self) -> bool:
-        return not self.value("length")
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         start, length = self.value("start"), self.value("length")
@@ -140,16 +128,12 @@ class DataGap(SignalEffect):
     kinds = ANALOG
     order = 94
     title = "stretch missing"
-    parameters = (Parameter("start", "s", (1e5, 1e5, 1e5)), Parameter("length", "s", (100, 100, 100), positive=True))
+    parameters = (Parameter("start", "s", (1e5, 1e5, 1e5), shape=True), Parameter("length", "s", (100, 100, 100), positive=True))
     physics = "The link was down: cells are empty, the stamps go on."
     equation = "no reading for start <= t < start + length"
     source = "PHYSICS 3.7"
     excited_by = "any recording"
     look = "empty cells"
-
-    @property
-    def is_identity(self) -> bool:
-        return not self.value("length")
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         start = self.value("start")

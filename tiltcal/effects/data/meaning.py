@@ -119,10 +119,6 @@ class DataPoseLabel(WritingEffect):
     look = "one dwell is a large rotation off, norm unchanged"
     axis_wise = True
 
-    @property
-    def is_identity(self) -> bool:
-        return not self.value("error")
-
     def written(self, axis: str, drive: Drive) -> Array | None:
         if axis != (self.axis or next(iter(drive.axes))):
             return None

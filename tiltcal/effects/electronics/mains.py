@@ -24,11 +24,5 @@ class MainsPickup(TermEffect):
     look = "a line that does not turn with the pose"
     linear = False
 
-    @property
-    def is_identity(self) -> bool:
-        return not any(value for name, value in self.values.items() if name != "frequency")
-
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        if name == "frequency":
-            return -1, np.zeros(0)
         return self.channel_of(name[-1], sense), np.sin(2 * np.pi * self.value("frequency") * sense.elapsed)

@@ -53,10 +53,6 @@ class WindGust(FrameEffect):
     random = True
     on_table = True
 
-    @property
-    def is_identity(self) -> bool:
-        return not (self.value("tilt_east") or self.value("tilt_north"))
-
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "base" or context.rng is None:
             return ()

@@ -62,7 +62,7 @@ class BaseVibration(WorldEffect):
     title = "lines and coloured vibration of the base"
     parameters = (
         *(Parameter(n, "ug", (30, 2000, 50000)) for n in ("ec", "es", "nc", "ns", "uc", "us")),
-        Parameter("frequency", "hz", (60, 60, 60), positive=True),
+        Parameter("frequency", "hz", (60, 60, 60), positive=True, shape=True),
     )
     physics = "Motors, pumps and traffic shake the pier; the acceleration is fixed in the world and turns with the pose."
     equation = "a_base = (E, N, U) (c cos 2 pi f t + s sin 2 pi f t)"
@@ -70,10 +70,6 @@ class BaseVibration(WorldEffect):
     excited_by = "any recording; a change of pose shows that it is fixed in the world"
     look = "a line in the spectrum, coherent over the axes"
     on_table = True
-
-    @property
-    def is_identity(self) -> bool:
-        return not any(self.value(n) for n in ("ec", "es", "nc", "ns", "uc", "us"))
 
     def world(self, world: World) -> World:
         if self.is_identity:

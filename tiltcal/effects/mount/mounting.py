@@ -34,17 +34,13 @@ class MountSlip(FrameEffect):
     title = "the instrument shifts at an instant"
     parameters = (
         *(Parameter(f"slip_{a}", "arcsec", (3, 60, 360)) for a in "xyz"),
-        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True),
+        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
     )
     physics = "A screw or an adhesive lets go a little; all channels step as one rotation."
     equation = "R_mount gains a small rotation from time_s on"
     source = "PHYSICS 3.3"
     excited_by = "time"
     look = "a step of all channels at once, norm unchanged"
-
-    @property
-    def is_identity(self) -> bool:
-        return not any(self.value(f"slip_{a}") for a in "xyz")
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
@@ -129,10 +125,6 @@ class MountResonance(FrameEffect):
     source = "PHYSICS 3.3"
     excited_by = "the first samples after each move"
     look = "a decaying tone in body axes, whichever table axis moved"
-
-    @property
-    def is_identity(self) -> bool:
-        return not (self.value("ring_x") or self.value("ring_y"))
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":

@@ -28,6 +28,11 @@ class FollowsState(TermEffect):
         return self.channel_of(name[-1], sense), self.state(sense)
 
 
+def warming_rate(sense: Sense) -> Array:
+    """dT/dt, K/s, (n,)."""
+    return np.gradient(sense.temperature, sense.time) if len(sense.time) > 2 else np.zeros(len(sense.time))
+
+
 class AccTempBias(FollowsState):
     id = "acc_temp_bias"
     kinds = ACCELEROMETERS
@@ -70,7 +75,7 @@ class AccThermalGradient(FollowsState):
     look = "changes sign between heating and cooling, gone when T settles"
 
     def state(self, sense: Sense) -> Array:
-        return np.gradient(sense.temperature, sense.time) if len(sense.time) > 2 else np.zeros(len(sense.time))
+        return warming_rate(sense)
 
 
 class AccThermalHysteresis(FollowsState):
@@ -99,13 +104,7 @@ class Warmup(TermEffect):
     excited_by = "time since power-on"
     look = "an exponential from the first stamp on"
 
-    @property
-    def is_identity(self) -> bool:
-        return not any(value for name, value in self.values.items() if name != "tau")
-
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        if name == "tau":
-            return -1, np.zeros(0)
         return self.channel_of(name[-1], sense), np.exp(-sense.elapsed / self.value("tau"))
 
 
@@ -141,13 +140,7 @@ class BiasStep(TermEffect):
     excited_by = "time"
     look = "a step on one axis only, its neighbours unchanged"
 
-    @property
-    def is_identity(self) -> bool:
-        return not any(value for name, value in self.values.items() if name != "time")
-
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        if name == "time":
-            return -1, np.zeros(0)
         return self.channel_of(name[-1], sense), (sense.elapsed >= self.value("time")).astype(float)
 
 
@@ -157,7 +150,7 @@ class AccBiasStep(BiasStep):
     title = "step or popcorn of one axis"
     parameters = (
         Parameter("bias_step_{axis}", "ug", (50, 2000, 5000)),
-        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True),
+        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
     )
 
 
@@ -167,7 +160,7 @@ class GyrBiasStep(BiasStep):
     title = "step of the bias"
     parameters = (
         Parameter("bias_step_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
-        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True),
+        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
     )
 
 
@@ -255,13 +248,9 @@ class AccHysteresis(SignalEffect):
     look = "a loop over the axis' own force"
     linear = True
 
-    @property
-    def is_identity(self) -> bool:
-        return not any(value for name, value in self.values.items() if name != "width")
-
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        for name, value in self.values.items():
-            if name != "width" and value:
+        for name, value in self.sizes.items():
+            if value:
                 channel = TermEffect.channel_of(name[-1], sense)
                 if channel >= 0:
                     reading[:, channel] += value * play(sense.force[:, "xyz".index(name[-1])], self.value("width") * G0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.effects.base import Parameter, Sense, SignalEffect, TermEffect
 from tiltcal.effects.memory import vibration_power
-from tiltcal.effects.sensor.environmental import GYROS, FollowsState
+from tiltcal.effects.sensor.environmental import GYROS, FollowsState, warming_rate
 from tiltcal.frames import Array
 from tiltcal.units import G0
 
@@ -194,7 +194,7 @@ class FogShupe(FollowsState):
     look = "changes sign between heating and cooling"
 
     def state(self, sense: Sense) -> Array:
-        return np.gradient(sense.temperature, sense.time) if len(sense.time) > 2 else np.zeros(len(sense.time))
+        return warming_rate(sense)
 
 
 class FogAxisError(TermEffect):

@@ -4,9 +4,7 @@ import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.mechanisms import Ballast, Cable, Cogging, Friction, Lag, Mechanism, Ring, Spring
-from tiltcal.effects.memory import motion_direction
-from tiltcal.effects.table.readout import ReadoutError, TableSag
-from tiltcal.frames import Array
+from tiltcal.effects.table.readout import ReadoutError, TableSag, lost_motion
 from tiltcal.motion import Drive, Jet
 from tiltcal.setup import Rig
 
@@ -110,9 +108,7 @@ class ServoFrictionDeadband(AngleEffect):
     linear = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
-        lag = -0.5 * self.value("width") * motion_direction(drive.axes[axis])
-        zero: Array = np.zeros_like(lag)
-        return Jet(lag, zero, zero)
+        return lost_motion(drive.axes[axis], self.value("width"))
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         return (Friction(self.axis or rig.axis_names[0], self.value("width") / 2),)
@@ -152,10 +148,6 @@ class ServoRipple(AngleEffect):
     excited_by = "turning, and stops at odd angles"
     look = "rate modulated at constant angle spacing; gyro and encoder both see it"
 
-    @property
-    def is_identity(self) -> bool:
-        return not self.value("ripple")
-
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         n = self.value("poles")
         return drive.axes[axis].harmonic(n, 0.0, self.value("ripple") / n)
@@ -179,10 +171,6 @@ class SettlingTransient(AngleEffect):
     source = "effects list; PHYSICS 3.2"
     excited_by = "the first samples after each move"
     look = "a decaying tone at the start of each dwell"
-
-    @property
-    def is_identity(self) -> bool:
-        return not self.value("amplitude")
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return ringing(drive, *(self.value(n) for n in ("amplitude", "frequency", "tau")))
@@ -220,10 +208,6 @@ class EncoderSde(ReadoutError):
     source = "effects list; PHYSICS 3.2"
     excited_by = "angles that are no multiple of the line pitch"
     look = "a fast ripple over the angle; round steps alias it into a constant"
-
-    @property
-    def is_identity(self) -> bool:
-        return not (self.value("cos") or self.value("sin"))
 
     def error(self, true: Jet, axis: str) -> Jet:
         return true.harmonic(self.value("lines"), self.value("cos"), self.value("sin"))

@@ -98,10 +98,6 @@ class WobbleAsync(FrameEffect):
     excited_by = "several turns"
     look = "a wobble that differs from turn to turn and repeats with the cage"
 
-    @property
-    def is_identity(self) -> bool:
-        return not (self.value("cos") or self.value("sin"))
-
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         axis = self.axis or context.rig.axis_names[0]
         if slot != f"{axis}_bearing":

@@ -127,6 +127,13 @@ class TableSag(AngleEffect):
         return (Spring(axis, dict(rig.axes)[axis], mass * gravity * abs(arm / sag), mass, (0.0, 0.0, float(arm))),)
 
 
+def lost_motion(readout: Jet, width: float) -> Jet:
+    """Half the width behind the readout, in the direction of its last motion, rad, (n,)."""
+    lag = -0.5 * width * motion_direction(readout)
+    zero: Array = np.zeros_like(lag)
+    return Jet(lag, zero, zero)
+
+
 class TableBacklash(AngleEffect):
     id = "table_backlash"
     stage = "table"
@@ -141,9 +148,7 @@ class TableBacklash(AngleEffect):
     mechanised = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
-        lag = -0.5 * self.value("width") * motion_direction(drive.axes[axis])
-        zero: Array = np.zeros_like(lag)
-        return Jet(lag, zero, zero)
+        return lost_motion(drive.axes[axis], self.value("width"))
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         return (Gap(self.axis or rig.axis_names[0], self.value("width")),)

@@ -15,8 +15,8 @@ from tiltcal.motion import Jet
 from tiltcal.scenario import Scenario, parse_scenario
 from tiltcal.setup import TABLE_AXES
 from tiltcal.units import ARCSEC, DEG, G0
+from tiltsim import build, log
 from tiltsim import dynamics as module
-from tiltsim import log
 from tiltsim.dynamics import DynamicCourse, run_dynamics
 from tiltsim.laboratory import MujocoLaboratory
 from tiltsim.motion import mujoco_motion
@@ -177,8 +177,8 @@ def mount_mode(course: DynamicCourse) -> tuple[float, float]:
     The integrator takes the damping torque c v half a step late, which is c dt / 2 of inertia.
     """
     scenario = course.scenario
-    mechanisms = module._mechanisms(scenario, scenario.effects)
-    rig = module._build(scenario, scenario.effects, mechanisms, "identity")
+    mechanisms = build.mechanisms_of(scenario, scenario.effects)
+    rig = build.build(scenario, scenario.effects, mechanisms, "identity")
     data, inertia = mujoco.MjData(rig.model), np.empty((rig.model.nv, rig.model.nv))
     mujoco.mj_forward(rig.model, data)
     mujoco.mj_fullM(rig.model, data, inertia)

@@ -8,7 +8,9 @@ come from the exact reader of prescribed motion (``motion.py``) at the logged st
 - Vibration: a base that accelerates by ``a`` is, for everything on it, a gravity ``g - a`` (equivalence
   principle): the stepping shakes gravity, exactly and without driven slides; the reader adds the base's own.
 - Turns of effects that move (wobble, slip, thermal tilt) are tiny and load nothing: left to the reader.
-- Springs too stiff for the time step follow at once: the reader settles them, as in prescribed motion.
+- Springs too stiff for the time step follow at once: the reader settles them, as in prescribed motion; rings too
+  fast for it are left to the reader's closed form.
+- Effects of the drive are mechanics (``faces.py``): the algebra leaves out those in ``Drive.realised``.
 - Memory: a row a millisecond (a step, with springs) where something accelerates, one of CHUNK where nothing
   does, and ROWS at most: runs beyond half an hour have wider rows.
 
@@ -24,17 +26,17 @@ import mujoco
 import numpy as np
 
 from tiltcal.chain import stream
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
-from tiltcal.effects.mechanisms import Context, Gap, Mechanism, Spring
-from tiltcal.effects.table.readout import ReadoutError
+from tiltcal.effects.base import Effect
 from tiltcal.errors import TiltcalError
-from tiltcal.frames import Array, parse_mount
+from tiltcal.frames import Array
 from tiltcal.kinematics import true_angles, world_of
 from tiltcal.motion import Attitude, Drive, Jet
 from tiltcal.scenario import Dynamics, Scenario
+from tiltsim.build import build, mechanisms_of, readout_errors, realised, resolved
+from tiltsim.faces import Torques
 from tiltsim.log import Log
 from tiltsim.motion import Progress
-from tiltsim.rig import Rig, RigBuilder
+from tiltsim.rig import Rig
 
 PREROLL = 1.0  # s before the start, in which the start-up transient dies
 SPACING = 1e-3  # s, of the log's rows
@@ -42,7 +44,6 @@ BLOCK = 4096  # steps planned and logged at once
 ROWS = 2_000_000  # of a log, at most: 0.2 GB with four joints
 CHUNK = 64  # rows of which one is kept when nothing accelerates
 QUIET = 1e-7  # rad/s2
-RESOLVED = 0.7  # rad: largest phase a free spring may go through in a step; beyond, it follows at once
 HAND = 2 * np.pi * 5.0  # rad/s, natural frequency of a hand that holds an instrument
 TREMOR = 3.0  # Hz, corner of a hand's irregular torque
 
@@ -66,7 +67,8 @@ def run_dynamics(scenario: Scenario, seed: int | None, progress: Progress | None
         driver = _Servos(scenario, effects)
     log = _march(scenario, driver, progress)
     model = driver.rig.model
-    return DynamicCourse(scenario, log, {model.joint(i).name: int(model.jnt_dofadr[i]) for i in range(model.njnt)})
+    columns = {model.joint(i).name: int(model.jnt_dofadr[i]) for i in range(model.njnt)}
+    return DynamicCourse(scenario, log, columns, driver.realised)
 
 
 @dataclass(frozen=True)
@@ -77,11 +79,13 @@ class DynamicCourse:
         scenario: that was run.
         log: of its joints.
         columns: joint name -> column of the log.
+        realised: addresses of the effects that the log holds.
     """
 
     scenario: Scenario
     log: Log
     columns: Mapping[str, int]
+    realised: tuple[str, ...] = ()
 
     @property
     def times(self) -> tuple[float, float]:
@@ -97,15 +101,18 @@ class DynamicCourse:
         parts = [np.asarray(part) for part in (states.x, states.v, states.a)]
         joints = {name: Jet(*(part[:, i] for part in parts)) for name, i in self.columns.items()}
         motors = {name: joints.pop(name) for name in asked.axes}
-        gaps = {name: joints.pop(f"{name}_gap") for name in asked.axes if f"{name}_gap" in joints}
-        errors = _readout_errors(self.scenario.effects)
+        beyond: dict[str, Jet] = {}  # of the encoders: play, and structure that rings about the axis
+        for name, axis in self.scenario.rig.axes:
+            for joint in (f"{name}_gap", f"{name}_ring_{axis}"):
+                if joint in joints:
+                    beyond[name] = joints.pop(joint) + beyond.get(name, Jet(0.0))
+        errors = readout_errors(self.scenario.effects)
         if self.scenario.rig.readout == "command":
             goals = true_angles(self.scenario, asked, errors)
-            beyond = {name: motors[name] - goals[name] for name in motors}
-            beyond |= {name: beyond[name] + gap for name, gap in gaps.items()}
-            return replace(asked, structure=joints | beyond, realised=("table_backlash",))
+            beyond = {name: motors[name] - goals[name] + beyond.get(name, Jet(0.0)) for name in motors}
+            return replace(asked, structure=joints | beyond, realised=self.realised)
         axes = self._readout(asked, motors, errors)
-        return replace(asked, axes=axes, structure=joints | gaps, realised=("table_backlash",))
+        return replace(asked, axes=axes, structure=joints | beyond, realised=self.realised)
 
     def _readout(self, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]) -> dict[str, Jet]:
         """What encoders say at true angles: a fixed point contracts by the errors' slope, < 1e-2."""
@@ -122,6 +129,7 @@ class _Driver(Protocol):
     rig: Rig
     data: mujoco.MjData
     spacing: float
+    realised: tuple[str, ...]
 
     def plan(self, time: Array) -> None:
         """Work out what to do at the instants of the next steps, (n,)."""
@@ -200,17 +208,19 @@ class _Servos:
 
     def __init__(self, scenario: Scenario, effects: Sequence[Effect]) -> None:
         self.scenario, self.schedule = scenario, scenario.schedule
-        self.errors = _readout_errors(effects)
+        self.errors = readout_errors(effects)
         self.world = world_of(scenario, effects)
-        mechanisms = _resolved(scenario, effects, _mechanisms(scenario, effects))
+        mechanisms = resolved(scenario, effects, mechanisms_of(scenario, effects))
+        self.realised = realised(scenario, effects, mechanisms)
         texts = list(dict.fromkeys(leg.mount for leg in self.schedule.legs))
-        rigs = {text: _build(scenario, effects, mechanisms, text) for text in texts}
+        rigs = {text: build(scenario, effects, mechanisms, text) for text in texts}
         self.rig = rigs[texts[0]]
         self.mounts = {text: rig.model.body("mount").quat.copy() for text, rig in rigs.items()}
-        self.spacing = 0.0 if self.rig.springs else SPACING
+        self.spacing = 0.0 if self.rig.springs or self.rig.rings else SPACING
         self.data = mujoco.MjData(self.rig.model)
         self.names = [self.rig.model.actuator(i).name for i in range(self.rig.model.nu)]
         self._balance()
+        self.torques = Torques(self.rig.model, self.data, self.schedule, self.rig.rings, self.rig.coggings)
 
     def _goal(self, time: Array) -> Array:
         """Angles asked of the motors, rad, (n, axes): loops are closed on the encoders, errors and all."""
@@ -225,12 +235,13 @@ class _Servos:
         data.qpos[axes] = goal
         for _ in range(6):
             mujoco.mj_forward(model, data)
-            data.qpos[axes] = goal - data.qfrc_bias[axes] / model.actuator_gainprm[:, 0]
+            data.qpos[axes] = goal - (data.qfrc_bias - data.qfrc_passive)[axes] / model.actuator_gainprm[:, 0]
             data.qpos[springs] = -data.qfrc_bias[springs] / np.array(list(rig.springs.values()))
 
     def plan(self, time: Array) -> None:
         """Commands, gravity in the shaken base's frame, remounts."""
         self.goal, self.ctrl = self._goal(time), self.data.ctrl
+        self.torques.plan(time)
         self.gravity: Array | None = None
         if self.world.shakes:
             self.gravity = np.tile([0.0, 0.0, -self.world.gravity], (len(time), 1))
@@ -241,6 +252,7 @@ class _Servos:
     def push(self, k: int) -> None:
         """Set the command; after a remount the mount's springs start from where they were, and ring."""
         self.ctrl[:] = self.goal[k]
+        self.torques.push(k)
         if self.gravity is not None:
             self.rig.model.opt.gravity = self.gravity[k]
         if k in self.remounts:
@@ -251,11 +263,12 @@ class _Hand:
     """A hand: spring and damper toward the wanted attitude, irregular torque on the way."""
 
     spacing = SPACING
+    realised: tuple[str, ...] = ()
 
     def __init__(self, scenario: Scenario, effects: Sequence[Effect], seed: int | None) -> None:
         dynamics = scenario.dynamics or Dynamics()
         self.schedule = scenario.schedule
-        self.rig = _build(scenario, effects, (), scenario.rig.mount)
+        self.rig = build(scenario, effects, (), scenario.rig.mount)
         self.data = mujoco.MjData(self.rig.model)
         inertia = float(np.mean(self.rig.model.dof_M0[3:6]))
         self.stiffness = dynamics.stiffness_N_m_rad or inertia * HAND**2
@@ -309,40 +322,3 @@ class _Tremor:
 
         noise, self.state = lfilter(self.b, self.a, rng.normal(size=(n, 3)), axis=0, zi=self.state)
         return np.asarray(noise)
-
-
-def _readout_errors(effects: Sequence[Effect]) -> list[Effect]:
-    return [e for e in effects if isinstance(e, ReadoutError) and not e.is_identity]
-
-
-def _mechanisms(scenario: Scenario, effects: Sequence[Effect]) -> tuple[Mechanism, ...]:
-    """Springs and gaps of all effects."""
-    mechanised = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised]
-    gravity = world_of(scenario, effects).gravity
-    return tuple(m for e in mechanised for m in e.mechanisms(scenario.rig, gravity))
-
-
-def _resolved(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism]) -> tuple[Mechanism, ...]:
-    """The mechanisms without the springs that swing faster than the time step can follow."""
-    rig = _build(scenario, effects, mechanisms, scenario.rig.mount)
-    data, inertia = mujoco.MjData(rig.model), np.empty((rig.model.nv, rig.model.nv))
-    mujoco.mj_forward(rig.model, data)
-    mujoco.mj_fullM(rig.model, data, inertia)
-    mobility = np.diag(np.linalg.inv(inertia))  # of each joint with all others free: the fastest it can swing
-    fastest = (RESOLVED / rig.model.opt.timestep) ** 2
-    slow = {name.removesuffix("_sag") for name, k in rig.springs.items() if k * mobility[rig.dof(name)] <= fastest}
-    return tuple(m for m in mechanisms if isinstance(m, Gap) or (isinstance(m, Spring) and m.body in slow))
-
-
-def _build(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism], mount: str) -> Rig:
-    """The rig with what never moves built in, and the mechanisms with their true masses."""
-    world = world_of(scenario, effects)
-    drive = scenario.schedule.drive(np.array(scenario.schedule.times[:1]))
-    context = Context(drive, drive.axes, scenario.rig, world.gravity)
-    slots = ["base", *(f"{name}_bearing" for name in scenario.rig.axis_names), "mount"]
-    frames = [e for e in effects if isinstance(e, FrameEffect)]
-    fixed = [e for e in frames if all(t.angle.constant for slot in slots for t in e.turns(slot, context))]
-    builder = RigBuilder(scenario, world, parse_mount(mount))
-    builder.install_frames(fixed, drive, drive.axes)
-    builder.install_dynamics(scenario.dynamics or Dynamics(), mechanisms)
-    return builder.compile_dynamic()

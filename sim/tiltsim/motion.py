@@ -43,7 +43,8 @@ def _one_mounting(
     setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Streams, world: World,
     mount: Array, rows: slice,
 ) -> tuple[Array, ...]:  # fmt: skip
-    springs = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.mechanised and _has_spring(e, setup)]
+    movers = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.address not in drive.realised]
+    springs = [e for e in movers if e.mechanised and _has_spring(e, setup)]
     rest = [e for e in effects if e not in springs]
     angles = true_angles(setup, drive, rest, streams)
     builder = RigBuilder(setup, world, mount)

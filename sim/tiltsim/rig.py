@@ -13,13 +13,14 @@ import numpy as np
 
 from tiltcal.assets import folder
 from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
-from tiltcal.effects.mechanisms import Context, Gap, Mechanism, Spring, Turn, World
+from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, Spring, Turn, World
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, rotation, unit
-from tiltcal.kinematics import link_offset
+from tiltcal.kinematics import link_offset, turns_at
 from tiltcal.motion import Drive, Jet
 from tiltcal.scenario import Dynamics
 from tiltcal.setup import Setup
+from tiltsim.faces import install_drives, install_rings
 
 ARMATURE = 1e15  # kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
 GAP_FRICTION = 2.0  # N m on a load with play: stops it against its own inertia up to some 5 rad/s2
@@ -34,6 +35,7 @@ class Rig:
         model: with accelerometer, gyro, framequat, angular acceleration and velocimeter on the instrument.
         prescribed: joint name -> jet, of the joints that follow a given motion.
         springs: joint name -> stiffness, N m/rad, of the joints whose equilibrium MuJoCo finds.
+        rings, coggings: what a run by time steps still has to tune, to wind up and to drive.
         free: whether the instrument is a free body.
         displaced: whether the sensors are off the axes' common point, or that point is shaken.
         centre: the common point at rest, world, m, (3,).
@@ -42,6 +44,8 @@ class Rig:
     model: mujoco.MjModel
     prescribed: Mapping[str, Jet]
     springs: Mapping[str, float] = field(default_factory=dict)
+    rings: tuple[Ring, ...] = ()
+    coggings: tuple[Cogging, ...] = ()
     free: bool = False
     displaced: bool = False
     centre: Array = field(default_factory=lambda: np.zeros(3))
@@ -73,6 +77,7 @@ class RigBuilder:
             self.spec.site("fog").quat = quaternion(_frame_along(fogs[0].input_vector))
         self.prescribed: dict[str, Jet] = {}
         self.springs: dict[str, float] = {}
+        self.stepped: tuple[Mechanism, ...] = ()
         self.displaced = bool(np.any(world.lever)) or bool(world.shakes)
 
     def install_frames(
@@ -82,7 +87,7 @@ class RigBuilder:
         rig, gravity = self.setup.rig, self.world.gravity
         slots = ["base", *(f"{name}_bearing" for name in self.setup.rig.axis_names), "mount"]
         for slot in slots:
-            turns = [t for e in effects for t in e.turns(slot, Context(drive, angles, rig, gravity, None, streams(e)))]
+            turns = [t for e in effects for t in turns_at(e, slot, Context(drive, angles, rig, gravity, None, streams(e)))]
             body: Any = self.spec.body(slot) if turns else None
             while turns and turns[0].angle.constant:
                 R = rotation(turns[0].axis, float(turns.pop(0).angle.x))
@@ -143,6 +148,9 @@ class RigBuilder:
             joint = spec.joint(name)
             joint.frictionloss = dynamics.friction_N_m
             harden(joint)
+        install_drives(spec, mechanisms, self.world.gravity)
+        install_rings(spec, mechanisms)
+        self.stepped = tuple(mechanisms)
 
     def install_mechanisms(self, mechanisms: Sequence[Mechanism], light: bool = True) -> None:
         """Springs and gaps.
@@ -227,7 +235,9 @@ class RigBuilder:
             spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
         spec.add_sensor(name="speed", type=kinds.mjSENS_VELOCIMETER, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
         centre = np.array(spec.body("hand" if free else "pier").pos)
-        return Rig(spec.compile(), dict(self.prescribed), dict(self.springs), free, self.displaced, centre)
+        return Rig(
+            spec.compile(), dict(self.prescribed), dict(self.springs), free=free, displaced=self.displaced, centre=centre
+        )  # fmt: skip
 
     def compile_dynamic(self) -> Rig:
         """The rig for a run by time steps: everything moves as its inertia lets it; a hand carries the weight."""
@@ -237,7 +247,9 @@ class RigBuilder:
             spec.option.disableflags |= int(flag)
         if free:
             spec.option.gravity = [0.0, 0.0, 0.0]
-        return Rig(spec.compile(), {}, dict(self.springs), free)
+        rings = tuple(m for m in self.stepped if isinstance(m, Ring))
+        coggings = tuple(m for m in self.stepped if isinstance(m, Cogging))
+        return Rig(spec.compile(), {}, dict(self.springs), rings, coggings, free)
 
 
 def combined(springs: Sequence[Spring]) -> list[Spring]:

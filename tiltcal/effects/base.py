@@ -26,6 +26,8 @@ from tiltcal.units import PARAMETER_UNITS
 
 Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
 STAGES: tuple[Stage, ...] = ("environment", "table", "mount", "sensor", "electronics", "timing", "data")
+Need = Literal["pose", "motion", "direction", "temperature", "vibration", "time", "remount", "any"]
+"""What a recording has to hold for an effect to show: several poses, motion, both directions of approach, ..."""
 ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})
 
 
@@ -112,6 +114,7 @@ class Effect(ABC):
     equation: ClassVar[str]
     source: ClassVar[str]
     excited_by: ClassVar[str]
+    needs: ClassVar[Need] = "pose"
     look: ClassVar[str]
     linear: ClassVar[bool] = False
     random: ClassVar[bool] = False

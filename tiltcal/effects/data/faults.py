@@ -11,6 +11,7 @@ from tiltcal.frames import Array
 
 class DataOutlier(SignalEffect):
     id = "data_outlier"
+    needs = "any"
     stage: ClassVar[Stage] = "data"
     kinds = ANALOG
     order = 90
@@ -36,6 +37,7 @@ class DataOutlier(SignalEffect):
 
 class DataDrop(SignalEffect):
     id = "data_drop"
+    needs = "motion"
     stage = "data"
     kinds = ANALOG
     order = 92
@@ -63,6 +65,7 @@ class DataDrop(SignalEffect):
 
 class DataDuplicate(SignalEffect):
     id = "data_duplicate"
+    needs = "any"
     stage = "data"
     kinds = ANALOG
     order = 91
@@ -86,6 +89,7 @@ class DataDuplicate(SignalEffect):
 
 class DataStuck(SignalEffect):
     id = "data_stuck"
+    needs = "any"
     stage = "data"
     kinds = ANALOG
     order = 93
@@ -110,6 +114,7 @@ class DataStuck(SignalEffect):
 
 class EmiSpike(DataOutlier):
     id = "emi_spike"
+    needs = "any"
     stage = "electronics"
     order = 84
     title = "spikes"
@@ -124,6 +129,7 @@ class EmiSpike(DataOutlier):
 
 class DataGap(SignalEffect):
     id = "data_gap"
+    needs = "any"
     stage = "data"
     kinds = ANALOG
     order = 94

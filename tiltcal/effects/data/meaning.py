@@ -148,6 +148,7 @@ class DataRotationSense(WritingEffect):
 
 class DataTransitionSamples(WritingEffect):
     id = "data_transition_samples"
+    needs = "motion"
     stage = "data"
     title = "moves counted as dwell"
     parameters = (Parameter("lead", "s", (0.5, 1, 2), positive=True),)
@@ -166,6 +167,7 @@ class DataTransitionSamples(WritingEffect):
 
 class DataRateLabel(WritingEffect):
     id = "data_rate_label"
+    needs = "any"
     stage = "timing"
     title = "true rate is not the stated one"
     parameters = (Parameter("rate_error", "ppm", (100, 1000, 20000)),)

@@ -65,6 +65,7 @@ class AdcInl(PerChannel):
 
 class AdcQuantisation(SignalEffect):
     id = "adc_quantisation"
+    needs = "any"
     stage: ClassVar[Stage] = "electronics"
     kinds = ANALOG
     order = 80
@@ -88,6 +89,7 @@ class AdcQuantisation(SignalEffect):
 
 class GyrQuantisation(AdcQuantisation):
     id = "gyr_quantisation"
+    needs = "any"
     stage = "sensor"
     kinds = frozenset({"gyro", "fog"})
     title = "coarse output code"
@@ -99,6 +101,7 @@ class GyrQuantisation(AdcQuantisation):
 
 class AdcStuckBit(SignalEffect):
     id = "adc_stuck_bit"
+    needs = "any"
     stage = "electronics"
     kinds = ANALOG
     order = 82

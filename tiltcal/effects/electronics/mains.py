@@ -9,6 +9,7 @@ from tiltcal.frames import Array
 
 class MainsPickup(TermEffect):
     id = "mains_pickup"
+    needs = "any"
     stage = "electronics"
     kinds = ANALOG
     order = 62

@@ -10,6 +10,7 @@ from tiltcal.frames import Array
 
 class ReferenceDrift(SignalEffect):
     id = "reference_drift"
+    needs = "temperature"
     stage = "electronics"
     kinds = ANALOG
     order = 60
@@ -28,6 +29,7 @@ class ReferenceDrift(SignalEffect):
 
 class SupplyRatiometric(SignalEffect):
     id = "supply_ratiometric"
+    needs = "time"
     stage = "electronics"
     kinds = ANALOG
     order = 60
@@ -46,6 +48,7 @@ class SupplyRatiometric(SignalEffect):
 
 class AdcOffsetDrift(FollowsState):
     id = "adc_offset_drift"
+    needs = "temperature"
     stage = "electronics"
     kinds = ANALOG
     order = 61

@@ -18,6 +18,7 @@ def base_tilt_turns(slot: str, east: Jet, north: Jet) -> Sequence[Turn]:
 
 class FloorTiltDrift(FrameEffect):
     id = "floor_tilt_drift"
+    needs = "time"
     stage = "environment"
     title = "the pier or floor tilts slowly or in steps"
     parameters = (Parameter("tilt_east", "arcsec", (10, 50, 200)), Parameter("tilt_north", "arcsec", (10, 50, 200)))
@@ -38,6 +39,7 @@ class FloorTiltDrift(FrameEffect):
 
 class WindGust(FrameEffect):
     id = "wind_gust"
+    needs = "time"
     stage = "environment"
     title = "gusts tilt a compliant base"
     parameters = (

@@ -42,6 +42,7 @@ class EarthRate(WorldEffect):
 
 class EarthCoriolis(WorldEffect):
     id = "earth_coriolis"
+    needs = "motion"
     stage = "environment"
     title = "Coriolis acceleration of a moving lever arm"
     parameters = (Parameter("coriolis_error", "unitless", (1, 1, 1)),)
@@ -58,6 +59,7 @@ class EarthCoriolis(WorldEffect):
 
 class BaseVibration(WorldEffect):
     id = "base_vibration"
+    needs = "any"
     stage = "environment"
     title = "lines and coloured vibration of the base"
     parameters = (

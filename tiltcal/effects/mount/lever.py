@@ -10,6 +10,7 @@ from tiltcal.effects.mechanisms import World
 
 class LeverArm(WorldEffect):
     id = "lever_arm"
+    needs = "motion"
     stage = "mount"
     title = "sensor is off the rotation axes"
     parameters = tuple(Parameter(f"lever_{a}", "mm", (5, 50, 100)) for a in "xyz")

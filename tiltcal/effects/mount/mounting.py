@@ -30,6 +30,7 @@ class MountMisalignment(FrameEffect):
 
 class MountSlip(FrameEffect):
     id = "mount_slip"
+    needs = "time"
     stage = "mount"
     title = "the instrument shifts at an instant"
     parameters = (
@@ -52,6 +53,7 @@ class MountSlip(FrameEffect):
 
 class MountThermalTilt(FrameEffect):
     id = "mount_thermal_tilt"
+    needs = "temperature"
     stage = "mount"
     title = "the mount tilts with temperature"
     parameters = tuple(Parameter(f"tilt_{a}", "arcsec_degC", (0.3, 3, 10)) for a in "xyz")
@@ -112,6 +114,7 @@ class MountCompliance(FrameEffect):
 
 class MountResonance(FrameEffect):
     id = "mount_resonance"
+    needs = "motion"
     stage = "mount"
     title = "resonance of the mount"
     parameters = (
@@ -139,6 +142,7 @@ class MountResonance(FrameEffect):
 
 class RemountRepeatability(FrameEffect):
     id = "remount_repeatability"
+    needs = "remount"
     stage = "mount"
     title = "orientation changes at each remount"
     parameters = (Parameter("sigma", "arcsec", (3, 60, 360), positive=True),)

@@ -10,6 +10,7 @@ PLACE = {"x": 1, "y": 2, "z": 0}  # the x accelerometer is displaced along y, y 
 
 class TriadSizeEffect(TermEffect):
     id = "triad_size_effect"
+    needs = "motion"
     stage = "mount"
     kinds = frozenset({"accelerometer"})
     order = 5

@@ -11,6 +11,7 @@ from tiltcal.units import G0
 
 class AccBandwidth(SignalEffect):
     id = "acc_bandwidth"
+    needs = "motion"
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 40
@@ -29,6 +30,7 @@ class AccBandwidth(SignalEffect):
 
 class GyrBandwidth(AccBandwidth):
     id = "gyr_bandwidth"
+    needs = "motion"
     kinds = GYROS
     source = "PHYSICS 3.5"
 
@@ -88,6 +90,7 @@ def placing_angle(axis: str, force: Array) -> Array:
 
 class AccVre(TermEffect):
     id = "acc_vre"
+    needs = "vibration"
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 25

@@ -35,6 +35,7 @@ def warming_rate(sense: Sense) -> Array:
 
 class AccTempBias(FollowsState):
     id = "acc_temp_bias"
+    needs = "temperature"
     kinds = ACCELEROMETERS
     title = "bias against temperature"
     parameters = (Parameter("temp_bias_{axis}", "ug_degC", (30, 150, 1000)),)
@@ -49,6 +50,7 @@ class AccTempBias(FollowsState):
 
 class AccTempScale(TermEffect):
     id = "acc_temp_scale"
+    needs = "temperature"
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 20
@@ -66,6 +68,7 @@ class AccTempScale(TermEffect):
 
 class AccThermalGradient(FollowsState):
     id = "acc_thermal_gradient"
+    needs = "temperature"
     kinds = ACCELEROMETERS
     title = "bias proportional to dT/dt"
     parameters = (Parameter("temp_rate_{axis}", "ug_s_degC", (1e4, 1e5, 1e6)),)
@@ -80,6 +83,7 @@ class AccThermalGradient(FollowsState):
 
 class AccThermalHysteresis(FollowsState):
     id = "acc_thermal_hysteresis"
+    needs = "temperature"
     kinds = ACCELEROMETERS
     title = "heating and cooling branches differ"
     parameters = (Parameter("thermal_hysteresis_{axis}", "ug", (100, 1000, 5000)),)
@@ -110,6 +114,7 @@ class Warmup(TermEffect):
 
 class AccWarmup(Warmup):
     id = "acc_warmup"
+    needs = "time"
     kinds = ACCELEROMETERS
     title = "exponential after power-on"
     parameters = (
@@ -120,6 +125,7 @@ class AccWarmup(Warmup):
 
 class GyrWarmup(Warmup):
     id = "gyr_warmup"
+    needs = "time"
     kinds = GYROS
     title = "exponential after power-on"
     parameters = (
@@ -146,6 +152,7 @@ class BiasStep(TermEffect):
 
 class AccBiasStep(BiasStep):
     id = "acc_bias_step"
+    needs = "time"
     kinds = ACCELEROMETERS
     title = "step or popcorn of one axis"
     parameters = (
@@ -156,6 +163,7 @@ class AccBiasStep(BiasStep):
 
 class GyrBiasStep(BiasStep):
     id = "gyr_bias_step"
+    needs = "time"
     kinds = GYROS
     title = "step of the bias"
     parameters = (
@@ -166,6 +174,7 @@ class GyrBiasStep(BiasStep):
 
 class AccDrift(FollowsState):
     id = "acc_drift"
+    needs = "time"
     kinds = ACCELEROMETERS
     title = "linear bias ramp"
     parameters = (Parameter("drift_{axis}", "ug", (50, 1000, 5000)),)
@@ -180,6 +189,7 @@ class AccDrift(FollowsState):
 
 class AccTempMisalign(TermEffect):
     id = "acc_temp_misalign"
+    needs = "temperature"
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 20
@@ -197,6 +207,7 @@ class AccTempMisalign(TermEffect):
 
 class AccTurnOn(SignalEffect):
     id = "acc_turn_on"
+    needs = "any"
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 22
@@ -215,6 +226,7 @@ class AccTurnOn(SignalEffect):
 
 class AccAngularTerms(TermEffect):
     id = "acc_angular_terms"
+    needs = "motion"
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 12
@@ -233,6 +245,7 @@ class AccAngularTerms(TermEffect):
 
 class AccHysteresis(SignalEffect):
     id = "acc_hysteresis"
+    needs = "direction"
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 30

@@ -72,6 +72,7 @@ class GyrScaleAsym(GyrTerm):
 
 class GyrNonlinearity(GyrTerm):
     id = "gyr_nonlinearity"
+    needs = "motion"
     title = "cubic of rate"
     parameters = (Parameter("cubic_{axis}", "ppm_rad2_s2", (100, 1000, 3000)),)
     physics = "The slope changes with the size of the rate."
@@ -152,6 +153,7 @@ class GyrG2sens(TermEffect):
 
 class GyrVre(TermEffect):
     id = "gyr_vre"
+    needs = "vibration"
     stage = "sensor"
     kinds = GYROS
     order = 25
@@ -171,6 +173,7 @@ class GyrVre(TermEffect):
 
 class GyrTemp(FollowsState):
     id = "gyr_temp"
+    needs = "temperature"
     kinds = GYROS
     title = "bias against temperature"
     parameters = (Parameter("temp_bias_{axis}", "deg_s_degC", (1e-5, 0.005, 0.05)),)
@@ -185,6 +188,7 @@ class GyrTemp(FollowsState):
 
 class FogShupe(FollowsState):
     id = "fog_shupe"
+    needs = "temperature"
     kinds = FOG
     title = "bias proportional to dT/dt"
     parameters = (Parameter("shupe_{axis}", "deg_h_s_degC", (10, 100, 1000)),)
@@ -228,6 +232,7 @@ def transverse(a: Array) -> tuple[Array, Array]:
 
 class FogDeadband(SignalEffect):
     id = "fog_deadband"
+    needs = "any"
     stage = "sensor"
     kinds = FOG
     order = 46

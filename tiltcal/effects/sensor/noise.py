@@ -71,6 +71,7 @@ class Noise(SignalEffect):
 
 class AccNoise(Noise):
     id = "acc_noise"
+    needs = "any"
     kinds = ACCELEROMETERS
     title = "white, flicker, random walk"
     parameters = (
@@ -82,6 +83,7 @@ class AccNoise(Noise):
 
 class GyrNoise(Noise):
     id = "gyr_noise"
+    needs = "any"
     kinds = GYROS
     title = "angle random walk, bias instability, rate random walk"
     parameters = (

@@ -97,6 +97,7 @@ class RateError(CableTorque):
 
 class ServoFrictionDeadband(AngleEffect):
     id = "servo_friction_deadband"
+    needs = "direction"
     stage = "table"
     title = "rests short of the command by friction"
     parameters = (Parameter("width", "arcsec", (2, 20, 60), positive=True),)
@@ -116,6 +117,7 @@ class ServoFrictionDeadband(AngleEffect):
 
 class ServoLag(AngleEffect):
     id = "servo_lag"
+    needs = "motion"
     stage = "table"
     title = "lag proportional to rate"
     parameters = (Parameter("tau", "ms", (1, 10, 50), positive=True),)
@@ -159,6 +161,7 @@ class ServoRipple(AngleEffect):
 
 class SettlingTransient(AngleEffect):
     id = "settling_transient"
+    needs = "motion"
     stage = "table"
     title = "ringing after a move"
     parameters = (

@@ -109,6 +109,7 @@ class WobbleAsync(FrameEffect):
 
 class AxisNonintersection(LinkEffect):
     id = "axis_nonintersection"
+    needs = "motion"
     stage = "table"
     title = "table axes do not intersect"
     parameters = (Parameter("offset", "mm", (0.5, 5, 5)),)

@@ -136,6 +136,7 @@ def lost_motion(readout: Jet, width: float) -> Jet:
 
 class TableBacklash(AngleEffect):
     id = "table_backlash"
+    needs = "direction"
     stage = "table"
     title = "lost motion on reversal"
     parameters = (Parameter("width", "arcsec", (0.5, 60, 1800), positive=True),)

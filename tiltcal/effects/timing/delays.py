@@ -9,6 +9,7 @@ from tiltcal.frames import Array
 
 class DataLatency(DelayEffect):
     id = "data_latency"
+    needs = "motion"
     stage = "timing"
     kinds = ANALOG
     title = "constant delay"
@@ -25,6 +26,7 @@ class DataLatency(DelayEffect):
 
 class ChannelMuxSkew(DelayEffect):
     id = "channel_mux_skew"
+    needs = "motion"
     stage = "electronics"
     kinds = ANALOG
     title = "channels converted one after the other"
@@ -41,6 +43,7 @@ class ChannelMuxSkew(DelayEffect):
 
 class ClockSkew(DelayEffect):
     id = "clock_skew"
+    needs = "motion"
     stage = "timing"
     kinds = ANALOG
     title = "clock runs fast or slow"
@@ -57,6 +60,7 @@ class ClockSkew(DelayEffect):
 
 class DataJitter(DelayEffect):
     id = "data_jitter"
+    needs = "motion"
     stage = "timing"
     kinds = ANALOG
     title = "random time-stamp error"

@@ -168,7 +168,7 @@ class _Link:
         """Pass a hinge: all vectors into the frame behind it."""
         i = "xyz".index(turn.axis)
         j, k = (i + 1) % 3, (i + 2) % 3
-        c, s = np.cos(turn.angle.x), np.sin(turn.angle.x)
+        c, s = turn.angle.cos_sin
         for u in self.carried:
             u[j], u[k] = c * u[j] + s * u[k], c * u[k] - s * u[j]
         v = turn.angle.v

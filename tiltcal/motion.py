@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +20,11 @@ class Jet:
     x: Array | float
     v: Array | float = 0.0
     a: Array | float = 0.0
+
+    @cached_property
+    def cos_sin(self) -> tuple[Array | float, Array | float]:
+        """Cosine and sine of the angle, kept: one axis is turned about many times."""
+        return np.cos(self.x), np.sin(self.x)
 
     def __add__(self, other: "Jet") -> "Jet":
         return Jet(self.x + other.x, self.v + other.v, self.a + other.a)

@@ -68,6 +68,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = _Commands(parser)
     _add_laboratory(commands)
     _add_calibration(commands)
+    _add_noise(commands)
     _add_judging(commands)
     _add_reference(commands)
     return parser
@@ -177,6 +178,14 @@ def _add_calibration(commands: _Commands) -> None:
     sub.add_argument("recording", metavar="REC")
     sub.add_argument("--window", type=float, default=0.5, help="s over which quiet is judged (default 0.5)")
     _output(sub, "where the list goes (stdout unless given)", "SEG.csv")
+
+
+def _add_noise(commands: _Commands) -> None:
+    sub = commands.add(
+        "noise", "noise", "noise", "Allan coefficients of a record at rest, and the effect tables that simulate it",
+        "The longest dwell is used. A slope that the record does not hold is said so, not guessed.",
+    )  # fmt: skip
+    sub.add_argument("recording", metavar="REC")
 
 
 def _add_judging(commands: _Commands) -> None:

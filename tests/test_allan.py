@@ -1,0 +1,101 @@
+"""Allan variance: closed forms, confidence, and slopes that a record does not hold."""
+
+from math import log, pi
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from statistics_helpers import rng_of
+
+from tiltcal.allan import TERMS, AllanDeviation, allan_deviation, fit_noise, slopes
+from tiltcal.cli import main
+from tiltcal.effects.sensor.noise import FLICKER_TAUS, draw_noise
+from tiltcal.errors import TiltcalError
+from tiltcal.recording import Recording
+from tiltcal.recording_files import write_recording
+
+RATE = 100.0
+
+
+def test_it_is_the_textbook_sum_on_a_short_record():
+    y = rng_of("textbook").normal(size=64)
+    for m in (1, 3, 8):
+        means = np.convolve(y, np.full(m, 1 / m), "valid")
+        expected = np.mean((means[m:] - means[:-m]) ** 2) / 2
+        found = allan_deviation(y, RATE, np.array([m / RATE]))
+        assert found.deviation[0] ** 2 == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_ramp_has_its_closed_form_to_better_than_one_per_cent():
+    t = np.arange(100_000) / RATE
+    curve = allan_deviation(3e-4 * t, RATE)
+    assert curve.deviation == pytest.approx(3e-4 * curve.tau / np.sqrt(2), rel=1e-6)
+
+
+@pytest.mark.parametrize(("white", "walk"), [(2e-3, 0.0), (0.0, 4e-4)])
+def test_white_noise_and_random_walk_average_to_their_closed_forms(white, walk):
+    """The mean over many records is within one per cent, or within what chance leaves if that is more."""
+    draws, n = 60, 40_000
+    rng = rng_of(f"closed form {white} {walk}")
+    tau = np.array([0.04, 0.32, 2.56])
+    curves = [allan_deviation(draw_noise(n, RATE, white, 0.0, walk, rng), RATE, tau) for _ in range(draws)]
+    mean = np.mean([c.deviation**2 for c in curves], axis=0)
+    m = tau * RATE
+    expected = white**2 / tau + walk**2 * tau / 3 * (1 + 1 / (2 * m**2))  # the walk is sampled: (2 m^2 + 1) / (6 m)
+    freedom = curves[0].freedom * draws
+    chance = np.array([chi2.isf(1e-4, f) / f - 1 for f in freedom * (1.0 if white else 0.25)])
+    assert np.all(np.abs(mean / expected - 1) < np.maximum(chance, 0.01)), mean / expected
+
+
+def test_flicker_drawn_by_the_laboratory_is_found_again():
+    B, n = 5e-3, 1_200_000
+    curve = allan_deviation(draw_noise(n, 10.0, 0.0, B, 0.0, rng_of("flicker")), 10.0, np.geomspace(4, 250, 12))
+    floor = np.sqrt(2 * log(2) / pi) * B
+    assert FLICKER_TAUS[0] < 4 < 250 < FLICKER_TAUS[-1]
+    assert np.median(curve.deviation) == pytest.approx(floor, rel=0.1)  # a sum of six processes ripples by some per cent
+
+
+def test_the_coefficients_of_an_exact_curve_come_back_exactly():
+    tau = np.geomspace(0.01, 1000, 18)
+    truth = {"Q": 2e-6, "N": 3e-4, "B": 2e-4, "K": 1e-5, "R": 3e-7}
+    variance = slopes(tau) @ np.array([truth[t] ** 2 for t in TERMS])
+    found = fit_noise(AllanDeviation(tau, np.sqrt(variance), np.full(18, 1e6)))
+    for term in TERMS:
+        assert found.values[term] == pytest.approx(truth[term], rel=1e-6), term
+
+
+def test_a_slope_that_is_not_in_the_record_is_said_so():
+    found = fit_noise(allan_deviation(draw_noise(360_000, RATE, 1e-3, 0.0, 0.0, rng_of("white only")), RATE))
+    assert found.held["N"]
+    assert found.values["N"] == pytest.approx(1e-3, abs=5 * found.sigmas["N"])
+    assert not found.held["R"]
+    assert found.values["R"] == 0.0
+
+
+def test_the_interval_covers_the_truth_as_often_as_it_says():
+    rng, n, hits = rng_of("interval"), 4096, 0
+    tau = np.array([0.16])
+    for _ in range(800):
+        low, high = allan_deviation(rng.normal(size=n) * np.sqrt(RATE), RATE, tau).interval(0.68)
+        hits += low[0] <= 1 / np.sqrt(tau[0]) <= high[0]
+    assert hits / 800 == pytest.approx(0.68, abs=3.9 * np.sqrt(0.68 * 0.32 / 800))
+
+
+def test_a_record_that_is_too_short_is_refused():
+    with pytest.raises(TiltcalError, match="found 9 samples, need at least 16"):
+        allan_deviation(np.zeros(9), RATE)
+
+
+def test_the_command_gives_effect_tables_that_simulate_the_record(tmp_path, capsys):
+    rng = rng_of("noise command")
+    time = np.arange(60_000) / RATE
+    columns = {f"accel_{a}_mg": 1e3 * i + draw_noise(len(time), RATE, 0.025, 0.0, 0.0, rng) for i, a in enumerate("xyz")}
+    columns["gyro_x_deg_s"] = draw_noise(len(time), RATE, 0.005, 0.0, 0.0, rng)
+    write_recording(Recording.from_columns(time, columns), tmp_path / "rest.csv")
+    assert main(["noise", str(tmp_path / "rest.csv")]) == 0
+    shown = capsys.readouterr().out
+    white = float(shown.split("white_ug_rthz = ")[1].split()[0])
+    walk = float(shown.split("white_deg_rth = ")[1].split()[0])
+    assert white == pytest.approx(25.0, rel=0.03)
+    assert walk == pytest.approx(0.005 * 60, rel=0.03)
+    assert "not in this record" in shown

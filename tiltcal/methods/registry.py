@@ -15,6 +15,7 @@ from typing import Any
 
 from tiltcal.calibration import Calibration, load_calibration
 from tiltcal.errors import TiltcalError, nearest
+from tiltcal.methods.gyro_turns import gyro_turns
 from tiltcal.methods.norm import norm
 from tiltcal.methods.six_position import six_position
 from tiltcal.methods.two_position import two_position
@@ -23,7 +24,9 @@ from tiltcal.recording_files import write_recording
 from tiltcal.setup import Setup
 
 Method = Callable[..., Calibration]
-METHODS: dict[str, Method] = {"six_position": six_position, "norm": norm, "two_position": two_position}
+METHODS: dict[str, Method] = {
+    "six_position": six_position, "norm": norm, "two_position": two_position, "gyro_turns": gyro_turns
+}  # fmt: skip
 GROUP = "tiltcal.methods"
 
 

@@ -171,3 +171,34 @@ def test_an_unknown_term_or_option_is_named_with_the_nearest():
         calibrate("six_position", noiseless(), SETUP, terms=["bias", "scael"])
     with pytest.raises(TiltcalError, match=r"option 'term'.*did you mean 'terms'"):
         calibrate("six_position", noiseless(), SETUP, term=["bias"])
+
+
+def test_a_face_recorded_twice_instead_of_its_opposite_is_named_and_saved(tmp_path):
+    faces = FACES.copy()
+    faces[3] = faces[2]
+    rng = rng_of("a face twice")
+    labels = ["+z", "-z", "+x", "+x", "+y", "-y"]
+    found = calibrate(
+        "six_position", noiseless(labels=labels, faces=faces, noise=rng.normal(0, SIGMA, (len(noiseless()), 3))), SETUP
+    )
+    assert found.verdict == "suspect"
+    assert any("no pose within 60 deg of -x up" in t.statement for t in found.tests)
+    assert all(np.isfinite([t.statistic, t.p_value]).all() for t in found.tests)
+    found.save(tmp_path / "CAL.json")
+
+
+def test_one_pose_determines_nothing_and_says_so_quietly():
+    found = calibrate("six_position", noiseless(labels=["+z", "+z"], faces=FACES[[0, 0]]), SETUP)
+    assert found.verdict == "cannot_tell"
+    assert not found.parameters
+    assert not any("widened" in w for w in found.warnings)
+
+
+def test_a_table_column_that_was_never_read_leaves_the_labels():
+    setup = setup_of("dual", SENSOR)
+    log = noiseless()
+    empty = np.full(len(log), np.nan)
+    columns = {n: log.column(n) for n in log.column_names} | {"table_outer_deg": empty, "table_inner_deg": empty}
+    found = calibrate("six_position", type(log).from_columns(log.time, columns, labels=log.labels), setup)
+    assert found.verdict == "good"
+    assert found.value("accel.scale_x") == pytest.approx(M[0, 0] - 1, abs=1e-10)

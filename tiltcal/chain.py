@@ -65,7 +65,7 @@ def _read(
     sensor: Sensor, setup: Setup, time: Array, effects: Sequence[Effect], seed: int | None,
     move: Callable[[Array], tuple[Motion, Drive]], course: Course,
 ) -> Array:  # fmt: skip
-    mine = [e for e in effects if e.sensor == sensor.name]
+    mine = [e for e in effects if e.sensor == sensor.name or (e.sensor is None and isinstance(e, DelayEffect))]
     signal = sorted((e for e in mine if isinstance(e, SignalEffect)), key=lambda e: e.order)
     before = [e for e in signal if not e.random and e.order < CONVERSION]
     after = [e for e in signal if e.random or e.order >= CONVERSION]

@@ -22,7 +22,7 @@ class Fit:
         dropped: names that the data do not determine.
         iterations: of Gauss-Newton; 1 for a linear fit.
         condition: of the column-scaled design.
-        rank: number of independent parameters, where two names stand for one; else all.
+        rank: number of independent parameters that were fitted; that of ``names`` unless given.
     """
 
     names: tuple[str, ...]
@@ -64,30 +64,20 @@ def linear_fit(names: Sequence[str], design: Array, target: Array) -> Fit:
 
     Parameters with a part in the null space are dropped and named; the others are what the data do determine.
     """
-    keep, condition = _determined(design)
-    used = design[:, keep]
-    scale = np.linalg.norm(used, axis=0)
-    q, r = np.linalg.qr(used / scale)
-    values = np.linalg.solve(r, q.T @ target) / scale
-    inverse = np.linalg.inv(r)
-    covariance = (inverse @ inverse.T) / np.outer(scale, scale)
-    kept = tuple(name for name, k in zip(names, keep, strict=True) if k)
-    dropped = tuple(name for name, k in zip(names, keep, strict=True) if not k)
-    return Fit(kept, values, covariance, target - used @ values, dropped, 1, condition)
-
-
-def _determined(design: Array) -> tuple["np.ndarray[tuple[int], np.dtype[np.bool_]]", float]:
-    """Which columns take no part in the null space, and the condition of those."""
     scale = np.linalg.norm(design, axis=0)
-    keep = scale > SINGULAR * max(float(scale.max(initial=0.0)), 1e-300)
-    if not keep.any():
-        return keep, np.inf
-    _, s, vt = np.linalg.svd(design[:, keep] / scale[keep], full_matrices=True)
-    rank = int(np.sum(s > SINGULAR * s[0]))
-    null = vt[rank:]
-    free = np.flatnonzero(keep)[np.any(np.abs(null) > 1e-6, axis=0)] if len(null) else np.zeros(0, int)
-    keep[free] = False
-    return keep, float(s[0] / s[rank - 1]) if rank else np.inf
+    seen = scale > SINGULAR * max(float(scale.max(initial=0.0)), 1e-300)
+    scale = np.where(seen, scale, 1.0)
+    u, s, vt = np.linalg.svd(np.where(seen, design, 0.0) / scale, full_matrices=False)
+    rank = int(np.sum(s > SINGULAR * s[0])) if len(s) and s[0] > 0 else 0
+    u, s, vt = u[:, :rank], s[:rank], vt[:rank]
+    keep = seen & (np.abs((vt * vt).sum(axis=0) - 1) < 1e-9)  # no part of it lies in the null space
+    values = vt.T @ ((u.T @ target) / s) / scale
+    covariance = ((vt.T / s**2) @ vt) / np.outer(scale, scale)
+    return Fit(
+        tuple(name for name, k in zip(names, keep, strict=True) if k), values[keep], covariance[np.ix_(keep, keep)],
+        target - u @ (u.T @ target), tuple(name for name, k in zip(names, keep, strict=True) if not k), 1,
+        float(s[0] / s[-1]) if rank else float("inf"), rank,
+    )  # fmt: skip
 
 
 def gauss_newton(
@@ -133,5 +123,5 @@ def gauss_newton(
                 break
     fit = linear_fit(names, J, -r)
     kept = [name in fit.names for name in names]
-    done = Fit(fit.names, x[kept], fit.covariance, r, fit.dropped, iteration, fit.condition)
+    done = Fit(fit.names, x[kept], fit.covariance, r, fit.dropped, iteration, fit.condition, fit.rank)
     return done, iteration < limit and damping <= 1e12

@@ -109,7 +109,7 @@ def _known_up(recording: Recording, setup: Setup, segments: Sequence[Segment]) -
     up = np.full((len(segments), 3), np.nan)
     stated = "nothing"
     angles: dict[str, Array] = {}
-    if names and all(recording.table(axis) is not None for axis in names):
+    if names and all(_was_read(recording, axis) for axis in names):
         drive = _drive_at(recording, setup, segments)
         known = drive.known
         up[known] = closed_form(setup, drive).up[known]
@@ -120,6 +120,12 @@ def _known_up(recording: Recording, setup: Setup, segments: Sequence[Segment]) -
             up[i] = direction
             stated = "label" if stated == "nothing" else stated
     return up, angles, stated
+
+
+def _was_read(recording: Recording, axis: str) -> bool:
+    """Whether a table axis was read at all: the head may have been unlocked throughout."""
+    readout = recording.table(axis)
+    return readout is not None and not bool(np.isnan(readout).all())
 
 
 def _drive_at(recording: Recording, setup: Setup, segments: Sequence[Segment]) -> Drive:

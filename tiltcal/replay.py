@@ -12,6 +12,7 @@ from tiltcal.recording import Recording
 from tiltcal.segments import resting_rows
 from tiltcal.setup import Setup
 
+EDGE = 2  # samples beside a move that are left to the polynomial
 RATE_REACH, ACCELERATION_REACH = 0.02, 0.04  # s, half-widths of the local quartics: longer ones blur the edges of moves
 
 
@@ -80,7 +81,7 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
                 do="record it, or label the poses",
             )  # fmt: skip
         read = ~np.isnan(angle)
-        known &= read
+        known &= _near(recording.time, recording.time[read])
         angles[axis] = np.interp(recording.time, recording.time[read], angle[read])
     temperature = recording.temperature()
     if temperature is None:
@@ -94,6 +95,16 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
     starts = np.flatnonzero(np.diff(resting.astype(int), prepend=0) == 1)
     stop = np.where(resting, np.searchsorted(starts, np.arange(len(recording)), side="right") - 1, -1)
     return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
+
+
+def _near(time: Array, read: Array) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Rows whose readout is known: read there, or between two readings at the table's ordinary cadence, (n,)."""
+    there = np.isin(time, read)
+    if len(read) < 2:
+        return there
+    after = np.clip(np.searchsorted(read, time), 1, len(read) - 1)
+    inside = (time > read[after - 1]) & (time < read[after])
+    return there | (inside & (read[after] - read[after - 1] <= 1.5 * float(np.median(np.diff(read)))))
 
 
 def nearest_rows(stamps: Array, time: Array) -> Index:
@@ -117,7 +128,12 @@ def still_rows(
         off = np.abs(part - level)
         spread = np.maximum(6 * 1.4826 * np.median(off, axis=0), 1e-12)
         codes = np.array([code_width(part[:, i]) if np.median(off[:, i]) > 0 else 0.0 for i in range(part.shape[1])])
-        still[first:last] = (off <= np.maximum(spread, 1.01 * codes)).all(axis=1)
+        quiet = np.asarray((off <= np.maximum(spread, 1.01 * codes)).all(axis=1))
+        for _ in range(EDGE):  # the first samples of a move hide in the noise
+            quiet[1:-1] &= quiet[:-2] & quiet[2:]
+            quiet[0] &= first == 0
+            quiet[-1] &= last == len(angles)
+        still[first:last] = quiet
     return still
 
 

@@ -58,6 +58,8 @@ def find_segments(recording: Recording, window: float = WINDOW, guard: float = G
         TiltcalError: no channel can tell rest from motion, or the log is shorter than the window.
     """
     recording.require_increasing()
+    if len(recording) < 4:
+        raise TiltcalError(recording.source, found=f"{len(recording)} row(s)", need="a continuous log", do="record longer")
     groups = _signals(recording)
     if not groups:
         raise TiltcalError(
@@ -91,8 +93,8 @@ def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Ar
                 columns.append(values)
             if unit.quantity == "rate":
                 rates.append(values * unit.factor)
-        if columns:
-            rows = np.arange(len(recording)) if block.rows is None else block.rows
+        rows = np.arange(len(recording)) if block.rows is None else block.rows
+        if columns and len(rows):
             found.append((rows, np.column_stack(columns), np.array(rates).reshape(-1, len(rows)).T))
     return found
 

@@ -116,11 +116,12 @@ def _rig(recording: Recording | None) -> list[str]:
             ("outer", "inner"): "dual",
             ("outer", "middle", "inner"): "three",
         }.get(axes, "handheld")
+    mount = "identity" if recording is None else recording.metadata.get("mount", "identity").partition(";")[0].strip()
     return [
         "[rig]",
         f'table = "{table}"               # vertical, placing, dual, three or handheld',
         'readout = "encoder"          # or "command": the table columns are what was asked of the drive',
-        'mount = "identity"           # or for example "Rz(180)"', "",
+        f'mount = "{mount}"           # or for example "Rz(180)"', "",
     ]  # fmt: skip
 
 
@@ -157,9 +158,7 @@ def _sensors(recording: Recording) -> list[str]:
         if kind == "fog":
             lines.append("input_axis = [0.577350269, 0.577350269, 0.577350269]   # state the FOG's input axis in the body frame")
         if COLUMN_UNITS[unit].quantity == "raw":
-            lines.append(
-                f'input = {{ unit = "{unit}", zero = 0, per_m_s2 = 1000 }}   # value = (raw - zero) / per: from the data sheet'
-            )
+            lines.append(f'# input = {{ unit = "{unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value = (raw - zero) / per')
         lines += [
             'adjustable = ["bias", "scale", "cross_axis"]' if kind != "fog" else 'adjustable = ["bias", "scale"]',
             "",

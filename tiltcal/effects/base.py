@@ -119,6 +119,7 @@ class Effect(ABC):
     linear: ClassVar[bool] = False
     random: ClassVar[bool] = False
     axis_wise: ClassVar[bool] = False
+    channel_wise: ClassVar[bool] = False
     kinds: ClassVar[frozenset[str]] = frozenset()
     on_table: ClassVar[bool] = False
 

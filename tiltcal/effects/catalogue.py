@@ -57,7 +57,10 @@ def make_effect(
     if cls.axis_wise and axis is not None and axis not in setup.rig.axis_names:
         have = ", ".join(setup.rig.axis_names) or "none"
         raise TiltcalError(subject, found=f"axis '{axis}'", need=f"an axis of this table: {have}", do="correct it")
-    if axis is not None and not cls.axis_wise:
+    if axis is not None and cls.channel_wise and bound is not None:
+        if axis not in bound.axes:
+            raise TiltcalError(subject, found=f"axis '{axis}'", need="one of " + ", ".join(bound.axes), do="correct it")
+    elif axis is not None and not cls.axis_wise:
         raise TiltcalError(subject, found="axis", need="no axis: it acts on the whole", do="remove that key")
     known = {name: p for p in cls.parameters for name in p.expand(bound.axes if bound else ())}
     numbers: dict[str, float] = {}
@@ -128,6 +131,8 @@ def _sensor_of(cls: type[Effect], setup: Setup, sensor: str | None, subject: str
             )
         return bound
     fitting = setup.sensors(*cls.kinds)
+    if cls.stage == "timing" and fitting:
+        return None  # the recorder's own: all sensors alike
     if len(fitting) != 1:
         names = ", ".join(s.name for s in fitting) or "none in this scenario"
         raise TiltcalError(

@@ -50,7 +50,7 @@ def wrap_up(
     widen = 1.0
     notes = list(warnings)
     lacking = [t for t in tests if t.name == "fit" and not t.passed]
-    if lacking and fit.chi2_per_dof > 1:
+    if lacking and fit.chi2_per_dof > 1 and not fit.dropped:
         widen = fit.chi2_per_dof
         notes.append(f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are widened by that factor")
     covariance = fit.covariance * widen

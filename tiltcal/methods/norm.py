@@ -91,7 +91,7 @@ def mirrored(fit: Fit) -> Fit:
         return fit
     T = np.vstack([np.eye(len(fit.names)), np.eye(len(fit.names))[[k for k, _ in twins]]])
     names = (*fit.names, *(twin for _, twin in twins))
-    return replace(fit, names=names, values=T @ fit.values, covariance=T @ fit.covariance @ T.T, rank=len(fit.names))
+    return replace(fit, names=names, values=T @ fit.values, covariance=T @ fit.covariance @ T.T)
 
 
 def model_of(x: Array) -> tuple[Array, Array]:

@@ -43,14 +43,21 @@ class AccSaturation(SignalEffect):
     title = "clipping"
     parameters = (Parameter("full_scale", "m_s2", (200, 20, 20), positive=True),)
     physics = "Beyond full scale the reading stays at full scale."
-    equation = "|reading| <= full scale"
+    equation = "|reading| <= full scale, on one axis where one is named"
+    channel_wise = True
     source = "PHYSICS 3.4"
     excited_by = "input beyond full scale"
     look = "flat tops"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         limit = self.value("full_scale")
-        return np.clip(reading, -limit, limit) if limit > 0 else reading
+        if limit <= 0:
+            return reading
+        if self.axis is None:
+            return np.clip(reading, -limit, limit)
+        channel = TermEffect.channel_of(self.axis, sense)
+        reading[:, channel] = np.clip(reading[:, channel], -limit, limit)
+        return reading
 
 
 class GyrSaturation(AccSaturation):

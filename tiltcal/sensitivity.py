@@ -176,14 +176,14 @@ class _Watch:
             start = tilt_of_force(start, self.setup.site.gravity)
         sense = self.sense[sensor.name]
         up = effect.apply(start.copy(), sense, None) - start
-        if effect.linear:
+        if one_sided(effect):
             return up
         return (up - effect_down(effect).apply(start.copy(), sense, None) + start) / 2
 
     def _moved(self, effect: Effect) -> dict[str, Array]:
         """Change of every sensor's input by what moves differently."""
         up = self._inputs(effect)
-        if effect.linear:
+        if one_sided(effect):
             return {name: values - self.ideal[name] for name, values in up.items()}
         down = self._inputs(effect_down(effect))
         return {name: (values - down[name]) / 2 for name, values in up.items()}
@@ -215,6 +215,11 @@ def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:
             scale = 1 / G0 if sensor.kind == "inclinometer" else 1.0
             return float(e.value("white") * scale * np.sqrt(sensor.rate_hz))
     return float(WHITE[sensor.kind] * np.sqrt(sensor.rate_hz))
+
+
+def one_sided(effect: Effect) -> bool:
+    """Whether one step up tells all: a linear effect, or a size that has no negative side."""
+    return effect.linear or any(p.positive and not p.is_shape for p in effect.parameters)
 
 
 def effect_down(effect: Some) -> Some:

@@ -4,9 +4,11 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from builders import ACCEL, FOG, GYRO, INCL, drive_of, effect_of, read_poses, schedule_of, setup_of, still
+from builders import ACCEL, FOG, GYRO, INCL, INSTRUMENT, drive_of, effect_of, read_poses, schedule_of, setup_of, still
 
 from tiltcal.chain import readings, stream
+from tiltcal.effects import make_effect
+from tiltcal.errors import TiltcalError
 from tiltcal.motion import Jet
 from tiltcal.units import ARCSEC, DEG, DEG_H, G0
 
@@ -177,3 +179,26 @@ def test_every_name_has_a_random_stream_of_its_own():
     first = [stream(seed, *name).random() for seed in (1, 2) for name in names]
     assert len(set(first)) == len(first)
     assert stream(1, "acc_noise", "a").random() == first[0]
+
+
+def test_a_delay_without_a_sensor_is_the_recorder_s_own_and_delays_all_alike():
+    setup = setup_of("dual", *INSTRUMENT)
+    course = schedule_of(setup, {"action": "move", "outer_deg": 80, "inner_deg": 50, "rate_deg_s": 30})
+    times = {s.name: np.arange(0.5, 2.5, 0.05) for s in setup.sensor}
+    late = readings(setup, course, times, [make_effect("data_latency", {"latency_ms": 20.0}, setup)])
+    early = readings(setup, course, {n: t - 0.02 for n, t in times.items()}, ())
+    for name, values in late.items():
+        np.testing.assert_allclose(values, early[name], rtol=0, atol=1e-12)
+
+
+def test_clipping_of_a_named_axis_leaves_the_others():
+    setup = setup_of("dual", *INSTRUMENT)
+    drive = still(setup, outer=np.array([0.0, 80.0]))
+    bare = read_poses(setup, drive)["accel"]
+    clipped = read_poses(setup, drive, make_effect("acc_saturation", {"full_scale_m_s2": 5.0}, setup, sensor="accel", axis="y"))[
+        "accel"
+    ]
+    np.testing.assert_array_equal(clipped[:, [0, 2]], bare[:, [0, 2]])
+    assert clipped[1, 1] == 5.0 < bare[1, 1]
+    with pytest.raises(TiltcalError, match="axis 'a'"):
+        make_effect("acc_saturation", {"full_scale_m_s2": 5.0}, setup, sensor="accel", axis="a")

@@ -16,24 +16,6 @@ from tiltcal.recording import Recording
 from tiltcal.setup import Part
 from tiltcal.units import COLUMN_UNITS, split_unit
 
-EXAMPLE = """\
-# xsens_acc.mat: four columns of text without a header: t x y z; the gyro lies in a second file, row by row
-[file]
-separator = "space"        # space (any white space), comma, tab, semicolon
-header = false
-[time]
-column = 1                 # its number, or its name in the header; or rate_hz = 100 where there is none
-unit = "s"
-[[column]]
-from = 2
-to = "accel_x_LSB"
-[[column]]
-file = "xsens_gyro.mat"    # beside the first; the main file when left out
-from = 2
-to = "gyro_x_LSB"
-scale = 1.0                # value = scale * cell + offset
-"""
-
 _SEPARATORS = {"space": None, "comma": ",", "tab": "\t", "semicolon": ";"}
 
 

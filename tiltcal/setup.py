@@ -21,7 +21,6 @@ TABLE_AXES: dict[str, tuple[tuple[str, str], ...]] = {
 
 RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
 QUANTITY = {"accelerometer": "acceleration", "inclinometer": "angle", "gyro": "rate", "fog": "rate"}
-SI_UNIT = {"acceleration": "m_s2", "angle": "rad", "rate": "rad_s"}
 DEFAULT_UNIT = {"accelerometer": "m_s2", "inclinometer": "deg", "gyro": "deg_s", "fog": "deg_h"}
 
 

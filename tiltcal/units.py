@@ -32,8 +32,6 @@ COLUMN_UNITS: dict[str, Unit] = {
 }
 """Units a column of a recording may end in (CONTRACT: recording)."""
 
-_PER = {"degC": "degC", "s_degC": "s/degC", "g": "1/g", "g2": "1/g2", "g3": "1/g3"}
-
 
 def _parameter_units() -> dict[str, Unit]:
     units = dict(COLUMN_UNITS)

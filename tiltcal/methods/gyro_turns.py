@@ -57,8 +57,9 @@ def gyro_turns(
 ) -> Calibration:  # fmt: skip
     """Bias, scale factor, cross-axis terms and, with ``gsens``, g-sensitivity of a gyro triad turned by hand.
 
-    Model: ``reading = b + (I + S + C) w + G f``. Bias and G from the rests (Earth's rate left in the bias: its direction
-    is not known); S and C from the turns: the integrated rate has to carry gravity's direction from rest to rest.
+    Model: ``reading = b + (I + S + C) w + G f``, all terms from rests and turns together: at rest the reading is b + G f
+    (with the Earth's rate in it: its direction is not known); the rate of a turn, integrated, has to carry gravity's
+    direction from rest to rest.
 
     Args:
         recording: rest, turn, rest, ... with an accelerometer triad beside the gyro triad.
@@ -103,6 +104,10 @@ def gyro_turns(
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
         "the Earth's rate is part of the bias and of the g-sensitivity: the heading is not known",
     ]
+    if "gsens" in terms:
+        warnings.append(
+            "`tiltcal correct` takes off bias, scale and cross-axis terms only: g-sensitivity needs the force beside it"
+        )
     units = ["rad_s" if ".bias_" in n else "deg_h_g" if ".gsens_" in n else "1" for n in fit.names]
     return wrap_up(
         NAME, verdict_of(tests, converged and not fit.dropped and fit.dof > 0), fit, units, tests, warnings, rests, recording,

@@ -7,6 +7,7 @@ import numpy as np
 from tiltcal.effects.base import Effect, Sense, SignalEffect
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 from tiltcal.recording import Recording
 from tiltcal.segments import dwells, find_segments
 from tiltcal.setup import Sensor, Setup
@@ -107,3 +108,48 @@ def _at_rest(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[
     predicted = _forward(sensor, effects, sense)
     predicted[~known] = np.nan
     return predicted
+
+
+def hand_readings(setup: Setup, motion: Recording) -> dict[tuple[str, str], tuple[Index, Index, Array]]:
+    """The readings of a hand-held recording that something predicts.
+
+    Returns:
+        By (sensor, axis): their rows, the number of the stop each rests at (-1 while moving), and the values, SI, (n,) each.
+        An accelerometer's axis is ``norm``: the length of its reading, at rest only.
+    """
+    stop = stops_of(motion)
+    found: dict[tuple[str, str], tuple[Index, Index, Array]] = {}
+    gyros = [s for s in setup.sensors("gyro") if motion.has(s) and len(s.axes) == 3]
+    for fog in setup.sensors("fog"):
+        if motion.has(fog) and gyros:
+            samples = motion.sensor(fog)
+            found[fog.name, "a"] = samples.rows, stop[samples.rows], samples.values[:, 0]
+    for triad in setup.sensors("accelerometer")[:1]:
+        if motion.has(triad) and len(triad.axes) == 3:
+            samples = motion.sensor(triad)
+            there = (stop[samples.rows] >= 0) & ~np.isnan(samples.values).any(axis=1)
+            rows = samples.rows[there]
+            found[triad.name, "norm"] = rows, stop[rows], np.linalg.norm(samples.values[there], axis=1)
+    return found
+
+
+def hand_predictions(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> dict[tuple[str, str], Array]:
+    """What ``hand_readings`` should have been with these effects, SI, (n,) at the recording's rows."""
+    predicted = predicted_readings(setup, motion, effects)
+    found: dict[tuple[str, str], Array] = {}
+    for fog in setup.sensors("fog"):
+        if fog.name in predicted:
+            found[fog.name, "a"] = predicted[fog.name][:, 0]
+    for triad in setup.sensors("accelerometer")[:1]:
+        if triad.name in predicted:  # the prediction differs from the reading along it only
+            read = motion_values(motion, triad)
+            found[triad.name, "norm"] = (predicted[triad.name] * read).sum(axis=1) / np.linalg.norm(read, axis=1)
+    return found
+
+
+def stops_of(motion: Recording) -> Index:
+    """Number of the dwell of each row, -1 while moving, (n,)."""
+    stop = np.full(len(motion), -1, dtype=np.intp)
+    for k, s in enumerate(dwells(find_segments(motion))):
+        stop[s.first : s.last] = k
+    return stop

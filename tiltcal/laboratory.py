@@ -10,6 +10,7 @@ from tiltcal import __version__
 from tiltcal.byhand import predicted_readings
 from tiltcal.chain import CONVERSION, Mover, readings
 from tiltcal.effects.base import Effect, Sense, SignalEffect, WritingEffect
+from tiltcal.effects.events import as_met
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
 from tiltcal.kinematics import closed_form
@@ -84,12 +85,13 @@ class SimulatedLaboratory:
 
     def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
         """What the model says ``motion`` should have read."""
+        effects = as_met(scenario.effects, motion.fingerprint)
         if scenario.rig.table == "handheld":
-            values = predicted_readings(scenario, motion.require_increasing(), scenario.effects)
+            values = predicted_readings(scenario, motion.require_increasing(), effects)
         else:
-            course = restored(replay(motion, scenario, scenario.climate.reference_degC), scenario.effects)
+            course = restored(replay(motion, scenario, scenario.climate.reference_degC), effects)
             times = {s.name: motion.time for s in scenario.sensor}
-            values = readings(scenario, course, times, scenario.effects, seed=seed, mover=self.mover)
+            values = readings(scenario, course, times, effects, seed=seed, mover=self.mover)
             for value in values.values():
                 value[~course.known] = np.nan
         columns: dict[str, Array] = {}

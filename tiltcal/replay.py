@@ -150,7 +150,7 @@ def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     uniform = CubicSpline(time, angle)(grid)
-    widths = [max(least, 2 * round(reach / dt) + 1) for least, reach in ((5, RATE_REACH), (9, ACCELERATION_REACH))]
+    widths = [max(least, 2 * round(reach / dt) + 1) for least, reach in ((5, RATE_REACH), (5, ACCELERATION_REACH))]
     if n <= max(widths):
         return zero, zero
     step = grid[1] - grid[0]

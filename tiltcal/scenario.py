@@ -28,6 +28,7 @@ class EffectTable(BaseModel):
     axis: str | None = None
     role: Literal["calibration", "found", "concealed"] | None = None
     fit: bool = False
+    seen_in: str | None = None
 
 
 class Dynamics(Part):
@@ -134,6 +135,7 @@ class Scenario(Setup):
                 axis=t.axis,
                 role=t.role,
                 fit=t.fit,
+                seen_in=t.seen_in,
                 subject=f"effect {k}",
             )
             for k, t in enumerate(self.effect, start=1)

@@ -13,7 +13,7 @@ import numpy as np
 
 from tiltcal.chain import CONVERSION, make_sense
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.effects.base import DelayEffect, Effect, Parameter, SignalEffect, WritingEffect
+from tiltcal.effects.base import ACCELEROMETERS, DelayEffect, Effect, Parameter, SignalEffect, WritingEffect
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.grades import GRADES
@@ -120,7 +120,8 @@ def sensitivity(
     """
     if grade not in GRADES:
         raise TiltcalError(f"grade '{grade}'", found="no such grade", need="one of " + ", ".join(GRADES), do="correct it")
-    watch = _Watch(setup, course, rows, {s.name: white_noise(s, known) for s in setup.sensor})
+    watch = Watch(setup, course, rows.time)
+    weight = {s.name: np.sqrt(rows.weight) / white_noise(s, known) for s in setup.sensor}
     middle = (course.times[1] - course.times[0]) / 2
     found = []
     for id, sensor, axis, name, p, size in candidates(setup, grade):
@@ -129,7 +130,7 @@ def sensitivity(
         shape = {f"{q.name}{q.suffix}": middle for q in CATALOGUE[id].parameters if q.name in ("time", "start")}
         shape |= {"frequency_hz": 7.0} if any(q.name == "frequency" and not q.default for q in CATALOGUE[id].parameters) else {}
         effect = make_effect(id, {f"{name}{p.suffix}": size, **shape}, setup, sensor=sensor, axis=axis)
-        found.append(Column(id, sensor, axis, name, p.unit, size, watch.channels(effect)))
+        found.append(Column(id, sensor, axis, name, p.unit, size, whitened(watch.changes(effect), weight)))
     return found
 
 
@@ -137,36 +138,39 @@ Some = TypeVar("Some", bound=Effect)
 Channels = dict[tuple[str, int], "np.ndarray[tuple[int], np.dtype[np.float32]]"]
 
 
-class _Watch:
-    """The nominal motion at some rows, and what an effect changes against it."""
+class Watch:
+    """The nominal motion at some rows, and what an effect changes against it.
 
-    def __init__(self, setup: Setup, course: Course, rows: Rows, noise: Mapping[str, float]) -> None:
-        self.setup, self.course, self.time = setup, course, rows.time
-        self.weight = {name: np.sqrt(rows.weight) / sigma for name, sigma in noise.items()}
-        self.drive = course.drive(rows.time)
+    Args:
+        setup: site, rig, sensors.
+        course: what the table does.
+        time: of the rows, s, (n,).
+        matrices: of each sensor by name, (k, 3): reading per unit of force or rate in the body frame; the nominal one
+            unless given. A FOG's is (1, 1).
+    """
+
+    def __init__(self, setup: Setup, course: Course, time: Array, matrices: Mapping[str, Array] | None = None) -> None:
+        self.setup, self.course, self.time = setup, course, time
+        self.matrices = matrices or {}
+        self.drive = course.drive(time)
         motion = closed_form(setup, self.drive)
         self.sense = {s.name: make_sense(s, setup, motion, self.drive) for s in setup.sensor}
         self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
 
-    def channels(self, effect: Effect) -> Channels:
-        """Whitened change of every channel that changes."""
+    def changes(self, effect: Effect) -> dict[str, Array]:
+        """Change of the readings of each sensor that changes, SI, (n, k)."""
         if isinstance(effect, DelayEffect):
             changes = self._late(effect)
         elif isinstance(effect, SignalEffect):
             changes = {str(effect.sensor): self._signal(effect)}
         else:
             changes = self._moved(effect)
-        found: Channels = {}
         for name, change in changes.items():
             sensor = self.setup.named(name)
             if sensor.kind == "inclinometer" and getattr(effect, "order", 0) < CONVERSION:  # d asin(f/g) = df / (g cos)
                 g = self.setup.site.gravity
-                change = change / np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
-            for k in range(change.shape[1]):
-                column = change[:, k] * self.weight[name]
-                if np.abs(column).max(initial=0.0) > 1e-9 and np.linalg.norm(column) > 1e-6:
-                    found[name, k] = column.astype(np.float32)
-        return found
+                changes[name] = change / np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
+        return changes
 
     def _signal(self, effect: SignalEffect) -> Array:
         """Change of a reading by an effect of the sensor or its electronics."""
@@ -181,31 +185,50 @@ class _Watch:
         return (up - effect_down(effect).apply(start.copy(), sense, None) + start) / 2
 
     def _moved(self, effect: Effect) -> dict[str, Array]:
-        """Change of every sensor's input by what moves differently."""
-        up = self._inputs(effect)
+        """Change of every sensor's reading by what moves differently."""
+        up = force_and_rate(self.setup, self.drive, [effect])
         if one_sided(effect):
-            return {name: values - self.ideal[name] for name, values in up.items()}
-        down = self._inputs(effect_down(effect))
-        return {name: (values - down[name]) / 2 for name, values in up.items()}
+            base = next(iter(self.sense.values()))
+            down, half = (base.force, base.rate), 1.0
+        else:
+            down, half = force_and_rate(self.setup, self.drive, [effect_down(effect)]), 0.5
+        return self._read(half * (up[0] - down[0]), half * (up[1] - down[1]))
 
-    def _inputs(self, effect: Effect) -> dict[str, Array]:
-        force, rate = force_and_rate(self.setup, self.drive, [effect])
-        return {
-            name: replace(sense, force=force, rate=rate).true_input() for name, sense in self.sense.items()
-        }  # fmt: skip
+    def _read(self, force: Array, rate: Array) -> dict[str, Array]:
+        """What a change of force and rate in the body frame, (n, 3) each, does to each sensor."""
+        found = {}
+        for name, sense in self.sense.items():
+            if name in self.matrices and sense.kind != "fog":
+                source = force if sense.kind in ACCELEROMETERS else rate
+                found[name] = source @ self.matrices[name].T
+            else:
+                found[name] = replace(sense, force=force, rate=rate).true_input()
+        return found
 
     def _late(self, effect: DelayEffect) -> dict[str, Array]:
-        """Change of a sensor's input by a delay: minus the delay times its time derivative, by a millisecond's step."""
-        sensor = self.setup.named(str(effect.sensor))
+        """Change of a sensor's reading by a delay: minus the delay times its time derivative, by a millisecond's step.
+
+        A delay that names no sensor is the recorder's own: all sensors alike.
+        """
         step = 5e-4
-        sides = []
-        for sign in (1, -1):
-            drive = self.course.drive(self.time + sign * step)
-            force, rate = force_and_rate(self.setup, drive)
-            sides.append(replace(self.sense[sensor.name], force=force, rate=rate).true_input())
-        slope = (sides[0] - sides[1]) / (2 * step)
-        delays = [effect.delay(self.drive.elapsed, k, None) for k in range(slope.shape[1])]
-        return {sensor.name: np.column_stack([-delay * slope[:, k] for k, delay in enumerate(delays)])}
+        ahead, behind = (force_and_rate(self.setup, self.course.drive(self.time + sign * step)) for sign in (1, -1))
+        slopes = self._read((ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step))
+        names = [effect.sensor] if effect.sensor else list(slopes)
+        return {
+            name: np.column_stack([-effect.delay(self.drive.elapsed, k, None) * column for k, column in enumerate(slopes[name].T)])
+            for name in names
+        }
+
+
+def whitened(changes: Mapping[str, Array], weight: Mapping[str, Array]) -> Channels:
+    """Changes by channel in units of the noise, (n,) each; channels that do not change are left out."""
+    found: Channels = {}
+    for name, change in changes.items():
+        for k in range(change.shape[1]):
+            column = change[:, k] * weight[name]
+            if np.abs(column).max(initial=0.0) > 1e-9 and np.linalg.norm(column) > 1e-6:
+                found[name, k] = column.astype(np.float32)
+    return found
 
 
 def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:

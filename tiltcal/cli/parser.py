@@ -69,6 +69,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_laboratory(commands)
     _add_calibration(commands)
     _add_noise(commands)
+    _add_diagnosis(commands)
     _add_judging(commands)
     _add_reference(commands)
     return parser
@@ -186,6 +187,21 @@ def _add_noise(commands: _Commands) -> None:
         "The longest dwell is used. A slope that the record does not hold is said so, not guessed.",
     )  # fmt: skip
     sub.add_argument("recording", metavar="REC")
+
+
+def _add_diagnosis(commands: _Commands) -> None:
+    sub = commands.add(
+        "diagnose", "diagnosing", "diagnose", "what physics was left out: locate the mismatch, name it, model it",
+        "Writes diagnosis.json, amended.toml and report.html under -o DIR. Several recordings of one set-up are explained\n"
+        "together. Faults of the data (time going back, repeats, frozen channels) are findings.\n\n"
+        "  tiltcal diagnose run.csv --scenario bench.toml -o out\n"
+        "  tiltcal diagnose run.csv --scenario out/amended.toml --check        exit status 1 unless it matches",
+    )  # fmt: skip
+    sub.add_argument("recording", nargs="+", metavar="REC")
+    _scenario(sub)
+    sub.add_argument("--static", metavar="REC", help="a record at rest to take the noise from")
+    sub.add_argument("--check", action="store_true", help="exit status 1 on anything but match")
+    _output(sub, "folder for the answer", "DIR")
 
 
 def _add_judging(commands: _Commands) -> None:

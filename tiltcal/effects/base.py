@@ -14,6 +14,7 @@ SignalEffect          what does the reading become?                             
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -97,6 +98,7 @@ class Effect(ABC):
         role: "calibration" or "found" in an amended scenario.
         sigmas: standard uncertainty of some values, SI.
         fit: whether a diagnosis may re-fit it.
+        seen_in: fingerprint of the recording that an event happened in; other recordings come after it.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -105,6 +107,7 @@ class Effect(ABC):
     role: str | None = None
     sigmas: Mapping[str, float] = field(default_factory=dict)
     fit: bool = False
+    seen_in: str | None = None
 
     id: ClassVar[str] = ""
     stage: ClassVar[Stage]
@@ -242,6 +245,7 @@ class Sense:
         axes: body axis of each channel, (k,).
         kind: of the sensor; input_vector: of a FOG, (3,).
         gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
+        angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1 while moving, (n,).
     """
 
     time: Array
@@ -258,6 +262,17 @@ class Sense:
     gravity: float
     rate_hz: float
     full_scale: float | None = None
+    angles: Mapping[str, Array] = field(default_factory=dict)
+    stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
+
+    @cached_property
+    def since_move(self) -> Array:
+        """Time since the last move ended, s, (n,); 0 while moving."""
+        if self.stop is None:
+            return np.zeros(len(self.time))
+        begins = np.concatenate([[True], self.stop[1:] != self.stop[:-1]])
+        start = self.time[np.maximum.accumulate(np.where(begins, np.arange(len(self.time)), 0))]
+        return np.where(self.stop >= 0, self.time - start, 0.0)
 
     @classmethod
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":

@@ -3,10 +3,12 @@
 import importlib
 import inspect
 from collections.abc import Mapping
+from dataclasses import replace
 from math import isfinite
 from typing import Any
 
 from tiltcal.effects.base import STAGES, Effect, Parameter
+from tiltcal.effects.learned import Learned, learned_table, make_learned
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import PARAMETER_UNITS, split_unit
@@ -35,13 +37,15 @@ CATALOGUE: dict[str, type[Effect]] = _collect()
 
 def make_effect(
     id: str, values: Mapping[str, Any], setup: Setup, *, sensor: str | None = None, axis: str | None = None,
-    role: str | None = None, fit: bool = False, subject: str = "effect",
+    role: str | None = None, fit: bool = False, seen_in: str | None = None, subject: str = "effect",
 ) -> Effect:  # fmt: skip
     """An effect from a file's words: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup, sensor="accel")``.
 
     Raises:
         TiltcalError: unknown id, sensor, axis or parameter, or a unit that does not fit; with the nearest valid word.
     """
+    if id == Learned.id:
+        return replace(make_learned(values, setup, sensor=sensor, axis=axis, role=role, subject=subject), seen_in=seen_in)
     if id not in CATALOGUE:
         raise TiltcalError(
             subject,
@@ -71,7 +75,7 @@ def make_effect(
         target[name] = _number(value, f"{subject}, key {key}") * factor
         if target is numbers:
             _allowed(known[name], numbers[name], value, f"{subject}, key {key}")
-    return cls(numbers, bound.name if bound else None, axis, role, sigmas, fit)
+    return cls(numbers, bound.name if bound else None, axis, role, sigmas, fit, seen_in)
 
 
 def _allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
@@ -146,8 +150,10 @@ def _sensor_of(cls: type[Effect], setup: Setup, sensor: str | None, subject: str
 
 def to_file(effect: Effect) -> dict[str, Any]:
     """An effect as the table of a scenario file: the inverse of ``make_effect``."""
+    if isinstance(effect, Learned):
+        return learned_table(effect)
     table: dict[str, Any] = {"id": effect.id}
-    for key in ("sensor", "axis", "role"):
+    for key in ("sensor", "axis", "role", "seen_in"):
         if getattr(effect, key) is not None:
             table[key] = getattr(effect, key)
     if effect.fit:

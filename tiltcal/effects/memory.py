@@ -29,6 +29,15 @@ def play(u: Array, width: float) -> Array:
     return state
 
 
+def rounded_play(u: Array, width: float) -> Array:
+    """State of a memory that gives way gradually, in [-1, 1], (n,): dz = (sign(du) - z) |du| / width (Dahl 1968), 0 at first."""
+    if width <= 0 or len(u) == 0:
+        return play(u, width)
+    step = np.diff(u)
+    decay = np.exp(-np.abs(step) / width)
+    return recursion(decay, np.concatenate([np.zeros(1), np.sign(step) * (1 - decay)]))
+
+
 def _turning_points(u: Array) -> list[int]:
     direction = last_direction(u)
     change = np.flatnonzero(np.diff(direction) != 0)

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, Stage, TermEffect
-from tiltcal.effects.memory import play
+from tiltcal.effects.memory import play, rounded_play
 from tiltcal.frames import Array
 from tiltcal.units import G0
 
@@ -253,18 +253,20 @@ class AccHysteresis(SignalEffect):
     parameters = (
         Parameter("hysteresis_{axis}", "ug", (20, 300, 1000)),
         Parameter("width", "unitless", (0.2, 0.2, 0.2), positive=True, default=0.2),
+        Parameter("rounded", "unitless", (1, 1, 1), positive=True, shape=True),
     )
     physics = "The suspension remembers the force it came from; the norm changes, unlike a table's lost motion."
-    equation = "reading_i += h_i z(f_i), z in [-1, 1] the play state (width in g, 0.2 unless given)"
+    equation = "reading_i += h_i z(f_i), z in [-1, 1] the play state (width in g, 0.2 unless given); rounded = 1: Dahl's"
     source = "PHYSICS 3.4"
     excited_by = "approaching the same force from both sides"
     look = "a loop over the axis' own force"
     linear = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        law = rounded_play if self.value("rounded") else play
         for name, value in self.sizes.items():
             if value:
                 channel = TermEffect.channel_of(name[-1], sense)
                 if channel >= 0:
-                    reading[:, channel] += value * play(sense.force[:, "xyz".index(name[-1])], self.value("width") * G0)
+                    reading[:, channel] += value * law(sense.force[:, "xyz".index(name[-1])], self.value("width") * G0)
         return reading

@@ -1,0 +1,36 @@
+"""``tiltcal diagnose``."""
+
+import argparse
+from pathlib import Path
+
+from tiltcal.cli.output import print_json, progress_line
+from tiltcal.diagnosis.diagnose import diagnose as explain
+from tiltcal.errors import TiltcalError
+from tiltcal.files import make_folder, write_json, write_text
+from tiltcal.recording_files import read_recording
+from tiltcal.scenario import load_scenario
+
+
+def diagnose(args: argparse.Namespace) -> int:
+    """Explain recordings; write diagnosis.json, amended.toml and report.html."""
+    import tomli_w
+
+    scenario = load_scenario(args.scenario)
+    if scenario.role == "concealed":
+        raise TiltcalError(
+            f"scenario {args.scenario}", found='role = "concealed": it holds the truth', need="what an honest user knows",
+            do="give the scenario without its concealed effects",
+        )  # fmt: skip
+    recordings = [read_recording(path) for path in args.recording]
+    with progress_line() as progress:
+        found = explain(scenario, recordings, progress)
+    if args.output:
+        folder = Path(args.output)
+        make_folder(folder)
+        write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
+        write_json(folder / "diagnosis.json", found.to_json())
+    if args.json:
+        print_json(found.to_json())
+    else:
+        print(f"{found.verdict}: {found.statement}")
+    return 1 if args.check and found.verdict != "match" else 0

@@ -1,0 +1,156 @@
+"""An account of a recording: calibration terms and suspects at fitted sizes, with what is left over."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.diagnosis.evidence import Ledger, basis_of, cosines
+from tiltcal.diagnosis.observations import Columns, Observations
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise
+from tiltcal.effects.base import Effect
+from tiltcal.frames import Array
+
+ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
+
+
+@dataclass(frozen=True)
+class Term:
+    """A suspect with some of its sizes fitted.
+
+    Args:
+        suspect: who; names: the sizes in use; values: SI, of the same length.
+        host: the suspect whose form it only completes; None when it stands by itself.
+    """
+
+    suspect: Suspect
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    host: Suspect | None = None
+
+    @classmethod
+    def start(cls, suspect: Suspect, names: Sequence[str] | None = None) -> "Term":
+        """All sizes (or those named) at zero, or where the scenario has them."""
+        used = suspect.names if names is None else tuple(names)
+        return cls(suspect, used, (0.0,) * len(used))
+
+    @property
+    def effect(self) -> Effect:
+        """The effect at the fitted sizes."""
+        return self.suspect.at(dict(zip(self.names, self.values, strict=True)))
+
+
+@dataclass(frozen=True)
+class Account:
+    """Fitted terms.
+
+    Args:
+        known: effects at stated values; nuisance: the adjustable terms; terms: what was found.
+        residual: whitened cosine coefficients of what is left, by channel; basis: of all fitted columns.
+        covariance: of all values in order, nuisance first, SI.
+    """
+
+    known: tuple[Effect, ...]
+    nuisance: tuple[Term, ...]
+    terms: tuple[Term, ...] = ()
+    residual: tuple[Array, ...] = ()
+    basis: tuple[Array, ...] = ()
+    covariance: Array | None = None
+
+    @property
+    def effects(self) -> list[Effect]:
+        """All effects at their values."""
+        return [*self.known, *(t.effect for t in (*self.nuisance, *self.terms))]
+
+    @property
+    def deviance(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(sum(r @ r for r in self.residual))
+
+    def sigmas(self, k: int) -> Array:
+        """Standard uncertainties of the values of found term k, SI."""
+        assert self.covariance is not None
+        before = [*self.nuisance, *self.terms[:k]]
+        start = sum(len(t.names) for t in before)
+        part = slice(start, start + len(self.terms[k].names))
+        return np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
+
+
+def columns_of(observations: Observations, terms: Sequence[Term], effects: Sequence[Effect]) -> list[Columns]:
+    """Change of the readings per plausible size of each fitted value, SI."""
+    return [observations.changes(t.suspect.alone(name), effects) for t in terms for name in t.names]
+
+
+def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
+    """Fit all values of an account to the readings, under the ledger's noise."""
+    terms = [*account.nuisance, *account.terms]
+    split = len(account.nuisance)
+    units = np.array([t.suspect.size(n) for t in terms for n in t.names])
+    lengths = [len(c.values) for c in ledger.observations.channels]
+    effects = account.effects
+    columns = [ledger.whitened(c) for c in columns_of(ledger.observations, terms, effects)]
+    J = _stacked(columns, lengths)
+    size = np.linalg.norm(J, axis=0)
+    size[size == 0] = 1.0
+    inverse, rank = _pseudo_inverse(J / size)
+    for _ in range(rounds if len(units) else 0):
+        left = np.concatenate(ledger.residual(effects))
+        step = inverse @ ((J / size).T @ left) / size
+        terms = _moved(terms, step * units)
+        effects = [*account.known, *(t.effect for t in terms)]
+        if np.abs(step * size).max(initial=0.0) < 1e-3:
+            break
+    residual = ledger.residual(effects)
+    basis = basis_of(columns, lengths) if len(units) else [np.zeros((n, 0)) for n in lengths]
+    along = sum((Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1]))
+    residual = [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
+    covariance = inverse / np.outer(size, size) * np.outer(units, units)
+    return replace(
+        account, nuisance=tuple(terms[:split]), terms=tuple(terms[split:]), residual=tuple(residual), basis=tuple(basis),
+        covariance=covariance,
+    )  # fmt: skip
+
+
+def _stacked(columns: Sequence[Columns], lengths: Sequence[int]) -> Array:
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    J = np.zeros((int(starts[-1]), len(columns)))
+    for k, column in enumerate(columns):
+        for i, part in column.items():
+            J[starts[i] : starts[i + 1], k] = part
+    return J
+
+
+def _pseudo_inverse(J: Array) -> tuple[Array, int]:
+    """(J'J)^+ of a design with columns of unit length, and its rank."""
+    values, vectors = np.linalg.eigh(J.T @ J)
+    keep = values > 1e-8 * len(values)
+    return (vectors[:, keep] / values[keep]) @ vectors[:, keep].T, int(keep.sum())
+
+
+def _moved(terms: Sequence[Term], step: Array) -> list[Term]:
+    found, start = [], 0
+    for t in terms:
+        end = start + len(t.names)
+        found.append(replace(t, values=tuple(float(v + s) for v, s in zip(t.values, step[start:end], strict=True))))
+        start = end
+    return found
+
+
+def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | None = None) -> list[NoiseFit]:
+    """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may hold any size in it."""
+    observations = ledger.observations
+    columns = columns_of(observations, [*account.nuisance, *account.terms], account.effects)
+    found = []
+    for i, r in enumerate(observations.residuals(account.effects)):
+        mine = [cosines(c[i]) for c in columns if i in c]
+        mean = np.column_stack(mine) if mine else np.zeros((len(r), 0))
+        if extra is not None and i in extra:
+            mean = np.column_stack([mean, extra[i]])
+        found.append(estimate_noise(cosines(r), mean))
+    return found
+
+
+def models(fits: Sequence[NoiseFit]) -> list[NoiseModel]:
+    """The most likely model of each channel."""
+    return [f.model for f in fits]

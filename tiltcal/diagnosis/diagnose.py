@@ -1,0 +1,275 @@
+"""From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who is to blame."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tiltcal.confusion import POWER
+from tiltcal.diagnosis.account import Account, Term, models, settle
+from tiltcal.diagnosis.amend import amended_table
+from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.finding import Diagnosis, Finding, Fitness, Undetectable, Where, verdict_of
+from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
+from tiltcal.diagnosis.observations import HandObservations, Observations, observe
+from tiltcal.diagnosis.rivals import OWN, Rival, case_of, explanations, inseparable, price_of
+from tiltcal.diagnosis.select import Gate, findings, select
+from tiltcal.diagnosis.suspects import Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.tones import tones_of
+from tiltcal.diagnosis.unlisted import nameless
+from tiltcal.diagnosis.whitening import NoiseModel, robust_white
+from tiltcal.diagnosis.wording import (
+    coordinate_of_effect,
+    harmonic_of,
+    learned_name,
+    next_step,
+    shown,
+    stage_of,
+    summary,
+)
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Effect
+from tiltcal.effects.learned import Learned
+from tiltcal.frames import Array
+from tiltcal.poses import group_directions
+from tiltcal.recording import Recording
+from tiltcal.scenario import Scenario
+
+Progress = Callable[[str], None]
+MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
+SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
+
+
+def silent(words: str) -> None:
+    """No progress."""
+
+
+def diagnose(scenario: Scenario, recordings: Sequence[Recording], progress: Progress = silent) -> Diagnosis:
+    """Why these recordings differ from the scenario.
+
+    Args:
+        scenario: what is known of the set-up.
+        recordings: of one set-up, explained together; those that step or drift are told apart by their stamps.
+        progress: is told what is being done.
+
+    Raises:
+        TiltcalError: a column is missing, or nothing in a recording has a model.
+    """
+    progress("reading")
+    observations = observe(scenario, recordings)
+    ledger = Ledger(observations)
+    start = calibrated(observations, ledger)
+    if not enough(observations, start):
+        return _cannot_tell(observations, start, ledger)
+    progress("what every effect would do")
+    fill(ledger, start)
+    gate = Gate(None, len(ledger.suspects))
+    progress("who is to blame")
+    account = select(start, ledger, gate, lambda s: s.listed)
+    progress("what no name fits")
+    account = nameless(account, ledger, gate)
+    progress("rivals")
+    return conclude(account, start, ledger, gate)
+
+
+def calibrated(observations: Observations, ledger: Ledger) -> Account:
+    """The adjustable terms fitted to the readings, with white noise."""
+    scenario = observations.scenario
+    terms = [Term.start(s) for s in adjustable(scenario)]
+    known: list[Effect] = []
+    for effect in scenario.effects:  # an amended scenario brings its calibration: go on from there
+        k = next((k for k, t in enumerate(terms) if t.suspect.place == (effect.id, effect.sensor, effect.axis)), None)
+        if k is None or effect.role != "calibration":
+            known.append(effect)
+        else:
+            terms[k] = replace(terms[k], values=tuple(effect.value(n) for n in terms[k].names))
+    account = Account(tuple(known), tuple(terms))
+    ledger.under([NoiseModel(robust_white(r)) for r in observations.residuals(account.effects)])
+    return settle(account, ledger)
+
+
+def enough(observations: Observations, account: Account) -> bool:
+    """Whether there are more poses than the adjustable terms need."""
+    if not observations.channels:
+        return False
+    if not isinstance(observations, HandObservations):
+        return True
+    if any(c.axis != "norm" for c in observations.channels):
+        return True
+    up = []
+    for recording, channel in zip(observations.recordings, observations.channels, strict=True):
+        sensor = observations.scenario.named(channel.sensor)
+        samples = recording.sensor(sensor)
+        values = samples.values[np.isin(samples.rows, channel.rows)]
+        up += [values[channel.stop == k].mean(axis=0) for k in range(channel.stop.max() + 1) if (channel.stop == k).any()]
+    directions = int(group_directions(np.array(up)).max()) + 1 if up else 0
+    return directions > account.basis[0].shape[1]
+
+
+def fill(ledger: Ledger, account: Account) -> None:
+    """Put every suspect on the ledger."""
+    observations = ledger.observations
+    effects = account.effects
+    span = span_of(observations, tones_of(ledger, account))
+    nuisance = [t.suspect for t in account.nuisance]
+    for suspect in listed_suspects(observations.scenario, span, nuisance):
+        ledger.add(suspect, effects)
+    for suspect in step_suspects(observations.scenario, instants(observations)):
+        ledger.add(suspect, effects)
+    for suspect in curves(observations, span):
+        ledger.add(suspect, effects)
+
+
+def instants(observations: Observations) -> list[float]:
+    """When a step may have been: at the ends of moves, and all along, s from the first stamp."""
+    first = observations.recordings[0]
+    span = float(first.time[-1] - first.time[0])
+    channel = observations.channels[0]
+    edges = channel.time[np.flatnonzero(np.diff((channel.stop >= 0).astype(int)) != 0)] - first.time[0]
+    if not 8 <= len(edges) <= MOST_STEPS:
+        edges = np.linspace(0, span, 62)[1:-1]
+    return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]
+
+
+def conclude(account: Account, start: Account, ledger: Ledger, gate: Gate) -> Diagnosis:
+    """Findings, verdict and figures of a finished account."""
+    found = []
+    values = gate.log_p(account, ledger) if account.terms else []
+    for k, places in enumerate(findings(account)):
+        found.append(_finding(account, ledger, places, values[k]))
+    before = settle(start, ledger)
+    first, last = _fitness(before, ledger), _fitness(account, ledger)
+    answer = tuple(sorted(found, key=lambda f: f.delta_bic))
+    verdict = verdict_of(answer, True)
+    statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, "taken from the recording itself")
+    return Diagnosis(
+        verdict, statement, answer, (), _undetectable(account, ledger), first, last, _amended(account, ledger.observations)
+    )
+
+
+def _cannot_tell(observations: Observations, start: Account, ledger: Ledger) -> Diagnosis:
+    fit = _fitness(start, ledger)
+    return Diagnosis(
+        "cannot_tell", summary((), "cannot_tell", 0, 0, ""), before=fit, after=fit, amended=_amended(start, observations)
+    )
+
+
+def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: float) -> Finding:
+    """One finding, with its class and its place."""
+    observations = ledger.observations
+    term = account.terms[places[0]]
+    case = case_of(account, ledger, places)
+    effect = term.effect
+    sensors, axes = _shown(case.signal, observations)
+    sizes = sum(len(account.terms[k].names) for k in places)
+    gain = sum(float(t @ t) for t in case.target) - account.deviance
+    held = heldout_gain(account, ledger, places)
+    where = Where(coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect, observations))
+    if isinstance(effect, Learned):
+        named = explanations(case, ledger, lambda s: s.listed)
+        rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in named[:5])
+        words = f"{learned_name(effect).capitalize()}: no named effect has this form."
+        return Finding(
+            None, (), stage_of(effect), sensors, axes, where, {}, float(np.exp(log_p)), price_of(ledger) * sizes - gain, held,
+            rivals, words, next_step((), effect),
+        )  # fmt: skip
+    rivals_, names = _class_of(term, case, ledger)
+    parameters = _parameters(term, account.sigmas(places[0]))
+    cls = CATALOGUE[effect.id]
+    other = f" (or {', '.join(n for n in names if n != effect.id)}: this recording cannot tell)" if len(names) > 1 else ""
+    words = f"{cls.title.capitalize()} ({effect.id}) on {', '.join(f'{s}' for s in sensors)} {', '.join(axes)}{other}: {shown(parameters)}."
+    return Finding(
+        effect.id, names, stage_of(effect), sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
+        held, rivals_, words, next_step(names, effect),
+    )  # fmt: skip
+
+
+def _class_of(term: Term, case: "object", ledger: Ledger) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
+    found = explanations(case, ledger, lambda s: s.listed)  # type: ignore[arg-type]
+    mine = next((r for r in found if r.suspect.place == term.suspect.place), None)
+    rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in found if r.suspect.id != term.suspect.id)
+    if mine is None:
+        return rivals[:8], (term.suspect.id,)
+    best = max((r for r in found if r.fair and r.own >= OWN), key=lambda r: r.worth, default=mine)
+    members: list[Rival] = inseparable(best, found)
+    ids = dict.fromkeys([term.suspect.id, *(r.suspect.id for r in members)])
+    return rivals[:8], tuple(ids)
+
+
+def _shown(signal: Sequence[Array], observations: Observations) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Sensors and axes that hold the signal, the strongest first."""
+    energy: dict[tuple[str, str], float] = {}
+    for channel, part in zip(observations.channels, signal, strict=True):
+        energy[channel.sensor, channel.axis] = energy.get((channel.sensor, channel.axis), 0.0) + float(part @ part)
+    total = max(sum(energy.values()), 1e-300)
+    strong = [key for key, e in sorted(energy.items(), key=lambda item: -item[1]) if e > SHOWN * total]
+    return tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong))
+
+
+def _interval(effect: Effect, observations: Observations) -> tuple[float, float | None] | None:
+    return (float(effect.values["time"]), None) if "time" in effect.values else None
+
+
+def _parameters(term: Term, sigmas: Array) -> dict[str, tuple[float, float]]:
+    """Values by name with unit, as files have them."""
+    found = {}
+    for name, value, sigma in zip(term.names, term.values, sigmas, strict=True):
+        p = _parameter_of(term.suspect, name)
+        found[f"{name}{p.suffix}"] = (value / p.factor, float(sigma) / p.factor)
+    return found
+
+
+def _parameter_of(suspect: Suspect, name: str) -> "object":
+    for p in suspect.effect.parameters:
+        if name in p.expand(tuple("xyza")) or name == p.name:
+            return p
+    raise KeyError(name)
+
+
+def _fitness(account: Account, ledger: Ledger) -> Fitness:
+    observations = ledger.observations
+    used = account.basis[0].shape[1]
+    rms = {}
+    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        unit = "rad_s" if observations.scenario.named(channel.sensor).quantity == "rate" else "m_s2"
+        unit = "rad" if observations.scenario.named(channel.sensor).kind == "inclinometer" else unit
+        rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit}", float(np.sqrt(np.mean(r * r))))
+    return Fitness(account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger))
+
+
+def _undetectable(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
+    """What could not have been seen, or only at which size."""
+    found: dict[str, Undetectable] = {}
+    blamed = {t.suspect.id for t in account.terms}
+    for score in ledger.scores(account.basis, account.residual):
+        suspect = score.suspect
+        if not suspect.listed or suspect.id in blamed:
+            continue
+        sizes = {}
+        for i, name in enumerate(suspect.names):
+            p = _parameter_of(suspect, name)
+            if score.B[i, i] > 1e-3 * score.raw[i] > 0:
+                sizes[f"{name}{p.suffix}"] = float(np.sqrt(POWER / score.B[i, i]) * suspect.size(name) / p.factor)
+        old = found.get(suspect.id)
+        if old is None or (not old.size and sizes):
+            found[suspect.id] = Undetectable(suspect.id, sizes, float(np.clip(score.absorbed, 0, 1)))
+    return tuple(found.values())
+
+
+def _amended(account: Account, observations: Observations) -> dict[str, object]:
+    """The scenario with calibration and findings in it."""
+    first = observations.recordings[0]
+    temperature = first.temperature()
+    reference = observations.scenario.climate.reference_degC
+    if reference is None and temperature is not None:
+        reference = float(np.mean(temperature))
+    effects: list[Effect] = [*account.known, *(t.effect for t in account.nuisance)]
+    for k, term in enumerate(account.terms):
+        effect = term.effect
+        event = "time" in effect.values or (term.host is not None and "time" in term.host.effect.values)
+        sigmas = dict(zip(term.names, (float(s) for s in account.sigmas(k)), strict=True))
+        effects.append(replace(effect, sigmas=sigmas, seen_in=first.fingerprint if event else None))
+    return amended_table(observations.scenario, effects, reference)
+
+
+__all__ = ["Diagnosis", "diagnose", "models"]

@@ -1,0 +1,196 @@
+"""The score of every suspect at an operating point, with the adjustable terms projected out, in units of the noise.
+
+For columns U of a suspect, whitened, and an orthonormal basis Q of what is re-tuned anyway, A = U'(I - QQ')r and
+B = U'(I - QQ')U hold all: the gain in deviance A'B^-1 A ~ chi2(rank, lambda), the expected values B^-1 A, the absorbed share.
+Everything lives in the cosine basis, where whitening is a division.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.diagnosis.observations import Columns, Observations
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.whitening import NoiseModel, column_space
+from tiltcal.effects.base import Effect
+from tiltcal.frames import Array
+
+SURVIVES = 1e-3  # share of a direction's energy below which nothing is left of it after the nuisance parameters
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one suspect would explain.
+
+    Args:
+        suspect: who.
+        A, B: of the module's head, per plausible size, (p,) and (p, p).
+        raw: energy of each column before projection, (p,).
+    """
+
+    suspect: Suspect
+    A: Array
+    B: Array
+    raw: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its columns."""
+        return self.suspect.names
+
+    def gain(self, keep: Sequence[int] | None = None) -> tuple[float, int]:
+        """Fall of the deviance with these columns (all), and its degrees of freedom."""
+        index = self._index(keep)
+        values, vectors, size = self._directions(index)
+        return float((((vectors.T @ (self.A[index] / size)) ** 2) / values).sum()), len(values)
+
+    def estimate(self, keep: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """Expected values of these columns, SI, and their covariance."""
+        index = self._index(keep)
+        values, vectors, size = self._directions(index)
+        unit = np.array([self.suspect.size(self.names[i]) for i in index])
+        C = (vectors / values) @ vectors.T / np.outer(size, size)
+        return unit * (C @ self.A[index]), C * np.outer(unit, unit)
+
+    def _index(self, keep: Sequence[int] | None) -> list[int]:
+        return list(range(len(self.names))) if keep is None else list(keep)
+
+    def _directions(self, index: list[int]) -> tuple[Array, Array, Array]:
+        """Eigenvalues and vectors of B that survive, its columns scaled by ``size``."""
+        size = np.sqrt(np.maximum(self.raw[index], 1e-300))
+        values, vectors = np.linalg.eigh(self.B[np.ix_(index, index)] / np.outer(size, size))
+        keep = values > SURVIVES
+        return values[keep], vectors[:, keep], size
+
+    @property
+    def absorbed(self) -> float:
+        """Share of the columns' energy that the nuisance parameters take."""
+        return 1 - float(np.trace(self.B) / max(self.raw.sum(), 1e-300))
+
+    def best(self, price: float) -> tuple[float, list[int]]:
+        """Largest gain less ``price`` a column over subsets, built up one column at a time."""
+        chosen: list[int] = []
+        top = 0.0
+        left = [i for i in range(len(self.names)) if self.B[i, i] > SURVIVES * self.raw[i]]
+        while left:
+            value, i = max((self.gain([*chosen, i])[0] - price * (len(chosen) + 1), i) for i in left)
+            if value <= top:
+                break
+            top = value
+            chosen.append(i)
+            left.remove(i)
+        return top, sorted(chosen)
+
+
+class Ledger:
+    """Cosine coefficients of the columns of all suspects, kept; scored against any noise and operating point.
+
+    Args:
+        observations: what was read.
+    """
+
+    def __init__(self, observations: Observations) -> None:
+        self.observations = observations
+        self.suspects: list[Suspect] = []
+        self.starts: list[int] = []
+        self._width = 0
+        self._parts: list[list[tuple[int, Array]]] = [[] for _ in observations.channels]
+        self._packed: list[tuple[Array, Array]] | None = None
+        self.roots: list[Array] = []
+        self._inner: list[Array] = []
+
+    def add(self, suspect: Suspect, around: Sequence[Effect]) -> None:
+        """Keep a suspect's columns; one that changes nothing is left out."""
+        parts = [self.observations.changes(suspect.alone(name), around) for name in suspect.names]
+        if not any(parts):
+            return
+        self.suspects.append(suspect)
+        self.starts.append(self._width)
+        for k, part in enumerate(parts):
+            for i, column in part.items():
+                self._parts[i].append((self._width + k, cosines(column).astype(np.float32)))
+        self._width += len(parts)
+        self._packed = None
+
+    @property
+    def packed(self) -> list[tuple[Array, Array]]:
+        """Of each channel the numbers of its columns, (p,), and their coefficients, (p, n)."""
+        if self._packed is None:
+            self._packed = [
+                (np.array([k for k, _ in parts], dtype=int), np.array([c for _, c in parts]).reshape(len(parts), len(channel.values)))
+                for parts, channel in zip(self._parts, self.observations.channels, strict=True)
+            ]
+            self._parts = [[(int(k), row) for k, row in zip(index, block, strict=True)] for index, block in self._packed]
+            self._inner = []
+        return self._packed
+
+    def under(self, noise: Sequence[NoiseModel]) -> None:
+        """Weigh by this noise from now on."""
+        self.roots = [np.sqrt(m.spectrum(len(c.values))) for m, c in zip(noise, self.observations.channels, strict=True)]
+        self._inner = []
+
+    def whitened(self, columns: Columns) -> Columns:
+        """Columns by channel as cosine coefficients in units of the noise."""
+        return {i: cosines(column) / self.roots[i] for i, column in columns.items()}
+
+    def residual(self, effects: Sequence[Effect]) -> list[Array]:
+        """Whitened residual of each channel."""
+        return [cosines(r) / root for r, root in zip(self.observations.residuals(effects), self.roots, strict=True)]
+
+    def inner(self, vectors: Sequence[Array]) -> Array:
+        """U'V of all columns with some whitened vectors, given by channel, (n,) or (n, q): (P,) or (P, q)."""
+        total = np.zeros((self._width, *vectors[0].shape[1:]))
+        for (index, block), vector, root in zip(self.packed, vectors, self.roots, strict=True):
+            if len(index):
+                total[index] += block @ (vector / (root if vector.ndim == 1 else root[:, None])).astype(np.float32)
+        return total
+
+    def _own(self) -> list[Array]:
+        """U'U of each suspect."""
+        packed = self.packed
+        if not self._inner:
+            self._inner = [np.zeros((len(s.names), len(s.names))) for s in self.suspects]
+            owner = np.repeat(np.arange(len(self.suspects)), [len(s.names) for s in self.suspects])
+            for (index, block), root in zip(packed, self.roots, strict=True):
+                if not len(index):
+                    continue
+                cuts = np.flatnonzero(np.diff(owner[index])) + 1
+                for rows in np.split(np.arange(len(index)), cuts):
+                    who = int(owner[index[rows[0]]])
+                    part = block[rows] / root.astype(np.float32)
+                    place = index[rows] - self.starts[who]
+                    self._inner[who][np.ix_(place, place)] += part @ part.T
+        return self._inner
+
+    def scores(self, basis: Sequence[Array], residual: Sequence[Array]) -> list[Score]:
+        """The score of every suspect. basis: Q by channel, (n, q); residual: whitened, by channel, (n,)."""
+        A, UQ = self.inner(project(basis, residual)), self.inner(basis)
+        found = []
+        for suspect, start, inner in zip(self.suspects, self.starts, self._own(), strict=True):
+            part = slice(start, start + len(suspect.names))
+            found.append(Score(suspect, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy()))
+        return found
+
+
+def cosines(column: Array) -> Array:
+    """Orthonormal DCT-II of a column, (n,)."""
+    from scipy.fft import dct
+
+    return np.asarray(dct(column, norm="ortho"))
+
+
+def basis_of(columns: Sequence[Columns], lengths: Sequence[int]) -> list[Array]:
+    """An orthonormal basis of some whitened columns, split by channel, (n, q) each."""
+    stacked = np.zeros((sum(lengths), len(columns)))
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    for k, column in enumerate(columns):
+        for i, part in column.items():
+            stacked[starts[i] : starts[i + 1], k] = part
+    return np.split(column_space(stacked), starts[1:-1])
+
+
+def project(basis: Sequence[Array], vectors: Sequence[Array]) -> list[Array]:
+    """What is left of a vector, by channel, without its part in the basis."""
+    along = sum(Q.T @ v for Q, v in zip(basis, vectors, strict=True))
+    return [v - Q @ along for Q, v in zip(basis, vectors, strict=True)]

@@ -1,0 +1,59 @@
+"""Which curves complete the form of a named effect: real laws are seldom the one-parameter textbook form.
+
+A family keeps where the effect acts and what it follows, and frees how: an encoder's error of its angle keeps to that angle,
+a bias that follows temperature may follow it late or bent. A curve of another place or coordinate is another effect.
+"""
+
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.effects.learned import ANGLES, Learned, LearnedReading, LearnedReadout, LearnedTilt
+
+READING: dict[str, tuple[str, ...]] = {
+    "acc_K2": ("input",), "acc_K3": ("input",), "acc_Koq": ("input",), "acc_scale_asym": ("input",), "acc_bias_asym": ("input",),
+    "adc_inl": ("input",), "tilt_conversion": ("input",), "gyr_scale_asym": ("input",), "gyr_nonlinearity": ("input",),
+    "fog_deadband": ("input",), "acc_temp_bias": ("temperature",), "acc_thermal_hysteresis": ("temperature", "warming"),
+    "acc_thermal_gradient": ("warming", "temperature"), "gyr_temp": ("temperature",), "fog_shupe": ("warming", "temperature"),
+    "acc_warmup": ("time",), "gyr_warmup": ("time",), "acc_bias_step": ("time",), "gyr_bias_step": ("time",), "acc_drift": ("time",),
+    "acc_angle_bias": ("table_outer", "table_inner", "table_middle"),
+    "gyr_gsens": ("force_x", "force_y", "force_z"), "gyr_g2sens": ("force_x", "force_y", "force_z"),
+}  # fmt: skip
+SCALE: dict[str, str] = {"acc_temp_scale": "temperature", "reference_drift": "temperature"}
+READOUT = {"table_encoder_eccentricity", "table_encoder_2rev", "table_encoder_sde", "table_sag", "cable_torque", "table_backlash"}
+TILT: dict[str, tuple[str, str]] = {
+    "floor_tilt_drift": ("base", "time"), "mount_slip": ("mount", "time"), "mount_thermal_tilt": ("mount", "temperature"),
+}  # fmt: skip
+SUPERPOSED = {"acc_hysteresis", "acc_warmup", "gyr_warmup", "settling_transient"}  # at several shapes at once
+FREE_FORM = {"adc_inl", "floor_tilt_drift"}  # the name says where and of what, not which form
+
+
+def completes(curve: Suspect, host: Suspect) -> bool:
+    """Whether a curve is of the family of a named effect."""
+    effect = curve.effect
+    if not host.listed:
+        return _same_curve(curve, host)
+    if not isinstance(effect, Learned):
+        return curve.place == host.place and curve.id in SUPERPOSED
+    if isinstance(effect, LearnedReading):
+        if effect.sensor != host.effect.sensor or (host.effect.axis and host.effect.axis != effect.axis):
+            return False
+        if not any(name.endswith(f"_{effect.axis}") or "_" not in name for name in host.names) and host.id not in SCALE:
+            return False
+        if effect.per_input:
+            return SCALE.get(host.id) == effect.coordinate
+        return effect.coordinate in READING.get(host.id, ())
+    if isinstance(effect, LearnedReadout):
+        return host.id in READOUT and ANGLES.get(effect.coordinate) == effect.axis == (host.effect.axis or "outer")
+    assert isinstance(effect, LearnedTilt)
+    if host.id == "table_axis_wobble":
+        return effect.slot == f"{host.effect.axis}_bearing" and ANGLES.get(effect.coordinate) == host.effect.axis
+    return TILT.get(host.id) == (effect.slot, effect.coordinate)
+
+
+def _same_curve(curve: Suspect, host: Suspect) -> bool:
+    """Whether two curves are parts of one unnamed effect: the same coordinate at the same place, on another axis."""
+    a, b = curve.effect, host.effect
+    if not isinstance(a, Learned) or not isinstance(b, Learned) or type(a) is not type(b) or a.coordinate != b.coordinate:
+        return False
+    if isinstance(a, LearnedTilt):
+        return a.slot == b.slot and a.turn != b.turn and len(curve.names) == len(host.names)
+    same = a.per_input == b.per_input and a.sensor == b.sensor and a.lag == b.lag and len(curve.names) == len(host.names)
+    return isinstance(a, LearnedReading) and same and a.axis != b.axis

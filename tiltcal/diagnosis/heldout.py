@@ -1,0 +1,77 @@
+"""Does it help on what it was not fitted to? Blocks of stops and the moves before them are left out in turn."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account, Term, columns_of
+from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.frames import Array
+
+FOLDS = 6
+
+
+def heldout_gain(account: Account, ledger: Ledger, places: Sequence[int]) -> float:
+    """Rise of the log-likelihood of left-out blocks by the terms at these places, nats."""
+    rest = [t for k, t in enumerate(account.terms) if k not in places]
+    whole = _left_out(account, ledger, list(account.terms))
+    return 0.5 * (_left_out(account, ledger, rest) - whole)
+
+
+def heldout_misfit(account: Account, ledger: Ledger) -> float:
+    """Chi-square per sample of left-out blocks."""
+    return _left_out(account, ledger, list(account.terms)) / max(ledger.observations.samples, 1)
+
+
+def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
+    """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in time."""
+    from scipy.fft import idct
+
+    observations = ledger.observations
+    used = [*account.nuisance, *terms]
+    names = [(t, n) for t in used for n in t.names]
+    columns = [ledger.whitened(c) for c in columns_of(observations, used, account.effects)]
+    values = np.array([v / t.suspect.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)])
+    residual = ledger.residual(account.effects)
+    gone = [t for t in account.terms if t not in terms]
+    for t in gone:
+        for column, n, v in zip(columns_of(observations, [t], account.effects), t.names, t.values, strict=True):
+            for i, part in ledger.whitened(column).items():
+                residual[i] = residual[i] + part * (v / t.suspect.size(n))
+    total = 0.0
+    grams = np.zeros((FOLDS, len(names) + 1, len(names) + 1))
+    for i, channel in enumerate(observations.channels):
+        mine = [k for k, c in enumerate(columns) if i in c]
+        y = residual[i] + sum((values[k] * columns[k][i] for k in mine), np.zeros(len(residual[i])))
+        block = idct(np.array([*(columns[k][i] for k in mine), y]), norm="ortho", axis=1)
+        index = np.array([*mine, len(names)])
+        folds = _folds(channel.stop)
+        for f in range(FOLDS):
+            part = block[:, folds == f]
+            grams[f][np.ix_(index, index)] += part @ part.T
+    whole = grams.sum(axis=0)
+    for f in range(FOLDS):
+        b = _solve(whole - grams[f])
+        G = grams[f]
+        total += float(G[-1, -1] - 2 * b @ G[:-1, -1] + b @ G[:-1, :-1] @ b)
+    return total
+
+
+def _solve(G: Array) -> Array:
+    """Least squares from a Gram matrix whose last row is the target."""
+    A, y = G[:-1, :-1], G[:-1, -1]
+    if not len(A):
+        return y
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    values, vectors = np.linalg.eigh(A / np.outer(size, size))
+    keep = values > 1e-8 * len(values)
+    return np.asarray((vectors[:, keep] / values[keep]) @ (vectors[:, keep].T @ (y / size)) / size)
+
+
+def _folds(stop: Array) -> Array:
+    """A fold for each row: a stop and the move before it, dealt out in turn; blocks of equal length without stops, (n,)."""
+    starts = np.concatenate([[True], (stop[1:] >= 0) & (stop[:-1] < 0)])
+    number = np.cumsum(starts) - 1
+    if number[-1] < 2 * FOLDS:
+        number = np.arange(len(stop)) * (4 * FOLDS) // len(stop)
+    return np.asarray(number % FOLDS)

@@ -1,0 +1,199 @@
+"""What was read and what a model says should have been read, channel by channel; and how readings change with an effect."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.byhand import hand_predictions, hand_readings
+from tiltcal.chain import readings
+from tiltcal.effects.base import Effect
+from tiltcal.effects.events import as_met
+from tiltcal.frames import Array
+from tiltcal.laboratory import restored
+from tiltcal.motion import Index
+from tiltcal.recording import Recording
+from tiltcal.replay import Replay, replay
+from tiltcal.scenario import Scenario
+from tiltcal.sensitivity import Watch
+
+Columns = dict[int, Array]
+"""Change of each channel that changes, by the channel's number, (n,) each, SI."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of readings whose model is known.
+
+    Args:
+        recording: number of the recording.
+        sensor, axis: whose; the axis ``norm`` is the length of an accelerometer's reading at rest.
+        column: of the sensor's readings.
+        rows: of the recording, (n,).
+        time: s, (n,).
+        values: SI, (n,).
+        stop: number of the stop of each row, -1 while moving, (n,).
+    """
+
+    recording: int
+    sensor: str
+    axis: str
+    column: int
+    rows: Index
+    time: Array
+    values: Array
+    stop: Index
+
+    @property
+    def name(self) -> str:
+        """``accel.x``."""
+        return f"{self.sensor}.{self.axis}"
+
+
+class Observations(ABC):
+    """Recordings of one set-up, explained together."""
+
+    scenario: Scenario
+    recordings: tuple[Recording, ...]
+    channels: tuple[Channel, ...]
+
+    @abstractmethod
+    def predict(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read with these effects, SI, (n,) each."""
+
+    @abstractmethod
+    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
+        """How readings change with a small effect, the others being there, SI."""
+
+    def residuals(self, effects: Sequence[Effect]) -> list[Array]:
+        """Measured minus predicted, (n,) each."""
+        return [c.values - p for c, p in zip(self.channels, self.predict(effects), strict=True)]
+
+    @property
+    def samples(self) -> int:
+        """Number of readings in all channels."""
+        return sum(len(c.values) for c in self.channels)
+
+
+class TableObservations(Observations):
+    """Recordings on a table whose angles were read."""
+
+    def __init__(self, scenario: Scenario, recordings: Sequence[Recording]) -> None:
+        self.scenario, self.recordings = scenario, tuple(recordings)
+        reference = scenario.climate.reference_degC
+        self.courses: list[Replay] = []
+        for recording in recordings:
+            course = restored(replay(recording, scenario, reference), as_met(scenario.effects, recording.fingerprint))
+            self.courses.append(course)
+            reference = course.reference if reference is None else reference  # T0 stays that of the first recording
+        self.channels = tuple(self._channels())
+        self._watches: dict[bytes, list[Watch]] = {}
+
+    def _channels(self) -> list[Channel]:
+        found = []
+        for number, (recording, course) in enumerate(zip(self.recordings, self.courses, strict=True)):
+            for sensor in self.scenario.sensor:
+                if not recording.has(sensor):
+                    continue
+                samples = recording.sensor(sensor)
+                for k, axis in enumerate(sensor.axes):
+                    there = ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
+                    rows = samples.rows[there]
+                    found.append(
+                        Channel(number, sensor.name, axis, k, rows, recording.time[rows], samples.values[there, k], course.stop[rows])
+                    )
+        return [c for c in found if len(c.rows) > 8]
+
+    def predict(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read."""
+        found = []
+        for number, (recording, course) in enumerate(zip(self.recordings, self.courses, strict=True)):
+            names = {c.sensor for c in self.channels if c.recording == number}
+            met = as_met(effects, recording.fingerprint)
+            values = readings(self.scenario, course, dict.fromkeys(sorted(names), recording.time), met)
+            found += [values[c.sensor][c.rows, c.column] for c in self.channels if c.recording == number]
+        return found
+
+    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
+        """How readings change with a small effect: by the closed form at the nominal table, through the fitted sensor matrix."""
+        found: Columns = {}
+        for number, watch in enumerate(self._watching(around)):
+            changes = watch.changes(effect)
+            for i, c in enumerate(self.channels):
+                if c.recording == number and c.sensor in changes:
+                    column = changes[c.sensor][c.rows, c.column]
+                    if np.any(column):
+                        found[i] = column
+        return found
+
+    def _watching(self, around: Sequence[Effect]) -> list[Watch]:
+        matrices = {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
+        key = b"".join(m.tobytes() for m in matrices.values())
+        if key not in self._watches:
+            self._watches.clear()
+            self._watches[key] = [
+                Watch(self.scenario, course, recording.time, matrices)
+                for recording, course in zip(self.recordings, self.courses, strict=True)
+            ]
+        return self._watches[key]
+
+
+def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> Array:
+    """Reading per unit of force or rate in the body frame, (k, 3): scale and cross-axis terms of these effects."""
+    sensor = scenario.named(name)
+    matrix = np.eye(3)[list(sensor.axis_indices)]
+    for effect in effects:
+        if effect.sensor == name and effect.role == "calibration":
+            for parameter, value in effect.values.items():
+                word, _, axes = parameter.rpartition("_")
+                if word == "scale":
+                    matrix[sensor.axes.index(axes), "xyz".index(axes)] += value
+                elif word == "cross":
+                    matrix[sensor.axes.index(axes[0]), "xyz".index(axes[1])] += value
+    return matrix
+
+
+class HandObservations(Observations):
+    """Recordings turned by hand: only what is redundant has a model (FOG against gyro, the norm at rest)."""
+
+    def __init__(self, scenario: Scenario, recordings: Sequence[Recording]) -> None:
+        self.scenario, self.recordings = scenario, tuple(recordings)
+        found = []
+        for number, recording in enumerate(recordings):
+            for (sensor, axis), (rows, stop, values) in hand_readings(scenario, recording).items():
+                found.append(Channel(number, sensor, axis, 0, rows, recording.time[rows], values, stop))
+        self.channels = tuple(found)
+
+    def predict(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read."""
+        found = []
+        for number, recording in enumerate(self.recordings):
+            predicted = hand_predictions(self.scenario, recording, as_met(effects, recording.fingerprint))
+            found += [predicted[c.sensor, c.axis][c.rows] for c in self.channels if c.recording == number]
+        return found
+
+    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
+        """How readings change with a small effect: difference of predictions.
+
+        What was found is left out of the others: in second order it would lend its shape to the calibration terms, of which
+        only some combinations can be seen here.
+        """
+        other = [e for e in around if e.address != effect.address and e.role != "found"]
+        nominal = self._nominal(tuple(other))
+        return {
+            i: new - old
+            for i, (new, old) in enumerate(zip(self.predict([*other, effect]), nominal, strict=True))
+            if np.any(new != old)
+        }
+
+    def _nominal(self, around: tuple[Effect, ...]) -> list[Array]:
+        if getattr(self, "_last", (None, None))[0] != around:
+            self._last = (around, self.predict(around))
+        return self._last[1]
+
+
+def observe(scenario: Scenario, recordings: Sequence[Recording]) -> Observations:
+    """The readings of these recordings that the scenario has a model for."""
+    kind = TableObservations if scenario.rig.axes else HandObservations
+    return kind(scenario, recordings)

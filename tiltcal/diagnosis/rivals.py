@@ -1,0 +1,209 @@
+"""What else could be it: every suspect, with the curves of its family, in a finding's place."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tiltcal.confusion import SEPARABLE
+from tiltcal.diagnosis.account import Account, Term, columns_of
+from tiltcal.diagnosis.evidence import Ledger, Score, basis_of, project
+from tiltcal.diagnosis.families import FREE_FORM, completes
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.frames import Array
+
+FAIR = 3.0  # times the largest plausible size of any grade: beyond it an explanation is no explanation
+OWN = 0.9  # least share of the gain that a name's own form brings; below it the name does not fit
+NEAR = 0.5  # least cosine with a finding's signal to be looked at
+LOOKED_AT = 14  # places that are worked out with their families
+
+
+def price_of(ledger: Ledger) -> float:
+    """Deviance that one more size has to bring (BIC)."""
+    return float(np.log(max(ledger.observations.samples, 2)))
+
+
+@dataclass(frozen=True)
+class Rival:
+    """One explanation in the place of a finding.
+
+    Args:
+        terms: the suspect and what completes its form, at expected values.
+        gain: fall of the deviance; worth: less the price of its sizes; own: share of its own form in the gain.
+        cosine: with the finding's signal; separation: energy of that signal which it leaves.
+        fair: whether its sizes are plausible.
+    """
+
+    terms: tuple[Term, ...]
+    gain: float
+    worth: float
+    own: float
+    cosine: float
+    separation: float
+    fair: bool
+
+    @property
+    def suspect(self) -> Suspect:
+        """Who."""
+        return self.terms[0].suspect
+
+    @property
+    def sizes(self) -> int:
+        """How many numbers it needs."""
+        return sum(len(t.names) for t in self.terms)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A finding taken out of its account: what has to be explained.
+
+    Args:
+        basis: of nuisance and all other findings, by channel; target: what is left without the finding, whitened.
+        signal: the finding's fitted signal without its part in the basis.
+    """
+
+    basis: list[Array]
+    target: list[Array]
+    signal: list[Array]
+
+
+def case_of(account: Account, ledger: Ledger, places: Sequence[int]) -> Case:
+    """What the terms at these places explain, and the account without them."""
+    effects, lengths = account.effects, [len(c.values) for c in ledger.observations.channels]
+    inside = [account.terms[k] for k in places]
+    others = [*account.nuisance, *(t for k, t in enumerate(account.terms) if k not in places)]
+    basis = basis_of([ledger.whitened(c) for c in columns_of(ledger.observations, others, effects)], lengths)
+    signal = [np.zeros(n) for n in lengths]
+    values = [v / t.suspect.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)]
+    for value, column in zip(values, columns_of(ledger.observations, inside, effects), strict=True):
+        for i, part in ledger.whitened(column).items():
+            signal[i] = signal[i] + value * part
+    signal = project(basis, signal)
+    residual = ledger.residual(effects)
+    target = project(basis, [s + r for s, r in zip(signal, residual, strict=True)])
+    return Case(basis, target, signal)
+
+
+def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> list[Rival]:
+    """Every wanted suspect near the signal, each at its best shape with its family, the worthiest first."""
+    energy = sum(float(s @ s) for s in case.signal)
+    seen: dict[Any, tuple[float, Suspect]] = {}
+    price = price_of(ledger)
+    for score in ledger.scores(case.basis, case.target):
+        if not wanted(score.suspect) or score.gain()[0] < NEAR**2 * energy:
+            continue
+        worth = score.best(price)[0] - 2 * np.log(score.suspect.variants)
+        key = score.suspect.place if score.suspect.listed else id(score.suspect)
+        if key not in seen or worth > seen[key][0]:
+            seen[key] = (worth, score.suspect)
+    best = sorted(seen.values(), key=lambda item: -item[0])[:LOOKED_AT]
+    found = [explain(suspect, case, ledger) for _, suspect in best]
+    return sorted((r for r in found if r is not None), key=lambda r: -r.worth)
+
+
+def explain(suspect: Suspect, case: Case, ledger: Ledger) -> Rival | None:
+    """A suspect with the curves that complete it, built up column by column."""
+    family = [k for k, s in enumerate(ledger.suspects) if s is not suspect and completes(s, suspect)]
+    members = [ledger.suspects.index(suspect), *family]
+    columns, owner, names = _dense(members, case, ledger)
+    target = np.concatenate(case.target)
+    price = price_of(ledger)
+    own = [i for i, who in enumerate(owner) if who == members[0]]
+    chosen = _greedy(columns, target, own, price, [])
+    if not chosen:
+        return None
+    alone = _gain(columns, target, chosen)
+    whole = _greedy(columns, target, range(len(owner)), price + 2 * np.log(1 + len(family)), chosen)
+    gain = _gain(columns, target, whole)
+    signal = np.concatenate(case.signal)
+    energy = float(signal @ signal)
+    explained = _gain(columns, signal, own)
+    terms = _terms(columns, target, whole, owner, names, ledger, suspect)
+    share = alone / gain if suspect.id not in FREE_FORM else 1.0
+    return Rival(
+        terms, gain, gain - price * len(whole) - 2 * np.log(suspect.variants), share,
+        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained, _fair(terms[0]),
+    )  # fmt: skip
+
+
+def _dense(members: Sequence[int], case: Case, ledger: Ledger) -> tuple[Array, list[int], list[str]]:
+    """Projected whitened columns of some suspects, (N, k), whose each is, and its name."""
+    lengths = [len(t) for t in case.target]
+    owner = [m for m in members for _ in ledger.suspects[m].names]
+    names = [n for m in members for n in ledger.suspects[m].names]
+    columns = np.zeros((sum(lengths), len(owner)))
+    where = {ledger.starts[m] + j: k for k, (m, j) in enumerate((m, j) for m in members for j in range(len(ledger.suspects[m].names)))}
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    for i, ((index, block), root) in enumerate(zip(ledger.packed, ledger.roots, strict=True)):
+        for row in np.flatnonzero(np.isin(index, list(where))):
+            columns[starts[i] : starts[i + 1], where[int(index[row])]] = block[row] / root
+    Q = np.concatenate(case.basis)
+    raw = np.linalg.norm(columns, axis=0)
+    columns -= Q @ (Q.T @ columns)
+    left = np.linalg.norm(columns, axis=0)
+    columns[:, left**2 < 1e-3 * raw**2] = 0.0
+    return columns, owner, names
+
+
+def _gain(columns: Array, target: Array, chosen: Sequence[int]) -> float:
+    basis = basis_of([{0: columns[:, i]} for i in chosen], [len(target)])[0] if len(chosen) else np.zeros((len(target), 0))
+    along = basis.T @ target
+    return float(along @ along)
+
+
+def _greedy(columns: Array, target: Array, allowed: Sequence[int], price: float, start: Sequence[int]) -> list[int]:
+    """Columns added one by one while each brings more than its price."""
+    chosen = list(start)
+    size = np.linalg.norm(columns, axis=0)
+    left = [i for i in allowed if size[i] > 0 and i not in chosen]
+    basis = [columns[:, i] for i in chosen]
+    Q = basis_of([{0: b} for b in basis], [len(target)])[0] if basis else np.zeros((len(target), 0))
+    rest = target - Q @ (Q.T @ target)
+    work = columns[:, left] - Q @ (Q.T @ columns[:, left])
+    while left:
+        norms = np.linalg.norm(work, axis=0)
+        good = norms > 0.03 * size[left]
+        gains = np.where(good, (work.T @ rest) ** 2 / np.where(good, norms, 1.0) ** 2, 0.0)
+        j = int(np.argmax(gains))
+        if gains[j] <= price:
+            break
+        q = work[:, j] / norms[j]
+        rest = rest - q * (q @ rest)
+        work = np.delete(work - np.outer(q, q @ work), j, axis=1)
+        chosen.append(left.pop(j))
+    return chosen
+
+
+def _terms(
+    columns: Array, target: Array, chosen: Sequence[int], owner: Sequence[int], names: Sequence[str], ledger: Ledger, host: Suspect
+) -> tuple[Term, ...]:  # fmt: skip
+    part = columns[:, list(chosen)]
+    size = np.linalg.norm(part, axis=0)
+    values = np.linalg.lstsq(part / size, target, rcond=1e-6)[0] / size
+    found = []
+    for member in dict.fromkeys(owner[i] for i in chosen):
+        suspect = ledger.suspects[member]
+        mine = [(names[i], float(v) * suspect.size(names[i])) for i, v in zip(chosen, values, strict=True) if owner[i] == member]
+        found.append(Term(suspect, tuple(n for n, _ in mine), tuple(v for _, v in mine), None if suspect is host else host))
+    return tuple(found)
+
+
+def _fair(term: Term) -> bool:
+    """Whether the sizes are ones that an instrument of some grade may have."""
+    for parameter in term.suspect.effect.parameters:
+        limit = FAIR * max(parameter.plausible) * parameter.factor
+        stem = parameter.name.split("{")[0].rstrip("_")
+        for name, value in zip(term.names, term.values, strict=True):
+            if (name == parameter.name or (("{" in parameter.name) and name.startswith(stem))) and abs(value) > limit:
+                return False
+    return True
+
+
+def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:
+    """Those who could take the place of the best: nothing in the data tells them apart."""
+    level = best.gain - 2 * best.sizes
+    return [
+        r for r in rivals
+        if r.suspect is best.suspect or (r.fair and r.own >= OWN and min(r.separation, level - (r.gain - 2 * r.sizes)) < SEPARABLE)
+    ]  # fmt: skip

@@ -1,0 +1,190 @@
+"""Which suspects stay: forward by penalised score, through the gate of the noise, backward until every one is needed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle
+from tiltcal.diagnosis.evidence import Ledger, basis_of, project
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.whitening import NoiseFit
+
+ALPHA = 0.01  # family-wise, over everything that was tried
+MOST = 4  # findings a recording may be given
+
+
+def log_tail(gain: float, dof: int) -> float:
+    """Natural logarithm of the chance that chi-square exceeds ``gain``."""
+    from scipy.special import gammaincc, gammaln
+
+    if dof <= 0:
+        return 0.0
+    p = float(gammaincc(dof / 2, gain / 2))
+    if p > 1e-290:
+        return float(np.log(p))
+    x = gain / 2
+    return float(-x + (dof / 2 - 1) * np.log(x) - gammaln(dof / 2))
+
+
+def log_tries(suspect: Suspect, kept: int, total: int) -> float:
+    """Logarithm of how many alternatives stood beside this choice: suspects, and subsets of its sizes."""
+    from scipy.special import gammaln
+
+    n = len(suspect.names)
+    return float(np.log(max(total, 1)) + gammaln(n + 1) - gammaln(kept + 1) - gammaln(n - kept + 1))
+
+
+def best_explanation(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> list[Rival]:
+    """What would explain most of what is left, the worthiest first: plausible, in its own form, and past all that was tried."""
+    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
+    total = len(ledger.suspects)
+    found = explanations(case, ledger, wanted)
+    return [
+        r for r in found
+        if r.fair and log_tail(r.gain, r.sizes) + sum(log_tries(t.suspect, len(t.names), total) for t in r.terms[:1]) < np.log(ALPHA)
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The noise a term has to stand out of.
+
+    Args:
+        static: noise models of each channel from a record at rest, when there is one.
+        total: number of suspects tried.
+    """
+
+    static: tuple[NoiseFit, ...] | None
+    total: int
+
+    def noise(self, account: Account, ledger: Ledger) -> list[NoiseFit]:
+        """The noise when the whole account may be true."""
+        return list(self.static) if self.static is not None else noise_under(account, ledger)
+
+    def log_p(self, account: Account, ledger: Ledger) -> list[float]:
+        """Corrected log p-value of each found term, in the noisiest way that the recording allows."""
+        fits = self.noise(account, ledger)
+        bounds = [f.bounds() for f in fits]
+        worst = [-np.inf] * len(findings(account))
+        for side in range(2):
+            ledger.under([b[side] for b in bounds])
+            for k, value in enumerate(standing(account, ledger, self.total)):
+                worst[k] = max(worst[k], value)
+        ledger.under(models(fits))
+        return [float(w) for w in worst]
+
+
+def standing(account: Account, ledger: Ledger, total: int) -> list[float]:
+    """Corrected log p-value of each finding given all others, under the ledger's noise."""
+    found = []
+    for places in findings(account):
+        case = case_of(account, ledger, places)
+        lengths = [len(t) for t in case.target]
+        inside = [account.terms[k] for k in places]
+        columns = [ledger.whitened(c) for c in columns_of(ledger.observations, inside, account.effects)]
+        mine = basis_of([_projected(case.basis, c, lengths) for c in columns], lengths)
+        along = sum(U.T @ r for U, r in zip(mine, case.target, strict=True))
+        tries = sum(log_tries(t.suspect, len(t.names), total) for t in inside[:1])
+        found.append(log_tail(float(along @ along), mine[0].shape[1]) + tries)
+    return found
+
+
+def _projected(Q: Sequence[np.ndarray], column: dict[int, np.ndarray], lengths: Sequence[int]) -> dict[int, np.ndarray]:
+    full = [column.get(i, np.zeros(n)) for i, n in enumerate(lengths)]
+    return dict(enumerate(project(Q, full)))
+
+
+def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:
+    """Add what explains the residual best, as long as it stands out of the noise; then drop what is not needed.
+
+    The scan weighs by white noise at first, so that no effect is taken for noise; what does not stand out of the noise that
+    is left when it is taken away waits, and may pass together with another.
+    """
+    waiting: tuple[Term, ...] = ()
+    banned: set[int] = set()
+    patience = 6
+    while len(findings(account)) < MOST and patience:
+        trial = settle(replace(account, terms=account.terms + waiting), ledger)
+        rivals = best_explanation(trial, ledger, lambda s: wanted(s) and id(s) not in banned)
+        if not rivals:
+            if not waiting:
+                break
+            waiting = ()
+            ledger.under(models(gate.noise(settle(account, ledger), ledger)))
+            account = settle(account, ledger)
+            continue
+        own = [r for r in rivals if r.own >= OWN]
+        pick = (own or rivals)[0]
+        terms = refined(pick.terms, trial, ledger)
+        trial = settle(replace(trial, terms=trial.terms + terms), ledger)
+        if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
+            account, waiting, banned = settle(trial, ledger), (), set()
+            continue
+        patience -= 1
+        banned.add(id(pick.suspect))
+        waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 else ()
+        ledger.under(models(gate.noise(trial if waiting else account, ledger)))
+    return backward(account, ledger, gate)
+
+
+def findings(account: Account) -> list[list[int]]:
+    """Places of the terms of each finding: what stands by itself and what completes its form."""
+    found: list[list[int]] = []
+    for k, term in enumerate(account.terms):
+        if term.host is None:
+            found.append([k])
+        else:
+            found[-1].append(k)
+    return found
+
+
+def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
+    """Drop findings one by one that do not stand out once the others are there."""
+    while account.terms:
+        account = settle(account, ledger)
+        values = gate.log_p(account, ledger)
+        groups = findings(account)
+        worst = max(range(len(groups)), key=lambda j: values[j])
+        if values[worst] < np.log(ALPHA):
+            break
+        account = replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in groups[worst]))
+    ledger.under(models(gate.noise(account, ledger)))
+    return settle(account, ledger)
+
+
+GRAIN = 4  # halvings of the step between shapes
+STEP = {"time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3)}  # s, or relative
+
+
+def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+    """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved row by row."""
+    term, family = terms[0], terms[1:]
+    first = term.suspect
+    for name in [n for n in first.effect.values if n not in first.names]:
+        x = first.effect.values[name]
+        if name not in STEP:
+            continue
+        step = STEP[name]
+        for _ in range(GRAIN if name != "time" else 7):
+            trials = [(x + d if name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
+            scored = [(_gain_at(term, name, value, account, ledger), value) for value in trials]
+            x = max(scored)[1]
+            term = replace(term, suspect=_shaped(term.suspect, name, x))
+            step /= 2
+    return (term, *(replace(t, host=term.suspect) for t in family))
+
+
+def _shaped(suspect: Suspect, name: str, value: float) -> Suspect:
+    effect = replace(suspect.effect, values={**suspect.effect.values, name: float(value)})
+    return replace(suspect, effect=effect)
+
+
+def _gain_at(term: Term, name: str, value: float, account: Account, ledger: Ledger) -> float:
+    lengths = [len(c.values) for c in ledger.observations.channels]
+    suspect = _shaped(term.suspect, name, value)
+    columns = [ledger.whitened(ledger.observations.changes(suspect.alone(n), account.effects)) for n in term.names]
+    mine = basis_of([_projected(account.basis, c, lengths) for c in columns], lengths)
+    along = sum((U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1]))
+    return float(along @ along)

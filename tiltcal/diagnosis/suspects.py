@@ -1,0 +1,281 @@
+"""Who may be to blame: every effect of the catalogue at a few shapes, and curves that no name fits."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from tiltcal.diagnosis.observations import Observations
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import DelayEffect, Effect, WritingEffect
+from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.grades import GRADES
+from tiltcal.scenario import Scenario
+from tiltcal.sensitivity import NO_COLUMN, OF_THE_DRIVE
+from tiltcal.setup import Sensor
+
+CALIBRATION = {
+    "accelerometer": ("acc_bias", "acc_scale", "acc_cross_axis"), "inclinometer": ("acc_bias", "acc_scale", "acc_cross_axis"),
+    "gyro": ("gyr_bias", "gyr_scale", "gyr_misalignment"), "fog": ("fog_bias", "fog_scale", ""),
+}  # fmt: skip
+_TERM = ("bias", "scale", "cross_axis")
+SAME_LAW = {
+    "rate_error": "cable_torque", "servo_droop": "table_sag", "table_unbalance": "table_encoder_eccentricity",
+    "servo_ripple": "table_encoder_sde", "mount_misalignment": "acc_cross_axis", "mount_resonance": "settling_transient",
+    "adc_gain_error": "acc_scale", "adc_offset_drift": "acc_temp_bias", "supply_ratiometric": "reference_drift",
+}  # fmt: skip
+"""Effects whose readings are those of another under any circumstances: the other stands for both."""
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """An effect with its shape given and its sizes free.
+
+    Args:
+        effect: the effect at plausible sizes.
+        names: bare names of the sizes.
+        variants: how many shapes of it are tried: they pay for it.
+    """
+
+    effect: Effect
+    names: tuple[str, ...]
+    variants: int = 1
+
+    @property
+    def id(self) -> str:
+        """Catalogue id; ``learned`` for a curve."""
+        return self.effect.id
+
+    @property
+    def listed(self) -> bool:
+        """Whether it has a name in the catalogue."""
+        return not isinstance(self.effect, Learned)
+
+    @property
+    def place(self) -> tuple[str, str | None, str | None]:
+        """Id, sensor, axis: the same for all shapes of one explanation."""
+        return self.id, self.effect.sensor, self.effect.axis
+
+    def at(self, values: Mapping[str, float]) -> Effect:
+        """The effect at these sizes, its shape kept."""
+        return _with(self.effect, {**{k: v for k, v in self.effect.values.items() if k not in self.names}, **values})
+
+    def size(self, name: str) -> float:
+        """Plausible size of a parameter, SI."""
+        return abs(self.effect.values[name])
+
+    def alone(self, name: str) -> Effect:
+        """The effect with one size only, at its plausible value."""
+        return self.at({name: self.effect.values[name]})
+
+
+def _with(effect: Effect, values: Mapping[str, float]) -> Effect:
+    from dataclasses import replace
+
+    return replace(effect, values=dict(values))
+
+
+def adjustable(scenario: Scenario) -> list[Suspect]:
+    """The terms that ordinary calibration may re-tune, as effects with role ``calibration``; unknown heading among them."""
+    found = []
+    for sensor in scenario.sensor:
+        for term in sensor.adjustable:
+            id = CALIBRATION[sensor.kind][_TERM.index(term)] if term in _TERM else term
+            if id:
+                found += [_suspect(id, scenario, sensor, axis, role="calibration") for axis in _axes(id, scenario)]
+    return found
+
+
+def _axes(id: str, scenario: Scenario) -> Sequence[str | None]:
+    return scenario.rig.axis_names if CATALOGUE[id].axis_wise else (None,)
+
+
+def _suspect(
+    id: str, scenario: Scenario, sensor: Sensor | None, axis: str | None, shapes: Mapping[str, float] | None = None,
+    variants: int = 1, role: str = "found",
+) -> Suspect:  # fmt: skip
+    cls = CATALOGUE[id]
+    bound = sensor if cls.kinds else None
+    axes = bound.axes if bound else tuple(dict.fromkeys(a for s in scenario.sensor for a in s.axes))
+    names = {n: p for p in cls.parameters if not p.is_shape for n in p.expand(axes)}
+    if id == "table_encoder_zero":
+        names = {n: p for n, p in names.items() if n.split("_")[0] in scenario.rig.axis_names}
+    plausible = {n: p.plausible[GRADES.index("mid_mems")] * p.factor for n, p in names.items()}
+    effect = cls({**plausible, **(shapes or {})}, bound.name if bound else None, axis, role)
+    return Suspect(effect, tuple(names), variants)
+
+
+@dataclass(frozen=True)
+class Span:
+    """What a recording spans, for shapes and curves.
+
+    Args:
+        duration: s; force: half the span of each accelerometer's input over g; stops: elapsed time at each stop's start.
+        tones: Hz, of lines that stand out of the residual.
+    """
+
+    duration: float
+    rate_hz: float
+    moves: bool
+    temperature: float
+    tones: tuple[float, ...] = ()
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
+    """The shapes an effect is tried at; steps at unknown times are scanned elsewhere."""
+    grids: dict[str, Sequence[float]] = {
+        "settling_transient": [], "mount_resonance": [],
+        "acc_warmup": [span.duration * x for x in (0.03, 0.1, 0.2, 0.5, 1.5)],
+        "table_wobble_async": (0.38, 0.4, 0.42, 0.44, 0.46, 0.48),
+        "table_encoder_sde": (20.0, 36.0, 72.0, 90.0, 180.0, 360.0, 720.0, 1024.0),
+        "mains_pickup": span.tones, "base_vibration": span.tones,
+    }  # fmt: skip
+    grids["gyr_warmup"] = grids["acc_warmup"]
+    key = {"acc_warmup": "tau", "gyr_warmup": "tau", "table_wobble_async": "ratio",
+           "table_encoder_sde": "lines", "mains_pickup": "frequency", "base_vibration": "frequency"}  # fmt: skip
+    if id == "acc_hysteresis":
+        return [{"width": w, "rounded": r} for w, r in product((0.02, 0.1, 0.2, 0.4, 0.8), (0.0, 1.0))]
+    if id in ("settling_transient", "mount_resonance"):
+        top = 0.45 * span.rate_hz
+        return [{"frequency": f, "tau": t} for f, t in product((1.0, 2.0, 3.0, 5.0, 8.0, 12.0), (0.15, 0.5, 1.5)) if f < top]
+    return [{key[id]: value} for value in grids[id]] if id in grids else [{}]
+
+
+LAGS = (15.0, 45.0)  # s: a temperature sensor and a flexure do not feel the same
+STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step")
+DISCRETE = {"data_drop"}
+
+
+def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = ()) -> Iterator[Suspect]:
+    """Every effect of the catalogue that a residual may hold, but steps at unknown times and faults of the data."""
+    nuisance = {s.place for s in taken}
+    for id, cls in CATALOGUE.items():
+        if not _eligible(id, scenario):
+            continue
+        sensors: Sequence[Sensor | None] = scenario.sensors(*cls.kinds) if cls.kinds else (None,)
+        if any(p.unit.split("_")[0] == "ug" for p in cls.parameters):  # sizes of acceleration
+            sensors = [s for s in sensors if s is not None and s.is_accelerometer]
+        if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":
+            sensors = (*sensors, None)  # the recorder's own: all sensors alike
+        for sensor, axis in product(sensors, _axes(id, scenario)):
+            shapes = shapes_of(id, span)
+            for shape in shapes:
+                suspect = _suspect(id, scenario, sensor, axis, shape, len(shapes))
+                if suspect.place not in nuisance:
+                    yield suspect
+
+
+def _eligible(id: str, scenario: Scenario) -> bool:
+    cls = CATALOGUE[id]
+    if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN or id in SAME_LAW or id in STEPS:
+        return False
+    if (cls.stage == "table" or cls.on_table or cls.stage == "mount" and not cls.kinds) and not scenario.rig.axes:
+        return False
+    return not (id in OF_THE_DRIVE and scenario.rig.readout != "command")
+
+
+def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Suspect]:
+    """Effects that begin at an instant, at these times (s from the first stamp)."""
+    for id in STEPS:
+        cls = CATALOGUE[id]
+        if not cls.kinds and not scenario.rig.axes:
+            continue
+        for sensor in scenario.sensors(*cls.kinds) if cls.kinds else (None,):
+            for time in times:
+                yield _suspect(id, scenario, sensor, None, {"time": float(time)}, max(len(times), 1))
+
+
+def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
+    """Curves over every coordinate at every place of the chain: the open world."""
+    scenario = observations.scenario
+    for sensor in scenario.sensor:
+        for axis in sensor.axes:
+            if any(c.sensor == sensor.name for c in observations.channels):
+                yield from _reading_curves(scenario, sensor, axis, span)
+    for axis in scenario.rig.axis_names:
+        for size in (4, 8):
+            yield _curve(LearnedReadout, f"table_{axis}", _waves(size), axis=axis, place="table")
+        for other in scenario.rig.axis_names:
+            for turn in _across(dict(scenario.rig.axes)[axis]):
+                yield _curve(LearnedTilt, f"table_{other}", _waves(4), slot=f"{axis}_bearing", turn=turn, place="table")
+    if scenario.rig.axes:
+        for slot, turns in (("base", "xy"), ("mount", "xyz")):
+            for turn, coordinate in product(turns, ("time", "temperature")):
+                if knots := _knots(coordinate, span, 5):
+                    place = "environment" if slot == "base" else "mount"
+                    yield _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
+        for turn, axis in product("xyz", scenario.rig.axis_names):
+            yield _curve(LearnedTilt, f"table_{axis}", _waves(4), slot="mount", turn=turn, place="mount")
+
+
+def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    for name in scenario.rig.axis_names:
+        for size in (4, 10):
+            yield _curve(LearnedReading, f"table_{name}", _waves(size), **where)
+    others = [f"{q}_{a}" for q in (("force",) if sensor.is_accelerometer else ("force", "rate")) for a in "xyz"]
+    for coordinate in ("input", "time", "temperature", "warming", "since_move", *others, *(["transverse"] if sensor.kind == "fog" else [])):
+        if coordinate == f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}":
+            continue
+        if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):
+            yield _curve(LearnedReading, coordinate, knots, **where)
+    for lag in LAGS:
+        if knots := _knots("temperature", span, 4):
+            yield _curve(LearnedReading, "temperature", knots, lag=lag, **where)
+    for coordinate in ("time", "temperature"):
+        if knots := _knots(coordinate, span, 5):
+            yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+
+
+def _knots(coordinate: str, span: Span, count: int) -> tuple[float, ...]:
+    low, high = span.ranges.get(coordinate, (0.0, 0.0))
+    return tuple(np.linspace(low, high, count)) if high > low else ()
+
+
+def _waves(harmonics: int) -> int:
+    return 2 * harmonics
+
+
+def _across(axis: str) -> tuple[str, str]:
+    i = "xyz".index(axis)
+    return "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]
+
+
+def _curve(cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any) -> Suspect:
+    knots = () if isinstance(basis, int) else basis
+    names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
+    effect = cls(dict.fromkeys(names, 1e-6), where.pop("sensor", None), where.pop("axis", None), "found",
+                 coordinate=coordinate, knots=knots, **where)  # fmt: skip
+    return Suspect(effect, names)
+
+
+def span_of(observations: Observations, tones: Sequence[float] = ()) -> Span:
+    """What some recordings span."""
+    ranges: dict[str, tuple[float, float]] = {}
+    duration = max(float(r.time[-1] - r.time[0]) for r in observations.recordings)
+    ranges["time"] = (0.0, duration)
+    temperature = [t - t.mean() for r in observations.recordings if (t := r.temperature()) is not None]
+    if temperature:
+        both = np.concatenate(temperature)
+        ranges["temperature"] = (float(both.min()), float(both.max()))
+        slopes = np.concatenate([np.gradient(t, r.time) for t, r in zip(temperature, observations.recordings, strict=False)])
+        ranges["warming"] = (float(slopes.min()), float(slopes.max()))
+    for channel in observations.channels:
+        low, high = float(channel.values.min()), float(channel.values.max())
+        known = ranges.get(f"{channel.sensor}_input", (low, high))
+        ranges[f"{channel.sensor}_input"] = (min(low, known[0]), max(high, known[1]))
+    g = observations.scenario.site.gravity
+    still = any((c.stop >= 0).any() for c in observations.channels)
+    moving = any((c.stop < 0).any() for c in observations.channels)
+    if still and moving:
+        ranges["since_move"] = (0.0, 5.0)
+    ranges |= {f"force_{a}": (-g, g) for a in "xyz"}
+    rates = [c.values for c in observations.channels if observations.scenario.named(c.sensor).quantity == "rate"]
+    if rates:
+        top = max(float(np.abs(r).max()) for r in rates)
+        ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
+    rate = max(s.rate_hz for s in observations.scenario.sensor)
+    return Span(duration, rate, moving, float(np.ptp(ranges.get("temperature", (0, 0)))), tuple(tones), ranges)

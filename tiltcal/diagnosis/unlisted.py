@@ -1,0 +1,106 @@
+"""When no name fits: a curve in place of a finding, or of what the findings leave over."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account, Term, settle
+from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, price_of
+from tiltcal.diagnosis.select import ALPHA, Gate, findings, log_tail, log_tries
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.effects.learned import ANGLES, Learned, LearnedReading, LearnedReadout
+
+MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
+SHARE = 0.03  # and this share of the gain: a law that is a few per cent off its textbook form keeps its name
+
+
+def is_curve(suspect: Suspect) -> bool:
+    """Whether it has no name."""
+    return not suspect.listed
+
+
+def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
+    """Put a curve where it explains what a name does not; then where the account leaves structure over."""
+    groups = findings(account)
+    together = [[k for places in groups for k in places]] if len(groups) > 1 else []
+    for places in together + groups:
+        inside = [account.terms[k] for k in places]
+        if not all(t.suspect.listed for t in inside if t.host is None):
+            continue
+        case = case_of(account, ledger, places)
+        curve = best_curve(case, ledger)
+        level = _worth_of(inside, case, ledger)
+        if curve is not None and curve.worth > level + MARGIN + SHARE * curve.gain:
+            kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
+            trial = settle(replace(account, terms=kept + curve.terms), ledger)
+            if gate.log_p(trial, ledger)[-1] < np.log(ALPHA):
+                return nameless(trial, ledger, gate)
+    return leftover(account, ledger, gate)
+
+
+def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:
+    """What the names bring less their price: of one finding the best that any name can do."""
+    sizes = sum(len(t.names) for t in inside)
+    worth = sum(float(t @ t) for t in case.target) - sum(
+        float(r @ r) for r in (t - s for t, s in zip(case.target, case.signal, strict=True))
+    )
+    worth -= price_of(ledger) * sizes
+    if sum(t.host is None for t in inside) == 1:
+        named = [r.worth for r in explanations(case, ledger, lambda s: s.listed) if r.fair and r.own >= OWN]
+        worth = max([worth, *named]) if named else 0.0
+    return worth
+
+
+def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
+    """What is left over and significant: the rest of a finding's own form when it is small beside it, else a finding."""
+    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
+    curve = best_curve(case, ledger)
+    if curve is None or log_tail(curve.gain, curve.sizes) + log_tries(curve.suspect, curve.sizes, len(ledger.suspects)) > np.log(ALPHA):
+        return account
+    trial = settle(replace(account, terms=account.terms + curve.terms), ledger)
+    if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA):
+        return settle(account, ledger)
+    gains = [sum(float(s @ s) for s in case_of(account, ledger, places).signal) for places in findings(account)]
+    if gains and curve.gain < SHARE * max(gains):
+        k = int(np.argmax(gains))
+        places = findings(account)[k]
+        host = account.terms[places[0]].suspect
+        rest = tuple(replace(t, host=host) for t in curve.terms)
+        terms = account.terms[: places[-1] + 1] + rest + account.terms[places[-1] + 1 :]
+        return settle(replace(account, terms=terms), ledger)
+    return trial
+
+
+def best_curve(case: Case, ledger: Ledger) -> Rival | None:
+    """The worthiest curve, its form made local when that says the same with fewer numbers."""
+    found = explanations(case, ledger, is_curve)
+    if not found:
+        return None
+    return max([found[0], *_local(found[0], case, ledger)], key=lambda r: r.worth)
+
+
+def _local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+    """Bumps and steps over the coordinate of a curve, in its place."""
+    effect = rival.suspect.effect
+    if not isinstance(effect, LearnedReading | LearnedReadout) or effect.coordinate not in ANGLES or len(rival.terms) > 1:
+        return []
+    own = Ledger(ledger.observations)
+    for suspect in local_curves(effect):
+        own.add(suspect, ())
+    own.roots = ledger.roots
+    scores = own.scores(case.basis, case.target)
+    best = max(scores, key=lambda s: s.gain()[0])
+    found = explain(best.suspect, case, own)
+    return [] if found is None else [replace(found, worth=found.worth - 2 * np.log(len(scores)))]
+
+
+def local_curves(effect: Learned) -> Iterator[Suspect]:
+    """Bumps at every position and width over an angle."""
+    for width in (0.15, 0.3, 0.6):
+        for middle in np.arange(-2 * np.pi, 2 * np.pi, width):
+            knots: Any = tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3))
+            values = {f"c{k}": 1e-6 for k in (2, 3, 4)}
+            yield Suspect(replace(effect, values=values, knots=knots), tuple(values))

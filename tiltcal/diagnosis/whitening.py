@@ -1,0 +1,183 @@
+"""Noise of a channel from the recording itself, and the filter that makes it white.
+
+White noise, flicker and a random walk on evenly numbered samples are diagonal in the cosine basis (DCT-II): exactly so for
+white noise and for a random walk with a free level, whose precision is D'D, nearly so for flicker. Their variances there,
+S(k) = sw^2 + sf^2 / s + sr^2 / s^2 with s = 2 sin(pi k / 2n), are estimated by restricted likelihood (Whittle's, with the
+leverage of the mean model taken off); C^-1/2 = DCT^-1 S^-1/2 DCT is a filter without phase, so it keeps time local.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.frames import Array
+from tiltcal.noise import ARITHMETIC
+
+BINS = 160  # of the logarithmic frequency axis: S is smooth
+LOW = 3000  # cosine coefficients in which flicker and walk may stand out of white noise
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of one channel.
+
+    Args:
+        white: standard deviation of a sample, SI.
+        flicker: its density, SI: sf of the module's formula.
+        walk: step of the random walk per sample, SI.
+    """
+
+    white: float
+    flicker: float = 0.0
+    walk: float = 0.0
+
+    def spectrum(self, n: int) -> Array:
+        """Variance of each cosine coefficient, SI^2, (n,); that of the level is that of its neighbour."""
+        s = _sines(n)
+        return np.asarray(self.white**2 + self.flicker**2 / s + self.walk**2 / s**2)
+
+    def whiten(self, column: Array) -> Array:
+        """C^-1/2 times a column, in time, (n,)."""
+        from scipy.fft import dct, idct
+
+        return np.asarray(idct(dct(column, norm="ortho") / np.sqrt(self.spectrum(len(column))), norm="ortho"))
+
+
+def _sines(n: int) -> Array:
+    return np.asarray(2 * np.sin(np.pi * np.maximum(np.arange(n), 1) / (2 * n)))
+
+
+def robust_white(residual: Array) -> float:
+    """White noise from second differences, which no slow signal enters."""
+    second = residual[2:] - 2 * residual[1:-1] + residual[:-2]
+    spread = 1.4826 * np.median(np.abs(second)) / np.sqrt(6)
+    return float(max(spread, 0.05 * np.std(second), ARITHMETIC))
+
+
+def column_space(columns: Array, tolerance: float = 1e-9) -> Array:
+    """An orthonormal basis of the space of some columns, (n, rank)."""
+    size = np.linalg.norm(columns, axis=0)
+    columns = columns[:, size > 0] / size[size > 0]
+    if columns.shape[1] == 0:
+        return columns
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    keep = values > tolerance * len(values)
+    Q = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return np.asarray(np.linalg.qr(Q)[0])
+
+
+def estimate_noise(residual: Array, mean: Array, start: NoiseModel | None = None, rounds: int = 2) -> "NoiseFit":
+    """The noise behind a residual whose mean model is ``mean``.
+
+    Args:
+        residual: cosine coefficients (DCT-II, orthonormal), SI, (n,).
+        mean: those of the columns that may be in it with any size, (n, p).
+        start: a first guess.
+        rounds: of generalised least squares and fit.
+    """
+    n = len(residual)
+    slow = min(n, max(LOW, 4 * mean.shape[1]))  # beyond it all noise is white and the mean has hardly any part
+    tail = residual[slow:]
+    if start is None:
+        start = NoiseModel(max(float(np.sqrt(np.median(residual[n // 2 :] ** 2) / 0.4549)), ARITHMETIC))
+    fit = NoiseFit.whole(start)
+    for _ in range(rounds):
+        root = np.sqrt(fit.model.spectrum(n)[:slow])
+        Q = column_space(mean[:slow] / root[:, None])
+        left = residual[:slow] / root
+        left = (left - Q @ (Q.T @ left)) * root
+        dof = np.clip(1 - (Q * Q).sum(axis=1), 0.0, 1.0)
+        fit = NoiseFit.of(np.concatenate([left, tail]), np.concatenate([dof, np.ones(n - slow)]))
+    return fit
+
+
+@dataclass(frozen=True)
+class NoiseFit:
+    """A fitted noise model with its binned spectrum.
+
+    Args:
+        model: the most likely one.
+        weight: degrees of freedom of each bin, (m,); power: sum of squares, over ``scale``; inverse: 1/s of its middle.
+        scale: SI^2, of the powers.
+    """
+
+    model: NoiseModel
+    weight: Array
+    power: Array
+    inverse: Array
+    scale: float
+
+    @classmethod
+    def whole(cls, model: NoiseModel) -> "NoiseFit":
+        """A model that was not fitted."""
+        none = np.zeros(0)
+        return cls(model, none, none, none, 1.0)
+
+    @classmethod
+    def of(cls, e: Array, dof: Array) -> "NoiseFit":
+        """Largest Whittle likelihood for coefficients e with degrees of freedom dof each, (n,)."""
+        n = len(e)
+        edges = np.unique(np.concatenate([np.arange(1, 24), np.geomspace(24, n, BINS).astype(int)]))
+        which = np.searchsorted(edges, np.arange(1, n), side="right") - 1
+        weight, power = np.bincount(which, dof[1:]), np.bincount(which, e[1:] ** 2)
+        inverse = np.exp(-np.bincount(which, np.log(_sines(n)[1:])) / np.bincount(which))
+        keep = weight > 1e-6
+        scale = max(float(power[keep].sum() / weight[keep].sum()), ARITHMETIC**2)
+        fit = cls(NoiseModel(0.0), weight[keep], power[keep] / scale, inverse[keep], scale)
+        low = 1 / float(fit.inverse.max())
+        starts = ([0.0, np.log(1e-2 * low), np.log(1e-1 * low**2)], [0.0, np.log(low), np.log(1e-4 * low**2)])
+        return replace(fit, model=fit.at(min((fit.search(s) for s in starts), key=lambda found: found[0])[1]))
+
+    def cost(self, p: Array) -> tuple[float, Array]:
+        """-2 log likelihood at the logarithms of (sw^2, sf^2, sr^2) / scale, and its gradient."""
+        parts = np.exp(p) * np.column_stack([np.ones_like(self.inverse), self.inverse, self.inverse**2])
+        S = parts.sum(axis=1)
+        ratio = self.power / S
+        return float(self.weight @ np.log(S) + ratio.sum()), np.asarray(((self.weight - ratio) / S) @ parts)
+
+    def search(self, start: Sequence[float], fixed: int | None = None) -> tuple[float, Array]:
+        """Smallest cost from a start, one logarithm held, and where."""
+        from scipy.optimize import minimize
+
+        bounds = [(-12.0, 6.0), (-40.0, 6.0), (-60.0, 6.0)]
+        if fixed is not None:
+            bounds[fixed] = (start[fixed], start[fixed])
+        found = minimize(self.cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return float(found.fun), np.asarray(found.x)
+
+    def at(self, p: Array) -> NoiseModel:
+        """The model of some logarithms."""
+        return NoiseModel(*(float(v) for v in np.sqrt(np.exp(p) * self.scale)))
+
+    def bounds(self, drop: float = 3.84) -> tuple[NoiseModel, NoiseModel]:
+        """Models with as much flicker, and as much random walk, as the record allows: the cost rises by ``drop``."""
+        model = self.model
+        best = np.log(np.maximum(np.array([model.white, model.flicker, model.walk]) ** 2 / self.scale, 1e-26))
+        return self._bound(best, 1, drop), self._bound(best, 2, drop)
+
+    def _bound(self, best: Array, which: int, drop: float) -> NoiseModel:
+        floor = self.cost(best)[0]
+        low = 1 / float(self.inverse.max())
+        inside, outside = best[which], 6.0
+        inside = max(inside, (2 * which - 2) * np.log(low) - 14.0)
+        found = best
+        for _ in range(12):
+            middle = (inside + outside) / 2
+            start = best.copy()
+            start[which] = middle
+            cost, p = self.search(start, which)
+            if cost - floor <= drop:
+                inside, found = middle, p
+            else:
+                outside = middle
+        return self.at(found)
+
+
+def folds_of(stops: Sequence[Array], count: int = 6) -> list[Array]:
+    """A fold for each row: chunks of a stop and the move before it, dealt out in turn. stops: (n,) each."""
+    found = []
+    for stop in stops:
+        starts = np.concatenate([[True], (stop[1:] >= 0) & (stop[:-1] < 0)])
+        found.append((np.cumsum(starts) - 1) % count)
+    return found

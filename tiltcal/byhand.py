@@ -63,7 +63,7 @@ def _whole(motion: Recording, sensor: Sensor, values: Array) -> Array:
 def _inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None) -> Array:
     """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
     samples = motion.sensor(sensor)
-    y = samples.values
+    y = _bridged(samples.time, samples.values)
     true = y.copy()
     f = np.zeros_like(true) if force is None else np.where(np.isnan(force), 0.0, force)[samples.rows]
     for _ in range(ITERATIONS):
@@ -71,6 +71,16 @@ def _inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence
         sense = _sense(sensor, setup, motion, *inputs, rows=samples.rows)
         true = true + (y - _forward(sensor, effects, sense))
     return true
+
+
+def _bridged(time: Array, values: Array) -> Array:
+    """Values with what is missing interpolated, channel by channel, (m, k)."""
+    found = values.copy()
+    for column in found.T:
+        missing = np.isnan(column)
+        if missing.any() and not missing.all():
+            column[missing] = np.interp(time[missing], time[~missing], column[~missing])
+    return found
 
 
 def _sense(
@@ -123,7 +133,8 @@ def hand_readings(setup: Setup, motion: Recording) -> dict[tuple[str, str], tupl
     for fog in setup.sensors("fog"):
         if motion.has(fog) and gyros:
             samples = motion.sensor(fog)
-            found[fog.name, "a"] = samples.rows, stop[samples.rows], samples.values[:, 0]
+            there = _rate_known(motion, gyros[0])[samples.rows]
+            found[fog.name, "a"] = samples.rows[there], stop[samples.rows[there]], samples.values[there, 0]
     for triad in setup.sensors("accelerometer")[:1]:
         if motion.has(triad) and len(triad.axes) == 3:
             samples = motion.sensor(triad)
@@ -131,6 +142,21 @@ def hand_readings(setup: Setup, motion: Recording) -> dict[tuple[str, str], tupl
             rows = samples.rows[there]
             found[triad.name, "norm"] = rows, stop[rows], np.linalg.norm(samples.values[there], axis=1)
     return found
+
+
+def _rate_known(motion: Recording, gyro: Sensor) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Rows between two whole readings of a gyro triad that follow each other, (n,)."""
+    values = motion_values(motion, gyro)
+    sampled = ~np.isnan(values).all(axis=1)
+    broken = sampled & np.isnan(values).any(axis=1)
+    time = motion.sensor(gyro).time
+    cadence = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    whole = np.flatnonzero(sampled & ~broken)
+    if len(whole) < 2:
+        return np.zeros(len(motion), bool)
+    k = np.clip(np.searchsorted(whole, np.arange(len(motion))), 1, len(whole) - 1)
+    near = motion.time[whole[k]] - motion.time[whole[k - 1]] < 2.5 * cadence
+    return np.asarray((near | np.isin(np.arange(len(motion)), whole)) & ~broken)
 
 
 def hand_predictions(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> dict[tuple[str, str], Array]:

@@ -179,7 +179,7 @@ class Watch:
         if effect.order >= CONVERSION and sensor.kind == "inclinometer":
             start = tilt_of_force(start, self.setup.site.gravity)
         sense = self.sense[sensor.name]
-        up = effect.apply(start.copy(), sense, None) - start
+        up = np.nan_to_num(effect.apply(start.copy(), sense, None) - start)  # the last samples of a loss have no reading
         if one_sided(effect):
             return up
         return (up - effect_down(effect).apply(start.copy(), sense, None) + start) / 2

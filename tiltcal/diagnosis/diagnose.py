@@ -6,12 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.confusion import POWER
-from tiltcal.diagnosis.account import Account, Term, models, settle
+from tiltcal.diagnosis.account import Account, Term, settle
 from tiltcal.diagnosis.amend import amended_table
+from tiltcal.diagnosis.columns import MEANINGS, as_meant
 from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.faults import Fault, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, Fitness, Undetectable, Where, verdict_of
+from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
+from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import HandObservations, Observations, observe
+from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.rivals import OWN, Rival, case_of, explanations, inseparable, price_of
 from tiltcal.diagnosis.select import Gate, findings, select
 from tiltcal.diagnosis.suspects import Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
@@ -56,11 +61,25 @@ def diagnose(scenario: Scenario, recordings: Sequence[Recording], progress: Prog
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
     progress("reading")
-    observations = observe(scenario, recordings)
+    sound, faults, notes = _sound(scenario, recordings)
+    known = [*scenario.effects, *(f.effect for f in faults)]
+    observations = observe(scenario, sound, [e for e in known if e.id not in MEANINGS])
     ledger = Ledger(observations)
     start = calibrated(observations, ledger)
+    wild, mended = gross_errors(observations, start)
+    if wild:
+        faults = [*faults, *wild]
+        observations = observe(scenario, mended, observations.known)
+        ledger = Ledger(observations)
+        start = calibrated(observations, ledger)
+    slip = wrong_stop(observations, start)
+    if slip is not None and not any(e.id == "data_pose_label" for e in scenario.effects):
+        faults = [*faults, slip[0]]
+        observations = observe(scenario, slip[1], observations.known)
+        ledger = Ledger(observations)
+        start = calibrated(observations, ledger)
     if not enough(observations, start):
-        return _cannot_tell(observations, start, ledger)
+        return _answer(start, start, ledger, (), faults, notes, False)
     progress("what every effect would do")
     fill(ledger, start)
     gate = Gate(None, len(ledger.suspects))
@@ -69,7 +88,33 @@ def diagnose(scenario: Scenario, recordings: Sequence[Recording], progress: Prog
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")
-    return conclude(account, start, ledger, gate)
+    account, chance = _by_chance(account, start, ledger, gate)
+    found = _findings(account, ledger, gate)
+    return _answer(account, start, ledger, found, [*faults, *chance], notes, True)
+
+
+def _sound(scenario: Scenario, recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], list[Fault], list[str]]:
+    """The recordings with the faults of their data mended, and those faults."""
+    inspected = inspect(scenario, recordings)
+    faults = list(inspected.faults)
+    meant = meaning(scenario, inspected.recordings[0])
+    effects = [*scenario.effects, *(f.effect for f in meant)]
+    sound = tuple(as_meant(r, scenario, effects) for r in inspected.recordings)
+    return sound, [*meant, *faults], list(inspected.notes)
+
+
+def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> tuple[Account, list[Fault]]:
+    """Random effects last: they explain anything that varies from stop to stop, so nothing smooth may do so."""
+    known = {e.id for e in ledger.observations.scenario.effects}
+    found: list[Fault] = []
+    if "table_index_error" not in known:
+        setting = setting_error(account, start, ledger, gate.total)
+        if setting is not None:
+            account = settle(replace(account, terms=()), ledger)
+            found.append(setting[0])
+    if "data_jitter" not in known and (stamps := random_stamps(account, ledger.observations)) is not None:
+        found.append(stamps)
+    return account, found
 
 
 def calibrated(observations: Observations, ledger: Ledger) -> Account:
@@ -77,7 +122,7 @@ def calibrated(observations: Observations, ledger: Ledger) -> Account:
     scenario = observations.scenario
     terms = [Term.start(s) for s in adjustable(scenario)]
     known: list[Effect] = []
-    for effect in scenario.effects:  # an amended scenario brings its calibration: go on from there
+    for effect in observations.known:  # an amended scenario brings its calibration: go on from there
         k = next((k for k, t in enumerate(terms) if t.suspect.place == (effect.id, effect.sensor, effect.axis)), None)
         if k is None or effect.role != "calibration":
             known.append(effect)
@@ -131,27 +176,23 @@ def instants(observations: Observations) -> list[float]:
     return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]
 
 
-def conclude(account: Account, start: Account, ledger: Ledger, gate: Gate) -> Diagnosis:
-    """Findings, verdict and figures of a finished account."""
-    found = []
+def _findings(account: Account, ledger: Ledger, gate: Gate) -> list[Finding]:
+    """The findings of an account, each with its class and its place."""
     values = gate.log_p(account, ledger) if account.terms else []
-    for k, places in enumerate(findings(account)):
-        found.append(_finding(account, ledger, places, values[k]))
-    before = settle(start, ledger)
-    first, last = _fitness(before, ledger), _fitness(account, ledger)
-    answer = tuple(sorted(found, key=lambda f: f.delta_bic))
-    verdict = verdict_of(answer, True)
+    return [_finding(account, ledger, places, values[k]) for k, places in enumerate(findings(account))]
+
+
+def _answer(
+    account: Account, start: Account, ledger: Ledger, found: Sequence[Finding], faults: Sequence[Fault], notes: Sequence[str],
+    told: bool,
+) -> Diagnosis:  # fmt: skip
+    """Verdict and figures."""
+    first, last = _fitness(settle(start, ledger), ledger), _fitness(account, ledger)
+    answer = (*(f.finding() for f in faults), *sorted(found, key=lambda f: f.delta_bic))
+    verdict = verdict_of(answer, told)
     statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, "taken from the recording itself")
-    return Diagnosis(
-        verdict, statement, answer, (), _undetectable(account, ledger), first, last, _amended(account, ledger.observations)
-    )
-
-
-def _cannot_tell(observations: Observations, start: Account, ledger: Ledger) -> Diagnosis:
-    fit = _fitness(start, ledger)
-    return Diagnosis(
-        "cannot_tell", summary((), "cannot_tell", 0, 0, ""), before=fit, after=fit, amended=_amended(start, observations)
-    )
+    unseen = _undetectable(account, ledger) if told else ()
+    return Diagnosis(verdict, statement, answer, tuple(notes), unseen, first, last, _amended(account, ledger.observations, faults))
 
 
 def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: float) -> Finding:
@@ -256,14 +297,16 @@ def _undetectable(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
     return tuple(found.values())
 
 
-def _amended(account: Account, observations: Observations) -> dict[str, object]:
+def _amended(account: Account, observations: Observations, faults: Sequence[Fault]) -> dict[str, object]:
     """The scenario with calibration and findings in it."""
     first = observations.recordings[0]
     temperature = first.temperature()
     reference = observations.scenario.climate.reference_degC
     if reference is None and temperature is not None:
         reference = float(np.mean(temperature))
-    effects: list[Effect] = [*account.known, *(t.effect for t in account.nuisance)]
+    meanings = [e for e in observations.scenario.effects if e.id in MEANINGS]
+    effects: list[Effect] = [*account.known, *meanings, *(t.effect for t in account.nuisance)]
+    effects += [f.effect for f in faults if f.effect not in effects]
     for k, term in enumerate(account.terms):
         effect = term.effect
         event = "time" in effect.values or (term.host is not None and "time" in term.host.effect.values)
@@ -272,4 +315,4 @@ def _amended(account: Account, observations: Observations) -> dict[str, object]:
     return amended_table(observations.scenario, effects, reference)
 
 
-__all__ = ["Diagnosis", "diagnose", "models"]
+__all__ = ["Diagnosis", "diagnose"]

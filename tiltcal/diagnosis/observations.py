@@ -56,6 +56,7 @@ class Observations(ABC):
 
     scenario: Scenario
     recordings: tuple[Recording, ...]
+    known: tuple[Effect, ...]
     channels: tuple[Channel, ...]
 
     @abstractmethod
@@ -67,8 +68,8 @@ class Observations(ABC):
         """How readings change with a small effect, the others being there, SI."""
 
     def residuals(self, effects: Sequence[Effect]) -> list[Array]:
-        """Measured minus predicted, (n,) each."""
-        return [c.values - p for c, p in zip(self.channels, self.predict(effects), strict=True)]
+        """Measured minus predicted, (n,) each; 0 where a loss of samples leaves nothing to predict."""
+        return [np.nan_to_num(c.values - p) for c, p in zip(self.channels, self.predict(effects), strict=True)]
 
     @property
     def samples(self) -> int:
@@ -79,12 +80,12 @@ class Observations(ABC):
 class TableObservations(Observations):
     """Recordings on a table whose angles were read."""
 
-    def __init__(self, scenario: Scenario, recordings: Sequence[Recording]) -> None:
-        self.scenario, self.recordings = scenario, tuple(recordings)
+    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
+        self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
         reference = scenario.climate.reference_degC
         self.courses: list[Replay] = []
         for recording in recordings:
-            course = restored(replay(recording, scenario, reference), as_met(scenario.effects, recording.fingerprint))
+            course = restored(replay(recording, scenario, reference), as_met(known, recording.fingerprint))
             self.courses.append(course)
             reference = course.reference if reference is None else reference  # T0 stays that of the first recording
         self.channels = tuple(self._channels())
@@ -157,8 +158,8 @@ def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> A
 class HandObservations(Observations):
     """Recordings turned by hand: only what is redundant has a model (FOG against gyro, the norm at rest)."""
 
-    def __init__(self, scenario: Scenario, recordings: Sequence[Recording]) -> None:
-        self.scenario, self.recordings = scenario, tuple(recordings)
+    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
+        self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
         found = []
         for number, recording in enumerate(recordings):
             for (sensor, axis), (rows, stop, values) in hand_readings(scenario, recording).items():
@@ -193,7 +194,7 @@ class HandObservations(Observations):
         return self._last[1]
 
 
-def observe(scenario: Scenario, recordings: Sequence[Recording]) -> Observations:
-    """The readings of these recordings that the scenario has a model for."""
+def observe(scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect] = ()) -> Observations:
+    """The readings of these recordings that the scenario has a model for; ``known``: effects at stated values."""
     kind = TableObservations if scenario.rig.axes else HandObservations
-    return kind(scenario, recordings)
+    return kind(scenario, recordings, known)

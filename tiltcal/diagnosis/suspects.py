@@ -100,6 +100,8 @@ def _suspect(
     bound = sensor if cls.kinds else None
     axes = bound.axes if bound else tuple(dict.fromkeys(a for s in scenario.sensor for a in s.axes))
     names = {n: p for p in cls.parameters if not p.is_shape for n in p.expand(axes)}
+    if id == "data_drop":
+        plausible = {"samples": 1.0}
     if id == "table_encoder_zero":
         names = {n: p for n, p in names.items() if n.split("_")[0] in scenario.rig.axis_names}
     plausible = {n: p.plausible[GRADES.index("mid_mems")] * p.factor for n, p in names.items()}
@@ -145,8 +147,7 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
 
 
 LAGS = (15.0, 45.0)  # s: a temperature sensor and a flexure do not feel the same
-STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step")
-DISCRETE = {"data_drop"}
+STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step", "data_drop")
 
 
 def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = ()) -> Iterator[Suspect]:
@@ -181,7 +182,7 @@ def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Suspec
     """Effects that begin at an instant, at these times (s from the first stamp)."""
     for id in STEPS:
         cls = CATALOGUE[id]
-        if not cls.kinds and not scenario.rig.axes:
+        if id in ("mount_slip", "data_drop") and not scenario.rig.axes:
             continue
         for sensor in scenario.sensors(*cls.kinds) if cls.kinds else (None,):
             for time in times:

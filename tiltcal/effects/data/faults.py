@@ -53,7 +53,7 @@ class DataDrop(SignalEffect):
     look = "moves come early from an instant on"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        lost = int(self.value("samples"))
+        lost = round(self.value("samples"))
         start = int(np.searchsorted(sense.elapsed, self.value("time")))
         if lost <= 0 or start >= len(reading):
             return reading

@@ -1,0 +1,99 @@
+"""Single channels of a recording, in SI, and recordings with some of their values changed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.effects.base import Effect
+from tiltcal.frames import Array
+from tiltcal.motion import Index
+from tiltcal.noise import code_width
+from tiltcal.recording import Recording
+from tiltcal.setup import Sensor, Setup
+from tiltcal.units import COLUMN_UNITS
+
+
+def column_values(recording: Recording, sensor: Sensor, axis: str) -> tuple[Index, Array, Array]:
+    """Rows, times and SI values of a channel where it was sampled, (n,) each."""
+    samples = recording.sensor(sensor)
+    values = samples.values[:, sensor.axes.index(axis)]
+    there = ~np.isnan(values)
+    return samples.rows[there], samples.time[there], values[there]
+
+
+def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float) -> Recording:
+    """A copy with some rows of a channel set to a value as written (NaN: not sampled)."""
+    if not len(rows):
+        return recording
+    name = str(recording.channel(f"{sensor.name}_{axis}"))
+    columns = {n: recording.column(n).copy() for n in recording.column_names}
+    columns[name][rows] = value
+    return Recording.from_columns(
+        recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata, source=recording.source
+    )
+
+
+def without_readout(recording: Recording, rows: Index) -> Recording:
+    """A copy whose table was not read on some rows."""
+    columns = {n: recording.column(n).copy() for n in recording.column_names}
+    for name in columns:
+        if name.startswith("table_"):
+            columns[name][rows] = np.nan
+    return Recording.from_columns(
+        recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata, source=recording.source
+    )
+
+
+def repeat_chance(values: Array) -> float:
+    """Chance that two independent samples of a noisy column fall on the same code."""
+    second = values[2:] - 2 * values[1:-1] + values[:-2]
+    noise = float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
+    width = code_width(values)
+    if width <= 0:
+        return 0.0
+    if noise < 0.4 * width:
+        return 1.0  # the code hides the noise: repeats say nothing
+    return float(min(width / (2 * noise * np.sqrt(np.pi)), 1.0))
+
+
+MEANINGS = ("data_unit", "data_sign", "data_hand", "data_axis_swap")
+
+
+def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> Recording:
+    """A copy whose columns mean what they say: units, signs and exchanged axes of these effects undone."""
+    for effect in sorted((e for e in effects if e.id in MEANINGS), key=lambda e: -getattr(e, "order", 0)):
+        sensor = setup.named(str(effect.sensor))
+        if not recording.has(sensor):
+            continue
+        samples = recording.sensor(sensor)
+        n = len(sensor.axes)
+        P = _matrix(effect, sensor)
+        values = samples.values @ np.linalg.inv(P).T if n > 1 else samples.values / P[0, 0]
+        columns = {name: recording.column(name).copy() for name in recording.column_names}
+        for k, axis in enumerate(sensor.axes):
+            name = str(recording.channel(f"{sensor.name}_{axis}"))
+            unit = samples.units[k]
+            written = values if sensor.input is None else sensor.input.from_si(values)
+            factor = COLUMN_UNITS[unit].factor if sensor.input is None else 1.0
+            columns[name][samples.rows] = written[:, k] / factor
+        recording = Recording.from_columns(
+            recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata,
+            source=recording.source,
+        )  # fmt: skip
+    return recording
+
+
+def _matrix(effect: Effect, sensor: Sensor) -> Array:
+    """What an effect of meaning does to the channels of a sensor, (k, k): it is linear."""
+    if effect.id == "data_unit":
+        return (effect.value("factor") or 1.0) * np.eye(len(sensor.axes))
+    P = np.eye(len(sensor.axes))
+    if effect.id == "data_hand" and "y" in sensor.axes:
+        P[sensor.axes.index("y")] *= 1 - 2 * effect.value("mirror")
+    for k, axis in enumerate(sensor.axes):
+        P[k] *= 1 - 2 * effect.value(f"flip_{axis}") if effect.id == "data_sign" else 1
+    for pair in ("xy", "yz", "zx"):
+        if effect.id == "data_axis_swap" and effect.value(f"swap_{pair}") and set(pair) <= set(sensor.axes):
+            a, b = (sensor.axes.index(x) for x in pair)
+            P[[a, b]] = P[[b, a]]
+    return P

@@ -1,0 +1,257 @@
+"""Faults of the data, found before any physics: they break every fit. Each is reported, and repaired so that the rest can be seen.
+
+What was repaired: frozen, repeated, clipped and gross values become missing; a wrong unit, sign, permutation or sense of
+rotation becomes an effect of the scenario, so that the model reads as the file does.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tiltcal.diagnosis.columns import changed, column_values, repeat_chance
+from tiltcal.diagnosis.finding import Finding, Where
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Effect
+from tiltcal.frames import Array
+from tiltcal.noise import code_width
+from tiltcal.recording import Recording
+from tiltcal.scenario import Scenario
+from tiltcal.setup import Sensor
+
+CHANCE = 1e-6  # of a fault in a sound recording
+Mask = "np.ndarray[tuple[int], np.dtype[np.bool_]]"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of the data.
+
+    Args:
+        effect: what the file does, at its size; it goes into the amended scenario.
+        sensors, axes: where.
+        interval: s from the first stamp.
+        names: ids that could be meant as well, itself first.
+        words: what was seen.
+        sigma: standard uncertainty of the sizes, by name, SI.
+    """
+
+    effect: Effect
+    sensors: tuple[str, ...]
+    axes: tuple[str, ...]
+    words: str
+    interval: tuple[float, float | None] | None = None
+    names: tuple[str, ...] = ()
+    sigma: dict[str, float] = field(default_factory=dict)
+
+    def finding(self) -> Finding:
+        """As a finding."""
+        cls = CATALOGUE[self.effect.id]
+        parameters = {
+            f"{name}{p.suffix}": (value / p.factor, self.sigma.get(name, 0.0) / p.factor)
+            for p in cls.parameters for name, value in self.effect.values.items()
+            if name == p.name or ("{" in p.name and name.startswith(p.name.split("{")[0]))
+        }  # fmt: skip
+        return Finding(
+            self.effect.id, self.names or (self.effect.id,), cls.stage, self.sensors, self.axes,
+            Where("sample", None, self.interval), parameters, CHANCE, 0.0, 0.0, (), self.words,
+            "look at the file and at what wrote it",
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """Recordings after inspection.
+
+    Args:
+        recordings: repaired.
+        faults: found; their effects are not in the scenario yet.
+        notes: what is no mismatch but worth saying.
+    """
+
+    recordings: tuple[Recording, ...]
+    faults: tuple[Fault, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
+    """Look for faults that can be seen in the columns themselves: order of time, frozen, repeated, clipped values, coarse codes."""
+    known = {(e.id, e.sensor) for e in scenario.effects}
+    faults: list[Fault] = []
+    notes: list[str] = []
+    repaired = []
+    for recording in recordings:
+        recording, words = in_order(recording)
+        notes += words
+        for sensor in scenario.sensor:
+            if not recording.has(sensor):
+                continue
+            for look in (_stuck, _clipped, _repeated, _coarse):
+                recording, found = look(recording, sensor)
+                faults += [f for f in found if (f.effect.id, f.effect.sensor) not in known]
+        repaired.append(recording)
+    return Inspected(tuple(repaired), tuple(_once(faults)), tuple(notes))
+
+
+def _once(faults: Sequence[Fault]) -> list[Fault]:
+    """One fault of a kind and place, though several recordings show it."""
+    kept: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Fault] = {}
+    for f in faults:
+        kept.setdefault((f.effect.id, f.sensors, f.axes), f)
+    return list(kept.values())
+
+
+def in_order(recording: Recording) -> tuple[Recording, list[str]]:
+    """The recording with stamps that increase: rows that go back or repeat a stamp are left out, and it is said."""
+    time = recording.time
+    good = np.isfinite(time)
+    highest = np.maximum.accumulate(np.where(good, time, -np.inf))
+    keep = good & (time > np.concatenate([[-np.inf], highest[:-1]]))
+    lost = int((~keep).sum())
+    if lost == 0:
+        return recording, []
+    row = int(np.argmin(keep)) + 1
+    words = f"{recording.source}: {lost} row(s) whose time goes back or repeats, the first at data row {row}; they are left out"
+    columns = {name: recording.column(name)[keep] for name in recording.column_names}
+    labels = None if recording.labels is None else recording.labels[keep]
+    return Recording.from_columns(time[keep], columns, labels=labels, metadata=recording.metadata, source=recording.source), [words]
+
+
+def _runs(same: Array) -> tuple[Array, Array]:
+    """First and last index (exclusive) of runs of true in a mask, (m,) each."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    return edges[::2], edges[1::2]
+
+
+def _stuck(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
+    """A channel that repeats one value for longer than chance and its codes allow."""
+    found = []
+    for axis in sensor.axes:
+        rows, time, values = column_values(recording, sensor, axis)
+        if len(values) < 32:
+            continue
+        p = repeat_chance(values)
+        least = max(5, int(np.ceil(np.log(CHANCE / len(values)) / np.log(max(min(p, 0.9), 1e-3)))))
+        first, last = _runs(np.diff(values) == 0)
+        long = [(a, b + 1) for a, b in zip(first, last, strict=True) if b - a >= least and not _at_end(values, values[a])]
+        if not long:
+            continue
+        a, b = max(long, key=lambda run: run[1] - run[0])
+        start, length = float(time[a] - recording.time[0]), float(time[b - 1] - time[a])
+        effect = CATALOGUE["data_stuck"]({"start": start, "length": length}, sensor.name, None, "found", seen_in=recording.fingerprint)
+        mask = np.zeros(len(values), bool)
+        for run in long:
+            mask[run[0] + 1 : run[1]] = True
+        recording = changed(recording, sensor, axis, rows[mask], np.nan)
+        words = f"{sensor.name} {axis} is frozen at one value from {start:.2f} s for {length:.2f} s."
+        found.append(Fault(effect, (sensor.name,), (axis,), words, (start, start + length)))
+    return recording, found
+
+
+def _at_end(values: Array, value: float) -> bool:
+    """Whether a value is the largest or smallest of all: clipping, not freezing."""
+    return bool(value in (values.max(), values.min()))
+
+
+def _clipped(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
+    """A channel whose noise ends at its largest or smallest value."""
+    found = []
+    id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
+    for axis in sensor.axes:
+        rows, _, values = column_values(recording, sensor, axis)
+        if len(values) < 32:
+            continue
+        noise = noise_of(values)
+        limits = []
+        for sign in (1.0, -1.0):
+            top = float((sign * values).max())
+            there = sign * values >= top - 1e-9 * max(abs(top), 1e-9)
+            near = sign * values > top - 4 * noise
+            if top > 0 and there.sum() >= 6 and there.sum() > 0.3 * near.sum() and _in_runs(there) and top > 20 * noise:
+                limits.append((sign, top, there))
+        if not limits:
+            continue
+        full_scale = min(top for _, top, _ in limits)
+        mask = np.any([there for _, _, there in limits], axis=0)
+        effect = CATALOGUE[id]({"full_scale": full_scale}, sensor.name, axis, "found")
+        recording = changed(recording, sensor, axis, rows[mask], np.nan)
+        words = f"{sensor.name} {axis} is clipped at {full_scale:.6g} (SI): {int(mask.sum())} samples without noise."
+        found.append(Fault(effect, (sensor.name,), (axis,), words, sigma={"full_scale": noise / np.sqrt(mask.sum())}))
+    return recording, found
+
+
+def _in_runs(mask: Array) -> bool:
+    first, last = _runs(mask)
+    return bool(len(first) and (last - first).max() >= 3)
+
+
+def noise_of(values: Array) -> float:
+    """White noise of a column from its second differences, one code at least."""
+    second = values[2:] - 2 * values[1:-1] + values[:-2]
+    return float(max(1.4826 * np.median(np.abs(second)) / np.sqrt(6), code_width(values) / np.sqrt(12), 1e-15))
+
+
+def _repeated(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
+    """Samples that repeat the one before more often than their codes explain."""
+    from scipy.stats import binom
+
+    again, expected, columns = [], [], []
+    for axis in sensor.axes:
+        rows, _, values = column_values(recording, sensor, axis)
+        columns.append((axis, rows, values))
+        again.append(np.concatenate([[False], np.diff(values) == 0]))
+        expected.append(min(repeat_chance(values), 1.0))
+    hit = [
+        k for k, (a, p) in enumerate(zip(again, expected, strict=True))
+        if len(a) > 64 and binom.sf(int(a.sum()) - 1, len(a), min(1.5 * p, 1.0)) < CHANCE and a.mean() > 1.5 * p + 5e-4
+    ]  # fmt: skip
+    if not hit:
+        return recording, []
+    share = float(np.mean([again[k].mean() - expected[k] for k in hit]))
+    for k in hit:
+        axis, rows, _ = columns[k]
+        recording = changed(recording, sensor, axis, rows[again[k]], np.nan)
+    axes = tuple(columns[k][0] for k in hit)
+    n = sum(len(again[k]) for k in hit) / len(hit)
+    effect = CATALOGUE["data_duplicate"]({"share": share}, sensor.name, None, "found")
+    words = f"{100 * share:.2g} % of the samples of {sensor.name} {', '.join(axes)} repeat the one before exactly."
+    return recording, [Fault(effect, (sensor.name,), axes, words, sigma={"share": float(np.sqrt(share / n))})]
+
+
+COARSE = 0.5  # code over noise: below it rounding is one more small white noise
+
+
+def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
+    """Codes that are not small beside the noise; raw codes of a converter that the scenario states are no news."""
+    if sensor.input is not None:
+        return recording, []
+    found = []
+    for axis in sensor.axes:
+        _, _, values = column_values(recording, sensor, axis)
+        width = code_width(values)
+        if len(values) < 64 or width <= 0:
+            continue
+        steps = np.diff(values) / width
+        on_grid = np.abs(steps - np.rint(steps)).max() < 0.02 * max(1.0, 1e-6 * np.abs(steps).max())
+        spread = _spread_at_rest(values)
+        if on_grid and width > COARSE * spread and len(np.unique(np.rint(values / width))) > 2:
+            id = "adc_quantisation" if sensor.is_accelerometer else "gyr_quantisation"
+            found.append((axis, CATALOGUE[id]({"lsb": width}, sensor.name, None, "found"), width, spread))
+    if not found:
+        return recording, []
+    axes = tuple(axis for axis, *_ in found)
+    _, effect, width, spread = max(found, key=lambda item: item[2])
+    words = f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside its noise."
+    other = "gyr_quantisation" if effect.id == "adc_quantisation" else "adc_quantisation"
+    names = (effect.id,) if sensor.is_accelerometer else (effect.id, other)
+    return recording, [Fault(effect, (sensor.name,), axes, words, names=names[:1], sigma={"lsb": 1e-3 * width})]
+
+
+def _spread_at_rest(values: Array) -> float:
+    """Typical standard deviation over half a hundred samples: of the noise, where a table mostly rests."""
+    blocks = values[: len(values) // 16 * 16].reshape(-1, 16)
+    return float(np.median(blocks.std(axis=1))) if len(blocks) else float(values.std())
+
+
+Look = Callable[[Recording, Sensor], tuple[Recording, list[Fault]]]
+__all__ = ["Fault", "Inspected", "inspect", "replace"]

@@ -1,0 +1,70 @@
+"""Gross errors: single values far off their neighbours, in what the table's motion leaves over or in the columns themselves."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account
+from tiltcal.diagnosis.columns import changed, column_values
+from tiltcal.diagnosis.faults import Fault, noise_of
+from tiltcal.diagnosis.observations import Observations, TableObservations
+from tiltcal.effects import CATALOGUE
+from tiltcal.frames import Array
+from tiltcal.motion import Index
+from tiltcal.recording import Recording
+
+GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
+ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
+
+
+def gross_errors(observations: Observations, account: Account) -> tuple[list[Fault], tuple[Recording, ...]]:
+    """Values far off their neighbours, more of them than the tail of the others lets expect; and the recordings without them."""
+    scenario = observations.scenario
+    repaired = list(observations.recordings)
+    seen: dict[str, list[tuple[str, float, float, int]]] = {}
+    for number, sensor, axis, rows, values in _signals(observations, account):
+        off = off_neighbours(values)
+        far, tail = off > GROSS, (off > 4) & (off <= GROSS)
+        if far.sum() > 3 + 0.1 * tail.sum() and np.median(off[far]) > GROSS + 2:
+            seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
+            repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[far], np.nan)
+    known = {(e.id, e.sensor) for e in scenario.effects}
+    return [_fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known], tuple(repaired)
+
+
+def _signals(observations: Observations, account: Account) -> Iterator[tuple[int, str, str, Index, Array]]:
+    """Recording, sensor, axis, rows and values of everything that may hold a gross error."""
+    if isinstance(observations, TableObservations):
+        for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+            yield channel.recording, channel.sensor, channel.axis, channel.rows, r
+        return
+    for number, recording in enumerate(observations.recordings):
+        for sensor in observations.scenario.sensor:
+            if recording.has(sensor):
+                for axis in sensor.axes:
+                    rows, _, values = column_values(recording, sensor, axis)
+                    yield number, sensor.name, axis, rows, values
+
+
+def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
+    """The fault of one sensor."""
+    axes = tuple(axis for axis, *_ in sorted(found, key=lambda item: -item[3]))
+    share, size = max(f[1] for f in found), max(found, key=lambda f: f[3])[2]
+    count = sum(f[3] for f in found)
+    effect = CATALOGUE["data_outlier"]({"share": share, "size": size}, sensor, None, "found")
+    words = f"{count} values of {sensor} {', '.join(axes)} lie about {size:.0f} sigma off their neighbours."
+    sigma = {"share": share / np.sqrt(count), "size": size / np.sqrt(count)}
+    return Fault(effect, (sensor,), axes, words, names=("data_outlier", "emi_spike"), sigma=sigma)
+
+
+def off_neighbours(values: Array) -> Array:
+    """Distance of each value from the median of its neighbourhood, in local standard deviations; 0 unless it stands alone, (n,)."""
+    from scipy.ndimage import median_filter
+
+    if len(values) < 64:
+        return np.zeros(len(values))
+    off = np.abs(values - median_filter(values, 5, mode="nearest"))
+    local = 1.4826 * median_filter(off, 51, mode="nearest")
+    beside = np.maximum(np.concatenate([[0.0], off[:-1]]), np.concatenate([off[1:], [0.0]]))
+    alone = beside < ISOLATED * off  # the corner of a move drags its neighbours along
+    return np.asarray(np.where(alone, off / np.maximum(local, noise_of(values)), 0.0))

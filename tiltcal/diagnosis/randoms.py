@@ -1,0 +1,201 @@
+"""Effects without a fixed signature: a wrong angle of one stop, random setting at every stop, random stamps."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account
+from tiltcal.diagnosis.columns import without_readout
+from tiltcal.diagnosis.evidence import Ledger, basis_of, cosines, project
+from tiltcal.diagnosis.faults import Fault
+from tiltcal.diagnosis.observations import Columns, Observations, TableObservations
+from tiltcal.diagnosis.select import ALPHA, log_tail
+from tiltcal.diagnosis.whitening import robust_white
+from tiltcal.effects import CATALOGUE
+from tiltcal.frames import Array
+from tiltcal.recording import Recording
+
+ALONE = 0.9  # share of all misfit that one stop has to hold to be a slip of the pen
+MARGIN = 4  # rows beside a stop that its wrong readout spoils
+
+
+def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tuple[Recording, ...]] | None:
+    """One stop whose written angle is wrong: nearly all misfit is there, and one other angle takes it away."""
+    if not isinstance(observations, TableObservations):
+        return None
+    worst: dict[tuple[int, int], float] = {}
+    total = 0.0
+    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        noise = robust_white(r)
+        for stop in range(int(channel.stop.max(initial=-1)) + 1):
+            there = channel.stop == stop
+            if there.sum() >= 4:
+                z = float(np.median(r[there]) ** 2 * there.sum()) / noise**2
+                worst[channel.recording, stop] = worst.get((channel.recording, stop), 0.0) + z
+                total += z
+    if not worst:
+        return None
+    (number, stop), largest = max(worst.items(), key=lambda item: item[1])
+    others = sorted(v for k, v in worst.items() if k != (number, stop))
+    if largest < 400 or not others or largest < 25 * max(np.median(others), 1.0):
+        return None
+    return _rewritten(observations, account, number, stop)
+
+
+def _rewritten(
+    observations: TableObservations, account: Account, number: int, stop: int
+) -> tuple[Fault, tuple[Recording, ...]] | None:  # fmt: skip
+    """The axis and error that take the misfit of a stop away; None when none does."""
+    course = observations.courses[number]
+    rows = course.stop == stop
+    best: tuple[float, float, str] | None = None
+    before = _misfit(observations, account, number, stop, course.angles)
+    for axis in observations.scenario.rig.axis_names:
+        errors: Array = np.linspace(-np.pi, np.pi, 361)[1:]
+        for width in (0.0, 2e-2, 2e-3, 2e-4, 2e-5):
+            if width and best is not None and best[2] == axis:
+                errors = best[1] + np.linspace(-width, width, 21)
+            elif width:
+                break
+            for error in errors:
+                angles = {**course.angles, axis: course.angles[axis] - error * rows}
+                value = _misfit(observations, account, number, stop, angles)
+                if best is None or value < best[0]:
+                    best = (value, float(error), axis)
+    if best is None or best[0] > 0.02 * before:
+        return None
+    _, error, axis = best
+    recording = observations.recordings[number]
+    time = recording.time[rows]
+    interval = (float(time[0] - recording.time[0]), float(time[-1] - recording.time[0]))
+    effect = CATALOGUE["data_pose_label"](
+        {"error": error, "stop": float(stop)}, None, axis, "found", seen_in=recording.fingerprint
+    )  # fmt: skip
+    names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
+    axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
+    words = f"The {axis} angle written from {interval[0]:.1f} s to {interval[1]:.1f} s is {np.degrees(error):.5g} deg off."
+    spoiled = np.convolve(rows, np.ones(2 * MARGIN + 1), "same") > 0
+    repaired = list(observations.recordings)
+    repaired[number] = without_readout(recording, np.flatnonzero(spoiled))
+    return Fault(effect, names, axes, words, interval, sigma={"error": 2e-5}), tuple(repaired)
+
+
+def _misfit(observations: TableObservations, account: Account, number: int, stop: int, angles: dict[str, Array]) -> float:
+    """Misfit of one stop, in squares of the noise, when its angles are these."""
+    from tiltcal.chain import readings
+
+    course = observations.courses[number]
+    middle = np.flatnonzero(course.stop == stop)
+    row = middle[len(middle) // 2 : len(middle) // 2 + 1]
+    one = replace(
+        course, time=course.time[row], angles={k: v[row] for k, v in angles.items()}, known=course.known[row],
+        temperature=course.temperature[row], stop=course.stop[row],
+    )  # fmt: skip
+    total = 0.0
+    names = sorted({c.sensor for c in observations.channels})
+    predicted = readings(observations.scenario, one, dict.fromkeys(names, one.time), account.effects)
+    for c in observations.channels:
+        there = c.stop == stop
+        if c.recording == number and there.any():
+            total += float((np.median(c.values[there]) - predicted[c.sensor][0, c.column]) ** 2)
+    return total
+
+
+def setting_error(account: Account, start: Account, ledger: Ledger, total: int) -> tuple[Fault, float] | None:
+    """Random setting of an axis: every stop is off by a rotation of its own, and nothing smooth takes half of it away.
+
+    Returns:
+        The fault and the logarithm of its chance; None when the stops agree.
+    """
+    observations = ledger.observations
+    if not isinstance(observations, TableObservations):
+        return None
+    best = None
+    for axis in observations.scenario.rig.axis_names:
+        columns = _stop_columns(observations, axis, account)
+        if len(columns) < 8:
+            continue
+        gain, values, variances = _stops(columns, account, ledger)
+        log_p = log_tail(gain, len(columns)) + np.log(max(total, 1))
+        if best is None or log_p < best[0]:
+            best = (log_p, axis, gain, values, variances, columns)
+    if best is None or best[0] > np.log(ALPHA):
+        return None
+    log_p, axis, gain, values, variances, columns = best
+    first = _stops(columns, start, ledger)[0]
+    if gain < 0.5 * first:
+        return None
+    sigma = float(np.sqrt(max(np.mean(values**2 - variances), 0.0)))
+    names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
+    axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
+    effect = CATALOGUE["table_index_error"]({"sigma": sigma}, None, axis, "found")
+    words = f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms: each stop is a rotation of its own."
+    error = sigma / np.sqrt(2 * len(values))
+    return Fault(effect, names, axes, words, sigma={"sigma": error}), log_p
+
+
+def _stop_columns(observations: TableObservations, axis: str, account: Account) -> list[Columns]:
+    """Change of the readings per radian of one axis at one stop, for each stop."""
+    zero = CATALOGUE["table_encoder_zero"]({f"{axis}_zero": 1e-4}, None, None, "found")
+    whole = observations.changes(zero, account.effects)
+    found = []
+    for number in range(len(observations.recordings)):
+        for stop in range(int(observations.courses[number].stop.max(initial=-1)) + 1):
+            part = {
+                i: column * (observations.channels[i].stop == stop) / -1e-4
+                for i, column in whole.items() if observations.channels[i].recording == number
+            }  # fmt: skip
+            if any(np.any(c) for c in part.values()):
+                found.append(part)
+    return found
+
+
+def _stops(columns: Sequence[Columns], account: Account, ledger: Ledger) -> tuple[float, Array, Array]:
+    """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
+    lengths = [len(c.values) for c in ledger.observations.channels]
+    residual = ledger.residual(account.effects)
+    whitened = [ledger.whitened(c) for c in columns]
+    left = project(account.basis, residual)
+    parts = [dict(enumerate(project(account.basis, [w.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))) for w in whitened]
+    Q = basis_of(parts, lengths)
+    along = sum(q.T @ r for q, r in zip(Q, left, strict=True))
+    energy = np.array([sum(float(c @ c) for c in w.values()) for w in whitened])
+    values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in whitened]) / np.maximum(energy, 1e-300)
+    return float(along @ along), values, 1 / np.maximum(energy, 1e-300)
+
+
+def random_stamps(account: Account, observations: Observations) -> Fault | None:
+    """Stamps that are wrong by chance: the residual's variance grows with the square of how fast the reading moves."""
+    if not isinstance(observations, TableObservations):
+        return None
+    late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
+    slopes = observations.changes(late, account.effects)
+    top = bottom = 0.0
+    energy: dict[tuple[str, str], float] = {}
+    for i, r in enumerate(observations.residuals(account.effects)):
+        if i not in slopes:
+            continue
+        channel = observations.channels[i]
+        still = channel.stop >= 0
+        noise = float(np.std(r[still])) if still.sum() > 32 else robust_white(r)
+        s2 = (slopes[i] / 1e-3 / noise) ** 2
+        excess = np.minimum((r / noise) ** 2, 400.0) - 1
+        top += float(excess @ s2)
+        bottom += float(s2 @ s2)
+        energy[channel.sensor, channel.axis] = float(s2.sum())
+    if bottom <= 0:
+        return None
+    value, sigma = top / bottom, np.sqrt(4.0 / bottom)  # heavier than Gaussian tails double the variance of a square
+    if value < 8 * sigma:
+        return None
+    strong = [k for k, e in sorted(energy.items(), key=lambda item: -item[1]) if e > 0.05 * sum(energy.values())]
+    effect = CATALOGUE["data_jitter"]({"jitter": float(np.sqrt(value))}, strong[0][0], None, "found")
+    words = f"Stamps are wrong by chance, {1e3 * np.sqrt(value):.3g} ms rms: the residual grows with the rate of the reading."
+    return Fault(
+        effect, tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong)), words,
+        sigma={"jitter": float(sigma / (2 * np.sqrt(value)))},
+    )  # fmt: skip
+
+
+__all__ = ["cosines", "random_stamps", "setting_error", "wrong_stop"]

@@ -64,6 +64,8 @@ def _inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence
     """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
     samples = motion.sensor(sensor)
     y = _bridged(samples.time, samples.values)
+    if sensor.kind == "gyro":  # its noise would be taken for motion
+        y = smoothed(y, stops_of(motion)[samples.rows])
     true = y.copy()
     f = np.zeros_like(true) if force is None else np.where(np.isnan(force), 0.0, force)[samples.rows]
     for _ in range(ITERATIONS):
@@ -71,6 +73,37 @@ def _inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence
         sense = _sense(sensor, setup, motion, *inputs, rows=samples.rows)
         true = true + (y - _forward(sensor, effects, sense))
     return true
+
+
+LEVEL = 1.03  # of what is left by the shortest window: a longer one that leaves more has cut into the motion
+HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
+
+
+def smoothed(values: Array, stop: Index) -> Array:
+    """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving, means at rest.
+
+    The window is the longest that leaves no more of any channel than the shorter ones do (their residual is noise only).
+    """
+    if len(values) < 4 * HALF_WINDOWS[-1]:
+        return values
+    found = values.copy()
+    for k in range(values.shape[1]):
+        trials = [_quartic(values[:, k], half) for half in HALF_WINDOWS]
+        left = np.array([np.std(values[:, k] - smooth) / np.sqrt(1 - own) for smooth, own in trials])
+        good = [j for j in range(len(left)) if left[j] <= LEVEL * left[: j + 1].min()]
+        found[:, k] = trials[max(good)][0]
+    for number in range(int(stop.max(initial=-1)) + 1):
+        there = stop == number
+        found[there] = values[there].mean(axis=0)
+    return found
+
+
+def _quartic(u: Array, half: int) -> tuple[Array, float]:
+    """Local quartic fit over 2 half + 1 samples, (m,), and the weight of a sample in its own value."""
+    k = np.arange(-half, half + 1)
+    weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[0]
+    padded = np.pad(u, half, mode="reflect", reflect_type="odd")
+    return np.convolve(padded, weights[::-1], mode="valid"), float(weights[half])
 
 
 def _bridged(time: Array, values: Array) -> Array:

@@ -12,6 +12,7 @@ from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 
+PRIOR = 5.0  # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
 ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
 
 
@@ -93,10 +94,12 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     J = _stacked(columns, lengths)
     size = np.linalg.norm(J, axis=0)
     size[size == 0] = 1.0
-    inverse, rank = _pseudo_inverse(J / size)
+    prior = np.array([1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names])
+    inverse = _pseudo_inverse(J / size, prior / size**2)
     for _ in range(rounds if len(units) else 0):
         left = np.concatenate(ledger.residual(effects))
-        step = inverse @ ((J / size).T @ left) / size
+        at = np.array([v for t in terms for v in t.values]) / units
+        step = inverse @ ((J / size).T @ left - prior * at / size) / size
         terms = _moved(terms, step * units)
         effects = [*account.known, *(t.effect for t in terms)]
         if np.abs(step * size).max(initial=0.0) < 1e-3:
@@ -121,11 +124,11 @@ def _stacked(columns: Sequence[Columns], lengths: Sequence[int]) -> Array:
     return J
 
 
-def _pseudo_inverse(J: Array) -> tuple[Array, int]:
-    """(J'J)^+ of a design with columns of unit length, and its rank."""
-    values, vectors = np.linalg.eigh(J.T @ J)
-    keep = values > 1e-8 * len(values)
-    return (vectors[:, keep] / values[keep]) @ vectors[:, keep].T, int(keep.sum())
+def _pseudo_inverse(J: Array, prior: Array) -> Array:
+    """(J'J + prior)^+ of a design with columns of unit length; what is left undetermined stays where it is."""
+    values, vectors = np.linalg.eigh(J.T @ J + np.diag(prior))
+    keep = values > 1e-9 * len(values)
+    return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T)
 
 
 def _moved(terms: Sequence[Term], step: Array) -> list[Term]:

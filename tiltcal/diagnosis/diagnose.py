@@ -206,7 +206,7 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
     gain = sum(float(t @ t) for t in case.target) - account.deviance
     held = heldout_gain(account, ledger, places)
     where = Where(coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect, observations))
-    if isinstance(effect, Learned):
+    if not term.suspect.listed and isinstance(effect, Learned):
         named = explanations(case, ledger, lambda s: s.listed)
         rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in named[:5])
         words = f"{learned_name(effect).capitalize()}: no named effect has this form."
@@ -215,12 +215,14 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
             rivals, words, next_step((), effect),
         )  # fmt: skip
     rivals_, names = _class_of(term, case, ledger)
-    parameters = _parameters(term, account.sigmas(places[0]))
-    cls = CATALOGUE[effect.id]
-    other = f" (or {', '.join(n for n in names if n != effect.id)}: this recording cannot tell)" if len(names) > 1 else ""
-    words = f"{cls.title.capitalize()} ({effect.id}) on {', '.join(f'{s}' for s in sensors)} {', '.join(axes)}{other}: {shown(parameters)}."
+    id = term.suspect.id
+    parameters = {} if isinstance(effect, Learned) else _parameters(term, account.sigmas(places[0]))
+    cls = CATALOGUE[id]
+    other = f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)" if len(names) > 1 else ""
+    size = shown(parameters) if parameters else f"as a curve over {where.coordinate}"
+    words = f"{cls.title.capitalize()} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}."
     return Finding(
-        effect.id, names, stage_of(effect), sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
+        id, names, cls.stage, sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
         held, rivals_, words, next_step(names, effect),
     )  # fmt: skip
 
@@ -309,7 +311,7 @@ def _amended(account: Account, observations: Observations, faults: Sequence[Faul
     effects += [f.effect for f in faults if f.effect not in effects]
     for k, term in enumerate(account.terms):
         effect = term.effect
-        event = "time" in effect.values or (term.host is not None and "time" in term.host.effect.values)
+        event = any("time" in e.values or "frequency" in e.values for e in (effect, *([term.host.effect] if term.host else [])))
         sigmas = dict(zip(term.names, (float(s) for s in account.sigmas(k)), strict=True))
         effects.append(replace(effect, sigmas=sigmas, seen_in=first.fingerprint if event else None))
     return amended_table(observations.scenario, effects, reference)

@@ -21,7 +21,10 @@ READOUT = {"table_encoder_eccentricity", "table_encoder_2rev", "table_encoder_sd
 TILT: dict[str, tuple[str, str]] = {
     "floor_tilt_drift": ("base", "time"), "mount_slip": ("mount", "time"), "mount_thermal_tilt": ("mount", "temperature"),
 }  # fmt: skip
-SUPERPOSED = {"acc_hysteresis", "acc_warmup", "gyr_warmup", "settling_transient"}  # at several shapes at once
+SUPERPOSED = {"acc_hysteresis", "acc_warmup", "gyr_warmup", "settling_transient", "mains_pickup", "base_vibration", "adc_inl"}
+"""At several shapes at once."""
+ALL_AXES = {"servo_lag", "servo_friction_deadband"}  # one drive is like the other
+KIN = {("gyr_g2sens", "gyr_gsens")}  # (what completes, whose form)
 FREE_FORM = {"adc_inl", "floor_tilt_drift"}  # the name says where and of what, not which form
 
 
@@ -30,8 +33,13 @@ def completes(curve: Suspect, host: Suspect) -> bool:
     effect = curve.effect
     if not host.listed:
         return _same_curve(curve, host)
-    if not isinstance(effect, Learned):
-        return curve.place == host.place and curve.id in SUPERPOSED
+    if curve.listed:
+        if (curve.id, host.id) in KIN:
+            return effect.sensor == host.effect.sensor
+        if curve.id != host.id or effect.sensor != host.effect.sensor:
+            return False
+        return curve.id in ALL_AXES or (curve.id in SUPERPOSED and effect.axis == host.effect.axis)
+    assert isinstance(effect, Learned)
     if isinstance(effect, LearnedReading):
         if effect.sensor != host.effect.sensor or (host.effect.axis and host.effect.axis != effect.axis):
             return False

@@ -38,9 +38,13 @@ def _signals(observations: Observations, account: Account) -> Iterator[tuple[int
         for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r
         return
+    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        if channel.axis != "norm":
+            yield channel.recording, channel.sensor, channel.axis, channel.rows, r
+    predicted = {c.sensor for c in observations.channels if c.axis != "norm"}
     for number, recording in enumerate(observations.recordings):
         for sensor in observations.scenario.sensor:
-            if recording.has(sensor):
+            if recording.has(sensor) and sensor.name not in predicted:
                 for axis in sensor.axes:
                     rows, _, values = column_values(recording, sensor, axis)
                     yield number, sensor.name, axis, rows, values
@@ -54,7 +58,7 @@ def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
     effect = CATALOGUE["data_outlier"]({"share": share, "size": size}, sensor, None, "found")
     words = f"{count} values of {sensor} {', '.join(axes)} lie about {size:.0f} sigma off their neighbours."
     sigma = {"share": share / np.sqrt(count), "size": size / np.sqrt(count)}
-    return Fault(effect, (sensor,), axes, words, names=("data_outlier", "emi_spike"), sigma=sigma)
+    return Fault(effect, (sensor,), axes, words, sigma=sigma)
 
 
 def off_neighbours(values: Array) -> Array:

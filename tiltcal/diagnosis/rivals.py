@@ -11,12 +11,15 @@ from tiltcal.diagnosis.account import Account, Term, columns_of
 from tiltcal.diagnosis.evidence import Ledger, Score, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, completes
 from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 
-FAIR = 3.0  # times the largest plausible size of any grade: beyond it an explanation is no explanation
+FAIR = 10.0  # times the largest plausible size of any grade: beyond it an explanation is no explanation
 OWN = 0.9  # least share of the gain that a name's own form brings; below it the name does not fit
 NEAR = 0.5  # least cosine with a finding's signal to be looked at
 LOOKED_AT = 14  # places that are worked out with their families
+EQUAL = 2.0  # worth: nearer together two explanations are equally good
+ONE_CHANNEL = 0.9  # share of the energy
 
 
 def price_of(ledger: Ledger) -> float:
@@ -195,9 +198,31 @@ def _fair(term: Term) -> bool:
         limit = FAIR * max(parameter.plausible) * parameter.factor
         stem = parameter.name.split("{")[0].rstrip("_")
         for name, value in zip(term.names, term.values, strict=True):
-            if (name == parameter.name or (("{" in parameter.name) and name.startswith(stem))) and abs(value) > limit:
+            if name != parameter.name and not ("{" in parameter.name and name.startswith(stem)):
+                continue
+            if abs(value) > limit or (parameter.positive and value < 0):
                 return False
     return True
+
+
+def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) -> Rival:
+    """The worthiest; among equals the likelier kind.
+
+    What shows in one channel only is likelier of that channel's sensor; what shows in several moves them all: table or mount.
+    A converter's transfer curve is the last thing to blame for what a sensor does as well.
+    """
+    top = max(r.worth for r in rivals)
+    equal = [r for r in rivals if r.worth > top - EQUAL]
+    single = True
+    if signal is not None:
+        energies = [float(s @ s) for s in signal]
+        single = max(energies) > ONE_CHANNEL * sum(energies)
+
+    def rank(r: Rival) -> tuple[bool, bool, float]:
+        stage = CATALOGUE[r.suspect.id].stage if r.suspect.id in CATALOGUE else "sensor"
+        return (stage == "electronics", (stage in ("table", "mount", "environment")) == single, -r.worth)
+
+    return min(equal, key=rank)
 
 
 def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:

@@ -7,9 +7,10 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, preferred
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.whitening import NoiseFit
+from tiltcal.frames import Array
 
 ALPHA = 0.01  # family-wise, over everything that was tried
 MOST = 4  # findings a recording may be given
@@ -116,7 +117,7 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
             account = settle(account, ledger)
             continue
         own = [r for r in rivals if r.own >= OWN]
-        pick = (own or rivals)[0]
+        pick = preferred(own or rivals, trial.residual if not own else _signal_of(own[0], trial, ledger))
         terms = refined(pick.terms, trial, ledger)
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
         if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
@@ -127,6 +128,16 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
         waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 else ()
         ledger.under(models(gate.noise(trial if waiting else account, ledger)))
     return backward(account, ledger, gate)
+
+
+def _signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:
+    """What a rival would put into the readings, without the part that is re-tuned away."""
+    total = [np.zeros_like(r) for r in account.residual]
+    for term in rival.terms:
+        for name, value in zip(term.names, term.values, strict=True):
+            for i, part in ledger.whitened(ledger.observations.changes(term.suspect.alone(name), account.effects)).items():
+                total[i] += part * (value / term.suspect.size(name))
+    return project(account.basis, total)
 
 
 def findings(account: Account) -> list[list[int]]:

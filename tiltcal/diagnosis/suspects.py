@@ -1,7 +1,7 @@
 """Who may be to blame: every effect of the catalogue at a few shapes, and curves that no name fits."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -37,21 +37,23 @@ class Suspect:
         effect: the effect at plausible sizes.
         names: bare names of the sizes.
         variants: how many shapes of it are tried: they pay for it.
+        alias: catalogue id of a curve that is a known law without a known form.
     """
 
     effect: Effect
     names: tuple[str, ...]
     variants: int = 1
+    alias: str | None = None
 
     @property
     def id(self) -> str:
-        """Catalogue id; ``learned`` for a curve."""
-        return self.effect.id
+        """Catalogue id; ``learned`` for a curve without a name."""
+        return self.alias or self.effect.id
 
     @property
     def listed(self) -> bool:
         """Whether it has a name in the catalogue."""
-        return not isinstance(self.effect, Learned)
+        return self.alias is not None or not isinstance(self.effect, Learned)
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
@@ -72,8 +74,6 @@ class Suspect:
 
 
 def _with(effect: Effect, values: Mapping[str, float]) -> Effect:
-    from dataclasses import replace
-
     return replace(effect, values=dict(values))
 
 
@@ -138,6 +138,10 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
     grids["gyr_warmup"] = grids["acc_warmup"]
     key = {"acc_warmup": "tau", "gyr_warmup": "tau", "table_wobble_async": "ratio",
            "table_encoder_sde": "lines", "mains_pickup": "frequency", "base_vibration": "frequency"}  # fmt: skip
+    if id == "adc_inl":
+        return [{}, {"odd": 1.0}]
+    if id == "floor_tilt_drift":
+        return [{"span": span.duration}]
     if id == "acc_hysteresis":
         return [{"width": w, "rounded": r} for w, r in product((0.02, 0.1, 0.2, 0.4, 0.8), (0.0, 1.0))]
     if id in ("settling_transient", "mount_resonance"):
@@ -217,6 +221,10 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
     for name in scenario.rig.axis_names:
         for size in (4, 10):
             yield _curve(LearnedReading, f"table_{name}", _waves(size), **where)
+        if sensor.is_accelerometer:  # its form is nobody's law, its place is
+            yield replace(_curve(LearnedReading, f"table_{name}", _waves(6), **where), alias="acc_angle_bias")
+    if sensor.is_accelerometer and (knots := _knots(f"{sensor.name}_input", span, 9)):
+        yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
     others = [f"{q}_{a}" for q in (("force",) if sensor.is_accelerometer else ("force", "rate")) for a in "xyz"]
     for coordinate in ("input", "time", "temperature", "warming", "since_move", *others, *(["transverse"] if sensor.kind == "fog" else [])):
         if coordinate == f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}":

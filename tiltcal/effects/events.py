@@ -7,7 +7,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
 
 AGO = 1e9  # s: long before any recording's first stamp
-ONCE = {"data_drop", "data_stuck", "data_gap", "data_pose_label"}  # leave nothing behind
+ONCE = {"data_drop", "data_stuck", "data_gap", "data_pose_label", "mains_pickup", "base_vibration"}  # leave nothing, or no phase
 
 
 def as_met(effects: Sequence[Effect], recording: str) -> list[Effect]:

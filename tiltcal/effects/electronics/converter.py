@@ -19,7 +19,7 @@ class PerChannel(SignalEffect):
     kinds = ANALOG
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        for name, value in self.values.items():
+        for name, value in self.sizes.items():
             axis = name[-1]
             if value and (channel := TermEffect.channel_of(axis, sense)) >= 0:
                 reading[:, channel] = self.change(reading[:, channel], value, sense)
@@ -50,9 +50,12 @@ class AdcInl(PerChannel):
     id = "adc_inl"
     order = 68
     title = "integral non-linearity"
-    parameters = (Parameter("inl_{axis}", "ug", (60, 300, 3000)),)
+    parameters = (
+        Parameter("inl_{axis}", "ug", (60, 300, 3000)),
+        Parameter("odd", "unitless", (1, 1, 1), positive=True, shape=True),
+    )
     physics = "The converter's transfer curve bows; it follows the voltage, so it changes with the gain."
-    equation = "reading_i += e_i (1 - v^2), v = reading / full scale (1.2 g unless stated)"
+    equation = "reading_i += e_i (1 - v^2), v = reading / full scale (1.2 g unless stated); odd = 1: e_i 2.6 (v - v^3)"
     source = "PHYSICS 3.6; AD7705 (0.003 % of full scale)"
     excited_by = "the whole input range"
     look = "as K2, but tied to the voltage"
@@ -60,7 +63,7 @@ class AdcInl(PerChannel):
 
     def change(self, u: Array, value: float, sense: Sense) -> Array:
         v = u / (sense.full_scale or 1.2 * G0)
-        return u + value * (1 - v * v)
+        return u + value * (2.6 * (v - v * v * v) if self.value("odd") else 1 - v * v)
 
 
 class AdcQuantisation(SignalEffect):

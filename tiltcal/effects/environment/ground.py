@@ -21,9 +21,13 @@ class FloorTiltDrift(FrameEffect):
     needs = "time"
     stage = "environment"
     title = "the pier or floor tilts slowly or in steps"
-    parameters = (Parameter("tilt_east", "arcsec", (10, 50, 200)), Parameter("tilt_north", "arcsec", (10, 50, 200)))
+    parameters = (
+        Parameter("tilt_east", "arcsec", (10, 50, 200)),
+        Parameter("tilt_north", "arcsec", (10, 50, 200)),
+        Parameter("span", "s", (3600, 3600, 3600), positive=True, shape=True),
+    )
     physics = "Sun, load and water table tilt a building; the vector stays in the world while the table turns."
-    equation = "R_base gains Rx(east x(t)) Ry(north x(t)), x = 0..1 over the recording"
+    equation = "R_base gains Rx(east x(t)) Ry(north x(t)), x = 0..1 over the recording, or over span_s and then held"
     source = "effects list; PHYSICS 3.1"
     excited_by = "time, in several headings"
     look = "a ramp of both channels that turns with the table's heading"
@@ -32,8 +36,9 @@ class FloorTiltDrift(FrameEffect):
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         elapsed = context.drive.elapsed
-        span = max(float(elapsed[-1]), 1e-12)
-        ramp = Jet(elapsed / span, np.full_like(elapsed, 1 / span), np.zeros_like(elapsed))
+        span = self.value("span") or max(float(elapsed[-1]), 1e-12)
+        inside = elapsed <= span
+        ramp = Jet(np.minimum(elapsed / span, 1.0), inside / span, np.zeros_like(elapsed))
         return base_tilt_turns(slot, ramp.scaled(self.value("tilt_east")), ramp.scaled(self.value("tilt_north")))
 
 

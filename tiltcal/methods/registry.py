@@ -17,6 +17,7 @@ from tiltcal.calibration import Calibration, load_calibration
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.methods.gyro_turns import gyro_turns
 from tiltcal.methods.norm import norm
+from tiltcal.methods.placing_table import placing_table
 from tiltcal.methods.six_position import six_position
 from tiltcal.methods.two_position import two_position
 from tiltcal.recording import Recording
@@ -25,7 +26,8 @@ from tiltcal.setup import Setup
 
 Method = Callable[..., Calibration]
 METHODS: dict[str, Method] = {
-    "six_position": six_position, "norm": norm, "two_position": two_position, "gyro_turns": gyro_turns
+    "placing_table": placing_table, "six_position": six_position, "norm": norm, "two_position": two_position,
+    "gyro_turns": gyro_turns,
 }  # fmt: skip
 GROUP = "tiltcal.methods"
 

@@ -9,6 +9,7 @@ from logs import log_of, rows_of
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
+from tiltcal import poses
 from tiltcal.accuracy import normalised_error
 from tiltcal.correcting import corrected_columns
 from tiltcal.errors import TiltcalError
@@ -235,12 +236,14 @@ def test_a_dwell_that_spans_a_remount_is_cut_there():
 
 
 @pytest.mark.slow
-def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover():
+def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
     """Tables and smooth fits of both axes: one family of variances and NEES at 0.1 %, and 95 % intervals."""
-    draws, angles = 10_000, UP[::2]
+    draws, angles = 10_000, UP[::3]
     sweep = np.concatenate([angles, angles[-2::-1]])
     clean = log((0, sweep), (90, sweep))
     segments = dwells(clean)
+    known = poses._known_up(clean, SETUP, segments)
+    monkeypatch.setattr(poses, "_known_up", lambda *_: known)  # the readout is the same in every draw: read it once
     rng = rng_of("placing table at its bound")
     columns = np.column_stack([clean.column(f"accel_{a}_m_s2") for a in "xy"])
     truth = dict(

@@ -258,7 +258,7 @@ def calibration_from(table: Mapping[str, Any]) -> Calibration:
     stated = table.get("covariance")
     if stated:
         order = [stated["names"].index(name) for name in parameters]
-        covariance = np.array(stated["matrix"], dtype=float).reshape(len(stated["names"]), -1)[np.ix_(order, order)]
+        covariance = np.array(stated["matrix"], dtype=float).reshape((len(stated["names"]),) * 2)[np.ix_(order, order)]
     fit = table.get("fit", {})
     return Calibration(
         table["method"], table["verdict"], parameters, covariance, table.get("equation", ""), table.get("inverse", ""),

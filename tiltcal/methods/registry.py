@@ -41,7 +41,7 @@ def find_method(name: str) -> Method:
     if name in METHODS:
         return METHODS[name]
     if ":" in name:
-        return _import(name)
+        return import_named(name)
     installed = {e.name: e for e in entry_points(group=GROUP)}
     if name in installed:
         return _checked(installed[name].load(), name)
@@ -51,7 +51,12 @@ def find_method(name: str) -> Method:
     )  # fmt: skip
 
 
-def _import(name: str) -> Method:
+def import_named(name: str) -> Callable[..., Any]:
+    """The function a user names as ``package.module:function``.
+
+    Raises:
+        TiltcalError: it does not import, or cannot be called.
+    """
     module, _, attribute = name.partition(":")
     if "" not in sys.path:
         sys.path.insert(0, "")  # a user's own file lies in the folder they stand in
@@ -69,7 +74,7 @@ def _import(name: str) -> Method:
     return _checked(target, name)
 
 
-def _checked(target: Any, name: str) -> Method:
+def _checked(target: Any, name: str) -> Callable[..., Any]:
     if not callable(target):
         raise TiltcalError(f"method '{name}'", found=type(target).__name__, need="a function", do="name the function itself")
     return target

@@ -188,6 +188,7 @@ def test_an_estimator_of_the_user_s_is_judged_from_the_command_line(module, here
     assert "on line" in out
     assert "us a sample" in out
     assert "tilt error at rest" in (here / "out" / "junit.xml").read_text()
+    assert "us a sample" in (here / "out" / "report.html").read_text()
     (here / "own.toml").write_text(text + "[estimator.accept]\nrest_arcsec = 1\n")
     assert main(["run", "own.toml", "--json"]) == 1
 

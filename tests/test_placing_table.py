@@ -129,6 +129,12 @@ def test_an_ascending_sweep_hides_a_linear_drift_and_says_so_and_up_and_down_hid
     assert both_ways.verdict == "good"
 
 
+def test_a_few_repeated_angles_do_not_make_a_sweep_two_way():
+    found = swept(log((0, np.array([5.0, 0.0, *UP[1:]]))))
+    assert found.verdict == "suspect"
+    assert any("one-way sweep of axis y" in t.statement for t in found.tests)
+
+
 def test_a_second_sweep_turned_round_splits_the_table_from_the_sensor():
     lean = 8 * ARCSEC
     plain = swept(log(*BOTH, lean=lean))

@@ -62,6 +62,11 @@ class Sweep:
         return Table(nodes, mean_b, mean_y - drift * mean_t, covariance, residuals, rank, drift if drifting else None)
 
     @property
+    def repeated(self) -> float:
+        """Share of the angles that were visited more than once: what shows a drift."""
+        return float(np.mean(np.unique(self.node, return_counts=True)[1] > 1))
+
+    @property
     def both_ways(self) -> float:
         """Share of the inner angles that were approached from both sides."""
         came = np.sign(np.diff(self.beta, prepend=np.nan))

@@ -22,6 +22,7 @@ from tiltcal.units import ARCSEC, DEG
 
 NAME = "placing_table"
 ORDERS = (1, 2, 3, 4)
+REPEATED = 0.5  # of the angles; with fewer repeated visits the drift is hardly known
 REMOUNT = {"x": "Rz(90)", "y": "identity"}
 
 
@@ -118,7 +119,7 @@ def _axes(poses: Poses, recording: Recording, setup: Setup) -> tuple[list[AxisTa
 
 def _sweep_tests(axes: Sequence[AxisTable]) -> list[Test]:
     """One-way sweeps and missing angles, by name."""
-    one_way = [a.axis for a in axes if any(t.drift is None for t in a.solved)]
+    one_way = [a.axis for a in axes if any(s.repeated < REPEATED for s in a.sweeps)]
     least = min(s.both_ways for a in axes for s in a.sweeps)
     said = (
         f"one-way sweep of axis {' and '.join(one_way)}: a linear drift of the zero passes whole into the table and nothing "

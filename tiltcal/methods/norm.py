@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -53,11 +52,8 @@ def norm(
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     if len(used.axes) != 3:
         raise TiltcalError(
-            f"method {NAME}",
-            found=f"{len(used.axes)} axes of {used.name}",
-            need="a triad",
-            do="use six_position",
-        )
+            f"method {NAME}", found=f"{len(used.axes)} axes of {used.name}", need="a triad", do="use six_position"
+        )  # fmt: skip
     if terms is None:
         terms = 9 if not used.adjustable or "cross_axis" in used.adjustable else 6
     if terms not in (6, 9):
@@ -72,15 +68,9 @@ def norm(
     fit, converged = solve(poses, g, terms)
     heldout, blindness = _leave_directions_out(poses, g, terms, fit)
     tests, determined = _tests(poses, fit, converged, blindness, terms)
-    warnings = [
-        "a rotation of the whole triad (mounting) does not change the norm and is not estimated",
-        next_pose(poses, fit, g, terms),
-    ]
-    provenance: dict[str, Any] = {}
-    if terms == 6:
-        iteration = product_and_sum(poses.means, g)
-        warnings.append(_beside(iteration, fit, poses.sensor.name, g))
-        provenance["product_and_sum"] = iteration.record
+    paper = product_and_sum(poses.means, g) if terms == 6 else None
+    warnings = ["a rotation of the whole triad (mounting) does not change the norm and is not estimated"]
+    warnings += [next_pose(poses, fit, g, terms), *([_beside(paper, fit, used.name, g)] if paper else [])]
     fit = mirrored(fit)
     units = ["m_s2" if ".bias_" in n else "1" for n in fit.names]
     result = wrap_up(
@@ -88,7 +78,7 @@ def norm(
         equation=f"{used.name}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j, cross_ij = cross_ji, |f| = g",
         inverse="f = M^-1 (reading - bias)", heldout={} if heldout is None else {used.name: heldout},
     )  # fmt: skip
-    return replace(result, provenance={**result.provenance, **provenance})
+    return replace(result, provenance={**result.provenance, "product_and_sum": paper.record}) if paper else result
 
 
 def _beside(iteration: Iteration, fit: Fit, sensor: str, g: float) -> str:

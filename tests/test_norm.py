@@ -9,8 +9,9 @@ from statistics_helpers import rng_of
 
 from tiltcal.accuracy import normalised_error
 from tiltcal.errors import TiltcalError
-from tiltcal.frames import sphere
+from tiltcal.frames import parse_up, sphere
 from tiltcal.methods.norm import names_of
+from tiltcal.methods.norm_iteration import product_and_sum
 from tiltcal.methods.registry import calibrate
 from tiltcal.segments import find_segments
 
@@ -145,3 +146,76 @@ def test_too_few_dwells_wrong_terms_and_no_triad_are_refused_in_words():
     two = SENSOR.model_copy(update={"axes": ("x", "y")})
     with pytest.raises(TiltcalError, match="found 2 axes"):
         calibrate("norm", log(), setup_of("handheld", two))
+
+
+def near_faces(rng):
+    """The faces, each some 15 deg off."""
+    up = FACES + 0.25 * rng.normal(size=(6, 3))
+    return up / np.linalg.norm(up, axis=1)[:, None]
+
+
+def test_the_paper_s_iteration_multiplies_gains_and_adds_biases_in_about_three_steps():
+    rng = rng_of("product and sum")
+    steps = []
+    for _ in range(100):
+        gain, bias = 1 + 0.1 * rng.uniform(-1, 1, 3), 0.1 * G * rng.uniform(-1, 1, 3)
+        found = product_and_sum(G * near_faces(rng) * gain + bias, G)
+        assert found.converged
+        np.testing.assert_allclose(found.gain, gain, rtol=1e-8)
+        np.testing.assert_allclose(found.bias, bias, atol=1e-7)
+        steps.append(sum(c > 1e-3 for c in found.corrections))
+    assert np.median(steps) <= 3
+    assert found.residuals[0] > 100 * found.residuals[2]
+
+
+def test_the_paper_s_iteration_comes_home_from_half_the_scale_and_half_a_g_off():
+    rng = rng_of("product and sum, far")
+    home = 0
+    for _ in range(200):
+        gain, bias = 1 + 0.5 * rng.uniform(-1, 1, 3), 0.5 * G * rng.uniform(-1, 1, 3)
+        found = product_and_sum(G * near_faces(rng) * gain + bias, G)
+        home += found.converged and bool(np.allclose(found.gain, gain, rtol=1e-6))
+    assert home >= 180  # of the few others the attitudes are badly conditioned: the likelihood fit starts from an ellipsoid
+
+
+def test_the_iteration_that_does_not_converge_says_so():
+    far = 300 * G * np.ones(3)
+    assert not product_and_sum(G * FACES + far, G).converged
+    found = calibrate("norm", log(bias=far, M=np.eye(3)), SETUP, terms=6)
+    assert found.value("accel.bias_x") == pytest.approx(far[0], rel=1e-6)  # the likelihood fit starts from an ellipsoid
+    assert any("does not converge in 30 steps" in w for w in found.warnings)
+
+
+def test_the_convergence_record_stands_beside_the_likelihood_fit():
+    found = calibrate("norm", log(M=np.diag(np.diag(M)), rng=rng_of("record")), SETUP, terms=6)
+    record = found.provenance["product_and_sum"]
+    assert record[0]["correction"] > 1e-3 > record[-1]["correction"]
+    assert found.to_json()["provenance"]["product_and_sum"] == record
+    assert any("converges in" in w and "differs from the maximum-likelihood fit by" in w for w in found.warnings)
+
+
+def hint(found) -> np.ndarray:
+    (text,) = [w for w in found.warnings if w.startswith("next best pose: ")]
+    up = parse_up(text.removeprefix("next best pose: ").split(" up")[0])
+    assert up is not None
+    return up
+
+
+def test_the_next_best_pose_is_the_one_that_is_missing():
+    without = np.delete(FACES, 4, axis=0)  # no -y
+    found = calibrate("norm", log(up=np.vstack([without, without[:1]]), bias=0 * BIAS, M=np.eye(3)), SETUP, terms=6)
+    assert found.verdict == "cannot_tell"
+    up = hint(found)
+    # without it bias and scale of y are one unknown: what tells them apart is anything with -y in it, the face itself best
+    assert up[1] < -0.9
+
+
+def test_adding_the_next_best_pose_lowers_the_uncertainty_more_than_a_repeat():
+    up = sphere(9)
+    base = calibrate("norm", log(up=up, bias=0 * BIAS, M=np.eye(3)), SETUP, terms=6)
+
+    def worst(extra):
+        found = calibrate("norm", log(up=np.vstack([up, extra]), bias=0 * BIAS, M=np.eye(3), rng=rng_of("next")), SETUP, terms=6)
+        return max(e.sigma for n, e in found.parameters.items() if "scale" in n)
+
+    assert worst(hint(base)) < worst(up[4])

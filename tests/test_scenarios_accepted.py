@@ -12,7 +12,7 @@ from tiltcal.verify import run_scenario
 
 PATHS = sorted(folder("scenarios").glob("*.toml"))
 SCENARIOS = {path.stem: load_scenario(path) for path in PATHS}
-CLAIMS = [name for name, s in SCENARIOS.items() if s.method]
+CLAIMS = [name for name, s in SCENARIOS.items() if s.method or s.estimator]
 
 
 def by_algebra(scenario):

@@ -105,6 +105,15 @@ def test_swapped_labels_are_named():
     (test,) = [t for t in found.tests if t.name == "faces as stated"]
     assert not test.passed
     assert "stated -x but reads +x" in test.statement
+    first, second = (found.poses[k].start_s for k in (2, 3))
+    assert f"these two are swapped: {first:.6g} s and {second:.6g} s" in test.statement
+
+
+def test_a_wrong_label_alone_is_not_called_a_swap():
+    found = calibrate("six_position", noiseless(labels=["+z", "-z", "+y", "-x", "+y", "-y"]), SETUP)
+    (test,) = [t for t in found.tests if t.name == "faces as stated"]
+    assert "stated +y but reads +x" in test.statement
+    assert "swapped" not in test.statement
 
 
 def test_a_forgotten_face_is_named():
@@ -148,6 +157,9 @@ def test_a_rotation_of_the_fixture_is_the_antisymmetric_part_of_the_cross_terms(
         antisymmetric = (found.value(f"accel.cross_{a}{b}") - found.value(f"accel.cross_{b}{a}")) / 2
         assert antisymmetric == pytest.approx(size, abs=1e-8)
         assert abs(found.value(f"accel.cross_{a}{b}") + found.value(f"accel.cross_{b}{a}")) < 1e-5
+    (gauge,) = [w for w in found.warnings if "rotation common to all poses" in w]
+    assert "here it would be a turn of x 206.3 +- " in gauge  # 1 mrad
+    assert "y -412.5 +- " in gauge
 
 
 def test_a_table_with_one_axis_leaves_terms_undetermined_and_names_them():
@@ -202,3 +214,9 @@ def test_a_table_column_that_was_never_read_leaves_the_labels():
     found = calibrate("six_position", type(log).from_columns(log.time, columns, labels=log.labels), setup)
     assert found.verdict == "good"
     assert found.value("accel.scale_x") == pytest.approx(M[0, 0] - 1, abs=1e-10)
+
+
+def test_a_face_that_was_recorded_twice_in_place_of_another_is_named():
+    order = [0, 1, 2, 4, 2, 5]
+    found = calibrate("six_position", noiseless(faces=FACES[order], labels=[LABELS[k] for k in order]), SETUP)
+    assert any("of -x up, but +x 2 times: recorded twice instead?" in t.statement for t in found.tests)

@@ -9,6 +9,7 @@ from tiltcal.calibration import Calibration
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array, angle_between, base_rotation, best_rotation, rotation, sphere
 from tiltcal.laboratory import true_readings
+from tiltcal.placing_accuracy import table_errors, table_truth
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import ARCSEC, DEG
 
@@ -53,6 +54,8 @@ def true_parameters(setup: Setup, effects: Sequence[Effect], calibration: Calibr
     Bias and M are those of the sensor behind its mounting; ``norm`` sees M only up to a rotation, so its truth is the
     symmetric factor S of M = S R.
     """
+    if calibration.bias_tables:
+        return table_truth(setup, effects, calibration, mount_rotation(effects))
     truth: dict[str, float] = {}
     for name in calibration.sensors():
         truth |= _sensor_truth(setup.named(name), effects, symmetric=calibration.method == "norm")
@@ -101,6 +104,9 @@ def tilt_error(setup: Setup, effects: Sequence[Effect], calibration: Calibration
     """Tilt error of the true sensor before and after correction, and what the covariance predicts."""
     if "base.roll" in calibration.parameters:
         return _base_error(effects, calibration)
+    if calibration.bias_tables:
+        before, after, bound = table_errors(setup, effects, calibration, mount_rotation(effects))
+        return TiltError(before, after, bound, f"the table's placing angles and between them, look-up {calibration.lookup}")
     sensor = setup.named(calibration.sensors()[0])
     up, over = _directions(sensor)
     in_body = up @ mount_rotation(effects)  # rows (R^T up)'

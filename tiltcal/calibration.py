@@ -11,6 +11,7 @@ import numpy as np
 from tiltcal.errors import TiltcalError
 from tiltcal.files import require_file, write_json
 from tiltcal.frames import Array, tilt_of_force
+from tiltcal.placing import PlacingCorrector, tables_of
 from tiltcal.setup import Sensor
 from tiltcal.units import PARAMETER_UNITS
 
@@ -68,7 +69,7 @@ class Calibration:
         chi2_per_dof, dof: of the fit.
         heldout_rms: sensor -> rms residual of poses left out of the fit, SI.
         warnings: what the user should know.
-        bias_tables: placing-angle tables.
+        bias_tables: placing-angle tables, ``<sensor>.<axis>`` -> entries; lookup: how they are read.
         provenance: what it came from.
     """
 
@@ -86,6 +87,7 @@ class Calibration:
     heldout_rms: Mapping[str, float] = field(default_factory=dict)
     warnings: Sequence[str] = ()
     bias_tables: Mapping[str, list[dict[str, Any]]] = field(default_factory=dict)
+    lookup: str = "interpolated"
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -107,7 +109,7 @@ class Calibration:
 
     def sensors(self) -> list[str]:
         """Names of the sensors it has parameters for."""
-        names = [name.split(".")[0] for name in self.parameters]
+        names = [name.split(".")[0] for name in (*self.parameters, *self.bias_tables)]
         return [n for n in dict.fromkeys(names) if n != "base"]
 
     # ------------------------------------------------------------------------------------------------------- the model
@@ -127,12 +129,24 @@ class Calibration:
         """Bias of each channel, SI, (k,)."""
         return np.array([self.value(f"{sensor.name}.bias_{axis}") for axis in sensor.axes])
 
+    def placing(self, sensor: Sensor, g: float, lookup: str | None = None) -> PlacingCorrector | None:
+        """The on-line corrector of a sensor with placing-angle tables; None without such tables."""
+        tables = tables_of(self.bias_tables, sensor.name, {n: e.value for n, e in self.parameters.items()})
+        return PlacingCorrector(tables, g, lookup or self.lookup) if tables else None
+
     def correct(self, sensor: Sensor, reading: Array, g: float) -> Array:
         """Corrected readings, SI in the sensing form (f or rate), (n, k).
 
         A triad: M^-1 (reading - bias). Two channels: the third component follows from |f| = g, z up. Further terms
-        (K2, K3, ...) are taken off at the last corrected force, until nothing changes.
+        (K2, K3, ...) are taken off at the last corrected force, until nothing changes. With placing-angle tables: x and y
+        less their table, NaN where the table does not hold.
         """
+        corrector = self.placing(sensor, g)
+        if corrector is not None:
+            columns = [sensor.axes.index(a) for a in "xyz" if a in sensor.axes]
+            done = np.array(reading)
+            done[:, columns[:2]] = corrector.correct(reading[:, columns])
+            return done
         M, y = self.sensitivity(sensor), reading - self.bias(sensor)
         if sensor.kind == "fog":
             return np.asarray(y / (1 + self.value(f"{sensor.name}.scale_a")))
@@ -187,7 +201,7 @@ class Calibration:
             "warnings": list(self.warnings), "provenance": dict(self.provenance),
         }  # fmt: skip
         if self.bias_tables:
-            table["bias_tables"] = dict(self.bias_tables)
+            table |= {"bias_tables": dict(self.bias_tables), "lookup": self.lookup}
         return table
 
     def save(self, path: Path) -> None:
@@ -244,13 +258,14 @@ def calibration_from(table: Mapping[str, Any]) -> Calibration:
     stated = table.get("covariance")
     if stated:
         order = [stated["names"].index(name) for name in parameters]
-        covariance = np.array(stated["matrix"], dtype=float).reshape(len(stated["names"]), -1)[np.ix_(order, order)]
+        covariance = np.array(stated["matrix"], dtype=float).reshape((len(stated["names"]),) * 2)[np.ix_(order, order)]
     fit = table.get("fit", {})
     return Calibration(
         table["method"], table["verdict"], parameters, covariance, table.get("equation", ""), table.get("inverse", ""),
         table.get("frames", FRAMES), [PoseSpan(**p) for p in table.get("poses", ())],
         [Test(**t) for t in table.get("tests", ())], float(fit.get("chi2_per_dof", 0.0)), int(fit.get("dof", 0)),
-        fit.get("heldout_rms", {}), list(table.get("warnings", ())), table.get("bias_tables", {}), table.get("provenance", {}),
+        fit.get("heldout_rms", {}), list(table.get("warnings", ())), table.get("bias_tables", {}),
+        table.get("lookup", "interpolated"), table.get("provenance", {}),
     )  # fmt: skip
 
 

@@ -48,14 +48,15 @@ def readings(
             if known is time or (len(known) == len(time) and np.array_equal(known, time)):
                 return motion, drive
         drive = course.drive(time)
-        motion = mover(setup, drive, geometry, _streams(seed))
+        motion = mover(setup, drive, geometry, streams_of(seed))
         seen.append((time, motion, drive))
         return motion, drive
 
     return {name: _read(setup.named(name), setup, time, live, seed, move, course) for name, time in times.items()}
 
 
-def _streams(seed: int | None) -> Streams:
+def streams_of(seed: int | None) -> Streams:
+    """The random numbers of a recording's geometry; none without a seed."""
     if seed is None:
         return no_streams
     return lambda effect: stream(seed, effect.id, effect.axis)

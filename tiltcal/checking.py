@@ -7,13 +7,14 @@ import numpy as np
 
 from tiltcal.accuracy import estimated_up
 from tiltcal.calibration import Calibration, Test, chi2_test
+from tiltcal.effects.sensor.dynamics import placing_angle
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, best_rotation
 from tiltcal.poses import Poses, find_poses
 from tiltcal.recording import Recording
 from tiltcal.segments import Segment
 from tiltcal.setup import Sensor, Setup
-from tiltcal.units import ARCSEC
+from tiltcal.units import ARCSEC, DEG
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class Check:
 
     Args:
         accepted: within the limit, or without one within its own uncertainty.
-        judged_by: ``tilt`` against known attitudes, ``norm`` where they are not known, ``base`` for a base tilt.
+        judged_by: ``tilt`` against known attitudes, ``norm`` where they are not known, ``base`` for a base tilt, ``table``
+            for placing-angle tables.
         rms, worst: error over the dwells, rad.
         expected: rms error that noise and the calibration's covariance predict, rad.
         poses: error of each dwell, rad, (m,).
@@ -62,6 +64,8 @@ def check(
     known = np.asarray(~np.isnan(poses.up).any(axis=1))
     if "base.roll" in calibration.parameters:
         return _base_check(calibration, recording, setup, limit, segments)
+    if calibration.bias_tables:
+        return _table_check(calibration, poses, setup.site.gravity, limit, recording.source)
     by_norm = not known.any() or (calibration.method == "norm" and known.sum() < 3)
     if by_norm and len(sensor.axes) < 3:
         raise TiltcalError(
@@ -161,11 +165,37 @@ def _answer(error: Array, expected: float, test: Test, kind: str, limit: float |
         "tilt": "tilt error",
         "norm": "error of the norm (as an angle; attitudes are not known)",
         "base": "difference of the base tilt",
+        "table": "error of a horizontal axis",
     }
     statement = f"{named[kind]} over {len(error)} dwells: {rms / ARCSEC:.4g} arcsec rms, {worst / ARCSEC:.4g} worst; "
     statement += ("within " if accepted else "beyond ") + against
     spans = [(s.start_s, s.end_s) for s in poses.spans]
     return Check(accepted, kind, rms, worst, expected, error, spans, [test], statement)
+
+
+def _table_check(calibration: Calibration, poses: Poses, g: float, limit: float | None, source: str) -> Check:
+    """A placing-angle table is judged where its axis is stated to be horizontal: what is left there is its error."""
+    sensor = poses.sensor
+    corrector = calibration.placing(sensor, g)
+    fixed = calibration.correct(sensor, poses.means, g)
+    error, variance, used = [], [], []
+    for axis, table in corrector.tables.items() if corrector else ():
+        i, j = sensor.axes.index(axis), "xyz".index(axis)
+        for k in np.flatnonzero((np.abs(poses.up[:, j]) < np.sin(1 * DEG)) & ~np.isnan(fixed[:, i])).tolist():
+            beta = placing_angle(axis, poses.up[k : k + 1])
+            near = replace(table, values=table.sigmas).at(beta)[0]
+            error.append((fixed[k, i] - g * poses.up[k, j]) / g)
+            variance.append((poses.covariance(k)[i, i] + near**2) / g**2)
+            used.append(k)
+    if not error:
+        raise TiltcalError(
+            source, found="no dwell with a calibrated axis horizontal at an angle of its table", need="some to judge it by",
+            do="record dwells on the table it was made on, at angles inside it",
+        )  # fmt: skip
+    e, v = np.array(error), np.array(variance)
+    test = chi2_test("agrees with its uncertainty", float(np.sum(e**2 / v)), len(e), f"{len(e)} dwells against noise and table")
+    keep = np.isin(np.arange(len(poses)), used)
+    return _answer(np.abs(e), float(np.sqrt(v.mean())), test, "table", limit, poses.subset(keep))
 
 
 def _base_check(

@@ -1,6 +1,7 @@
 """Correcting a recording with a calibration, in fixed memory: chunk in, chunk out."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
@@ -59,7 +60,10 @@ def corrected_columns(recording: Recording, calibration: Calibration, setup: Set
             key = f"{name}_{axis}_corrected_{unit}"
             columns[key] = _full(shown[:, i] / COLUMN_UNITS[unit].factor, samples.rows, len(recording))
         if sensor.is_accelerometer:
-            for axis, angle in tilt_angles(fixed, sensor, g).items():
+            angles = tilt_angles(fixed, sensor, g)
+            if calibration.bias_tables:  # a level of two axes: what its z channel reads is not corrected
+                angles = {axis: tilt_of_force(fixed[:, sensor.axes.index(axis)], g) for axis in angles}
+            for axis, angle in angles.items():
                 columns.setdefault(f"tilt_{axis}_deg", _full(angle / DEG, samples.rows, len(recording)))
     return columns
 
@@ -76,8 +80,34 @@ def _full(values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: i
     return full
 
 
-def correct_stream(path: Path, calibration: Calibration, out: IO[bytes]) -> int:
-    """Read a recording chunk by chunk and write it corrected as CSV; returns the number of rows.
+@dataclass
+class Corrected:
+    """What came of a stream: rows written, and readings of each axis left empty because its table does not hold there."""
+
+    rows: int = 0
+    beyond: dict[str, int] = field(default_factory=dict)
+
+    def count(self, chunk: Recording, added: dict[str, Array], calibration: Calibration) -> None:
+        """Add a chunk."""
+        self.rows += len(chunk)
+        for key in calibration.bias_tables:
+            name, _, axis = key.partition(".")
+            sampled = np.isfinite(chunk.column(str(chunk.channel(f"{name}_{axis}"))))
+            column = next(c for c in added if c.startswith(f"{name}_{axis}_corrected_"))
+            self.beyond[key] = self.beyond.get(key, 0) + int(np.sum(sampled & np.isnan(added[column])))
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know."""
+        return [
+            f"{n} readings of {key} at placing angles that its table does not hold are left empty"
+            for key, n in self.beyond.items()
+            if n
+        ]
+
+
+def correct_stream(path: Path, calibration: Calibration, out: IO[bytes]) -> Corrected:
+    """Read a recording chunk by chunk and write it corrected as CSV.
 
     Raises:
         TiltcalError: the recording does not read, or lacks the calibrated sensor.
@@ -86,21 +116,22 @@ def correct_stream(path: Path, calibration: Calibration, out: IO[bytes]) -> int:
     from pyarrow import csv as pacsv
 
     setup = setup_of(calibration)
-    rows, last = 0, -np.inf
+    done, last = Corrected(), -np.inf
     writer, names = None, []
     for chunk in _chunks(path):
         last = _require_onward(chunk, last)
-        columns = _columns(chunk, corrected_columns(chunk, calibration, setup))
+        added = corrected_columns(chunk, calibration, setup)
+        columns = _columns(chunk, added)
         if writer is None:
             names = list(columns)
             write_head(out, chunk.metadata, names)
             schema = pa.schema([(name, column.type) for name, column in columns.items()])
             writer = pacsv.CSVWriter(out, schema, write_options=pacsv.WriteOptions(include_header=False))
         writer.write_table(pa.table([columns[name] for name in names], names=names))  # gaps may order a chunk otherwise
-        rows += len(chunk)
+        done.count(chunk, added, calibration)
     if writer is not None:
         writer.close()
-    return rows
+    return done
 
 
 def _require_onward(chunk: Recording, last: float) -> float:

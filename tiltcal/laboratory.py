@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from tiltcal import __version__
 from tiltcal.byhand import predicted_readings
-from tiltcal.chain import CONVERSION, Mover, readings
-from tiltcal.effects.base import Effect, Sense, SignalEffect, WritingEffect
+from tiltcal.chain import CONVERSION, Mover, readings, streams_of
+from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect, WritingEffect
 from tiltcal.effects.events import as_met
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
@@ -101,6 +101,19 @@ class SimulatedLaboratory:
         kept = {n: motion.column(n) for n in motion.column_names if n.startswith(("table_", "temperature_"))}
         metadata = dict(motion.metadata) | _metadata(scenario, seed) | {"predicts": motion.source}
         return Recording.from_columns(motion.time, kept | columns, labels=motion.labels, metadata=metadata, source="prediction")
+
+    def true_up(self, scenario: Scenario, seed: int | None, time: Array) -> Array:
+        """The world's up in the body frame at these instants of ``record``, (n, 3): what an estimator should have found."""
+        geometry = [e for e in scenario.effects if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)]
+        return self.mover(scenario, self.course(scenario, seed).drive(time), geometry, streams_of(seed)).up
+
+
+@runtime_checkable
+class TruthfulLaboratory(Laboratory, Protocol):
+    """A laboratory that knows what truly happened: a simulated one."""
+
+    def true_up(self, scenario: Scenario, seed: int | None, time: Array) -> Array:
+        """The world's up in the body frame, (n, 3)."""
 
 
 def written_readout(effects: Sequence[Effect], drive: Drive) -> dict[str, Array]:

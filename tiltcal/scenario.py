@@ -89,6 +89,58 @@ class MethodTable(Part):
         return self.name or " ".join(self.command or ())
 
 
+class AcceptOnline(Part):
+    """What an estimator that is fed sample by sample has to reach; its tilt error is the angle between true and found up.
+
+    Args:
+        rms_arcsec, worst_arcsec: over all judged samples.
+        rest_arcsec, moving_arcsec: rms over the samples at rest, in moves and swings.
+        settled_arcsec, settling_s: longest time after a move until the error stays within the band.
+        sample_us: mean time a sample.
+        answered: least share of samples with an answer.
+    """
+
+    rms_arcsec: Annotated[float, Field(gt=0)] | None = None
+    worst_arcsec: Annotated[float, Field(gt=0)] | None = None
+    rest_arcsec: Annotated[float, Field(gt=0)] | None = None
+    moving_arcsec: Annotated[float, Field(gt=0)] | None = None
+    settled_arcsec: Annotated[float, Field(gt=0)] = 60.0
+    settling_s: Annotated[float, Field(ge=0)] | None = None
+    sample_us: Annotated[float, Field(gt=0)] | None = None
+    answered: Annotated[float, Field(ge=0, le=1)] = 1.0
+
+
+class EstimatorTable(Part):
+    """One ``[[estimator]]``: an algorithm that runs sample by sample.
+
+    Args:
+        name: of its factory: built in, or package.module:factory; command: or a program, fed on its standard input.
+        calibrate: a method that is run first, on what was recorded before from_s; its result is handed to the factory.
+        from_s: where feeding and judging begin, s.
+    """
+
+    name: str | None = None
+    command: tuple[str, ...] | None = None
+    options: dict[str, Any] = {}
+    calibrate: str | None = None
+    calibrate_options: dict[str, Any] = {}
+    from_s: float = 0.0
+    accept: AcceptOnline = AcceptOnline()
+
+    @model_validator(mode="after")
+    def _one(self) -> "EstimatorTable":
+        if (self.name is None) == (self.command is None):
+            raise ValueError("give either name or command")
+        if self.calibrate is not None and self.command is not None:
+            raise ValueError("a command gets no calibration: export it, or pass it as one of its words")
+        return self
+
+    @property
+    def title(self) -> str:
+        """Its name, or the command's."""
+        return self.name or " ".join(self.command or ())
+
+
 class Scenario(Setup):
     """A whole scenario."""
 
@@ -104,6 +156,7 @@ class Scenario(Setup):
     sequence: tuple[Step, ...] = ()
     dynamics: Dynamics | None = None
     method: tuple[MethodTable, ...] = ()
+    estimator: tuple[EstimatorTable, ...] = ()
 
     @field_validator("sensor")
     @classmethod

@@ -11,6 +11,7 @@ import numpy as np
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, angle_between, parse_mount, parse_up, unit
 from tiltcal.motion import Attitude, Drive, Index, Jet
+from tiltcal.schemes import directions, label_of, table_angles
 from tiltcal.sequence import Climate, Step
 from tiltcal.setup import Rig
 from tiltcal.units import DEG
@@ -182,6 +183,9 @@ class _Builder:
     def add(self, number: int, step: Step) -> None:
         self.subject = f"sequence step {number} ({step.action})"
         self.label = step.label or step.up
+        if step.action == "scheme":
+            self._scheme(number, step)
+            return
         if step.mount is not None:
             self.mount = step.mount
         if not self.names:
@@ -228,6 +232,16 @@ class _Builder:
         n = max(1, ceil(float(np.abs(end - start).max()) / (step.step_deg * DEG) - 1e-9))
         for k in range(0 if not self.legs else 1, n + 1):
             self._go(start + (end - start) * k / n, step.rate_deg_s)
+            self._dwell(step.dwell_s)
+
+    def _scheme(self, number: int, step: Step) -> None:
+        """All positions of a scheme, each with its direction as the label."""
+        for k, up in enumerate(directions(str(step.scheme))):
+            self.label = label_of(up)
+            if not self.names:
+                self.add(number, Step(action="move", up=self.label, rate_deg_s=step.rate_deg_s, dwell_s=step.dwell_s))
+                continue
+            self._go(table_angles(self.rig, up, k, self.subject), step.rate_deg_s)
             self._dwell(step.dwell_s)
 
     def _by_hand(self, step: Step) -> None:

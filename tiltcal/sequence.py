@@ -38,10 +38,11 @@ class Step(Part):
 
     ``rest`` dwells; ``move`` goes to the angles (or, hand-held, until ``up`` points up); ``turn`` turns ``axis`` by
     ``angle_deg`` at a constant rate; ``sweep`` goes to the angles in steps of ``step_deg``, dwelling at each;
-    ``oscillate`` swings ``axis``; ``remount`` changes the mounting. Angles left out stay as they are.
+    ``oscillate`` swings ``axis``; ``remount`` changes the mounting; ``scheme`` goes through all positions of a measuring
+    ``scheme`` of the library, dwelling at each. Angles left out stay as they are.
     """
 
-    action: Literal["rest", "move", "turn", "sweep", "oscillate", "remount"]
+    action: Literal["rest", "move", "turn", "sweep", "oscillate", "remount", "scheme"]
     outer_deg: float | None = None
     middle_deg: float | None = None
     inner_deg: float | None = None
@@ -56,6 +57,7 @@ class Step(Part):
     frequency_hz: Annotated[float, Field(gt=0)] | None = None
     cycles: Annotated[int, Field(gt=0)] = 5
     up: str | None = None
+    scheme: Literal["6", "8", "12", "24", "tumble"] | None = None
 
     @field_validator("up")
     @classmethod
@@ -75,6 +77,7 @@ class Step(Part):
             "turn": ("axis", "angle_deg"),
             "oscillate": ("axis", "amplitude_deg", "frequency_hz"),
             "remount": ("mount",),
+            "scheme": ("scheme",),
         }
         missing = [key for key in needs.get(self.action, ()) if getattr(self, key) is None]
         if missing:

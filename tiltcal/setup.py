@@ -80,6 +80,11 @@ class Rig(Part):
         return TABLE_AXES[self.table]
 
     @property
+    def mount_rotation(self) -> Array:
+        """R_mount: body to faceplate components, (3, 3)."""
+        return parse_mount(self.mount)
+
+    @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the table's axes, outermost first."""
         return tuple(name for name, _ in self.axes)

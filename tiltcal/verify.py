@@ -14,8 +14,9 @@ from tiltcal.errors import TiltcalError
 from tiltcal.files import replacing
 from tiltcal.laboratory import Laboratory
 from tiltcal.methods.registry import calibrate, run_command
+from tiltcal.online.judging import OnlineResult, run_estimator
 from tiltcal.recording import Recording
-from tiltcal.scenario import MethodTable, Scenario, load_scenario
+from tiltcal.scenario import EstimatorTable, MethodTable, Scenario, load_scenario
 
 Progress = Callable[[str], None]
 
@@ -46,6 +47,7 @@ class MethodResult:
         limits: judged.
         seconds: all runs.
         error: what went wrong, when it did not even calibrate.
+        online: of an estimator that was fed sample by sample.
     """
 
     title: str
@@ -55,6 +57,7 @@ class MethodResult:
     limits: tuple[Limit, ...]
     seconds: float
     error: str | None = None
+    online: OnlineResult | None = None
 
     @property
     def accepted(self) -> bool:
@@ -87,18 +90,18 @@ def run_scenario(
     Raises:
         TiltcalError: the scenario holds no method, or a command that is not allowed.
     """
-    if not scenario.method:
+    if not scenario.method and not scenario.estimator:
         raise TiltcalError(
             f"scenario {source or scenario.name}", found="no [[method]]", need="at least one to judge",
             do="add [[method]] name = 'six_position'",
         )  # fmt: skip
-    for m in scenario.method:
-        if m.command and not allow_commands:
+    for command in [m.command for m in scenario.method] + [e.command for e in scenario.estimator]:
+        if command and not allow_commands:
             raise TiltcalError(
-                f"scenario {source or scenario.name}", found=f"the command {m.command[0]}", need="leave to run programs",
+                f"scenario {source or scenario.name}", found=f"the command {command[0]}", need="leave to run programs",
                 do="read it, then add --allow-commands",
             )  # fmt: skip
-    runs = max(m.runs for m in scenario.method)
+    runs = max((m.runs for m in scenario.method), default=1)
     recordings = []
     for k in range(runs):
         progress(f"{scenario.name}: recording {k + 1} of {runs}")
@@ -107,6 +110,9 @@ def run_scenario(
     for m in scenario.method:
         progress(f"{scenario.name}: {m.title}")
         results.append(_run_method(scenario, m, recordings[: m.runs]))
+    for e in scenario.estimator:
+        progress(f"{scenario.name}: {e.title}, sample by sample")
+        results.append(_run_estimator(scenario, e, recordings[0], laboratory))
     return ScenarioResult(scenario, source, tuple(results), recordings[0])
 
 
@@ -120,6 +126,16 @@ def _run_method(scenario: Scenario, table: MethodTable, recordings: Sequence[Rec
         return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
     limits = tuple(_limits(scenario, table, found, tilt))
     return MethodResult(table.title, found, truth, tilt, limits, time.perf_counter() - start)
+
+
+def _run_estimator(scenario: Scenario, table: EstimatorTable, recording: Recording, laboratory: Laboratory) -> MethodResult:
+    start = time.perf_counter()
+    try:
+        found = run_estimator(scenario, table, recording, laboratory)
+    except TiltcalError as error:
+        return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
+    limits = tuple(Limit(*limit) for limit in found.limits(table.accept))
+    return MethodResult(table.title, (), {}, None, limits, time.perf_counter() - start, online=found)
 
 
 def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> Calibration:
@@ -237,12 +253,12 @@ def verify_folder(
     results = []
     for k, (path, scenario) in enumerate(scenarios, start=1):
         progress(f"{k} of {len(scenarios)}: {path.name}")
-        if scenario.method:
+        if scenario.method or scenario.estimator:
             results.append(run_scenario(scenario, laboratory, source=path.name, allow_commands=allow_commands, progress=progress))
     if not results:
         raise TiltcalError(
             f"folder {folder}",
-            found="no scenario with a [[method]]",
+            found="no scenario with a [[method]] or [[estimator]]",
             need="one to judge",
             do="add a [[method]]",
         )

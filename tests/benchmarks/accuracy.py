@@ -9,7 +9,14 @@ from tiltcal.assets import folder
 from tiltcal.methods.registry import calibrate
 from tiltcal.scenario import load_scenario
 
-CASES = ("six_faces_dual", "tumble_three_axis", "norm_by_hand", "two_position_level", "two_position_steep")
+CASES = (
+    "six_faces_dual",
+    "tumble_three_axis",
+    "norm_by_hand",
+    "two_position_level",
+    "two_position_steep",
+    "placing_table_both_axes",
+)
 DRAWS = 40
 
 

@@ -80,15 +80,22 @@ def correct(args: argparse.Namespace) -> int:
     require_output(args, "the corrected recording")
     calibration = load_calibration(args.calibration)
     if not args.output:
-        correct_stream(Path(args.recording), calibration, sys.stdout.buffer)
+        done = correct_stream(Path(args.recording), calibration, sys.stdout.buffer)
+        _tell(done.notes)
         return 0
     with replacing(Path(args.output)) as temporary, temporary.open("wb") as out:
-        rows = correct_stream(Path(args.recording), calibration, out)
+        done = correct_stream(Path(args.recording), calibration, out)
+    _tell(done.notes)
     if args.json:
-        print_json({"output": args.output, "rows": rows})
+        print_json({"output": args.output, "rows": done.rows, "notes": done.notes})
     else:
-        print(f"{args.output}: {rows} rows corrected", file=sys.stderr)
+        print(f"{args.output}: {done.rows} rows corrected", file=sys.stderr)
     return 0
+
+
+def _tell(notes: list[str]) -> None:
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def check(args: argparse.Namespace) -> int:

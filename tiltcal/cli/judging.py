@@ -77,7 +77,7 @@ def print_verification(verification: Verification) -> None:
     for r in verification.results:
         for m in r.methods:
             tilt = [f"{x:.3g}" for x in m.tilt.in_arcsec] if m.tilt else ["", "", ""]
-            verdict = m.calibrations[0].verdict if m.calibrations else "error"
+            verdict = m.calibrations[0].verdict if m.calibrations else "error" if m.error else "on line"
             rows.append(
                 [
                     r.scenario.name,
@@ -96,6 +96,8 @@ def print_verification(verification: Verification) -> None:
                     print(f"{r.scenario.name}, {m.title}: {limit.name}: reached {limit.reached:.6g}, allowed {limit.allowed}")
             if m.error:
                 print(f"{r.scenario.name}, {m.title}: {m.error}")
+            if m.online:
+                print(f"{r.scenario.name}, {m.title}: {m.online.statement}")
     good = sum(r.accepted for r in verification.results)
     print(f"{good} of {len(verification.results)} scenarios accepted in {verification.seconds:.1f} s")
 
@@ -115,7 +117,7 @@ def as_json(verification: Verification) -> dict[str, object]:
                     {
                         "method": m.title, "accepted": m.accepted, "error": m.error, "runs": len(m.calibrations),
                         "verdict": m.calibrations[0].verdict if m.calibrations else None,
-                        "tilt_arcsec": _tilt_json(m.tilt),
+                        "tilt_arcsec": _tilt_json(m.tilt), "online": m.online.to_json() if m.online else None,
                         "limits": [vars(limit) for limit in m.limits], "truth": m.truth,
                         "parameters": m.calibrations[0].to_json()["parameters"] if m.calibrations else {},
                     }

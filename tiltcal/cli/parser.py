@@ -163,6 +163,14 @@ def _add_calibration(commands: _Commands) -> None:
     sub.add_argument("recording", metavar="REC")
     _output(sub, "where the CSV goes (stdout unless given)", "OUT.csv")
     sub = commands.add(
+        "export", "exporting", "export", "write a placing-angle table as a C header for firmware",
+        "2-D array, rounding and interpolating look-up and the corrector, in float (or double) and in integers; no malloc.\n\n"
+        "  tiltcal export CAL.json -o bias.h --name level",
+    )  # fmt: skip
+    sub.add_argument("calibration", metavar="CAL.json")
+    sub.add_argument("--name", default="tiltcal", help="what every C name begins with (default: tiltcal)")
+    _output(sub, "where the header goes (stdout unless given)", "TABLE.h")
+    sub = commands.add(
         "check", "calibrating", "check", "is this calibration good on that other recording?",
         "Where attitudes are known (table readout, labels) the tilt error is judged, else the norm.\n"
         "Without a limit the error has to agree with its own uncertainty.",

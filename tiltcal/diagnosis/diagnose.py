@@ -286,7 +286,7 @@ def _undetectable(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
     blamed = {t.suspect.id for t in account.terms}
     for score in ledger.scores(account.basis, account.residual):
         suspect = score.suspect
-        if not suspect.listed or suspect.id in blamed:
+        if isinstance(suspect.effect, Learned) or suspect.id in blamed:
             continue
         sizes = {}
         for i, name in enumerate(suspect.names):

@@ -8,16 +8,19 @@ import numpy as np
 from tiltcal.calibration import Calibration, Test, chi2_test, verdict_of
 from tiltcal.errors import TiltcalError
 from tiltcal.fit import Fit, gauss_newton
-from tiltcal.frames import AXES, Array
+from tiltcal.frames import AXES, Array, sphere
 from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.methods.norm_iteration import Iteration, product_and_sum
 from tiltcal.poses import Poses, find_poses, group_directions
 from tiltcal.recording import Recording
+from tiltcal.schemes import label_of
 from tiltcal.segments import Segment
 from tiltcal.setup import Setup
 
 NAME = "norm"
 PAIRS = ((0, 1), (0, 2), (1, 2))
 BAD_CONDITION = 100.0  # the best six positions have 1, a fifth of random ones exceeds this
+CANDIDATES = 200  # directions the next pose is chosen from
 BLIND = 10.0  # a left-out direction predicted worse than this many sigmas of its own noise checks nothing
 
 
@@ -49,11 +52,8 @@ def norm(
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     if len(used.axes) != 3:
         raise TiltcalError(
-            f"method {NAME}",
-            found=f"{len(used.axes)} axes of {used.name}",
-            need="a triad",
-            do="use six_position",
-        )
+            f"method {NAME}", found=f"{len(used.axes)} axes of {used.name}", need="a triad", do="use six_position"
+        )  # fmt: skip
     if terms is None:
         terms = 9 if not used.adjustable or "cross_axis" in used.adjustable else 6
     if terms not in (6, 9):
@@ -68,14 +68,50 @@ def norm(
     fit, converged = solve(poses, g, terms)
     heldout, blindness = _leave_directions_out(poses, g, terms, fit)
     tests, determined = _tests(poses, fit, converged, blindness, terms)
+    paper = product_and_sum(poses.means, g) if terms == 6 else None
     warnings = ["a rotation of the whole triad (mounting) does not change the norm and is not estimated"]
+    warnings += [next_pose(poses, fit, g, terms), *([_beside(paper, fit, used.name, g)] if paper else [])]
     fit = mirrored(fit)
     units = ["m_s2" if ".bias_" in n else "1" for n in fit.names]
-    return wrap_up(
+    result = wrap_up(
         NAME, verdict_of(tests, determined), fit, units, tests, warnings, poses, recording,
         equation=f"{used.name}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j, cross_ij = cross_ji, |f| = g",
         inverse="f = M^-1 (reading - bias)", heldout={} if heldout is None else {used.name: heldout},
     )  # fmt: skip
+    return replace(result, provenance={**result.provenance, "product_and_sum": paper.record}) if paper else result
+
+
+def _beside(iteration: Iteration, fit: Fit, sensor: str, g: float) -> str:
+    """The paper's iteration in words, against the maximum-likelihood fit."""
+    steps = len(iteration.corrections)
+    course = ", ".join(f"{c:.1g}" for c in iteration.corrections[:8])
+    if not iteration.converged:
+        return f"the paper's product-and-sum iteration from G = 1, B = 0 does not converge in {steps} steps (corrections {course})"
+    scale = max(abs(iteration.gain[i] - 1 - fit.value(f"{sensor}.scale_{a}")) for i, a in enumerate(AXES))
+    bias = max(abs(iteration.bias[i] - fit.value(f"{sensor}.bias_{a}")) for i, a in enumerate(AXES))
+    return (
+        f"the paper's product-and-sum iteration from G = 1, B = 0 converges in {steps} steps (corrections {course}); it differs "
+        f"from the maximum-likelihood fit by {scale * 1e6:.2g} ppm and {bias / g * 1e6:.2g} ug"
+    )
+
+
+def next_pose(poses: Poses, fit: Fit, g: float, terms: int) -> str:
+    """The attitude that would tell most beside those recorded: where the norm is predicted worst against its own noise."""
+    x = _full(fit, poses, terms)
+    f, v = _directions(poses.means, x)
+    rows = _slopes(f, v, terms) / _norm_sigma(poses, x)[:, None]
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
+    information = (rows / scale).T @ (rows / scale) + 1e-9 * np.eye(terms)  # what is not seen at all is seen first
+    candidates = np.vstack([np.eye(3), -np.eye(3), sphere(CANDIDATES)])
+    inverse = np.linalg.inv(model_of(x)[1])
+    new = _slopes(g * candidates, candidates @ inverse, terms) / scale / np.sqrt(np.median(_norm_sigma(poses, x) ** 2))
+    told = np.einsum("ki,ij,kj->k", new, np.linalg.inv(information), new)
+    best = int(np.argmax(told))
+    return (
+        f"next best pose: {label_of(np.round(candidates[best], 2))} up (its norm is now predicted to "
+        f"{np.sqrt(told[best]):.2g} times its own noise)"
+    )
 
 
 def names_of(sensor: str, terms: int) -> list[str]:

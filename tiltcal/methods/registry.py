@@ -17,6 +17,7 @@ from tiltcal.calibration import Calibration, load_calibration
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.methods.gyro_turns import gyro_turns
 from tiltcal.methods.norm import norm
+from tiltcal.methods.placing_table import placing_table
 from tiltcal.methods.six_position import six_position
 from tiltcal.methods.two_position import two_position
 from tiltcal.recording import Recording
@@ -25,7 +26,8 @@ from tiltcal.setup import Setup
 
 Method = Callable[..., Calibration]
 METHODS: dict[str, Method] = {
-    "six_position": six_position, "norm": norm, "two_position": two_position, "gyro_turns": gyro_turns
+    "placing_table": placing_table, "six_position": six_position, "norm": norm, "two_position": two_position,
+    "gyro_turns": gyro_turns,
 }  # fmt: skip
 GROUP = "tiltcal.methods"
 
@@ -39,7 +41,7 @@ def find_method(name: str) -> Method:
     if name in METHODS:
         return METHODS[name]
     if ":" in name:
-        return _import(name)
+        return import_named(name)
     installed = {e.name: e for e in entry_points(group=GROUP)}
     if name in installed:
         return _checked(installed[name].load(), name)
@@ -49,7 +51,12 @@ def find_method(name: str) -> Method:
     )  # fmt: skip
 
 
-def _import(name: str) -> Method:
+def import_named(name: str) -> Callable[..., Any]:
+    """The function a user names as ``package.module:function``.
+
+    Raises:
+        TiltcalError: it does not import, or cannot be called.
+    """
     module, _, attribute = name.partition(":")
     if "" not in sys.path:
         sys.path.insert(0, "")  # a user's own file lies in the folder they stand in
@@ -67,7 +74,7 @@ def _import(name: str) -> Method:
     return _checked(target, name)
 
 
-def _checked(target: Any, name: str) -> Method:
+def _checked(target: Any, name: str) -> Callable[..., Any]:
     if not callable(target):
         raise TiltcalError(f"method '{name}'", found=type(target).__name__, need="a function", do="name the function itself")
     return target

@@ -10,11 +10,12 @@ from tiltcal.fit import Fit, linear_fit
 from tiltcal.frames import AXES, Array, angle_between
 from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
 from tiltcal.methods.terms import term_columns
+from tiltcal.motion import Index
 from tiltcal.poses import Poses, find_poses, group_directions
 from tiltcal.recording import Recording
 from tiltcal.segments import Segment
-from tiltcal.setup import Setup
-from tiltcal.units import DEG
+from tiltcal.setup import Sensor, Setup
+from tiltcal.units import ARCSEC, DEG
 
 NAME = "six_position"
 LINEAR = ("bias", "scale", "cross_axis")
@@ -61,9 +62,7 @@ def six_position(
     poses = poses.subset(known)
     fit, units = solve(poses, setup, terms)
     tests = [*_fit_tests(poses, setup, fit, terms), *_attitude_tests(poses)]
-    warnings.append(
-        "a rotation common to all poses (fixture or mounting) is one with the antisymmetric part of the cross-axis terms"
-    )
+    warnings.append(_gauge(fit, used))
     if fit.dropped or fit.dof == 0:
         tests.append(
             Test(
@@ -130,6 +129,7 @@ def _attitude_tests(poses: Poses) -> list[Test]:
         for s, m, angle in zip(poses.spans, measured, off, strict=True)
         if angle > 30
     ]
+    wrong += _swapped(poses, measured, np.flatnonzero(off > 30))
     tests.append(
         Test(
             "faces as stated",
@@ -145,8 +145,35 @@ def _attitude_tests(poses: Poses) -> list[Test]:
         if np.max(poses.up @ (s * e)) < 0.5
     ]  # fmt: skip
     statement = f"no pose within 60 deg of {', '.join(missing)} up" if missing else "every axis was seen up and down"
+    groups, counts = np.unique(group_directions(poses.up), return_index=True)[1], np.bincount(group_directions(poses.up))
+    twice = [f"{_face(poses.up[first])} {n} times" for first, n in zip(groups, counts, strict=True) if n > 1]
+    if missing and twice:
+        statement += f", but {', '.join(twice)}: recorded twice instead?"
     tests.append(Test("faces complete", float(len(missing)), 6, float(not missing), not missing, statement))
     return tests
+
+
+def _swapped(poses: Poses, measured: Array, wrong: Index) -> list[str]:
+    """Pairs of dwells that would both be right with their faces exchanged."""
+    near = np.cos(30 * DEG)
+    return [
+        f"these two are swapped: {poses.spans[i].start_s:.6g} s and {poses.spans[j].start_s:.6g} s"
+        for n, i in enumerate(wrong) for j in wrong[n + 1 :]
+        if measured[i] @ poses.up[j] > near and measured[j] @ poses.up[i] > near
+    ]  # fmt: skip
+
+
+def _gauge(fit: Fit, sensor: Sensor) -> str:
+    """The rotation of a fixture that the antisymmetric part of the cross-axis terms would be: it cannot be told from it."""
+    said = "a rotation common to all poses (fixture or mounting) is one with the antisymmetric part of the cross-axis terms"
+    pairs = [(f"{sensor.name}.cross_{a}{b}", f"{sensor.name}.cross_{b}{a}") for a, b in ("yz", "zx", "xy")]
+    if not all(n in fit.names for pair in pairs for n in pair):
+        return said
+    index = [[fit.names.index(n) for n in pair] for pair in pairs]
+    turn = [(fit.values[i] - fit.values[j]) / 2 / ARCSEC for i, j in index]
+    sigma = [float(np.sqrt(fit.covariance[i, i] + fit.covariance[j, j] - 2 * fit.covariance[i, j])) / 2 / ARCSEC for i, j in index]
+    words = ", ".join(f"{a} {t:.4g} +- {s:.2g}" for a, t, s in zip(AXES, turn, sigma, strict=True))
+    return f"{said}: here it would be a turn of {words} arcsec; the symmetric part, scale and bias do not depend on it"
 
 
 def _face(direction: Array) -> str:

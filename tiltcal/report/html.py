@@ -48,6 +48,7 @@ def _effect_words(table: Any) -> str:
 
 def _method(result: ScenarioResult, method: MethodResult) -> dict[str, Any]:
     first = method.calibrations[0] if method.calibrations else None
+    notes = first.warnings if first else [method.online.statement] if method.online else []
     figures: list[Any] = []
     if first is not None:
         figures.append(parameter_figure(first, method.truth))
@@ -56,8 +57,8 @@ def _method(result: ScenarioResult, method: MethodResult) -> dict[str, Any]:
     return {
         "title": method.title, "accepted": method.accepted, "error": method.error, "runs": len(method.calibrations),
         "limits": method.limits, "rows": parameter_rows(first, method.truth) if first else [],
-        "tests": first.tests if first else [], "warnings": first.warnings if first else [],
-        "verdict": first.verdict if first else "none", "equation": first.equation if first else "",
+        "tests": first.tests if first else [], "warnings": notes,
+        "verdict": first.verdict if first else "on line" if method.online else "none", "equation": first.equation if first else "",
         "tilt": method.tilt, "figures": [_html(f) for f in figures if f is not None],
     }  # fmt: skip
 

@@ -1,0 +1,1 @@
+"""Algorithms that run sample by sample, and how they are judged."""

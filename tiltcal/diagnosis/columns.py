@@ -57,6 +57,12 @@ def repeat_chance(values: Array) -> float:
 
 
 MEANINGS = ("data_unit", "data_sign", "data_hand", "data_axis_swap")
+"""What is undone in the columns."""
+MASKED = (
+    "data_stuck", "data_outlier", "emi_spike", "data_duplicate", "acc_saturation", "gyr_saturation", "adc_quantisation",
+    "gyr_quantisation", "data_pose_label",
+)  # fmt: skip
+"""What is taken out of the recording sample by sample: the model need not hold it."""
 
 
 def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> Recording:

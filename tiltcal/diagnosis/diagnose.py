@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.confusion import POWER
 from tiltcal.diagnosis.account import Account, Term, settle
 from tiltcal.diagnosis.amend import amended_table
-from tiltcal.diagnosis.columns import MEANINGS, as_meant
+from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.faults import Fault, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, Fitness, Undetectable, Where, verdict_of
@@ -63,7 +63,7 @@ def diagnose(scenario: Scenario, recordings: Sequence[Recording], progress: Prog
     progress("reading")
     sound, faults, notes = _sound(scenario, recordings)
     known = [*scenario.effects, *(f.effect for f in faults)]
-    observations = observe(scenario, sound, [e for e in known if e.id not in MEANINGS])
+    observations = observe(scenario, sound, [e for e in known if e.id not in (*MEANINGS, *MASKED)])
     ledger = Ledger(observations)
     start = calibrated(observations, ledger)
     wild, mended = gross_errors(observations, start)
@@ -306,7 +306,7 @@ def _amended(account: Account, observations: Observations, faults: Sequence[Faul
     reference = observations.scenario.climate.reference_degC
     if reference is None and temperature is not None:
         reference = float(np.mean(temperature))
-    meanings = [e for e in observations.scenario.effects if e.id in MEANINGS]
+    meanings = [e for e in observations.scenario.effects if e.id in (*MEANINGS, *MASKED)]
     effects: list[Effect] = [*account.known, *meanings, *(t.effect for t in account.nuisance)]
     effects += [f.effect for f in faults if f.effect not in effects]
     for k, term in enumerate(account.terms):

@@ -33,6 +33,11 @@ def completes(curve: Suspect, host: Suspect) -> bool:
     effect = curve.effect
     if not host.listed:
         return _same_curve(curve, host)
+    if curve.listed and curve.alias:
+        other = host.effect
+        if curve.id != host.id or effect.sensor != other.sensor or not isinstance(effect, Learned):
+            return False
+        return not isinstance(other, Learned) or (other.lag == effect.lag and len(curve.names) == len(host.names))
     if curve.listed:
         if (curve.id, host.id) in KIN:
             return effect.sensor == host.effect.sensor

@@ -138,7 +138,7 @@ def _stuck(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]
             continue
         a, b = max(long, key=lambda run: run[1] - run[0])
         start, length = float(time[a] - recording.time[0]), float(time[b - 1] - time[a])
-        effect = CATALOGUE["data_stuck"]({"start": start, "length": length}, sensor.name, None, "found", seen_in=recording.fingerprint)
+        effect = CATALOGUE["data_stuck"]({"start": start, "length": length}, sensor.name, axis, "found", seen_in=recording.fingerprint)
         mask = np.zeros(len(values), bool)
         for run in long:
             mask[run[0] + 1 : run[1]] = True

@@ -171,7 +171,7 @@ def random_stamps(account: Account, observations: Observations) -> Fault | None:
         return None
     late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
     slopes = observations.changes(late, account.effects)
-    top = bottom = 0.0
+    top = bottom = smooth = 0.0
     energy: dict[tuple[str, str], float] = {}
     for i, r in enumerate(observations.residuals(account.effects)):
         if i not in slopes:
@@ -182,12 +182,14 @@ def random_stamps(account: Account, observations: Observations) -> Fault | None:
         s2 = (slopes[i] / 1e-3 / noise) ** 2
         excess = np.minimum((r / noise) ** 2, 400.0) - 1
         top += float(excess @ s2)
+        next_to = np.sqrt(s2[1:] * s2[:-1])
+        smooth += float(np.clip(r[1:] * r[:-1] / noise**2, -400.0, 400.0) @ next_to)  # a smooth misfit is like its neighbour
         bottom += float(s2 @ s2)
         energy[channel.sensor, channel.axis] = float(s2.sum())
     if bottom <= 0:
         return None
     value, sigma = top / bottom, np.sqrt(4.0 / bottom)  # heavier than Gaussian tails double the variance of a square
-    if value < 8 * sigma:
+    if value < 8 * sigma or smooth > 0.3 * top:
         return None
     strong = [k for k, e in sorted(energy.items(), key=lambda item: -item[1]) if e > 0.05 * sum(energy.values())]
     effect = CATALOGUE["data_jitter"]({"jitter": float(np.sqrt(value))}, strong[0][0], None, "found")

@@ -18,6 +18,7 @@ FAIR = 10.0  # times the largest plausible size of any grade: beyond it an expla
 OWN = 0.9  # least share of the gain that a name's own form brings; below it the name does not fit
 NEAR = 0.5  # least cosine with a finding's signal to be looked at
 LOOKED_AT = 14  # places that are worked out with their families
+LOOSE = 0.002  # share of a gain by which a law may miss: no real law has its textbook form to a thousandth
 EQUAL = 2.0  # worth: nearer together two explanations are equally good
 ONE_CHANNEL = 0.9  # share of the energy
 
@@ -113,11 +114,14 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger) -> Rival | None:
     target = np.concatenate(case.target)
     price = price_of(ledger)
     own = [i for i, who in enumerate(owner) if who == members[0]]
+    lawful = [i for i, who in enumerate(owner) if who == members[0] or ledger.suspects[who].listed]
     chosen = _greedy(columns, target, own, price, [])
     if not chosen:
         return None
+    dear = price + 2 * np.log(1 + len(family))
+    chosen = _greedy(columns, target, lawful, dear, chosen)
     alone = _gain(columns, target, chosen)
-    whole = _greedy(columns, target, range(len(owner)), price + 2 * np.log(1 + len(family)), chosen)
+    whole = _greedy(columns, target, range(len(owner)), dear, chosen)
     gain = _gain(columns, target, whole)
     signal = np.concatenate(case.signal)
     energy = float(signal @ signal)
@@ -212,15 +216,16 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
     A converter's transfer curve is the last thing to blame for what a sensor does as well.
     """
     top = max(r.worth for r in rivals)
-    equal = [r for r in rivals if r.worth > top - EQUAL]
+    equal = [r for r in rivals if r.worth > top - EQUAL - LOOSE * r.gain]
     single = True
     if signal is not None:
         energies = [float(s @ s) for s in signal]
         single = max(energies) > ONE_CHANNEL * sum(energies)
 
-    def rank(r: Rival) -> tuple[bool, bool, float]:
+    def rank(r: Rival) -> tuple[bool, bool, int, bool, float]:
         stage = CATALOGUE[r.suspect.id].stage if r.suspect.id in CATALOGUE else "sensor"
-        return (stage == "electronics", (stage in ("table", "mount", "environment")) == single, -r.worth)
+        pose = stage in ("table", "mount", "environment")
+        return (r.suspect.alias is not None, len(r.terms) > 1, r.sizes, stage == "electronics", -r.worth * (1 - (pose == single)))
 
     return min(equal, key=rank)
 
@@ -228,7 +233,8 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
 def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:
     """Those who could take the place of the best: nothing in the data tells them apart."""
     level = best.gain - 2 * best.sizes
+    limit = SEPARABLE + LOOSE * best.gain
     return [
         r for r in rivals
-        if r.suspect is best.suspect or (r.fair and r.own >= OWN and min(r.separation, level - (r.gain - 2 * r.sizes)) < SEPARABLE)
+        if r.suspect is best.suspect or (r.fair and r.own >= OWN and min(r.separation, level - (r.gain - 2 * r.sizes)) < limit)
     ]  # fmt: skip

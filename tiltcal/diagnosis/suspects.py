@@ -150,7 +150,7 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
     return [{key[id]: value} for value in grids[id]] if id in grids else [{}]
 
 
-LAGS = (15.0, 45.0)  # s: a temperature sensor and a flexure do not feel the same
+LAGS = (8.0, 16.0, 30.0, 60.0)  # s
 STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step", "data_drop")
 
 
@@ -201,8 +201,8 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
             if any(c.sensor == sensor.name for c in observations.channels):
                 yield from _reading_curves(scenario, sensor, axis, span)
     for axis in scenario.rig.axis_names:
-        for size in (4, 8):
-            yield _curve(LearnedReadout, f"table_{axis}", _waves(size), axis=axis, place="table")
+        for size, other in product((4, 8), scenario.rig.axis_names):
+            yield _curve(LearnedReadout, f"table_{other}", _waves(size), axis=axis, place="table")
         for other in scenario.rig.axis_names:
             for turn in _across(dict(scenario.rig.axes)[axis]):
                 yield _curve(LearnedTilt, f"table_{other}", _waves(4), slot=f"{axis}_bearing", turn=turn, place="table")
@@ -214,6 +214,10 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
                     yield _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
         for turn, axis in product("xyz", scenario.rig.axis_names):
             yield _curve(LearnedTilt, f"table_{axis}", _waves(4), slot="mount", turn=turn, place="mount")
+        for turn, lag in product("xyz", LAGS):
+            if knots := _knots("temperature", span, 3):
+                tilt = _curve(LearnedTilt, "temperature", knots, lag=lag, slot="mount", turn=turn, place="mount")
+                yield replace(tilt, alias="mount_thermal_tilt", variants=len(LAGS))
 
 
 def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
@@ -223,17 +227,22 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
             yield _curve(LearnedReading, f"table_{name}", _waves(size), **where)
         if sensor.is_accelerometer:  # its form is nobody's law, its place is
             yield replace(_curve(LearnedReading, f"table_{name}", _waves(6), **where), alias="acc_angle_bias")
-    if sensor.is_accelerometer and (knots := _knots(f"{sensor.name}_input", span, 9)):
-        yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
+    for count in (9, 17) if sensor.is_accelerometer else ():
+        if knots := _knots(f"{sensor.name}_input", span, count):
+            yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
     others = [f"{q}_{a}" for q in (("force",) if sensor.is_accelerometer else ("force", "rate")) for a in "xyz"]
     for coordinate in ("input", "time", "temperature", "warming", "since_move", *others, *(["transverse"] if sensor.kind == "fog" else [])):
         if coordinate == f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}":
             continue
         if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):
             yield _curve(LearnedReading, coordinate, knots, **where)
-    for lag in LAGS:
-        if knots := _knots("temperature", span, 4):
-            yield _curve(LearnedReading, "temperature", knots, lag=lag, **where)
+    name = "acc_temp_bias" if sensor.is_accelerometer else "gyr_temp"
+    for lag in LAGS:  # the thermometer and the sensor are not of one temperature
+        if knots := _knots("temperature", span, 3):
+            yield replace(_curve(LearnedReading, "temperature", knots, lag=lag, **where), alias=name, variants=len(LAGS))
+            if sensor.is_accelerometer:
+                scale = _curve(LearnedReading, "temperature", knots, lag=lag, per_input=True, **where)
+                yield replace(scale, alias="acc_temp_scale", variants=len(LAGS))
     for coordinate in ("time", "temperature"):
         if knots := _knots(coordinate, span, 5):
             yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, price_of
 from tiltcal.diagnosis.select import ALPHA, Gate, findings, log_tail, log_tries
 from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.effects.learned import ANGLES, Learned, LearnedReading, LearnedReadout
+from tiltcal.effects.learned import ANGLES, Learned
 
 MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
 SHARE = 0.03  # and this share of the gain: a law that is a few per cent off its textbook form keeps its name
@@ -85,7 +85,7 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
 def _local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
     """Bumps and steps over the coordinate of a curve, in its place."""
     effect = rival.suspect.effect
-    if not isinstance(effect, LearnedReading | LearnedReadout) or effect.coordinate not in ANGLES or len(rival.terms) > 1:
+    if not isinstance(effect, Learned) or effect.coordinate not in ANGLES or len(rival.terms) > 1:
         return []
     own = Ledger(ledger.observations)
     for suspect in local_curves(effect):

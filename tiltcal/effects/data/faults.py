@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage
+from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.frames import Array
 
@@ -89,6 +89,7 @@ class DataDuplicate(SignalEffect):
 
 class DataStuck(SignalEffect):
     id = "data_stuck"
+    channel_wise = True
     needs = "any"
     stage = "data"
     kinds = ANALOG
@@ -99,7 +100,7 @@ class DataStuck(SignalEffect):
         Parameter("length", "s", (100, 100, 100), positive=True),
     )
     physics = "An interface hangs and repeats its last value."
-    equation = "reading(t) = reading(start) for start <= t < start + length"
+    equation = "reading(t) = reading(start) for start <= t < start + length, on one axis where one is named"
     source = "effects list; PHYSICS 3.7"
     excited_by = "any recording"
     look = "a flat stretch without noise"
@@ -108,7 +109,8 @@ class DataStuck(SignalEffect):
         start, length = self.value("start"), self.value("length")
         frozen = (sense.elapsed >= start) & (sense.elapsed < start + length)
         if frozen.any():
-            reading[frozen] = reading[int(np.argmax(frozen))]
+            channels = slice(None) if self.axis is None else [TermEffect.channel_of(self.axis, sense)]
+            reading[frozen, channels] = reading[int(np.argmax(frozen)), channels]
         return reading
 
 

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from tiltcal.accuracy import TiltError, normalised_error, tilt_error, true_parameters
+from tiltcal.attitude import attitude_error
 from tiltcal.calibration import Calibration
 from tiltcal.errors import TiltcalError
 from tiltcal.files import replacing
@@ -115,7 +116,7 @@ def _run_method(scenario: Scenario, table: MethodTable, recordings: Sequence[Rec
     try:
         found = tuple(_calibrate(scenario, table, r) for r in recordings)
         truth = true_parameters(scenario, scenario.effects, found[0])
-        tilt = tilt_error(scenario, scenario.effects, found[0]) if _has_tilt(found[0], scenario) else None
+        tilt = _error_of(found[0], scenario)
     except TiltcalError as error:
         return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
     limits = tuple(_limits(scenario, table, found, tilt))
@@ -128,10 +129,16 @@ def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> 
     return calibrate(str(table.name), recording, scenario, **table.options)
 
 
-def _has_tilt(calibration: Calibration, scenario: Scenario) -> bool:
-    if calibration.verdict == "cannot_tell" or not calibration.sensors():
-        return "base.roll" in calibration.parameters
-    return scenario.named(calibration.sensors()[0]).is_accelerometer
+def _error_of(found: Calibration, scenario: Scenario) -> TiltError | None:
+    """Tilt error of what senses gravity, attitude error of a gyro triad; None where nothing was determined."""
+    if "base.roll" in found.parameters:
+        return tilt_error(scenario, scenario.effects, found)
+    if found.verdict == "cannot_tell" or not found.sensors():
+        return None
+    sensor = scenario.named(found.sensors()[0])
+    if sensor.kind == "gyro" and len(sensor.axes) == 3:
+        return attitude_error(scenario, scenario.effects, found)
+    return tilt_error(scenario, scenario.effects, found) if sensor.is_accelerometer else None
 
 
 def _limits(scenario: Scenario, table: MethodTable, found: Sequence[Calibration], tilt: TiltError | None) -> Iterable[Limit]:

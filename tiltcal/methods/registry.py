@@ -15,6 +15,7 @@ from typing import Any
 
 from tiltcal.calibration import Calibration, load_calibration
 from tiltcal.errors import TiltcalError, nearest
+from tiltcal.methods.fog_scale import fog_scale
 from tiltcal.methods.gyro_turns import gyro_turns
 from tiltcal.methods.norm import norm
 from tiltcal.methods.six_position import six_position
@@ -25,7 +26,8 @@ from tiltcal.setup import Setup
 
 Method = Callable[..., Calibration]
 METHODS: dict[str, Method] = {
-    "six_position": six_position, "norm": norm, "two_position": two_position, "gyro_turns": gyro_turns
+    "six_position": six_position, "norm": norm, "two_position": two_position, "gyro_turns": gyro_turns,
+    "fog_scale": fog_scale,
 }  # fmt: skip
 GROUP = "tiltcal.methods"
 

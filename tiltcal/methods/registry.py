@@ -18,6 +18,7 @@ from tiltcal.errors import TiltcalError, nearest
 from tiltcal.methods.fog_scale import fog_scale
 from tiltcal.methods.gyro_turns import gyro_turns
 from tiltcal.methods.norm import norm
+from tiltcal.methods.north import north
 from tiltcal.methods.six_position import six_position
 from tiltcal.methods.two_position import two_position
 from tiltcal.recording import Recording
@@ -27,7 +28,7 @@ from tiltcal.setup import Setup
 Method = Callable[..., Calibration]
 METHODS: dict[str, Method] = {
     "six_position": six_position, "norm": norm, "two_position": two_position, "gyro_turns": gyro_turns,
-    "fog_scale": fog_scale,
+    "fog_scale": fog_scale, "north": north,
 }  # fmt: skip
 GROUP = "tiltcal.methods"
 

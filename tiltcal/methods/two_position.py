@@ -7,8 +7,9 @@ import numpy as np
 from tiltcal.calibration import Calibration, Test, chi2_test, verdict_of
 from tiltcal.errors import TiltcalError
 from tiltcal.fit import Fit, linear_fit
-from tiltcal.frames import Array, base_tilt, force_of_tilt, parse_mounts, rotation
+from tiltcal.frames import Array, base_tilt, force_of_tilt, rotation
 from tiltcal.methods.common import pick_sensor, wrap_up
+from tiltcal.methods.reversal import dwell_angles, mount_of, off_half_turn, require_vertical
 from tiltcal.noise import code_width
 from tiltcal.poses import Poses, find_poses
 from tiltcal.recording import Recording
@@ -46,40 +47,19 @@ def two_position(
 
     Source: seed S4 (Transducer and Microsystem Technologies 2009 28(12) p. 86); PHYSICS 6 (4).
     """
-    if setup.rig.table != "vertical":
-        raise TiltcalError(f"method {NAME}", found=f"table {setup.rig.table}", need="table vertical", do="use six_position")
+    require_vertical(setup, NAME, "use six_position")
     if estimator not in ESTIMATORS:
         raise TiltcalError(f"method {NAME}, option estimator", found=estimator, need=" or ".join(ESTIMATORS), do="correct it")
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     if not {"x", "y"} <= set(used.axes):
         raise TiltcalError(f"method {NAME}", found=f"axes {', '.join(used.axes)}", need="x and y", do="add the other channel")
     poses = find_poses(recording, setup, used, segments)
-    angles = _angles(poses, recording)
+    angles = dwell_angles(poses, recording)
     values, factor, code = poses.means, 1.0, 0.0
     if estimator == "median":
         values, factor, code = _medians(recording, setup, used, poses)
-    fit = _solve(poses, values, angles, _mount(recording, setup), factor)
+    fit = _solve(poses, values, angles, mount_of(recording, setup), factor)
     return _tilt(fit, poses, angles, estimator, code, setup, recording)
-
-
-def _angles(poses: Poses, recording: Recording) -> Array:
-    angles = poses.angles.get("outer")
-    if angles is None or np.isnan(angles).any():
-        raise TiltcalError(
-            recording.source, found="dwells without a readout of table_outer", need="the angle of every position",
-            do="record table_outer_deg, or name the dwells with --segments",
-        )  # fmt: skip
-    spread = np.abs(np.angle(np.exp(1j * (angles - angles[0])))).max()
-    if len(poses) < 2 or spread < 30 * DEG:
-        raise TiltcalError(
-            recording.source, found=f"{len(poses)} dwell(s) within {spread / DEG:.3g} deg", need="two positions half a turn apart",
-            do="turn the table by 180 deg and record again",
-        )  # fmt: skip
-    return angles
-
-
-def _mount(recording: Recording, setup: Setup) -> Array:
-    return parse_mounts(recording.metadata.get("mount", setup.rig.mount))[0][1]
 
 
 def _medians(recording: Recording, setup: Setup, sensor: Sensor, poses: Poses) -> tuple[Array, float, float]:
@@ -136,7 +116,7 @@ def _tilt(fit: Fit, poses: Poses, angles: Array, estimator: str, code: float, se
 
 def _tests(fit: Fit, poses: Poses, angles: Array, estimator: str, code: float) -> list[Test]:
     tests = []
-    opposite = np.abs(np.angle(-np.exp(1j * (angles[:, None] - angles[None, :])))).min()
+    opposite = off_half_turn(angles)
     tests.append(
         Test("half a turn", float(opposite / DEG), 0, float(opposite < 5 * DEG), bool(opposite < 5 * DEG),
              f"the nearest pair is {opposite / DEG:.4g} deg off 180")

@@ -12,7 +12,7 @@ from tiltcal.errors import TiltcalError
 from tiltcal.files import require_file, write_json
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.setup import Sensor
-from tiltcal.units import PARAMETER_UNITS
+from tiltcal.units import G0, PARAMETER_UNITS
 
 Verdict = Literal["good", "suspect", "cannot_tell"]
 VERDICTS: tuple[Verdict, ...] = ("good", "suspect", "cannot_tell")
@@ -126,6 +126,13 @@ class Calibration:
     def bias(self, sensor: Sensor) -> Array:
         """Bias of each channel, SI, (k,)."""
         return np.array([self.value(f"{sensor.name}.bias_{axis}") for axis in sensor.axes])
+
+    def g_sensitivity(self, sensor: Sensor) -> Array | None:
+        """G of ``reading = ... + G f`` of a gyro, rad/s per m/s2, (k, 3); None where it was not estimated."""
+        names = [[f"{sensor.name}.gsens_{axis}{other}" for other in "xyz"] for axis in sensor.axes]
+        if not any(name in self.parameters for row in names for name in row):
+            return None
+        return np.array([[self.value(name) for name in row] for row in names]) * PARAMETER_UNITS["deg_h_g"].factor / G0
 
     def correct(self, sensor: Sensor, reading: Array, g: float) -> Array:
         """Corrected readings, SI in the sensing form (f or rate), (n, k).

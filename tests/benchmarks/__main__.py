@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-ROOMS = ("simulation", "reading", "information", "accuracy")
+ROOMS = ("simulation", "reading", "information", "accuracy", "allan")
 
 
 def main(names: list[str]) -> None:

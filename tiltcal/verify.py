@@ -10,6 +10,7 @@ import numpy as np
 
 from tiltcal.accuracy import TiltError, normalised_error, tilt_error, true_parameters
 from tiltcal.attitude import attitude_error
+from tiltcal.budget import Budget, make_budget
 from tiltcal.calibration import Calibration
 from tiltcal.errors import TiltcalError
 from tiltcal.files import replacing
@@ -47,6 +48,7 @@ class MethodResult:
         limits: judged.
         seconds: all runs.
         error: what went wrong, when it did not even calibrate.
+        budget: of the first run, where the scenario names sources of uncertainty.
     """
 
     title: str
@@ -56,6 +58,7 @@ class MethodResult:
     limits: tuple[Limit, ...]
     seconds: float
     error: str | None = None
+    budget: Budget | None = None
 
     @property
     def accepted(self) -> bool:
@@ -117,10 +120,17 @@ def _run_method(scenario: Scenario, table: MethodTable, recordings: Sequence[Rec
         found = tuple(_calibrate(scenario, table, r) for r in recordings)
         truth = true_parameters(scenario, scenario.effects, found[0])
         tilt = _error_of(found[0], scenario)
+        budget = _budget(scenario, table, recordings[0])
     except TiltcalError as error:
         return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
     limits = tuple(_limits(scenario, table, found, tilt))
-    return MethodResult(table.title, found, truth, tilt, limits, time.perf_counter() - start)
+    return MethodResult(table.title, found, truth, tilt, limits, time.perf_counter() - start, budget=budget)
+
+
+def _budget(scenario: Scenario, table: MethodTable, recording: Recording) -> Budget | None:
+    if not scenario.budget or table.name is None:
+        return None
+    return make_budget(table.name, recording, scenario, scenario.budget, **table.options)[1]
 
 
 def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> Calibration:

@@ -21,6 +21,7 @@ from tiltcal.setup import Sensor, Setup
 from tiltcal.units import DEG
 
 NAME = "two_position"
+TAILS = 1.5  # standard deviation over the robust scale from which another estimator is worth naming
 
 
 def two_position(
@@ -157,9 +158,9 @@ def _notes(fit: Fit, shown: list[Array], found: Locations, estimator: str, codes
     notes = ["base.* is the tilt of the table's rotation axis; bias_* is bias plus mounting"]
     if fit.dof == 0:
         notes.append("two dwells leave nothing to check them by: repeat the first position (A-B-A) to test drift and a moved base")
-    if estimator == "mean":
+    if estimator == "mean" and np.any(np.sqrt(np.diag(found.unit)) > TAILS * found.scale):
         gain = np.sqrt(np.diag(found.unit) / np.diag(locations(shown, "inliers", codes).unit)).max()
-        if gain > 1.5:
+        if gain > TAILS:
             notes.append(f"the noise has heavy tails: --option estimator=inliers would be {gain:.2g} times as good")
     elif found.rejected.max() > 0.01:
         notes.append(f"{found.rejected.max():.1%} of the samples were rejected")

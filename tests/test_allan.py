@@ -47,6 +47,22 @@ def test_white_noise_and_random_walk_average_to_their_closed_forms(white, walk):
     assert np.all(np.abs(mean / expected - 1) < np.maximum(chance, 0.01)), mean / expected
 
 
+@pytest.mark.slow
+def test_synthetic_flicker_averages_to_its_closed_form_within_one_per_cent():
+    """Gaussian noise shaped to the one-sided density B^2/(pi f); sqrt(2 ln 2 / pi) B at every averaging time."""
+    B, n, draws = 2e-3, 1 << 16, 500
+    rng = rng_of("shaped flicker")
+    f = np.fft.rfftfreq(n, 1 / RATE)
+    shape = np.zeros(len(f))
+    shape[1:] = np.sqrt(B**2 / (pi * f[1:]) * n * RATE / 4)
+    tau = np.array([0.32, 1.28, 5.12])
+    total = np.zeros(3)
+    for _ in range(draws):
+        spectrum = shape * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f)))
+        total += allan_deviation(np.fft.irfft(spectrum, n), RATE, tau).deviation ** 2
+    assert np.sqrt(total / draws) == pytest.approx(np.sqrt(2 * log(2) / pi) * B, rel=0.01)
+
+
 def test_flicker_drawn_by_the_laboratory_is_found_again():
     B, n = 5e-3, 1_200_000
     curve = allan_deviation(draw_noise(n, 10.0, 0.0, B, 0.0, rng_of("flicker")), 10.0, np.geomspace(4, 250, 12))

@@ -10,7 +10,8 @@ from statistics_helpers import rng_of
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import rotation
 from tiltcal.methods.registry import calibrate
-from tiltcal.segments import find_segments
+from tiltcal.recording import Recording
+from tiltcal.segments import Segment, find_segments
 from tiltcal.setup import Rig, Sensor, Setup, Site
 from tiltcal.units import ARCSEC, DEG, G0
 
@@ -130,6 +131,88 @@ def test_a_base_that_moved_is_seen_by_the_repeats():
     assert calibrate("two_position", draw, SETUP).verdict == "suspect"
 
 
+def noisy(means, angles, name, dwell=SAMPLES):
+    """A log of dwells at these means with 50 ug of noise."""
+    noise = rng_of(name).normal(0, SIGMA, (len(angles) * (dwell + 12) - 12, 2))
+    return log_of(means, ACCEL, dwell=dwell, angles={"outer": angles}, noise=noise)
+
+
+def solved(means, angles, name):
+    """The calibration of such a log, its dwells given."""
+    step = SAMPLES + 12
+    spans = [
+        Segment(k * step / 20, (k * step + SAMPLES - 1) / 20, k * step, k * step + SAMPLES, "dwell") for k in range(len(angles))
+    ]
+    return calibrate("two_position", noisy(means, angles, name), SETUP, segments=spans)
+
+
+def said(found, name):
+    return next(t for t in found.tests if t.name == name)
+
+
+def test_positions_in_the_wrong_order_are_named():
+    angles = np.array([0.0, 180.0, 0.0, 180.0])
+    means = readings(0.01, -0.02, np.array([0.0, 180.0, 180.0, 0.0]))
+    found = solved(means, angles, "wrong order")
+    assert found.verdict == "suspect"
+    assert "positions 3 and 4 fit if their order is exchanged" in said(found, "fit").statement
+
+
+def test_a_moved_base_is_named_with_where():
+    angles = np.array([0.0, 180.0, 0.0, 180.0])
+    means = readings(0.01, -0.02, angles)
+    means[2:] = readings(0.011, -0.0195, angles)[2:]
+    found = solved(means, angles, "moved where")
+    assert "the base moved between positions 2 and 3" in said(found, "fit").statement
+
+
+def test_a_position_that_was_not_where_it_says_is_named_with_its_angle():
+    angles = np.array([0.0, 180.0, 0.0, 180.0, 90.0])
+    means = readings(0.01, -0.02, np.array([0.0, 180.0, 0.0, 170.0, 90.0]))
+    found = solved(means, angles, "not where it says")
+    statement = said(found, "fit").statement
+    assert "position 4 disagrees with the others" in statement
+    assert "reads as 17" in statement or "reads as 16" in statement
+
+
+def test_what_no_single_fault_explains_is_not_guessed():
+    angles = np.array([0.0, 180.0, 0.0, 180.0, 0.0, 180.0])
+    means = readings(0.01, -0.02, angles) + rng_of("no fault").normal(0, 30 * ARCSEC * G, (6, 2))
+    assert "no single fault explains it" in said(solved(means, angles, "guess"), "fit").statement
+
+
+def test_a_base_that_moves_during_a_position_is_seen_even_with_two():
+    draw = log(0.01, -0.02, noise=rng_of("creeping").normal(0, SIGMA, (2 * SAMPLES + 12, 2)))
+    creep = np.clip((draw.time - draw.time[-SAMPLES]) / 10.0, 0, 1) * 20 * ARCSEC * G
+    columns = {n: draw.column(n) + (creep if n.startswith("accel_y") else 0.0) for n in draw.column_names}
+    rows = ((0, SAMPLES), (SAMPLES + 12, 2 * SAMPLES + 12))
+    segments = [Segment(draw.time[a], draw.time[b - 1], a, b, "dwell") for a, b in rows]
+    found = calibrate("two_position", Recording.from_columns(draw.time, columns), SETUP, segments=segments)
+    assert found.verdict == "suspect"
+    assert "moved during position 2" in said(found, "still while dwelling").statement
+
+
+@pytest.mark.parametrize("full_scale", [None, 2.5])
+def test_a_saturated_channel_is_named(full_scale):
+    draw = log(0.01, 0.3, noise=rng_of("clipped").normal(0, SIGMA, (2 * SAMPLES + 12, 2)))
+    columns = {n: np.minimum(draw.column(n), 2.5) if n.startswith("accel") else draw.column(n) for n in draw.column_names}
+    setup = SETUP.model_copy(update={"sensor": (ACCEL.model_copy(update={"full_scale": full_scale}),)})
+    with pytest.raises(TiltcalError, match=r"channel accel_x: found saturated for \d\d% of the log"):
+        calibrate("two_position", Recording.from_columns(draw.time, columns), setup)
+
+
+@pytest.mark.parametrize("estimator", ["mean", "median", "huber", "tukey", "inliers"])
+def test_every_estimator_finds_the_tilt_and_the_mean_says_when_another_is_better(estimator):
+    rng = rng_of(f"estimators {estimator}")
+    wide = rng.random((2 * SAMPLES + 12, 2)) < 0.2
+    draw = log(0.0035, 0.0173, noise=rng.normal(size=wide.shape) * np.where(wide, 1e-3 * G0, SIGMA))
+    found = calibrate("two_position", draw, SETUP, estimator=estimator)
+    for name, value in (("base.roll", 0.0035), ("base.pitch", 0.0173)):
+        assert abs(found.value(name) - value) < 4 * found.parameters[name].sigma
+    tails = [w for w in found.warnings if "heavy tails" in w or "were rejected" in w]
+    assert bool(tails) == (estimator in ("mean", "tukey", "inliers"))
+
+
 def test_two_dwells_say_that_nothing_checks_them():
     found = calibrate("two_position", log(0.01, 0.0), SETUP)
     assert any("A-B-A" in w for w in found.warnings)
@@ -144,7 +227,7 @@ def test_a_turn_that_is_no_half_turn_is_named():
 def test_wrong_tables_options_and_missing_angles_are_refused_in_words():
     with pytest.raises(TiltcalError, match="need table vertical"):
         calibrate("two_position", log(0.0, 0.0), setup_of("dual", ACCEL))
-    with pytest.raises(TiltcalError, match="found mode, need mean or median"):
+    with pytest.raises(TiltcalError, match="found mode, need one of mean, median, huber, tukey, inliers"):
         calibrate("two_position", log(0.0, 0.0), SETUP, estimator="mode")
     with pytest.raises(TiltcalError, match="need two positions half a turn apart"):
         calibrate("two_position", log(0.0, 0.0, angles=(0.0, 5.0)), SETUP)

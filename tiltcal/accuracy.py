@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.calibration import Calibration
 from tiltcal.effects.base import Effect
-from tiltcal.frames import Array, angle_between, base_rotation, best_rotation, rotation, sphere
+from tiltcal.frames import Array, angle_between, base_rotation, best_rotation, parse_mount, rotation, sphere
 from tiltcal.laboratory import true_readings
 from tiltcal.placing_accuracy import table_errors, table_truth
 from tiltcal.setup import Sensor, Setup
@@ -64,7 +64,22 @@ def true_parameters(setup: Setup, effects: Sequence[Effect], calibration: Calibr
             truth |= {"base.roll": e.value("tilt_east"), "base.pitch": e.value("tilt_north")}
     if "base.roll" in calibration.parameters:
         truth = {"base.roll": 0.0, "base.pitch": 0.0} | {n: v for n, v in truth.items() if n.startswith("base.")}
-    return {n: v for n, v in truth.items() if n in calibration.parameters}
+    if "base.azimuth" in calibration.parameters:
+        truth["base.azimuth"] = _true_azimuth(setup, effects, calibration.value("base.azimuth"))
+    of_the_day = calibration.method == "fog_scale"  # its bias is the reading at rest, with the Earth's rate in it
+    return {n: v for n, v in truth.items() if n in calibration.parameters and not (of_the_day and ".bias_" in n)}
+
+
+def _true_azimuth(setup: Setup, effects: Sequence[Effect], found: float) -> float:
+    """Azimuth of the horizontal projection of body x at outer = 0, rad, counted so that it lies within half a turn of ``found``."""
+    base = np.eye(3)
+    for e in effects:
+        if e.id == "table_levelling":
+            base = base_rotation(e.value("tilt_east"), e.value("tilt_north"))
+    x = (base @ parse_mount(setup.rig.mount) @ mount_rotation(effects))[:, 0]
+    heading = 0.0 if setup.site.heading_deg == "unknown" else setup.site.heading_deg
+    true = heading * DEG + np.arctan2(x[0], x[1])
+    return float(found + (true - found + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _sensor_truth(sensor: Sensor, effects: Sequence[Effect], symmetric: bool) -> dict[str, float]:

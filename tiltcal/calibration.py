@@ -13,7 +13,7 @@ from tiltcal.files import require_file, write_json
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.placing import PlacingCorrector, tables_of
 from tiltcal.setup import Sensor
-from tiltcal.units import PARAMETER_UNITS
+from tiltcal.units import G0, PARAMETER_UNITS
 
 Verdict = Literal["good", "suspect", "cannot_tell"]
 VERDICTS: tuple[Verdict, ...] = ("good", "suspect", "cannot_tell")
@@ -133,6 +133,13 @@ class Calibration:
         """The on-line corrector of a sensor with placing-angle tables; None without such tables."""
         tables = tables_of(self.bias_tables, sensor.name, {n: e.value for n, e in self.parameters.items()})
         return PlacingCorrector(tables, g, lookup or self.lookup) if tables else None
+
+    def g_sensitivity(self, sensor: Sensor) -> Array | None:
+        """G of ``reading = ... + G f`` of a gyro, rad/s per m/s2, (k, 3); None where it was not estimated."""
+        names = [[f"{sensor.name}.gsens_{axis}{other}" for other in "xyz"] for axis in sensor.axes]
+        if not any(name in self.parameters for row in names for name in row):
+            return None
+        return np.array([[self.value(name) for name in row] for row in names]) * PARAMETER_UNITS["deg_h_g"].factor / G0
 
     def correct(self, sensor: Sensor, reading: Array, g: float) -> Array:
         """Corrected readings, SI in the sensing form (f or rate), (n, k).

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tiltcal.converting import coded, converted, fine_grid
 from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect, Streams, WritingEffect, no_streams
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.kinematics import closed_form
@@ -71,6 +72,8 @@ def _read(
     before = [e for e in signal if not e.random and e.order < CONVERSION]
     after = [e for e in signal if e.random or e.order >= CONVERSION]
     delays = _delays(sensor, time, [e for e in mine if isinstance(e, DelayEffect)], seed, course.times[0])
+    if sensor.converter is not None:
+        return _converted(sensor, setup, time, before, after, delays, seed, move)
     columns = np.empty((len(time), len(sensor.axes)))
     done: list[tuple[Array | float, Array]] = []
     for channel, delay in enumerate(delays):
@@ -90,6 +93,24 @@ def _read(
         rng = None if seed is None else stream(seed, effect.id, sensor.name)
         columns = effect.apply(columns, sense, rng)
     return columns
+
+
+def _converted(
+    sensor: Sensor, setup: Setup, time: Array, before: Sequence[SignalEffect], after: Sequence[SignalEffect],
+    delays: list[Array | float], seed: int | None, move: Callable[[Array], tuple[Motion, Drive]],
+) -> Array:  # fmt: skip
+    """What a sensor behind a converter reads: the analogue signal on a fine grid, then the converter, then noise and codes."""
+    assert sensor.converter is not None
+    grid = fine_grid(sensor.converter, time, max(float(np.max(d)) for d in delays))
+    sense = make_sense(sensor, setup, *move(grid))
+    signal = sense.true_input()
+    for effect in before:
+        signal = effect.apply(signal, sense, None)
+    columns = converted(sensor.converter, grid, signal, [time - delay for delay in delays])
+    sense = make_sense(sensor, setup, *move(time))
+    for effect in after:
+        columns = effect.apply(columns, sense, None if seed is None else stream(seed, effect.id, sensor.name))
+    return columns if seed is None else coded(sensor.converter, columns)
 
 
 def _delays(sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: int | None, start: float) -> list[Array | float]:

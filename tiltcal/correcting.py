@@ -53,7 +53,7 @@ def corrected_columns(recording: Recording, calibration: Calibration, setup: Set
         sensor = setup.named(name)
         samples = recording.sensor(sensor)
         values = force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
-        fixed = calibration.correct(sensor, values, g)
+        fixed = calibration.correct(sensor, values - _pulled(recording, calibration, setup, sensor, samples.time), g)
         shown = tilt_of_force(fixed, g) if sensor.kind == "inclinometer" else fixed
         for i, axis in enumerate(sensor.axes):
             unit = _unit(samples.units[i], sensor)
@@ -66,6 +66,27 @@ def corrected_columns(recording: Recording, calibration: Calibration, setup: Set
             for axis, angle in angles.items():
                 columns.setdefault(f"tilt_{axis}_deg", _full(angle / DEG, samples.rows, len(recording)))
     return columns
+
+
+def _pulled(recording: Recording, calibration: Calibration, setup: Setup, sensor: Sensor, time: Array) -> Array | float:
+    """What a gyro's g-sensitivity adds at these stamps, rad/s, (n, k), by the accelerometer triad beside it.
+
+    Raises:
+        TiltcalError: it was calibrated, but there is no triad to take the force from.
+    """
+    G = calibration.g_sensitivity(sensor)
+    if G is None:
+        return 0.0
+    triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3 and recording.has(s)]
+    if not triads:
+        raise TiltcalError(
+            recording.source, found=f"no accelerometer triad beside {sensor.name}", need="the force its g-sensitivity follows",
+            do="record one, or calibrate without gsens",
+        )  # fmt: skip
+    force = recording.sensor(triads[0])
+    known = ~np.isnan(force.values).any(axis=1)
+    along = [np.interp(time, force.time[known], force.values[known, i]) for i in range(3)]
+    return np.asarray(np.column_stack(along) @ G.T)
 
 
 def _unit(written: str, sensor: Sensor) -> str:

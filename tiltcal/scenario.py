@@ -31,6 +31,21 @@ class EffectTable(BaseModel):
     seen_in: str | None = None
 
 
+class SourceTable(BaseModel):
+    """One ``[[budget]]``: a source of uncertainty that is not in the record's noise, with its size.
+
+    An effect of the catalogue, or gravity, latitude, heading, fog_axis; each parameter with its unit is a line of the budget.
+    ``distribution`` says what the size is: a standard uncertainty (normal), a half-width (rectangular), or U at k = 2 (expanded).
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    id: str
+    sensor: str | None = None
+    axis: str | None = None
+    distribution: Literal["normal", "rectangular", "expanded"] = "normal"
+
+
 class Dynamics(Part):
     """A run by time steps instead of prescribed motion: the servo follows, the structure rings.
 
@@ -157,6 +172,7 @@ class Scenario(Setup):
     dynamics: Dynamics | None = None
     method: tuple[MethodTable, ...] = ()
     estimator: tuple[EstimatorTable, ...] = ()
+    budget: tuple[SourceTable, ...] = ()
 
     @field_validator("sensor")
     @classmethod

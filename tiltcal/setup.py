@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validat
 
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, earth_rate, parse_mount, unit
-from tiltcal.units import COLUMN_UNITS, DEG
+from tiltcal.units import COLUMN_UNITS, DEG, G0
 
 TABLE_AXES: dict[str, tuple[tuple[str, str], ...]] = {
     "vertical": (("outer", "z"),),
@@ -136,6 +136,50 @@ class Input(Part):
         return np.asarray(value * self.slope + np.asarray(self.zero))
 
 
+class Converter(Part):
+    """An analogue chain and one sigma-delta converter that takes the channels in turn; the defaults are an AD7705 behind a quartz
+    flexure accelerometer (fCLK 2.4576 MHz).
+
+    Args:
+        current_mA_g: of the accelerometer's loop; resistor_ohm: it flows through; amplifier: gain before the converter.
+        lowpass_hz: corner of the first-order filter behind the amplifier.
+        reference_V, gain, bits: of the converter: it takes +- reference/gain.
+        modulator_hz: rate of the modulator; output_hz: of the sinc3 filter, whose notches lie at its multiples.
+        settle: conversions until a channel has settled after the switch; the last one is kept.
+    """
+
+    current_mA_g: Annotated[float, Field(gt=0)] = 1.0
+    resistor_ohm: Annotated[float, Field(gt=0)] = 50.0
+    amplifier: Annotated[float, Field(gt=0)] = 90.0
+    lowpass_hz: Annotated[float, Field(gt=0)] = 10.0
+    reference_V: Annotated[float, Field(gt=0)] = 2.5
+    gain: Annotated[float, Field(gt=0)] = 2.0
+    bits: Annotated[int, Field(ge=8, le=24)] = 16
+    modulator_hz: Annotated[float, Field(gt=0)] = 19200.0
+    output_hz: Annotated[float, Field(gt=0)] = 250.0
+    settle: Annotated[int, Field(ge=3)] = 4
+
+    @property
+    def volts_per_si(self) -> float:
+        """Volts at the converter for one m/s2."""
+        return self.current_mA_g * 1e-3 / G0 * self.resistor_ohm * self.amplifier
+
+    @property
+    def limit(self) -> float:
+        """Largest reading before it clips, m/s2."""
+        return self.reference_V / self.gain / self.volts_per_si
+
+    @property
+    def code(self) -> float:
+        """Width of a code, m/s2."""
+        return 2 * self.limit / 2**self.bits
+
+    @property
+    def turn_s(self) -> float:
+        """Time that one channel takes, s."""
+        return self.settle / self.output_hz
+
+
 class Sensor(Part):
     """One sensor of the instrument: a prefix of columns."""
 
@@ -146,6 +190,7 @@ class Sensor(Part):
     adjustable: tuple[str, ...] = ()
     input_axis: tuple[float, float, float] | None = None
     input: Input | None = None
+    converter: Converter | None = None
     unit: str | None = None
     full_scale: Annotated[float, Field(gt=0)] | None = None
 
@@ -158,6 +203,11 @@ class Sensor(Part):
             raise ValueError(f"axes of a {self.kind} are among {', '.join(sorted(allowed))}, each once")
         if self.kind == "fog" and (self.input_axis is None or not np.any(self.input_axis)):
             raise ValueError("a fog needs input_axis = [ux, uy, uz], its input axis in the body frame")
+        if self.converter is not None:
+            if not self.is_accelerometer or len(self.axes) * self.converter.turn_s > 1 / self.rate_hz:
+                raise ValueError("a converter serves an accelerometer, and all its channels in turn within one sample")
+            if self.kind == "inclinometer":
+                raise ValueError("a converter reads a current that follows the force: call the sensor an accelerometer")
         if self.unit is not None:
             unit_ = COLUMN_UNITS.get(self.unit)
             if unit_ is None or unit_.quantity != self.quantity:

@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from tiltcal.accuracy import TiltError, normalised_error, tilt_error, true_parameters
+from tiltcal.attitude import attitude_error
+from tiltcal.budget import Budget, make_budget
 from tiltcal.calibration import Calibration
 from tiltcal.errors import TiltcalError
 from tiltcal.files import replacing
@@ -48,6 +50,7 @@ class MethodResult:
         seconds: all runs.
         error: what went wrong, when it did not even calibrate.
         online: of an estimator that was fed sample by sample.
+        budget: of the first run, where the scenario names sources of uncertainty.
     """
 
     title: str
@@ -58,6 +61,7 @@ class MethodResult:
     seconds: float
     error: str | None = None
     online: OnlineResult | None = None
+    budget: Budget | None = None
 
     @property
     def accepted(self) -> bool:
@@ -121,11 +125,18 @@ def _run_method(scenario: Scenario, table: MethodTable, recordings: Sequence[Rec
     try:
         found = tuple(_calibrate(scenario, table, r) for r in recordings)
         truth = true_parameters(scenario, scenario.effects, found[0])
-        tilt = tilt_error(scenario, scenario.effects, found[0]) if _has_tilt(found[0], scenario) else None
+        tilt = _error_of(found[0], scenario)
+        budget = _budget(scenario, table, recordings[0])
     except TiltcalError as error:
         return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
     limits = tuple(_limits(scenario, table, found, tilt))
-    return MethodResult(table.title, found, truth, tilt, limits, time.perf_counter() - start)
+    return MethodResult(table.title, found, truth, tilt, limits, time.perf_counter() - start, budget=budget)
+
+
+def _budget(scenario: Scenario, table: MethodTable, recording: Recording) -> Budget | None:
+    if not scenario.budget or table.name is None:
+        return None
+    return make_budget(table.name, recording, scenario, scenario.budget, **table.options)[1]
 
 
 def _run_estimator(scenario: Scenario, table: EstimatorTable, recording: Recording, laboratory: Laboratory) -> MethodResult:
@@ -144,10 +155,16 @@ def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> 
     return calibrate(str(table.name), recording, scenario, **table.options)
 
 
-def _has_tilt(calibration: Calibration, scenario: Scenario) -> bool:
-    if calibration.verdict == "cannot_tell" or not calibration.sensors():
-        return "base.roll" in calibration.parameters
-    return scenario.named(calibration.sensors()[0]).is_accelerometer
+def _error_of(found: Calibration, scenario: Scenario) -> TiltError | None:
+    """Tilt error of what senses gravity, attitude error of a gyro triad; None where nothing was determined."""
+    if "base.roll" in found.parameters:
+        return tilt_error(scenario, scenario.effects, found)
+    if found.verdict == "cannot_tell" or not found.sensors():
+        return None
+    sensor = scenario.named(found.sensors()[0])
+    if sensor.kind == "gyro" and len(sensor.axes) == 3:
+        return attitude_error(scenario, scenario.effects, found)
+    return tilt_error(scenario, scenario.effects, found) if sensor.is_accelerometer else None
 
 
 def _limits(scenario: Scenario, table: MethodTable, found: Sequence[Calibration], tilt: TiltError | None) -> Iterable[Limit]:

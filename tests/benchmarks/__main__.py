@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-ROOMS = ("simulation", "reading", "information", "placing", "accuracy")
+ROOMS = ("simulation", "reading", "information", "placing", "accuracy", "allan")
 
 
 def main(names: list[str]) -> None:

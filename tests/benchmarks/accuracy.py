@@ -4,10 +4,12 @@ import secrets
 
 import numpy as np
 
-from tiltcal.accuracy import normalised_error, tilt_error, true_parameters
+from tiltcal.accuracy import TiltError, normalised_error, tilt_error, true_parameters
 from tiltcal.assets import folder
+from tiltcal.attitude import attitude_error
+from tiltcal.calibration import Calibration
 from tiltcal.methods.registry import calibrate
-from tiltcal.scenario import load_scenario
+from tiltcal.scenario import Scenario, load_scenario
 
 CASES = (
     "six_faces_dual",
@@ -16,8 +18,15 @@ CASES = (
     "two_position_level",
     "two_position_steep",
     "placing_table_both_axes",
+    "north_four_positions",
+    "gyro_rates_three",
 )
 DRAWS = 40
+
+
+def _error(scenario: Scenario, found: Calibration) -> TiltError:
+    gyro = "base.roll" not in found.parameters and not scenario.named(found.sensors()[0]).is_accelerometer
+    return (attitude_error if gyro else tilt_error)(scenario, scenario.effects, found)
 
 
 def main() -> None:
@@ -33,7 +42,7 @@ def main() -> None:
         for k in range(DRAWS):
             found = calibrate(str(method.name), laboratory.record(scenario, first + k), scenario, **method.options)
             value, n = normalised_error(found, true_parameters(scenario, scenario.effects, found))
-            tilt = tilt_error(scenario, scenario.effects, found)
+            tilt = _error(scenario, found)
             nees, dof = nees + value, dof + n
             ratio.append((tilt.after / tilt.bound) ** 2)
         print(

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TextIO
 
+from tiltcal.budget import Budget, make_budget
 from tiltcal.calibration import Calibration, load_calibration
 from tiltcal.cli.output import print_json, print_table, require_output
 from tiltcal.errors import TiltcalError
@@ -16,6 +17,7 @@ from tiltcal.files import replacing, require_file
 from tiltcal.methods.registry import calibrate as run_method
 from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording
+from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
 from tiltcal.report.html import parameter_rows
 from tiltcal.scenario import load_scenario
 from tiltcal.segments import Segment, dwells, find_segments, majority
@@ -29,7 +31,11 @@ def calibrate(args: argparse.Namespace) -> int:
     options = parse_options(args.option)
     if args.segments:
         options["segments"] = read_segments(Path(args.segments), recording)
-    calibration = run_method(args.method, recording, scenario, **options)
+    budget: Budget | None = None
+    if args.budget:
+        calibration, budget = make_budget(args.method, recording, scenario, scenario.budget, **options)
+    else:
+        calibration = run_method(args.method, recording, scenario, **options)
     strange = recording.unknown(scenario.sensor)
     if strange:
         note = "columns that are no sensor of the scenario are not used: " + ", ".join(strange)
@@ -37,9 +43,11 @@ def calibrate(args: argparse.Namespace) -> int:
     if args.output:
         calibration.save(Path(args.output))
     if args.json:
-        print_json(calibration.to_json())
+        print_json(calibration.to_json() | ({"budget": budget.to_json()} if budget else {}))
     else:
         print_calibration(calibration)
+        if budget is not None:
+            print_budget(budget)
     return 0 if calibration.verdict == "good" else 1
 
 
@@ -71,6 +79,15 @@ def print_calibration(c: Calibration) -> None:
     for w in c.warnings:
         print(f"note: {w}")
     print(f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of freedom; verdict: {c.verdict}")
+
+
+def print_budget(budget: Budget) -> None:
+    """Every line that matters of every parameter, and what they make together."""
+    print_table(
+        ["parameter", "source", "type", "size", "distribution", "standard", "sensitivity", "contribution", "unit"],
+        [[r[key] for key in BUDGET_COLUMNS] for r in budget_rows(budget)],
+        title="uncertainty budget (GUM); lines below 1 % of the combined uncertainty are left out",
+    )
 
 
 def correct(args: argparse.Namespace) -> int:

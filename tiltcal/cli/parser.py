@@ -153,6 +153,9 @@ def _add_calibration(commands: _Commands) -> None:
         help="of the method; may stand several times",
     )
     sub.add_argument("--segments", metavar="SEG.csv", help="dwells as `tiltcal segments` writes them, edited")
+    sub.add_argument(
+        "--budget", action="store_true", help="the uncertainty budget as well: sources of [[budget]], or the usual ones"
+    )
     _output(sub, "where the calibration goes", "CAL.json")
     sub = commands.add(
         "correct", "calibrating", "correct", "correct a recording, streaming in fixed memory",

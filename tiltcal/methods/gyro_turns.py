@@ -104,10 +104,6 @@ def gyro_turns(
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
         "the Earth's rate is part of the bias and of the g-sensitivity: the heading is not known",
     ]
-    if "gsens" in terms:
-        warnings.append(
-            "`tiltcal correct` takes off bias, scale and cross-axis terms only: g-sensitivity needs the force beside it"
-        )
     units = ["rad_s" if ".bias_" in n else "deg_h_g" if ".gsens_" in n else "1" for n in fit.names]
     return wrap_up(
         NAME, verdict_of(tests, converged and not fit.dropped and fit.dof > 0), fit, units, tests, warnings, rests, recording,
@@ -183,8 +179,9 @@ def collect_turns(
     for k in range(m):
         part, length = slice(starts[k], ends[k]), ends[k] - starts[k]
         rate[k, :length], sensed[k, :length], step[k, :length] = values[part], along[part], spacing[part]
-    before = _edge_directions(felt, [(s.end_s - EDGE, s.end_s) for s in rests.spans[:-1]])
-    after = _edge_directions(felt, [(s.start_s, s.start_s + EDGE) for s in rests.spans[1:]])
+    turning = time, values - _static(rests, felt, along)
+    before = _edge_directions(felt, turning, [(s.end_s - EDGE, s.end_s, s.end_s) for s in rests.spans[:-1]])
+    after = _edge_directions(felt, turning, [(s.start_s, s.start_s + EDGE, s.start_s) for s in rests.spans[1:]])
     walk = np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1)  # the gyro's own noise, integrated
     return Turns(rate, sensed, step, before, after, np.sqrt(2 * sigma**2 + walk))
 
@@ -194,13 +191,30 @@ def carried(turns: Turns, model: _Model) -> Array:
     return (_products(model.rate(turns.rate, turns.force), turns.step) @ turns.before[:, :, None])[:, :, 0]
 
 
-def _edge_directions(felt: tuple[Array, Array], spans: Sequence[tuple[float, float]]) -> Array:
-    """Mean direction of the force over short spans at the edges of the rests, (m, 3): a hand never holds quite still."""
+def _static(rests: Poses, felt: tuple[Array, Array], along: Array) -> Array:
+    """What the gyro reads without turning at the force of each sample, rad/s, (n, 3): bias and G by the rests alone."""
     time, force = felt
+    poses = np.array([np.nanmean(force[(time >= s.start_s) & (time <= s.end_s)], axis=0) for s in rests.spans])
+    design = np.column_stack([np.ones(len(poses)), poses])
+    return np.column_stack([np.ones(len(along)), along]) @ np.linalg.lstsq(design, rests.means, rcond=None)[0]
+
+
+def _edge_directions(felt: tuple[Array, Array], turning: tuple[Array, Array], spans: Sequence[tuple[float, float, float]]) -> Array:
+    """Mean direction of the force over short spans (from, to) at the edges of the rests, as it is at an instant, (m, 3).
+
+    A hand never holds quite still there: each sample is carried to the instant by the gyro. Without that, the turn that goes
+    on inside the spans was the largest error of all on a real log (0.22 deg rms where 0.14 remains).
+    """
+    from scipy.spatial.transform import Rotation
+
+    time, force = felt
+    angle = np.vstack([np.zeros(3), np.cumsum((turning[1][1:] + turning[1][:-1]) / 2 * np.diff(turning[0])[:, None], axis=0)])
     found = []
-    for start, end in spans:
-        part = force[(time >= start) & (time <= end)]
-        found.append(part[~np.isnan(part).any(axis=1)].mean(axis=0))
+    for start, end, instant in spans:
+        inside = (time >= start) & (time <= end) & ~np.isnan(force).any(axis=1)
+        stamps = np.append(time[inside], instant)
+        turned = np.column_stack([np.interp(stamps, turning[0], angle[:, i]) for i in range(3)])
+        found.append(Rotation.from_rotvec(turned[:-1] - turned[-1]).apply(force[inside]).mean(axis=0))
     return np.array(found) / np.linalg.norm(found, axis=1)[:, None]
 
 

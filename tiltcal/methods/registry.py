@@ -15,8 +15,11 @@ from typing import Any
 
 from tiltcal.calibration import Calibration, load_calibration
 from tiltcal.errors import TiltcalError, nearest
+from tiltcal.methods.fog_scale import fog_scale
+from tiltcal.methods.gyro_rates import gyro_rates
 from tiltcal.methods.gyro_turns import gyro_turns
 from tiltcal.methods.norm import norm
+from tiltcal.methods.north import north
 from tiltcal.methods.placing_table import placing_table
 from tiltcal.methods.six_position import six_position
 from tiltcal.methods.two_position import two_position
@@ -27,7 +30,7 @@ from tiltcal.setup import Setup
 Method = Callable[..., Calibration]
 METHODS: dict[str, Method] = {
     "placing_table": placing_table, "six_position": six_position, "norm": norm, "two_position": two_position,
-    "gyro_turns": gyro_turns,
+    "gyro_turns": gyro_turns, "fog_scale": fog_scale, "north": north, "gyro_rates": gyro_rates,
 }  # fmt: skip
 GROUP = "tiltcal.methods"
 

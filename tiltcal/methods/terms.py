@@ -39,7 +39,11 @@ def term_columns(terms: Sequence[str], sensor: Sensor, setup: Setup, force: Arra
     Returns:
         ``<sensor>.<name>`` (p), its unit (p), and columns (p, m, k): reading per unit parameter.
     """
-    sense = Sense.at_rest(sensor, setup.site.gravity, force)
+    return columns_under(terms, sensor, Sense.at_rest(sensor, setup.site.gravity, force))
+
+
+def columns_under(terms: Sequence[str], sensor: Sensor, sense: Sense) -> tuple[list[str], list[str], Array]:
+    """The same for anything that is sensed, moving too: names, units and columns (p, n, k)."""
     names, units, columns = [], [], []
     for term in terms:
         cls = effect_of_term(term, sensor)
@@ -47,7 +51,7 @@ def term_columns(terms: Sequence[str], sensor: Sensor, setup: Setup, force: Arra
         for parameter in cls.parameters:
             for name in parameter.expand(sensor.axes):
                 channel, column = effect.term(name, sense)
-                block = np.zeros((len(force), len(sensor.axes)))
+                block = np.zeros((len(sense.time), len(sensor.axes)))
                 if channel >= 0:
                     block[:, channel] = column
                 linear = term in ("bias", "scale", "cross_axis")

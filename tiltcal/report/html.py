@@ -7,6 +7,7 @@ from typing import Any
 from tiltcal import __version__
 from tiltcal.calibration import Calibration
 from tiltcal.files import write_text
+from tiltcal.report.budget import budget_rows
 from tiltcal.report.figures import parameter_figure, residual_figures, tilt_figure
 from tiltcal.units import ARCSEC
 from tiltcal.verify import MethodResult, ScenarioResult, Verification
@@ -59,6 +60,7 @@ def _method(result: ScenarioResult, method: MethodResult) -> dict[str, Any]:
         "limits": method.limits, "rows": parameter_rows(first, method.truth) if first else [],
         "tests": first.tests if first else [], "warnings": notes,
         "verdict": first.verdict if first else "on line" if method.online else "none", "equation": first.equation if first else "",
+        "budget": budget_rows(method.budget) if method.budget else [],
         "tilt": method.tilt, "figures": [_html(f) for f in figures if f is not None],
     }  # fmt: skip
 

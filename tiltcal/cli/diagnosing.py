@@ -3,11 +3,13 @@
 import argparse
 from pathlib import Path
 
+from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.diagnosis.diagnose import diagnose as explain
 from tiltcal.errors import TiltcalError
 from tiltcal.files import make_folder, write_json, write_text
 from tiltcal.recording_files import read_recording
+from tiltcal.report.diagnosis import write_diagnosis
 from tiltcal.scenario import load_scenario
 
 
@@ -22,12 +24,14 @@ def diagnose(args: argparse.Namespace) -> int:
             do="give the scenario without its concealed effects",
         )  # fmt: skip
     recordings = [read_recording(path) for path in args.recording]
+    static = read_recording(args.static) if args.static else None
     with progress_line() as progress:
-        found = explain(scenario, recordings, progress)
+        found = explain(scenario, recordings, static=static, laboratory=simulator(progress), progress=progress)
     if args.output:
         folder = Path(args.output)
         make_folder(folder)
         write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
+        write_diagnosis(found, folder / "report.html", ", ".join(Path(path).name for path in args.recording))
         write_json(folder / "diagnosis.json", found.to_json())
     if args.json:
         print_json(found.to_json())

@@ -1,7 +1,8 @@
 """From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who is to blame."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from tiltcal.confusion import POWER
 from tiltcal.diagnosis.account import Account, Term, settle
 from tiltcal.diagnosis.amend import amended_table
 from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
-from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.evidence import Ledger, cosines
 from tiltcal.diagnosis.faults import Fault, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, Fitness, Undetectable, Where, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
@@ -17,12 +18,14 @@ from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import HandObservations, Observations, observe
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
-from tiltcal.diagnosis.rivals import OWN, Rival, case_of, explanations, inseparable, price_of
+from tiltcal.diagnosis.resimulate import resimulate
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, inseparable, price_of
 from tiltcal.diagnosis.select import Gate, findings, select
 from tiltcal.diagnosis.suspects import Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import tones_of
 from tiltcal.diagnosis.unlisted import nameless
-from tiltcal.diagnosis.whitening import NoiseModel, robust_white
+from tiltcal.diagnosis.views import UNITS, views_of
+from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise, robust_white
 from tiltcal.diagnosis.wording import (
     coordinate_of_effect,
     harmonic_of,
@@ -33,12 +36,13 @@ from tiltcal.diagnosis.wording import (
     summary,
 )
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import Effect
+from tiltcal.effects.base import Effect, Parameter
 from tiltcal.effects.learned import Learned
 from tiltcal.frames import Array
+from tiltcal.laboratory import Laboratory
 from tiltcal.poses import group_directions
 from tiltcal.recording import Recording
-from tiltcal.scenario import Scenario
+from tiltcal.scenario import Scenario, parse_scenario
 
 Progress = Callable[[str], None]
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
@@ -49,48 +53,91 @@ def silent(words: str) -> None:
     """No progress."""
 
 
-def diagnose(scenario: Scenario, recordings: Sequence[Recording], progress: Progress = silent) -> Diagnosis:
+def diagnose(
+    scenario: Scenario, recordings: Sequence[Recording], *, static: Recording | None = None, laboratory: Laboratory | None = None,
+    progress: Progress = silent,
+) -> Diagnosis:  # fmt: skip
     """Why these recordings differ from the scenario.
 
     Args:
         scenario: what is known of the set-up.
         recordings: of one set-up, explained together; those that step or drift are told apart by their stamps.
+        static: a record at rest, of the same sensors at the same rate, to take the noise from.
+        laboratory: re-simulates the recording with the amended scenario in the end.
         progress: is told what is being done.
 
     Raises:
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
     progress("reading")
-    sound, faults, notes = _sound(scenario, recordings)
-    known = [*scenario.effects, *(f.effect for f in faults)]
-    observations = observe(scenario, sound, [e for e in known if e.id not in (*MEANINGS, *MASKED)])
-    ledger = Ledger(observations)
-    start = calibrated(observations, ledger)
-    wild, mended = gross_errors(observations, start)
-    if wild:
-        faults = [*faults, *wild]
-        observations = observe(scenario, mended, observations.known)
-        ledger = Ledger(observations)
-        start = calibrated(observations, ledger)
-    slip = wrong_stop(observations, start)
-    if slip is not None and not any(e.id == "data_pose_label" for e in scenario.effects):
-        faults = [*faults, slip[0]]
-        observations = observe(scenario, slip[1], observations.known)
-        ledger = Ledger(observations)
-        start = calibrated(observations, ledger)
-    if not enough(observations, start):
-        return _answer(start, start, ledger, (), faults, notes, False)
+    bench = prepare(scenario, recordings)
+    if not enough(bench.observations, bench.start):
+        return _answer(bench, bench.start, (), (), None, False)
     progress("what every effect would do")
-    fill(ledger, start)
-    gate = Gate(None, len(ledger.suspects))
+    ledger = bench.ledger
+    fill(ledger, bench.start)
+    gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
     progress("who is to blame")
-    account = select(start, ledger, gate, lambda s: s.listed)
+    account = select(bench.start, ledger, gate, lambda s: s.listed)
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")
-    account, chance = _by_chance(account, start, ledger, gate)
-    found = _findings(account, ledger, gate)
-    return _answer(account, start, ledger, found, [*faults, *chance], notes, True)
+    account, chance = _by_chance(account, bench.start, ledger, gate)
+    progress("re-simulating")
+    return _answer(bench, account, _findings(account, ledger, gate), chance, laboratory, True, static is not None)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Recordings whose data faults are mended, and the adjustable terms fitted to them.
+
+    Args:
+        faults: found in the data; notes: what is no mismatch.
+    """
+
+    observations: Observations
+    ledger: Ledger
+    start: Account
+    faults: tuple[Fault, ...]
+    notes: tuple[str, ...]
+
+
+def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
+    """Mend what is wrong with the data, layer by layer, and fit the adjustable terms."""
+    sound, faults, notes = _sound(scenario, recordings)
+    known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if e.id not in (*MEANINGS, *MASKED)]
+    observations = observe(scenario, sound, known)
+    ledger = Ledger(observations)
+    start = calibrated(observations, ledger)
+    wild, mended = gross_errors(observations, start)
+    if mended != observations.recordings:
+        observations = observe(scenario, mended, known)
+        ledger = Ledger(observations)
+        start = calibrated(observations, ledger)
+    slip = wrong_stop(observations, start)
+    if slip is not None:
+        observations = observe(scenario, slip[1], known)
+        ledger = Ledger(observations)
+        start = calibrated(observations, ledger)
+        if not any(e.id == "data_pose_label" for e in scenario.effects):
+            wild = [*wild, slip[0]]
+    return Bench(observations, ledger, start, (*faults, *wild), tuple(notes))
+
+
+def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFit, ...]:
+    """The noise of each channel from a record at rest.
+
+    Raises:
+        TiltcalError: it lacks a sensor.
+    """
+    found = []
+    for channel in observations.channels:
+        sensor = observations.scenario.named(channel.sensor)
+        samples = static.sensor(sensor)
+        values = samples.values[:, channel.column] if channel.axis != "norm" else np.linalg.norm(samples.values, axis=1)
+        values = values[~np.isnan(values)]
+        found.append(estimate_noise(cosines(values - values.mean()), cosines(np.ones(len(values)))[:, None]))
+    return tuple(found)
 
 
 def _sound(scenario: Scenario, recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], list[Fault], list[str]]:
@@ -183,16 +230,35 @@ def _findings(account: Account, ledger: Ledger, gate: Gate) -> list[Finding]:
 
 
 def _answer(
-    account: Account, start: Account, ledger: Ledger, found: Sequence[Finding], faults: Sequence[Fault], notes: Sequence[str],
-    told: bool,
+    bench: Bench, account: Account, found: Sequence[Finding], chance: Sequence[Fault], laboratory: Laboratory | None, told: bool,
+    static: bool = False,
 ) -> Diagnosis:  # fmt: skip
     """Verdict and figures."""
-    first, last = _fitness(settle(start, ledger), ledger), _fitness(account, ledger)
+    ledger, observations = bench.ledger, bench.observations
+    before = settle(bench.start, ledger)
+    first, last = _fitness(before, ledger), _fitness(account, ledger)
+    faults = [*bench.faults, *chance]
     answer = (*(f.finding() for f in faults), *sorted(found, key=lambda f: f.delta_bic))
     verdict = verdict_of(answer, told)
-    statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, "taken from the recording itself")
-    unseen = _undetectable(account, ledger) if told else ()
-    return Diagnosis(verdict, statement, answer, tuple(notes), unseen, first, last, _amended(account, ledger.observations, faults))
+    source = "taken from the static record" if static else "taken from the recording itself"
+    statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, source)
+    amended = _amended(account, observations, faults)
+    notes = [*bench.notes, f"the noise was {source}"]
+    fitted = observations.predict(account.effects)
+    if laboratory is not None and told:
+        again = resimulate(laboratory, _as_read(amended, observations.scenario), observations, fitted)
+        notes += [again.words] if again is not None else []
+    left = [c.values - p for c, p in zip(observations.channels, fitted, strict=True)]
+    return Diagnosis(
+        verdict, statement, answer, tuple(notes), _undetectable(account, ledger) if told else (), first, last, amended,
+        views_of(observations, observations.residuals(before.effects), left),
+    )  # fmt: skip
+
+
+def _as_read(amended: Mapping[str, Any], scenario: Scenario) -> Scenario:
+    """The amended scenario without the data faults that were mended in the columns."""
+    mended = (*MEANINGS, *MASKED, "data_outlier", "table_index_error", "data_jitter")
+    return parse_scenario({**amended, "effect": [e for e in amended["effect"] if e["id"] not in mended]}, scenario.name)
 
 
 def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: float) -> Finding:
@@ -205,7 +271,7 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
     sizes = sum(len(account.terms[k].names) for k in places)
     gain = sum(float(t @ t) for t in case.target) - account.deviance
     held = heldout_gain(account, ledger, places)
-    where = Where(coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect, observations))
+    where = Where(coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect))
     if not term.suspect.listed and isinstance(effect, Learned):
         named = explanations(case, ledger, lambda s: s.listed)
         rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in named[:5])
@@ -227,8 +293,8 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
     )  # fmt: skip
 
 
-def _class_of(term: Term, case: "object", ledger: Ledger) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
-    found = explanations(case, ledger, lambda s: s.listed)  # type: ignore[arg-type]
+def _class_of(term: Term, case: Case, ledger: Ledger) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
+    found = explanations(case, ledger, lambda s: s.listed)
     mine = next((r for r in found if r.suspect.place == term.suspect.place), None)
     rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in found if r.suspect.id != term.suspect.id)
     if mine is None:
@@ -249,7 +315,7 @@ def _shown(signal: Sequence[Array], observations: Observations) -> tuple[tuple[s
     return tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong))
 
 
-def _interval(effect: Effect, observations: Observations) -> tuple[float, float | None] | None:
+def _interval(effect: Effect) -> tuple[float, float | None] | None:
     return (float(effect.values["time"]), None) if "time" in effect.values else None
 
 
@@ -262,7 +328,7 @@ def _parameters(term: Term, sigmas: Array) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _parameter_of(suspect: Suspect, name: str) -> "object":
+def _parameter_of(suspect: Suspect, name: str) -> Parameter:
     for p in suspect.effect.parameters:
         if name in p.expand(tuple("xyza")) or name == p.name:
             return p
@@ -272,10 +338,9 @@ def _parameter_of(suspect: Suspect, name: str) -> "object":
 def _fitness(account: Account, ledger: Ledger) -> Fitness:
     observations = ledger.observations
     used = account.basis[0].shape[1]
-    rms = {}
+    rms: dict[str, float] = {}
     for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
-        unit = "rad_s" if observations.scenario.named(channel.sensor).quantity == "rate" else "m_s2"
-        unit = "rad" if observations.scenario.named(channel.sensor).kind == "inclinometer" else unit
+        unit = UNITS[observations.scenario.named(channel.sensor).kind]
         rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit}", float(np.sqrt(np.mean(r * r))))
     return Fitness(account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger))
 
@@ -299,7 +364,7 @@ def _undetectable(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
     return tuple(found.values())
 
 
-def _amended(account: Account, observations: Observations, faults: Sequence[Fault]) -> dict[str, object]:
+def _amended(account: Account, observations: Observations, faults: Sequence[Fault]) -> dict[str, Any]:
     """The scenario with calibration and findings in it."""
     first = observations.recordings[0]
     temperature = first.temperature()

@@ -25,6 +25,7 @@ SUPERPOSED = {"acc_hysteresis", "acc_warmup", "gyr_warmup", "settling_transient"
 """At several shapes at once."""
 ALL_AXES = {"servo_lag", "servo_friction_deadband"}  # one drive is like the other
 KIN = {("gyr_g2sens", "gyr_gsens")}  # (what completes, whose form)
+OF_INPUT = {"acc_K2", "acc_K3", "acc_Koq", "acc_scale_asym", "acc_bias_asym", "adc_inl"}  # functions of the channel's own input
 FREE_FORM = {"adc_inl", "floor_tilt_drift"}  # the name says where and of what, not which form
 
 
@@ -65,6 +66,8 @@ def _same_curve(curve: Suspect, host: Suspect) -> bool:
     """Whether two curves are parts of one unnamed effect: the same coordinate at the same place, on another axis."""
     a, b = curve.effect, host.effect
     if not isinstance(a, Learned) or not isinstance(b, Learned) or type(a) is not type(b) or a.coordinate != b.coordinate:
+        return False
+    if a.knots != b.knots:
         return False
     if isinstance(a, LearnedTilt):
         return a.slot == b.slot and a.turn != b.turn and len(curve.names) == len(host.names)

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from tiltcal.diagnosis.views import View
+
 Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]
 
 
@@ -106,6 +108,7 @@ class Diagnosis:
         findings, notes, undetectable: see there.
         before, after: fit of the scenario as it is and of the amended one.
         amended: the amended scenario, as a table.
+        views: of what is left, for a picture.
     """
 
     verdict: Verdict
@@ -116,6 +119,7 @@ class Diagnosis:
     before: Fitness = Fitness()
     after: Fitness = Fitness()
     amended: Mapping[str, Any] = field(default_factory=dict)
+    views: tuple[View, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from tiltcal.confusion import SEPARABLE
 from tiltcal.diagnosis.account import Account, Term, columns_of
-from tiltcal.diagnosis.evidence import Ledger, Score, basis_of, project
+from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, completes
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects import CATALOGUE

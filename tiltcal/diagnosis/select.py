@@ -7,11 +7,13 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
+from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, preferred
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.whitening import NoiseFit
 from tiltcal.frames import Array
 
+REST = 0.2  # share of a free form that its first curve may leave
 ALPHA = 0.01  # family-wise, over everything that was tried
 MOST = 4  # findings a recording may be given
 
@@ -118,7 +120,7 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
             continue
         own = [r for r in rivals if r.own >= OWN]
         pick = preferred(own or rivals, trial.residual if not own else _signal_of(own[0], trial, ledger))
-        terms = refined(pick.terms, trial, ledger)
+        terms = _hosted(refined(pick.terms, trial, ledger), pick.gain, trial, ledger)
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
         if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
             account, waiting, banned = settle(trial, ledger), (), set()
@@ -128,6 +130,17 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
         waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 else ()
         ledger.under(models(gate.noise(trial if waiting else account, ledger)))
     return backward(account, ledger, gate)
+
+
+def _hosted(terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledger) -> tuple[Term, ...]:
+    """A further function of a channel's own input completes a converter's curve that is much larger: no finding of its own."""
+    for places in findings(account):
+        host = account.terms[places[0]].suspect
+        if host.id in FREE_FORM and terms[0].suspect.id in OF_INPUT and host.id in OF_INPUT:
+            energy = sum(float(s @ s) for s in case_of(account, ledger, places).signal)
+            if gain < REST * energy and places[-1] == len(account.terms) - 1:
+                return tuple(replace(t, host=host) for t in terms)
+    return terms
 
 
 def _signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:

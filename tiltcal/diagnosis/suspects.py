@@ -177,7 +177,7 @@ def _eligible(id: str, scenario: Scenario) -> bool:
     cls = CATALOGUE[id]
     if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN or id in SAME_LAW or id in STEPS:
         return False
-    if (cls.stage == "table" or cls.on_table or cls.stage == "mount" and not cls.kinds) and not scenario.rig.axes:
+    if (cls.stage == "table" or cls.on_table or (cls.stage == "mount" and not cls.kinds)) and not scenario.rig.axes:
         return False
     return not (id in OF_THE_DRIVE and scenario.rig.readout != "command")
 
@@ -201,11 +201,13 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
             if any(c.sensor == sensor.name for c in observations.channels):
                 yield from _reading_curves(scenario, sensor, axis, span)
     for axis in scenario.rig.axis_names:
-        for size, other in product((4, 8), scenario.rig.axis_names):
-            yield _curve(LearnedReadout, f"table_{other}", _waves(size), axis=axis, place="table")
         for other in scenario.rig.axis_names:
-            for turn in _across(dict(scenario.rig.axes)[axis]):
-                yield _curve(LearnedTilt, f"table_{other}", _waves(4), slot=f"{axis}_bearing", turn=turn, place="table")
+            for basis in (_waves(4), _knots(f"table_{other}", span, 10)):
+                if not basis:
+                    continue
+                yield _curve(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
+                for turn in _across(dict(scenario.rig.axes)[axis]):
+                    yield _curve(LearnedTilt, f"table_{other}", basis, slot=f"{axis}_bearing", turn=turn, place="table")
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature")):
@@ -213,7 +215,9 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
                     place = "environment" if slot == "base" else "mount"
                     yield _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
         for turn, axis in product("xyz", scenario.rig.axis_names):
-            yield _curve(LearnedTilt, f"table_{axis}", _waves(4), slot="mount", turn=turn, place="mount")
+            for basis in (_waves(4), _knots(f"table_{axis}", span, 10)):
+                if basis:
+                    yield _curve(LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount")
         for turn, lag in product("xyz", LAGS):
             if knots := _knots("temperature", span, 3):
                 tilt = _curve(LearnedTilt, "temperature", knots, lag=lag, slot="mount", turn=turn, place="mount")
@@ -223,11 +227,12 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
 def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     for name in scenario.rig.axis_names:
-        for size in (4, 10):
-            yield _curve(LearnedReading, f"table_{name}", _waves(size), **where)
+        for basis in (_waves(4), _waves(10), _knots(f"table_{name}", span, 10)):
+            if basis:
+                yield _curve(LearnedReading, f"table_{name}", basis, **where)
         if sensor.is_accelerometer:  # its form is nobody's law, its place is
             yield replace(_curve(LearnedReading, f"table_{name}", _waves(6), **where), alias="acc_angle_bias")
-    for count in (9, 17) if sensor.is_accelerometer else ():
+    for count in (9, 17, 33) if sensor.is_accelerometer else ():
         if knots := _knots(f"{sensor.name}_input", span, count):
             yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
     others = [f"{q}_{a}" for q in (("force",) if sensor.is_accelerometer else ("force", "rate")) for a in "xyz"]
@@ -281,6 +286,9 @@ def span_of(observations: Observations, tones: Sequence[float] = ()) -> Span:
         ranges["temperature"] = (float(both.min()), float(both.max()))
         slopes = np.concatenate([np.gradient(t, r.time) for t, r in zip(temperature, observations.recordings, strict=False)])
         ranges["warming"] = (float(slopes.min()), float(slopes.max()))
+    for axis in observations.scenario.rig.axis_names:
+        turned = np.concatenate([a[~np.isnan(a)] for r in observations.recordings if (a := r.table(axis)) is not None])
+        ranges[f"table_{axis}"] = (float(turned.min()), float(turned.max()))
     for channel in observations.channels:
         low, high = float(channel.values.min()), float(channel.values.max())
         known = ranges.get(f"{channel.sensor}_input", (low, high))

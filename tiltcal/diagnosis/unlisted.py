@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +32,9 @@ def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
         case = case_of(account, ledger, places)
         curve = best_curve(case, ledger)
         level = _worth_of(inside, case, ledger)
-        if curve is not None and curve.worth > level + MARGIN + SHARE * curve.gain:
+        names = sum(t.host is None for t in inside)  # one cause is likelier than several
+        margin = MARGIN + SHARE * curve.gain if names == 1 and curve is not None else -MARGIN * (names - 1)
+        if curve is not None and curve.worth > level + margin:
             kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
             trial = settle(replace(account, terms=kept + curve.terms), ledger)
             if gate.log_p(trial, ledger)[-1] < np.log(ALPHA):
@@ -83,24 +84,41 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
 
 
 def _local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """Bumps and steps over the coordinate of a curve, in its place."""
+    """Bumps and steps over the coordinate of a curve, in its place, on all the axes that it may act on."""
     effect = rival.suspect.effect
-    if not isinstance(effect, Learned) or effect.coordinate not in ANGLES or len(rival.terms) > 1:
+    if not isinstance(effect, Learned) or effect.coordinate not in ANGLES:
         return []
+    angles = [a for r in ledger.observations.recordings if (a := r.table(ANGLES[effect.coordinate])) is not None]
+    low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
     own = Ledger(ledger.observations)
-    for suspect in local_curves(effect):
+    for suspect in local_curves(rival, low, high):
         own.add(suspect, ())
     own.roots = ledger.roots
+    best: dict[tuple[float, ...], float] = {}
     scores = own.scores(case.basis, case.target)
-    best = max(scores, key=lambda s: s.gain()[0])
-    found = explain(best.suspect, case, own)
-    return [] if found is None else [replace(found, worth=found.worth - 2 * np.log(len(scores)))]
+    for score in scores:
+        knots = _knots_of(score.suspect)
+        best[knots] = best.get(knots, 0.0) + score.best(price_of(ledger))[0]
+    found = []
+    for knots in sorted(best, key=lambda k: -best[k])[:2]:
+        mine = max((s for s in scores if _knots_of(s.suspect) == knots), key=lambda s: s.gain()[0])
+        if (local := explain(mine.suspect, case, own)) is not None:
+            found.append(replace(local, worth=local.worth - 2 * np.log(len(best))))
+    return found
 
 
-def local_curves(effect: Learned) -> Iterator[Suspect]:
-    """Bumps at every position and width over an angle."""
+def _knots_of(suspect: Suspect) -> tuple[float, ...]:
+    return getattr(suspect.effect, "knots", ())
+
+
+def local_curves(rival: Rival, low: float, high: float) -> Iterator[Suspect]:
+    """Bumps and steps at every position and width over an angle from ``low`` to ``high``."""
+    effects = [t.suspect.effect for t in rival.terms if isinstance(t.suspect.effect, Learned)]
     for width in (0.15, 0.3, 0.6):
-        for middle in np.arange(-2 * np.pi, 2 * np.pi, width):
-            knots: Any = tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3))
-            values = {f"c{k}": 1e-6 for k in (2, 3, 4)}
-            yield Suspect(replace(effect, values=values, knots=knots), tuple(values))
+        for middle in np.arange(low, high, width):
+            shapes = [(tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3)), (2, 3, 4))]
+            shapes.append((tuple(float(middle + 1.5 * width * k) for k in (-1, 0, 1)), (0, 2)))
+            for knots, free in shapes:
+                values = {f"c{k}": 1e-6 for k in free}
+                for effect in effects:
+                    yield Suspect(replace(effect, values=values, knots=knots), tuple(values))

@@ -13,6 +13,7 @@ from tiltcal.segments import dwells, find_segments
 from tiltcal.setup import Sensor, Setup
 
 ITERATIONS = 6
+CONVERGED = 1e-10  # of the largest reading
 
 
 def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> dict[str, Array]:
@@ -60,19 +61,32 @@ def whole(motion: Recording, sensor: Sensor, values: Array) -> Array:
     return np.column_stack([np.interp(motion.time, time, values[:, i]) for i in range(values.shape[1])])
 
 
-def inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None) -> Array:
+def inverted(
+    sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None,
+    read: Array | None = None,
+) -> Array:  # fmt: skip
     """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
     samples = motion.sensor(sensor)
-    y = _bridged(samples.time, samples.values)
-    if sensor.kind == "gyro":  # its noise would be taken for motion
-        y = smoothed(y, stops_of(motion)[samples.rows])
+    y = quiet_readings(sensor, motion) if read is None else read
     true = y.copy()
     f = np.zeros_like(true) if force is None else np.where(np.isnan(force), 0.0, force)[samples.rows]
     for _ in range(ITERATIONS):
         inputs = (true, np.zeros_like(true)) if sensor.kind == "accelerometer" else (f, true)
         sense = sense_of(sensor, setup, motion, *inputs, rows=samples.rows)
-        true = true + (y - forward(sensor, effects, sense))
+        step = y - forward(sensor, effects, sense)
+        true = true + step
+        if np.abs(step).max(initial=0.0) < CONVERGED * np.abs(y).max(initial=0.0):
+            break
     return true
+
+
+def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None) -> Array:
+    """A triad's readings without gaps, and a gyro's without most of its noise, (m, 3): that would be taken for motion."""
+    samples = motion.sensor(sensor)
+    y = _bridged(samples.time, samples.values)
+    if sensor.kind != "gyro":
+        return y
+    return smoothed(y, (stops_of(motion) if stop is None else stop)[samples.rows])
 
 
 LEVEL = 1.03  # of what is left by the shortest window: a longer one that leaves more has cut into the motion
@@ -140,12 +154,13 @@ def forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
     return reading
 
 
-def at_rest(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array) -> Array:
+def at_rest(
+    sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array, stop: Index | None = None
+) -> Array:  # fmt: skip
     """The triad's reading in its dwells: |f| = g along the dwell's own mean direction; NaN while moving."""
-    full = np.full((len(motion), 3), np.nan)
-    for s in dwells(find_segments(motion)):
-        mean = force[s.first : s.last].mean(axis=0)
-        full[s.first : s.last] = mean * setup.site.gravity / np.linalg.norm(mean)
+    means = dwell_means(force, stops_of(motion) if stop is None else stop)
+    length = np.linalg.norm(means, axis=1)
+    full = np.where(length[:, None] > 0, means * setup.site.gravity / np.where(length > 0, length, 1.0)[:, None], np.nan)
     known = ~np.isnan(full[:, 0])
     sense = sense_of(sensor, setup, motion, np.where(known[:, None], full, 0.0), np.zeros_like(full))
     predicted = forward(sensor, effects, sense)
@@ -174,3 +189,15 @@ def stops_of(motion: Recording) -> Index:
     for k, s in enumerate(dwells(find_segments(motion))):
         stop[s.first : s.last] = k
     return stop
+
+
+def dwell_means(values: Array, stop: Index) -> Array:
+    """The mean over the dwell of each row, (n, k); 0 while moving, and in a dwell without values."""
+    resting = (stop >= 0) & ~np.isnan(values).any(axis=1)
+    count = np.bincount(stop[resting], minlength=int(stop.max(initial=-1)) + 1)
+    found = np.zeros_like(values)
+    there = stop >= 0
+    for k in range(values.shape[1]):
+        means = np.bincount(stop[resting], values[resting, k], len(count)) / np.maximum(count, 1)
+        found[there, k] = means[stop[there]]
+    return found

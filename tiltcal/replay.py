@@ -13,7 +13,7 @@ from tiltcal.segments import resting_rows
 from tiltcal.setup import Setup
 
 EDGE = 2  # samples beside a move that are left to the polynomial
-RATE_REACH, ACCELERATION_REACH = 0.02, 0.04  # s, half-widths of the local quartics: longer ones blur the edges of moves
+WIDTHS = (5, 9, 15, 25, 41)  # samples of the local quartics: the longest that leaves no more than the readout's own noise
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,11 @@ def still_rows(
 
 
 def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> tuple[Array, Array]:
-    """Rate and acceleration of a readout by a local quartic on a uniform grid; exactly zero at rest. All (n,)."""
+    """Rate and acceleration of a readout by local quartics on a uniform grid; exactly zero at rest. All (n,).
+
+    Each sample has the longest window whose quartic leaves no more than the readout's noise: long in steady turns, short at
+    the corners of moves, which a long one would blur.
+    """
     from scipy.interpolate import CubicSpline
 
     zero = np.zeros_like(angle)
@@ -150,13 +154,37 @@ def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     uniform = CubicSpline(time, angle)(grid)
-    widths = [max(least, 2 * round(reach / dt) + 1) for least, reach in ((5, RATE_REACH), (5, ACCELERATION_REACH))]
-    if n <= max(widths):
-        return zero, zero
     step = grid[1] - grid[0]
-    v = np.interp(time, grid, _local_quartic(uniform, widths[0], 1) / step)
-    a = np.interp(time, grid, _local_quartic(uniform, widths[1], 2) / step**2)
+    level = _readout_noise(angle, resting)
+    v, a = np.zeros(n), np.zeros(n)
+    good = np.ones(n, bool)
+    for width in WIDTHS:
+        if width >= n or not good.any():
+            break
+        if width > WIDTHS[0]:
+            allowed = level * (1 + 3 / np.sqrt(2 * (width - 5)))
+            good = good & (_misfit_of_quartics(uniform, width) <= allowed)
+        v = np.where(good, _local_quartic(uniform, width, 1) / step, v)
+        a = np.where(good, _local_quartic(uniform, width, 2) / step**2, a)
+    v, a = np.interp(time, grid, v), np.interp(time, grid, a)
     return np.where(resting, 0.0, v), np.where(resting, 0.0, a)
+
+
+def _readout_noise(angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> float:
+    """Standard deviation of a readout from row to row where it rests; 0 when it never rests, rad."""
+    still = resting[1:] & resting[:-1]
+    return float(1.4826 * np.median(np.abs(np.diff(angle)[still])) / np.sqrt(2)) if still.sum() > 32 else 0.0
+
+
+def _misfit_of_quartics(u: Array, width: int) -> Array:
+    """What the quartic fitted to each window leaves, rms per degree of freedom, (n,)."""
+    k = np.arange(width) - width // 2
+    basis = np.linalg.qr(np.vander(k / width, 5, increasing=True))[0]
+    padded = np.pad(u, width // 2, mode="reflect", reflect_type="odd")
+    windows = np.lib.stride_tricks.sliding_window_view(padded - u.mean(), width)
+    centred = windows - windows[:, width // 2 : width // 2 + 1]  # of the angle itself nothing is left to cancel
+    left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
+    return np.sqrt(np.maximum(left, 0.0) / (width - 5))
 
 
 def _local_quartic(u: Array, width: int, derivative: int) -> Array:

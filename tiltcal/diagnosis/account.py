@@ -154,6 +154,37 @@ def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | N
     return found
 
 
+def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> Account:
+    """The account with the biases that the first recording began with.
+
+    A random walk starts anew with each recording; the fit has its mean over the record, a new recording begins where this
+    one did. The slow part of what is left, smoothed with the noise's own spectrum, says by how much they differ.
+    """
+    from scipy.fft import idct
+
+    observations = ledger.observations
+    shift: dict[tuple[str, str], float] = {}
+    for channel, r, fit in zip(observations.channels, observations.residuals(account.effects), fits, strict=True):
+        if channel.recording == 0 and channel.axis != "norm":
+            S = fit.model.spectrum(len(r))
+            level = idct(cosines(r) * (1 - fit.model.white**2 / S), norm="ortho")
+            shift.setdefault((channel.sensor, channel.axis), float(level[0]))
+    return replace(account, nuisance=tuple(_shifted(t, shift, observations, account) for t in account.nuisance))
+
+
+def _shifted(term: Term, shift: Mapping[tuple[str, str], float], observations: Observations, account: Account) -> Term:
+    """A bias term moved by a shift of its channel's reading."""
+    values = list(term.values)
+    for k, name in enumerate(term.names):
+        stem, _, axis = name.rpartition("_")
+        by = shift.get((str(term.suspect.effect.sensor), axis), 0.0)
+        if stem == "bias" and by:
+            columns = observations.changes(term.suspect.alone(name), account.effects)
+            first = next((c[0] for i, c in columns.items() if observations.channels[i].axis == axis), 0.0)
+            values[k] += by * term.suspect.size(name) / first if first else 0.0
+    return replace(term, values=tuple(values))
+
+
 def models(fits: Sequence[NoiseFit]) -> list[NoiseModel]:
     """The most likely model of each channel."""
     return [f.model for f in fits]

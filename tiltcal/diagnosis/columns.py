@@ -29,7 +29,12 @@ def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value:
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     columns[name][rows] = value
     return Recording.from_columns(
-        recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata, source=recording.source
+        recording.time,
+        columns,
+        labels=recording.labels,
+        extra=recording.extra,
+        metadata=recording.metadata,
+        source=recording.source,
     )
 
 
@@ -40,7 +45,12 @@ def without_readout(recording: Recording, rows: Index) -> Recording:
         if name.startswith("table_"):
             columns[name][rows] = np.nan
     return Recording.from_columns(
-        recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata, source=recording.source
+        recording.time,
+        columns,
+        labels=recording.labels,
+        extra=recording.extra,
+        metadata=recording.metadata,
+        source=recording.source,
     )
 
 

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from tiltcal.confusion import POWER
-from tiltcal.diagnosis.account import Account, Term, settle
+from tiltcal.diagnosis.account import Account, Term, as_it_began, noise_under, settle
 from tiltcal.diagnosis.amend import amended_table
 from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
 from tiltcal.diagnosis.evidence import Ledger, cosines
 from tiltcal.diagnosis.faults import Fault, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, Fitness, Undetectable, Where, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
+from tiltcal.diagnosis.hand import HandObservations
 from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.meaning import meaning
-from tiltcal.diagnosis.hand import HandObservations
 from tiltcal.diagnosis.observations import Observations, observe
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
@@ -79,7 +79,7 @@ def diagnose(
     fill(ledger, bench.start)
     gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
     progress("who is to blame")
-    account = select(bench.start, ledger, gate, lambda s: s.listed)
+    account = select(bench.start, ledger, gate, lambda s: s.textbook)
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")
@@ -244,7 +244,8 @@ def _answer(
     verdict = verdict_of(answer, told)
     source = "taken from the static record" if static else "taken from the recording itself"
     statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, source)
-    amended = _amended(account, observations, faults)
+    began = as_it_began(account, ledger, noise_under(account, ledger)) if told else account
+    amended = _amended(began, observations, faults)
     notes = [*bench.notes, f"the noise was {source}"]
     fitted = observations.predict(account.effects)
     if laboratory is not None and told:
@@ -296,12 +297,16 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
 
 
 def _class_of(term: Term, case: Case, ledger: Ledger) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
-    found = explanations(case, ledger, lambda s: s.listed)
+    found = explanations(case, ledger, lambda s: s.textbook or s.id == term.suspect.id)
     mine = next((r for r in found if r.suspect.place == term.suspect.place), None)
-    rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in found if r.suspect.id != term.suspect.id)
-    if mine is None:
-        return rivals[:8], (term.suspect.id,)
+    nearest: dict[str, tuple[str, float, float]] = {}
+    for r in found:
+        if r.suspect.id != term.suspect.id:
+            nearest.setdefault(r.suspect.id, (r.suspect.id, r.cosine, r.separation))
+    rivals = tuple(nearest.values())
     best = max((r for r in found if r.fair and r.own >= OWN), key=lambda r: r.worth, default=mine)
+    if best is None:
+        return rivals[:8], (term.suspect.id,)
     members: list[Rival] = inseparable(best, found)
     ids = dict.fromkeys([term.suspect.id, *(r.suspect.id for r in members)])
     return rivals[:8], tuple(ids)

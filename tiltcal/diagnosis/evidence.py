@@ -118,7 +118,10 @@ class Ledger:
         """Of each channel the numbers of its columns, (p,), and their coefficients, (p, n)."""
         if self._packed is None:
             self._packed = [
-                (np.array([k for k, _ in parts], dtype=int), np.array([c for _, c in parts]).reshape(len(parts), len(channel.values)))
+                (
+                    np.array([k for k, _ in parts], dtype=int),
+                    np.array([c for _, c in parts]).reshape(len(parts), len(channel.values)),
+                )
                 for parts, channel in zip(self._parts, self.observations.channels, strict=True)
             ]
             self._parts = [[(int(k), row) for k, row in zip(index, block, strict=True)] for index, block in self._packed]
@@ -159,7 +162,7 @@ class Ledger:
                 for rows in np.split(np.arange(len(index)), cuts):
                     who = int(owner[index[rows[0]]])
                     part = block[rows] / root.astype(np.float32)
-                    place = index[rows] - self.starts[who]
+                    place = [int(k) for k in index[rows] - self.starts[who]]
                     self._inner[who][np.ix_(place, place)] += part @ part.T
         return self._inner
 

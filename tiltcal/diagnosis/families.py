@@ -12,7 +12,8 @@ READING: dict[str, tuple[str, ...]] = {
     "adc_inl": ("input",), "tilt_conversion": ("input",), "gyr_scale_asym": ("input",), "gyr_nonlinearity": ("input",),
     "fog_deadband": ("input",), "acc_temp_bias": ("temperature",), "acc_thermal_hysteresis": ("temperature", "warming"),
     "acc_thermal_gradient": ("warming", "temperature"), "gyr_temp": ("temperature",), "fog_shupe": ("warming", "temperature"),
-    "acc_warmup": ("time",), "gyr_warmup": ("time",), "acc_bias_step": ("time",), "gyr_bias_step": ("time",), "acc_drift": ("time",),
+    "acc_warmup": ("time",), "gyr_warmup": ("time",), "acc_bias_step": ("time",), "gyr_bias_step": ("time",),
+    "acc_drift": ("time",),
     "acc_angle_bias": ("table_outer", "table_inner", "table_middle"),
     "gyr_gsens": ("force_x", "force_y", "force_z"), "gyr_g2sens": ("force_x", "force_y", "force_z"),
 }  # fmt: skip

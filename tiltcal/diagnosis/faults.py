@@ -14,13 +14,14 @@ from tiltcal.diagnosis.finding import Finding, Where
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 from tiltcal.noise import code_width
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario
+from tiltcal.segments import Mask
 from tiltcal.setup import Sensor
 
 CHANCE = 1e-6  # of a fault in a sound recording
-Mask = "np.ndarray[tuple[int], np.dtype[np.bool_]]"
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def in_order(recording: Recording) -> tuple[Recording, list[str]]:
     return Recording.from_columns(time[keep], columns, labels=labels, metadata=recording.metadata, source=recording.source), [words]
 
 
-def _runs(same: Array) -> tuple[Array, Array]:
+def _runs(same: Mask) -> tuple[Index, Index]:
     """First and last index (exclusive) of runs of true in a mask, (m,) each."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
     return edges[::2], edges[1::2]
@@ -138,7 +139,9 @@ def _stuck(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]
             continue
         a, b = max(long, key=lambda run: run[1] - run[0])
         start, length = float(time[a] - recording.time[0]), float(time[b - 1] - time[a])
-        effect = CATALOGUE["data_stuck"]({"start": start, "length": length}, sensor.name, axis, "found", seen_in=recording.fingerprint)
+        effect = CATALOGUE["data_stuck"](
+            {"start": start, "length": length}, sensor.name, axis, "found", seen_in=recording.fingerprint
+        )
         mask = np.zeros(len(values), bool)
         for run in long:
             mask[run[0] + 1 : run[1]] = True
@@ -180,7 +183,7 @@ def _clipped(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Faul
     return recording, found
 
 
-def _in_runs(mask: Array) -> bool:
+def _in_runs(mask: Mask) -> bool:
     first, last = _runs(mask)
     return bool(len(first) and (last - first).max() >= 3)
 

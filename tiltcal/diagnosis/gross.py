@@ -47,6 +47,9 @@ def _signals(observations: Observations, account: Account) -> Iterator[tuple[int
             if recording.has(sensor) and sensor.name not in predicted:
                 for axis in sensor.axes:
                     rows, _, values = column_values(recording, sensor, axis)
+                    if sensor.is_accelerometer:  # a hand that moves it shakes it
+                        still = observations.stops_at(number)[rows] >= 0
+                        rows, values = rows[still], values[still]
                     yield number, sensor.name, axis, rows, values
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.byhand import at_rest, forward, inverted, motion_values, rate_known, sense_of, stops_of, whole
+from tiltcal.byhand import at_rest, dwell_means, forward, inverted, quiet_readings, rate_known, sense_of, stops_of, whole
 from tiltcal.diagnosis.observations import Channel, Columns, Observations
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
@@ -37,8 +37,10 @@ class HandObservations(Observations):
     """Recordings turned by hand."""
 
     def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
-        self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
-        self.stops = [stops_of(r) for r in recordings]
+        self.scenario, self.known = scenario, tuple(known)
+        self.recordings = tuple(recordings if scenario.sensors("fog") else (condensed(r, stops_of(r)) for r in recordings))
+        self.stops = [stops_of(r) for r in self.recordings]
+        self._quiet = [self._readings(number) for number in range(len(recordings))]
         pairs = [pair for number in range(len(recordings)) for pair in self._parts(number)]
         self.channels = tuple(channel for channel, _ in pairs)
         self._predictors = tuple(predictor for _, predictor in pairs)
@@ -46,11 +48,8 @@ class HandObservations(Observations):
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read."""
-        states = [self._state(r, as_met(effects, r.fingerprint)) for r in self.recordings]
-        return [
-            predictor(states[channel.recording])
-            for channel, predictor in zip(self.channels, self._predictors, strict=True)
-        ]
+        states = [self._state(k, as_met(effects, r.fingerprint)) for k, r in enumerate(self.recordings)]
+        return [predictor(states[channel.recording]) for channel, predictor in zip(self.channels, self._predictors, strict=True)]
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect: difference of predictions.
@@ -67,13 +66,20 @@ class HandObservations(Observations):
     def _triads(self, recording: Recording, kind: str) -> list[Sensor]:
         return [s for s in self.scenario.sensors(kind) if recording.has(s) and len(s.axes) == 3][:1]
 
-    def _state(self, recording: Recording, effects: Sequence[Effect]) -> _State:
+    def _readings(self, number: int) -> dict[str, Array]:
+        """Readings of the triads that the motion is taken from; they do not depend on any effect."""
+        recording = self.recordings[number]
+        triads = [*self._triads(recording, "accelerometer"), *self._triads(recording, "gyro")]
+        return {s.name: quiet_readings(s, recording, self.stops[number]) for s in triads}
+
+    def _state(self, number: int, effects: Sequence[Effect]) -> _State:
+        recording, quiet = self.recordings[number], self._quiet[number]
         n = len(recording)
         force, rate = np.full((n, 3), np.nan), np.zeros((n, 3))
         for triad in self._triads(recording, "accelerometer"):
-            force = whole(recording, triad, inverted(triad, self.scenario, recording, effects))
+            force = whole(recording, triad, inverted(triad, self.scenario, recording, effects, None, quiet[triad.name]))
         for gyro in self._triads(recording, "gyro"):
-            rate = whole(recording, gyro, inverted(gyro, self.scenario, recording, effects, force))
+            rate = whole(recording, gyro, inverted(gyro, self.scenario, recording, effects, force, quiet[gyro.name]))
         return _State(effects, force, rate)
 
     def _parts(self, number: int) -> Iterator[tuple[Channel, Predictor]]:
@@ -116,7 +122,7 @@ class HandObservations(Observations):
         length = np.linalg.norm(read, axis=1)
 
         def predict(state: _State) -> Array:
-            predicted = at_rest(triad, self.scenario, recording, state.effects, state.force)[rows]
+            predicted = at_rest(triad, self.scenario, recording, state.effects, state.force, stop)[rows]
             return np.asarray((predicted * read).sum(axis=1) / length)  # it differs from the reading along it only
 
         yield self._channel(number, triad, "norm", 0, rows, length), predict
@@ -128,13 +134,13 @@ class HandObservations(Observations):
         for k in range(int(stop.max(initial=-1)) + 1):
             there = (stop[samples.rows] == k) & ~np.isnan(samples.values).any(axis=1)
             rows = samples.rows[there]
-            if len(rows) < 64 or recording.time[rows[-1]] - recording.time[rows[0]] < LONG and there.mean() < 0.9:
+            if len(rows) < 64 or (recording.time[rows[-1]] - recording.time[rows[0]] < LONG and there.mean() < 0.9):
                 continue
             for column, axis in enumerate(triad.axes):
                 values = samples.values[there, column]
 
                 def predict(state: _State, rows: Index = rows, column: int = column) -> Array:
-                    predicted = at_rest(triad, self.scenario, recording, state.effects, state.force)[rows, column]
+                    predicted = at_rest(triad, self.scenario, recording, state.effects, state.force, stop)[rows, column]
                     return np.asarray(predicted - predicted.mean())
 
                 yield self._channel(number, triad, axis, column, rows, values - values.mean()), predict
@@ -147,12 +153,19 @@ class HandObservations(Observations):
         rows = samples.rows[there]
         if len(rows) < 64:
             return
+        kept: dict[str, tuple[_State, Array]] = {}
+
+        def still(state: _State) -> Array:
+            if "last" not in kept or kept["last"][0] is not state:  # three channels ask for the same readings
+                force = dwell_means(state.force, stop)
+                sense = sense_of(gyro, self.scenario, recording, force[rows], np.zeros((len(rows), 3)), rows=rows)
+                kept["last"] = (state, forward(gyro, state.effects, sense))
+            return kept["last"][1]
+
         for column, axis in enumerate(gyro.axes):
 
             def predict(state: _State, column: int = column) -> Array:
-                force = _dwell_means(state.force, stop)
-                sense = sense_of(gyro, self.scenario, recording, force, np.zeros_like(force))
-                return forward(gyro, state.effects, sense)[rows, column]
+                return still(state)[:, column]
 
             yield self._channel(number, gyro, axis, column, rows, samples.values[there, column]), predict
 
@@ -160,15 +173,15 @@ class HandObservations(Observations):
         """Gravity's direction after each turn minus the one carried there by the gyro, across it, rad."""
         recording, stop = self.recordings[number], self.stops[number]
         spans = _turns_between(recording.time, stop)
-        if len(spans) < 12 or not rate_known(recording, gyro).all():
+        if len(spans) < 12 or np.isnan(self._quiet[number][gyro.name]).any():
             return
         rows = np.array([(a + b) // 2 for a, b in spans])
-        kept: dict[int, Array] = {}
+        kept: dict[str, tuple[_State, Array]] = {}
 
         def errors(state: _State) -> Array:
-            if kept.get(-1) is not state.rate:  # three channels ask for the same turns
-                kept[-1], kept[0] = state.rate, closures(recording.time, stop, spans, state)
-            return kept[0]
+            if "last" not in kept or kept["last"][0] is not state:
+                kept["last"] = (state, closures(recording.time, spans, state))
+            return kept["last"][1]
 
         for column, axis in enumerate("xyz"):
 
@@ -178,19 +191,33 @@ class HandObservations(Observations):
             yield self._channel(number, gyro, axis, column, rows, np.zeros(len(rows))), predict
 
 
-def read_values(recording: Recording, sensor: Sensor) -> Array:
-    """A sensor's readings at full length, SI, (n, k)."""
-    return motion_values(recording, sensor)
+KEPT_AT_REST = 6000  # rows: a longer log is averaged in its rests
 
 
-def _dwell_means(force: Array, stop: Index) -> Array:
-    """The mean force of the dwell of each row, (n, 3); 0 while moving."""
-    found = np.zeros_like(force)
-    for k in range(int(stop.max(initial=-1)) + 1):
-        there = stop == k
-        if there.any():
-            found[there] = np.nanmean(force[there], axis=0)
-    return found
+def condensed(recording: Recording, stop: Index) -> Recording:
+    """A long log with its rests averaged over short blocks; what happens between them is left alone."""
+    resting = int((stop >= 0).sum())
+    block = -(-resting // KEPT_AT_REST)
+    if block < 2:
+        return recording
+    group = np.arange(len(recording))
+    for k in range(int(stop.max()) + 1):
+        rows = np.flatnonzero(stop == k)
+        edge = int(EDGE / np.median(np.diff(recording.time)))
+        inner = rows[edge : len(rows) - edge]  # the edges are needed sample by sample
+        group[inner] = inner[0] + (np.arange(len(inner)) // block) * block if len(inner) else inner
+    _, which, count = np.unique(group, return_inverse=True, return_counts=True)
+    columns = {n: _averaged(recording.column(n), which, len(count)) for n in recording.column_names}
+    time = np.bincount(which, recording.time) / count
+    return Recording.from_columns(time, columns, metadata=recording.metadata, source=recording.source)
+
+
+def _averaged(values: Array, which: Index, n: int) -> Array:
+    """Mean of what was sampled in each group, (n,); NaN where nothing was."""
+    there = ~np.isnan(values)
+    count = np.bincount(which[there], minlength=n)
+    total = np.bincount(which[there], values[there], n)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
@@ -203,7 +230,7 @@ def _turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
     return edges
 
 
-def closures(time: Array, stop: Index, spans: Sequence[tuple[int, int]], state: _State) -> Array:
+def closures(time: Array, spans: Sequence[tuple[int, int]], state: _State) -> Array:
     """Direction of the force after each turn minus that before, both in the frame before it, (m, 3).
 
     Every sample at the edges of the rests is carried by the gyro: a hand never holds quite still there.

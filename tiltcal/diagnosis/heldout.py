@@ -7,6 +7,7 @@ import numpy as np
 from tiltcal.diagnosis.account import Account, Term, columns_of
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 
 FOLDS = 6
 
@@ -68,7 +69,7 @@ def _solve(G: Array) -> Array:
     return np.asarray((vectors[:, keep] / values[keep]) @ (vectors[:, keep].T @ (y / size)) / size)
 
 
-def _folds(stop: Array) -> Array:
+def _folds(stop: Index) -> Array:
     """A fold for each row: a stop and the move before it, dealt out in turn; blocks of equal length without stops, (n,)."""
     starts = np.concatenate([[True], (stop[1:] >= 0) & (stop[:-1] < 0)])
     number = np.cumsum(starts) - 1

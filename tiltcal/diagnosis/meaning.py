@@ -25,7 +25,8 @@ from tiltcal.setup import Sensor
 FACTORS = (9.80665, 57.29577951308232, 1000.0, 1e6, 3600.0, 206264.806, 60.0)  # between the units that people mix up
 LIKELY = 0.1  # relative: how near to such a factor
 FAR = 9.0  # times the misfit, at least, that the words have to be worse by
-ROWS = 4000
+LEAST = 1e-3  # of the square of the largest reading: below it the columns mean what they say
+ROWS = 4000  # compared
 
 
 def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
@@ -43,7 +44,7 @@ def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
         effect = CATALOGUE["data_rotation_sense"]({"reversed": 1.0}, None, axis, "found")
         names = tuple(s.name for s in scenario.sensor)
         words = f"The {axis} axis of the table is counted the other way."
-        faults.append(Fault(effect, names[:1], tuple(scenario.sensor[0].axes), words, names=_sense_names(scenario, axis)))
+        faults.append(Fault(effect, names[:1], tuple(scenario.sensor[0].axes), words, names=_sense_names(scenario)))
     known_effects = [*scenario.effects, *(f.effect for f in faults)]
     for sensor in scenario.sensor:
         if recording.has(sensor):
@@ -51,7 +52,7 @@ def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
     return faults
 
 
-def _sense_names(scenario: Scenario, axis: str) -> tuple[str, ...]:
+def _sense_names(scenario: Scenario) -> tuple[str, ...]:
     if scenario.rig.table == "placing":
         return ("data_rotation_sense", "data_sign")  # turning back and x upside down are the same on one axis
     return ("data_rotation_sense",)
@@ -65,11 +66,7 @@ def _best_sense(scenario: Scenario, recording: Recording, course: "object") -> t
         effects = [*scenario.effects, *(CATALOGUE["data_rotation_sense"]({"reversed": 1.0}, None, a, "found") for a in axes)]
         misfit[axes] = sum(_misfit(y, f, np.eye(f.shape[1])) for y, f in _pairs(scenario, recording, course, effects))
     best = min(misfit, key=lambda a: (misfit[a], len(a)))
-    return best if best and misfit[()] > FAR * misfit[best] and _worth(misfit[()], scenario) else ()
-
-
-def _worth(misfit: float, scenario: Scenario) -> bool:
-    return misfit > 1e-3
+    return best if best and misfit[()] > FAR * misfit[best] and misfit[()] > LEAST else ()
 
 
 def _pairs(scenario: Scenario, recording: Recording, course: "object", effects: Sequence[Effect]) -> Iterator[tuple[Array, Array]]:
@@ -128,7 +125,7 @@ def _permuted(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
         P[range(n), order] = signs
         trials.append((_misfit(y, f, P), -np.trace(P), P))
     best, _, P = min(trials, key=lambda t: (t[0] * (1 + 1e-6), t[1]))
-    if np.array_equal(P, np.eye(n)) or level < FAR * best or level < 1e-3:
+    if np.array_equal(P, np.eye(n)) or level < FAR * best or level < LEAST:
         return []
     moved = [i for i in range(n) if P[i, i] == 0]
     flipped = [i for i in range(n) if P[i].sum() < 0]
@@ -137,7 +134,9 @@ def _permuted(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
         pair = "".join(sensor.axes[i] for i in moved)
         name = f"swap_{'zx' if pair == 'xz' else pair}"
         effect = CATALOGUE["data_axis_swap"]({name: 1.0}, sensor.name, None, "found")
-        faults.append(Fault(effect, (sensor.name,), tuple(pair), f"The columns {' and '.join(pair)} of {sensor.name} are exchanged."))
+        faults.append(
+            Fault(effect, (sensor.name,), tuple(pair), f"The columns {' and '.join(pair)} of {sensor.name} are exchanged.")
+        )
     if len(moved) == 3:
         first, second = ("swap_xy", "swap_yz") if P[0, 1] or P[0].argmax() == 1 else ("swap_xy", "swap_zx")
         effect = CATALOGUE["data_axis_swap"]({first: 1.0, second: 1.0}, sensor.name, None, "found")

@@ -57,6 +57,7 @@ class Observations(ABC):
     recordings: tuple[Recording, ...]
     known: tuple[Effect, ...]
     channels: tuple[Channel, ...]
+    stops: list[Index]
 
     @abstractmethod
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
@@ -65,6 +66,10 @@ class Observations(ABC):
     @abstractmethod
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect, the others being there, SI."""
+
+    def stops_at(self, number: int) -> Index:
+        """Number of the stop of each row of a recording, -1 while moving, (n,)."""
+        return self.stops[number]
 
     def residuals(self, effects: Sequence[Effect]) -> list[Array]:
         """Measured minus predicted, (n,) each; 0 where a loss of samples leaves nothing to predict."""
@@ -87,6 +92,7 @@ class TableObservations(Observations):
             course = restored(replay(recording, scenario, reference), as_met(known, recording.fingerprint))
             self.courses.append(course)
             reference = course.reference if reference is None else reference  # T0 stays that of the first recording
+        self.stops = [course.stop for course in self.courses]
         self.channels = tuple(self._channels())
         self._watches: dict[bytes, list[Watch]] = {}
 
@@ -101,7 +107,9 @@ class TableObservations(Observations):
                     there = ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
                     rows = samples.rows[there]
                     found.append(
-                        Channel(number, sensor.name, axis, k, rows, recording.time[rows], samples.values[there, k], course.stop[rows])
+                        Channel(
+                            number, sensor.name, axis, k, rows, recording.time[rows], samples.values[there, k], course.stop[rows]
+                        )
                     )
         return [c for c in found if len(c.rows) > 8]
 

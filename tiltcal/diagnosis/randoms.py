@@ -38,7 +38,7 @@ def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tup
         return None
     (number, stop), largest = max(worst.items(), key=lambda item: item[1])
     others = sorted(v for k, v in worst.items() if k != (number, stop))
-    if largest < 400 or not others or largest < 25 * max(np.median(others), 1.0):
+    if largest < 400 or not others or largest < 25 * max(float(np.median(others)), 1.0):
         return None
     return _rewritten(observations, account, number, stop)
 
@@ -126,11 +126,13 @@ def setting_error(account: Account, start: Account, ledger: Ledger, total: int) 
     first = _stops(columns, start, ledger)[0]
     if gain < 0.5 * first:
         return None
-    sigma = float(np.sqrt(max(np.mean(values**2 - variances), 0.0)))
+    sigma = float(np.sqrt(max(float(np.mean(values**2 - variances)), 0.0)))
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
     effect = CATALOGUE["table_index_error"]({"sigma": sigma}, None, axis, "found")
-    words = f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms: each stop is a rotation of its own."
+    words = (
+        f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms: each stop is a rotation of its own."
+    )
     error = sigma / np.sqrt(2 * len(values))
     return Fault(effect, names, axes, words, sigma={"sigma": error}), log_p
 
@@ -159,7 +161,7 @@ def _stops(columns: Sequence[Columns], account: Account, ledger: Ledger) -> tupl
     left = project(account.basis, residual)
     parts = [dict(enumerate(project(account.basis, [w.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))) for w in whitened]
     Q = basis_of(parts, lengths)
-    along = sum(q.T @ r for q, r in zip(Q, left, strict=True))
+    along = np.sum([q.T @ r for q, r in zip(Q, left, strict=True)], axis=0)
     energy = np.array([sum(float(c @ c) for c in w.values()) for w in whitened])
     values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in whitened]) / np.maximum(energy, 1e-300)
     return float(along @ along), values, 1 / np.maximum(energy, 1e-300)

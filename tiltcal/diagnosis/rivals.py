@@ -8,7 +8,7 @@ import numpy as np
 
 from tiltcal.confusion import SEPARABLE
 from tiltcal.diagnosis.account import Account, Term, columns_of
-from tiltcal.diagnosis.evidence import Ledger, basis_of, project
+from tiltcal.diagnosis.evidence import SURVIVES, Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, completes
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects import CATALOGUE
@@ -37,6 +37,7 @@ class Rival:
         gain: fall of the deviance; worth: less the price of its sizes; own: share of its own form in the gain.
         cosine: with the finding's signal; separation: energy of that signal which it leaves.
         fair: whether its sizes are plausible.
+        form: share of its own form, of a free one too.
     """
 
     terms: tuple[Term, ...]
@@ -46,6 +47,7 @@ class Rival:
     cosine: float
     separation: float
     fair: bool
+    form: float = 1.0
 
     @property
     def suspect(self) -> Suspect:
@@ -127,10 +129,11 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger) -> Rival | None:
     energy = float(signal @ signal)
     explained = _gain(columns, signal, own)
     terms = _terms(columns, target, whole, owner, names, ledger, suspect)
-    share = alone / gain if suspect.id not in FREE_FORM else 1.0
+    form = alone / gain
+    share = form if suspect.id not in FREE_FORM else 1.0
     return Rival(
         terms, gain, gain - price * len(whole) - 2 * np.log(suspect.variants), share,
-        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained, _fair(terms[0]),
+        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained, _fair(terms[0]), form,
     )  # fmt: skip
 
 
@@ -140,7 +143,9 @@ def _dense(members: Sequence[int], case: Case, ledger: Ledger) -> tuple[Array, l
     owner = [m for m in members for _ in ledger.suspects[m].names]
     names = [n for m in members for n in ledger.suspects[m].names]
     columns = np.zeros((sum(lengths), len(owner)))
-    where = {ledger.starts[m] + j: k for k, (m, j) in enumerate((m, j) for m in members for j in range(len(ledger.suspects[m].names)))}
+    where = {
+        ledger.starts[m] + j: k for k, (m, j) in enumerate((m, j) for m in members for j in range(len(ledger.suspects[m].names)))
+    }
     starts = np.concatenate([[0], np.cumsum(lengths)])
     for i, ((index, block), root) in enumerate(zip(ledger.packed, ledger.roots, strict=True)):
         for row in np.flatnonzero(np.isin(index, list(where))):
@@ -149,7 +154,7 @@ def _dense(members: Sequence[int], case: Case, ledger: Ledger) -> tuple[Array, l
     raw = np.linalg.norm(columns, axis=0)
     columns -= Q @ (Q.T @ columns)
     left = np.linalg.norm(columns, axis=0)
-    columns[:, left**2 < 1e-3 * raw**2] = 0.0
+    columns[:, left**2 < SURVIVES * raw**2] = 0.0
     return columns, owner, names
 
 
@@ -236,5 +241,5 @@ def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:
     limit = SEPARABLE + LOOSE * best.gain
     return [
         r for r in rivals
-        if r.suspect is best.suspect or (r.fair and r.own >= OWN and min(r.separation, level - (r.gain - 2 * r.sizes)) < limit)
+        if r.suspect is best.suspect or (r.fair and r.form >= OWN and min(r.separation, level - (r.gain - 2 * r.sizes)) < limit)
     ]  # fmt: skip

@@ -46,7 +46,7 @@ def best_explanation(account: Account, ledger: Ledger, wanted: Callable[[Suspect
     found = explanations(case, ledger, wanted)
     return [
         r for r in found
-        if r.fair and log_tail(r.gain, r.sizes) + sum(log_tries(t.suspect, len(t.names), total) for t in r.terms[:1]) < np.log(ALPHA)
+        if r.fair and log_tail(r.gain, r.sizes) + log_tries(r.suspect, len(r.terms[0].names), total) < np.log(ALPHA)
     ]  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def standing(account: Account, ledger: Ledger, total: int) -> list[float]:
         inside = [account.terms[k] for k in places]
         columns = [ledger.whitened(c) for c in columns_of(ledger.observations, inside, account.effects)]
         mine = basis_of([_projected(case.basis, c, lengths) for c in columns], lengths)
-        along = sum(U.T @ r for U, r in zip(mine, case.target, strict=True))
+        along = np.sum([U.T @ r for U, r in zip(mine, case.target, strict=True)], axis=0)
         tries = sum(log_tries(t.suspect, len(t.names), total) for t in inside[:1])
         found.append(log_tail(float(along @ along), mine[0].shape[1]) + tries)
     return found
@@ -110,7 +110,7 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
     patience = 6
     while len(findings(account)) < MOST and patience:
         trial = settle(replace(account, terms=account.terms + waiting), ledger)
-        rivals = best_explanation(trial, ledger, lambda s: wanted(s) and id(s) not in banned)
+        rivals = best_explanation(trial, ledger, _outside(wanted, frozenset(banned)))
         if not rivals:
             if not waiting:
                 break
@@ -130,6 +130,11 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
         waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 else ()
         ledger.under(models(gate.noise(trial if waiting else account, ledger)))
     return backward(account, ledger, gate)
+
+
+def _outside(wanted: Callable[[Suspect], bool], banned: frozenset[int]) -> Callable[[Suspect], bool]:
+    """Wanted, and not sent away already."""
+    return lambda suspect: wanted(suspect) and id(suspect) not in banned
 
 
 def _hosted(terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledger) -> tuple[Term, ...]:

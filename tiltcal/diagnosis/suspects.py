@@ -56,6 +56,11 @@ class Suspect:
         return self.alias is not None or not isinstance(self.effect, Learned)
 
     @property
+    def textbook(self) -> bool:
+        """Whether its name comes with a form: a name without one is given last, and only where no form fits."""
+        return self.listed and self.alias not in FORMLESS
+
+    @property
     def place(self) -> tuple[str, str | None, str | None]:
         """Id, sensor, axis: the same for all shapes of one explanation."""
         return self.id, self.effect.sensor, self.effect.axis
@@ -150,6 +155,7 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
     return [{key[id]: value} for value in grids[id]] if id in grids else [{}]
 
 
+FORMLESS = ("acc_angle_bias", "adc_inl")  # laws of nobody's form
 LAGS = (8.0, 16.0, 30.0, 60.0)  # s
 STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step", "data_drop")
 
@@ -236,7 +242,15 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
         if knots := _knots(f"{sensor.name}_input", span, count):
             yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
     others = [f"{q}_{a}" for q in (("force",) if sensor.is_accelerometer else ("force", "rate")) for a in "xyz"]
-    for coordinate in ("input", "time", "temperature", "warming", "since_move", *others, *(["transverse"] if sensor.kind == "fog" else [])):
+    for coordinate in (
+        "input",
+        "time",
+        "temperature",
+        "warming",
+        "since_move",
+        *others,
+        *(["transverse"] if sensor.kind == "fog" else []),
+    ):
         if coordinate == f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}":
             continue
         if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):

@@ -17,8 +17,8 @@ SHARE = 0.03  # and this share of the gain: a law that is a few per cent off its
 
 
 def is_curve(suspect: Suspect) -> bool:
-    """Whether it has no name."""
-    return not suspect.listed
+    """Whether it has no form of its own: no name, or a name that says only where it acts."""
+    return not suspect.textbook
 
 
 def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
@@ -27,7 +27,7 @@ def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
     together = [[k for places in groups for k in places]] if len(groups) > 1 else []
     for places in together + groups:
         inside = [account.terms[k] for k in places]
-        if not all(t.suspect.listed for t in inside if t.host is None):
+        if not all(t.suspect.textbook for t in inside if t.host is None):
             continue
         case = case_of(account, ledger, places)
         curve = best_curve(case, ledger)
@@ -50,7 +50,7 @@ def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:
     )
     worth -= price_of(ledger) * sizes
     if sum(t.host is None for t in inside) == 1:
-        named = [r.worth for r in explanations(case, ledger, lambda s: s.listed) if r.fair and r.own >= OWN]
+        named = [r.worth for r in explanations(case, ledger, lambda s: s.textbook) if r.fair and r.own >= OWN]
         worth = max([worth, *named]) if named else 0.0
     return worth
 
@@ -59,7 +59,9 @@ def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
     """What is left over and significant: the rest of a finding's own form when it is small beside it, else a finding."""
     case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
     curve = best_curve(case, ledger)
-    if curve is None or log_tail(curve.gain, curve.sizes) + log_tries(curve.suspect, curve.sizes, len(ledger.suspects)) > np.log(ALPHA):
+    if curve is None or log_tail(curve.gain, curve.sizes) + log_tries(curve.suspect, curve.sizes, len(ledger.suspects)) > np.log(
+        ALPHA
+    ):
         return account
     trial = settle(replace(account, terms=account.terms + curve.terms), ledger)
     if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA):
@@ -116,7 +118,9 @@ def local_curves(rival: Rival, low: float, high: float) -> Iterator[Suspect]:
     effects = [t.suspect.effect for t in rival.terms if isinstance(t.suspect.effect, Learned)]
     for width in (0.15, 0.3, 0.6):
         for middle in np.arange(low, high, width):
-            shapes = [(tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3)), (2, 3, 4))]
+            shapes: list[tuple[tuple[float, ...], tuple[int, ...]]] = [
+                (tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3)), (2, 3, 4))
+            ]
             shapes.append((tuple(float(middle + 1.5 * width * k) for k in (-1, 0, 1)), (0, 2)))
             for knots, free in shapes:
                 values = {f"c{k}": 1e-6 for k in free}

@@ -39,9 +39,7 @@ UNITS = {"accelerometer": "m_s2", "inclinometer": "rad", "gyro": "rad_s", "fog":
 
 def views_of(observations: Observations, before: list[Array], after: list[Array]) -> tuple[View, ...]:
     """A view of each channel. before, after: residuals by channel, SI, (n,)."""
-    return tuple(
-        _view(observations, channel, b, a) for channel, b, a in zip(observations.channels, before, after, strict=True)
-    )
+    return tuple(_view(observations, channel, b, a) for channel, b, a in zip(observations.channels, before, after, strict=True))
 
 
 def _view(observations: Observations, channel: Channel, before: Array, after: Array) -> View:

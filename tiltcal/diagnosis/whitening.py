@@ -120,7 +120,8 @@ class NoiseFit:
         n = len(e)
         edges = np.unique(np.concatenate([np.arange(1, 24), np.geomspace(24, n, BINS).astype(int)]))
         which = np.searchsorted(edges, np.arange(1, n), side="right") - 1
-        weight, power = np.bincount(which, dof[1:]), np.bincount(which, e[1:] ** 2)
+        weight = np.asarray(np.bincount(which, dof[1:]), dtype=float)
+        power = np.asarray(np.bincount(which, e[1:] ** 2), dtype=float)
         inverse = np.exp(-np.bincount(which, np.log(_sines(n)[1:])) / np.bincount(which))
         keep = weight > 1e-6
         scale = max(float(power[keep].sum() / weight[keep].sum()), ARITHMETIC**2)
@@ -136,7 +137,7 @@ class NoiseFit:
         ratio = self.power / S
         return float(self.weight @ np.log(S) + ratio.sum()), np.asarray(((self.weight - ratio) / S) @ parts)
 
-    def search(self, start: Sequence[float], fixed: int | None = None) -> tuple[float, Array]:
+    def search(self, start: Sequence[float] | Array, fixed: int | None = None) -> tuple[float, Array]:
         """Smallest cost from a start, one logarithm held, and where."""
         from scipy.optimize import minimize
 

@@ -12,7 +12,8 @@ from tiltcal.setup import Setup
 FOLLOWS = {"temperature": "temperature", "time": "time", "direction": "move", "motion": "rate", "vibration": "frequency"}
 OWN_WORD = {
     "mains_pickup": "frequency", "base_vibration": "frequency", "fog_deadband": "rate", "fog_axis_error": "rate",
-    "gyr_scale_asym": "rate", "fog_shupe": "temperature", "settling_transient": "move", "lever_arm": "rate", "magnetic_field": "tilt",
+    "gyr_scale_asym": "rate", "fog_shupe": "temperature", "settling_transient": "move", "lever_arm": "rate",
+    "magnetic_field": "tilt",
     "gyr_gsens": "tilt", "gyr_g2sens": "tilt", "table_levelling": "table_outer", "axis_nonorthogonality": "table_inner",
     "mount_compliance": "tilt", "servo_lag": "rate", "acc_hysteresis": "tilt", "earth_rate": "rate",
 }  # fmt: skip
@@ -58,9 +59,10 @@ def harmonic_of(effect: Effect) -> tuple[int, int] | None:
 
 def learned_name(effect: Learned) -> str:
     """A curve in words."""
-    what = {"table_outer": "the outer angle", "table_inner": "the inner angle", "table_middle": "the middle angle",
+    words = {"table_outer": "the outer angle", "table_inner": "the inner angle", "table_middle": "the middle angle",
             "input": "its own input", "transverse": "the rate across its axis", "warming": "the rate of warming",
-            "since_move": "the time since the last move"}.get(effect.coordinate, effect.coordinate.replace("_", " along body "))  # fmt: skip
+            "since_move": "the time since the last move"}  # fmt: skip
+    what = words.get(effect.coordinate, effect.coordinate.replace("_", " along body "))
     if isinstance(effect, LearnedReadout):
         return f"an error of the {effect.axis} axis' readout that follows {what}"
     if isinstance(effect, LearnedTilt):
@@ -93,7 +95,8 @@ def summary(findings: tuple[Finding, ...], verdict: str, before: float, after: f
     if verdict == "cannot_tell":
         return "This recording leaves no degrees of freedom to test the model by; whatever is wrong with it fits as well."
     if verdict == "match":
-        return f"The recording agrees with the scenario: nothing stands out of its noise ({kind}), chi-square per degree of freedom {after:.3f}."
+        agrees = f"The recording agrees with the scenario: nothing stands out of its noise ({kind})"
+        return f"{agrees}, chi-square per degree of freedom {after:.3f}."
     told = " ".join(f.statement for f in findings)
     fall = f"Chi-square per degree of freedom falls from {before:.3f} to {after:.3f}."
     return f"{told} {fall}"

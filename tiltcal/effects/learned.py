@@ -157,28 +157,38 @@ def make_learned(
     """
     for key in table:
         if key not in _KEYS:
-            raise TiltcalError(f"{subject} learned", found=f"unknown key '{key}'", need="a key of it", do=nearest(key, sorted(_KEYS)))
+            raise TiltcalError(
+                f"{subject} learned", found=f"unknown key '{key}'", need="a key of it", do=nearest(key, sorted(_KEYS))
+            )
     on, coordinate = str(table.get("on", "reading")), str(table.get("coordinate", ""))
     for key, word, valid in (("on", on, list(KINDS)), ("coordinate", coordinate, list(COORDINATES))):
         if word not in valid:
-            raise TiltcalError(f"{subject} learned, key {key}", found=f"'{word}'", need="one of " + ", ".join(valid), do="correct it")
+            raise TiltcalError(
+                f"{subject} learned, key {key}", found=f"'{word}'", need="one of " + ", ".join(valid), do="correct it"
+            )
     knots, numbers = (_numbers(table.get(key, ()), f"{subject} learned, key {key}") for key in ("knots", "coefficients"))
     if knots and (len(knots) != len(numbers) or len(knots) < 2 or np.any(np.diff(knots) <= 0)):
         raise TiltcalError(
-            f"{subject} learned", found=f"{len(knots)} knots, {len(numbers)} coefficients", need="two or more increasing knots, one coefficient each",
+            f"{subject} learned", found=f"{len(knots)} knots, {len(numbers)} coefficients",
+            need="two or more increasing knots, a coefficient each",
             do="correct the lists",
         )  # fmt: skip
     if on == "reading":
         bound = setup.named(str(sensor))
         if axis not in bound.axes:
-            raise TiltcalError(f"{subject} learned", found=f"axis '{axis}'", need="one of " + ", ".join(bound.axes), do="correct it")
+            raise TiltcalError(
+                f"{subject} learned", found=f"axis '{axis}'", need="one of " + ", ".join(bound.axes), do="correct it"
+            )
     elif coordinate not in (*ANGLES, "time", "temperature"):
-        raise TiltcalError(f"{subject} learned", found=f"coordinate '{coordinate}'", need="a table angle, time or temperature", do="correct it")
+        raise TiltcalError(
+            f"{subject} learned", found=f"coordinate '{coordinate}'", need="a table angle, time or temperature", do="correct it"
+        )
     if coordinate in ANGLES and ANGLES[coordinate] not in setup.rig.axis_names:
         raise TiltcalError(f"{subject} learned", found=f"coordinate '{coordinate}'", need="an axis of this table", do="correct it")
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
-        values, sensor, axis, role, coordinate=coordinate, knots=tuple(knots), per_input=bool(table.get("per_input", False)), lag=float(table.get("lag_s", 0.0)),
+        values, sensor, axis, role, coordinate=coordinate, knots=tuple(knots), per_input=bool(table.get("per_input", False)),
+        lag=float(table.get("lag_s", 0.0)),
         slot=str(table.get("slot", "")), turn=str(table.get("turn", "")), place=str(table.get("place", "sensor")),
     )  # fmt: skip
 

@@ -12,7 +12,14 @@ from tiltcal.files import write_text
 from tiltcal.report.figures import COLOURS, LAYOUT
 
 TEMPLATE = Path(__file__).parent / "diagnosis.html.jinja"
-COORDINATE = {"time": "time_s", "temperature": "temperature_degC", "tilt": "input", "rate": "input", "move": "time_s", "sample": "time_s"}
+COORDINATE = {
+    "time": "time_s",
+    "temperature": "temperature_degC",
+    "tilt": "input",
+    "rate": "input",
+    "move": "time_s",
+    "sample": "time_s",
+}
 MEANING = {
     "match": "The recording agrees with the scenario.", "explained": "Physics that the scenario leaves out, named.",
     "ambiguous": "Physics that the scenario leaves out; more than one name fits.",
@@ -74,7 +81,9 @@ def _spectra(diagnosis: Diagnosis) -> Any:
     for i, view in enumerate(diagnosis.views[:8]):
         scale = max(float(np.median(view.spectrum_after[len(view.spectrum_after) // 2 :])), 1e-300)
         colour = COLOURS[i % len(COLOURS)]
-        figure.add_scatter(x=view.frequency, y=view.spectrum_before / scale, line={"dash": "dot", "color": colour}, showlegend=False)
+        figure.add_scatter(
+            x=view.frequency, y=view.spectrum_before / scale, line={"dash": "dot", "color": colour}, showlegend=False
+        )
         figure.add_scatter(x=view.frequency, y=view.spectrum_after / scale, line={"color": colour}, name=view.channel)
     figure.update_xaxes(title="Hz", type="log")
     figure.update_yaxes(title="rms in the band / its noise", type="log")

@@ -14,7 +14,7 @@ from tiltcal.errors import TiltcalError
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.methods.registry import METHODS, calibrate
 from tiltcal.scenario import Scenario, SourceTable, load_scenario
-from tiltcal.units import ARCSEC
+from tiltcal.units import ARCSEC, G0
 
 LAB = SimulatedLaboratory()
 
@@ -56,6 +56,16 @@ def test_distributions_have_their_divisors():
         assert line(budget, "gravity").standard == pytest.approx(12 / divisor)
 
 
+def test_by_hand_a_sensor_s_own_readings_stand_for_what_it_senses():
+    hand = claim("norm_by_hand")
+    stated = tables({"id": "acc_bias", "bias_x_ug": 10}, {"id": "acc_scale", "scale_y_ppm": 7})
+    _, budget = make_budget("norm", LAB.record(hand, 5), hand, stated)
+    assert line(budget, "bias_x").contributions["accel.bias_x"] == pytest.approx(10e-6 * G0, rel=1e-3)
+    assert line(budget, "scale_y").contributions["accel.scale_y"] == pytest.approx(7e-6, rel=0.01)
+    with pytest.raises(TiltcalError, match="gravity_magnitude: found a hand-held instrument, need an effect of a sensor"):
+        make_budget("norm", LAB.record(hand, 5), hand, tables({"id": "gravity_magnitude", "gravity_error_ppm": 10}))
+
+
 def test_an_axis_error_of_the_fog_is_minus_du_over_u_in_the_scale():
     stated = tables({"id": "fog_axis", "axis_u_arcsec": 60, "axis_v_arcsec": 60})
     _, budget = make_budget("fog_scale", LAB.record(FIELD, 3), FIELD, stated)
@@ -92,7 +102,43 @@ def drawn(scenario, table, rng):
     return effects
 
 
+def slower(scenario, rate_hz, without=()):
+    """The claim at a lower sample rate, some effects left out: the budget's law is the same, its draws are cheaper."""
+    sensors = [s.model_dump() | {"rate_hz": rate_hz} for s in scenario.sensor]
+    effects = [e.model_dump() for e in scenario.effect if e.id not in without]
+    return Scenario.model_validate(scenario.model_dump(by_alias=True) | {"sensor": sensors, "effect": effects})
+
+
+COARSE = [{"action": "rest", "dwell_s": 2}] + [
+    {"action": "sweep", "outer_deg": end, "step_deg": 6, "dwell_s": 2, "rate_deg_s": 10} for end in (90, 0)
+]
+PLACING = Scenario.model_validate(claim("placing_table_one_axis").model_dump(by_alias=True) | {"sequence": COARSE})
 SOURCES = {
+    "placing_table": (
+        slower(PLACING, 10),
+        tables(
+            {"id": "table_levelling", "tilt_east_arcsec": 2},
+            {"id": "table_axis_wobble", "axis": "outer", "p2c_arcsec": 1.5, "m1s_arcsec": 1.5, "distribution": "rectangular"},
+            {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 300},
+        ),
+        {"harmonics": 2}, 250,
+    ),
+    "norm": (
+        slower(claim("norm_by_hand"), 25),
+        tables({"id": "gravity", "gravity_ppm": 10}, {"id": "acc_K3", "k3_x_ug_g3": 20, "k3_z_ug_g3": 10}),
+        {"terms": 9}, 250,
+    ),
+    "gyro_turns": (
+        slower(claim("gyro_turns_by_hand"), 25), tables({"id": "acc_cross_axis", "cross_xy_ppm": 400, "cross_zx_ppm": 400}), {}, 100
+    ),
+    "gyro_rates": (
+        slower(claim("gyro_rates_three"), 25, ["gyr_gsens"]),
+        tables(
+            {"id": "axis_nonorthogonality", "outer_middle_arcsec": 60, "middle_inner_arcsec": 60},
+            {"id": "gyr_gsens", "gsens_xz_deg_h_g": 20, "gsens_zz_deg_h_g": 20, "distribution": "rectangular"},
+        ),
+        {}, 150,
+    ),
     "six_position": (SIX, list(SIX.budget), {}, 250),
     "two_position": (
         LEVEL,

@@ -99,5 +99,7 @@ def test_a_fog_turned_by_hand_is_predicted_from_the_gyro(here):
     write_recording(Recording.from_columns(time, columns), here / "hand.csv")
     model = predicted("hand.toml", "hand.csv")
     expected = 1.001 * rate @ [1 / 3, 2 / 3, 2 / 3] * 3600
-    np.testing.assert_allclose(model.column("fog_a_deg_h"), expected, rtol=1e-9, atol=1e-9)
+    found = model.column("fog_a_deg_h")  # from local quartics through the rates, no longer exact
+    np.testing.assert_allclose(found[3:-3], expected[3:-3], rtol=0, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * np.abs(expected).max())  # at the ends there is one side only
     np.testing.assert_allclose(model.column("gyro_x_deg_s"), rate[:, 0], rtol=1e-14)

@@ -38,6 +38,13 @@ def change(id, sensor, words, beside=()):
 
 
 DT = WARM - WARM.mean()
+
+
+def odd(v):
+    """v - v^3: +0.385 at 1/sqrt 3 of full scale, so that 2.6 of it is one."""
+    return v - v**3
+
+
 ORACLES = [
     ("acc_bias", ACCEL, {"bias_y_ug": 100}, Y, lambda _: 1e-4 * G),
     ("acc_scale", ACCEL, {"scale_z_ppm": 100}, Z, lambda f: 1e-4 * f[:, Z]),
@@ -60,6 +67,7 @@ ORACLES = [
     ("acc_angle_bias", ACCEL, {"sin2_y_ug": 100}, Y, lambda f: 1e-4 * G * np.sin(2 * np.arctan2(-f[:, X], f[:, Z]))),
     ("adc_gain_error", ACCEL, {"gain_x_ppm": 100}, X, lambda f: 1e-4 * f[:, X]),
     ("adc_inl", ACCEL, {"inl_x_ug": 100}, X, lambda f: 1e-4 * G * (1 - (f[:, X] / (1.2 * G)) ** 2)),
+    ("adc_inl_odd", ACCEL, {"inl_x_ug": 100, "odd_unitless": 1}, X, lambda f: 2.6e-4 * G * odd(f[:, X] / (1.2 * G))),
     ("mains_pickup", ACCEL, {"pickup_x_ug": 100, "frequency_hz": 0.7}, X, lambda _: 1e-4 * G * np.sin(1.4 * np.pi * T)),
     ("tilt_conversion", INCL, {"mix_unitless": 0.5}, Y, lambda a: 0.5 * (np.sin(a[:, Y]) - a[:, Y])),
     ("gyr_bias", GYRO, {"bias_y_deg_s": 0.1}, Y, lambda _: 0.1 * DEG),
@@ -79,7 +87,7 @@ ORACLES = [
 
 @pytest.mark.parametrize(("id", "sensor", "words", "channel", "expected"), ORACLES, ids=[case[0] for case in ORACLES])
 def test_an_effect_adds_what_its_equation_says_to_its_channel_alone(id, sensor, words, channel, expected):
-    true, added = change(id, sensor, words)
+    true, added = change(id.removesuffix("_odd"), sensor, words)
     np.testing.assert_allclose(added[:, channel], np.broadcast_to(expected(true), N), rtol=0, atol=1e-13)
     assert np.abs(added[:, channel]).max() > 1e-6
     if "full_scale" not in next(iter(words)) and id != "tilt_conversion":
@@ -144,6 +152,41 @@ def test_lost_and_frozen_samples_stand_where_they_should():
     stuck = read_poses(setup, lively(), effect_of("data_stuck", setup, start_s=T[50], length_s=T[60] - T[50] - 0.01))["accel"]
     np.testing.assert_array_equal(stuck[50:60], np.broadcast_to(plain[50], (10, 3)))
     np.testing.assert_array_equal(np.delete(stuck, slice(50, 60), axis=0), np.delete(plain, slice(50, 60), axis=0))
+
+
+def test_a_frozen_axis_leaves_the_others():
+    setup = setup_of("three", ACCEL)
+    plain = read_poses(setup, lively())["accel"]
+    words = {"start_s": T[50], "length_s": T[60] - T[50] - 0.01}
+    stuck = read_poses(setup, lively(), effect_of("data_stuck", setup, sensor="accel", axis="y", **words))["accel"]
+    np.testing.assert_array_equal(stuck[50:60, Y], plain[50, Y])
+    np.testing.assert_array_equal(stuck[:, [X, Z]], plain[:, [X, Z]])
+    np.testing.assert_array_equal(np.delete(stuck, slice(50, 60), axis=0), np.delete(plain, slice(50, 60), axis=0))
+
+
+def test_hysteresis_is_a_play_of_the_axis_own_force_or_dahl_s_where_it_is_rounded():
+    setup = setup_of("placing", ACCEL)
+    degrees = np.array([0.0, -30.0, -90.0, -30.0])  # f_x = g sin: 0, 1/2, 1, 1/2 g
+    for words, state in (
+        ({}, [0, 1, 1, -1]),  # width 0.2 g: every step is longer than the gap
+        ({"width_unitless": 2.0}, [0, 0.5, 1.0, 0.5]),  # half a width of 1 g: the play is not taken up
+        ({"width_unitless": 0.5, "rounded_unitless": 1}, [0, 1 - np.exp(-1), 1 - np.exp(-2), (2 - np.exp(-2)) * np.exp(-1) - 1]),
+    ):
+        effect = effect_of("acc_hysteresis", setup, sensor="accel", hysteresis_x_ug=100, **words)
+        plain, looped = (read_poses(setup, still(setup, outer=degrees), *e)["accel"] for e in ((), (effect,)))
+        np.testing.assert_allclose((looped - plain)[:, X] / (1e-4 * G), state, atol=2e-3)  # local gravity against the standard one
+        assert not (looped - plain)[:, 1:].any()
+
+
+def test_a_floor_that_tilts_for_a_span_keeps_its_tilt():
+    """100 arcsec about East over 10 s and then no more: level, f_y = g sin(roll) of an untilted body."""
+    setup = setup_of("vertical", ACCEL)
+    drive = still(setup, outer=np.zeros(31))  # a second apart
+    effect = effect_of("floor_tilt_drift", setup, tilt_east_arcsec=100, span_s=10)
+    f = read_poses(setup, drive, effect)["accel"]
+    np.testing.assert_allclose(f[:, Y] / setup.site.gravity, np.sin(100 * ARCSEC * np.minimum(np.arange(31) / 10, 1)), atol=1e-9)
+    whole = read_poses(setup, drive, effect_of("floor_tilt_drift", setup, tilt_east_arcsec=100))["accel"]
+    np.testing.assert_allclose(whole[:, Y] / setup.site.gravity, np.sin(100 * ARCSEC * np.arange(31) / 30), atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "n"), [("m1", -1), ("p2", 2), ("m2", -2)])

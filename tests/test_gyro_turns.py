@@ -4,22 +4,119 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.spatial.transform import Rotation
+from scipy.stats import binom, chi2
+from statistics_helpers import rng_of
 from test_real_recordings import FOLDER
 
 from tiltcal.accuracy import normalised_error, true_parameters
 from tiltcal.assets import folder
-from tiltcal.calibration import Calibration, Estimate
+from tiltcal.calibration import Calibration, Estimate, PoseSpan
 from tiltcal.correcting import corrected_columns
 from tiltcal.errors import TiltcalError
+from tiltcal.frames import AXES
 from tiltcal.importing import import_recording, load_mapping
 from tiltcal.laboratory import SimulatedLaboratory
+from tiltcal.methods.gyro_turns import TERMS, Turns, _Rests, parameter_names, solve
 from tiltcal.methods.registry import calibrate
+from tiltcal.poses import Poses
 from tiltcal.scenario import load_scenario
 from tiltcal.segments import find_segments
 from tiltcal.units import DEG, G0
 
 SCENARIO = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
+
+
+FAMILY = 1e-3
+TURNS, SAMPLES, STEP = 15, 8, 0.1  # 0.8 s each
+DIRECTION, RATE_NOISE, REST_NOISE = 1e-4, 5e-4, 2e-5  # rad a rest's edge, rad/s a sample, rad/s a rest
+NAMES = parameter_names("gyro", TERMS)
+TRUE = np.array([
+    5e-3, -3e-3, 2e-3, 6e-3, -4e-3, 2.5e-3, 3e-3, 1e-3, -2e-3, 0.5e-3, 1.5e-3, -1e-3, 60, 5, -8, 10, 20, -40, 7, 30, -15,
+])  # fmt: skip
+
+
+def by_hand(values):
+    """Bias, sensitivity and g-sensitivity (rad/s per g) of a vector in the order of NAMES, written out here once more."""
+    M, G, off = np.diag(1 + values[3:6]), values[12:].reshape(3, 3) * DEG / 3600, iter(values[6:12])
+    for i in range(3):
+        for j in range(3):
+            M[i, j] += 0.0 if i == j else next(off)
+    return values[:3], M, G
+
+
+def random_turns(rng):
+    """Rate and up direction of each sample of some turns about two axes each, and the up direction at their ends."""
+    axes = rng.normal(size=(TURNS, 2, 3))
+    w = np.repeat(axes / np.linalg.norm(axes, axis=2)[..., None] * 1.7, SAMPLES // 2, axis=1)  # 10 deg a sample
+    up = np.empty((TURNS, SAMPLES + 1, 3))
+    up[:, 0] = np.array([d / np.linalg.norm(d) for d in rng.normal(size=(TURNS, 3))])
+    for k in range(SAMPLES):
+        up[:, k + 1] = Rotation.from_rotvec(-w[:, k] * STEP).apply(up[:, k])
+    return w, up
+
+
+def drawn(rng, w, up):
+    """Turns and rests as the laboratory would hand them to the fit; without rng exact."""
+    noise = (lambda *shape: np.zeros(shape)) if rng is None else (lambda *shape: rng.normal(size=shape))
+    bias, M, G = by_hand(TRUE)
+    rate = w @ M.T + bias + up[:, :-1] @ G.T + RATE_NOISE * noise(TURNS, SAMPLES, 3)
+    before, after = (d + DIRECTION * noise(TURNS, 3) for d in (up[:, 0], up[:, -1]))
+    before, after = (d / np.linalg.norm(d, axis=1)[:, None] for d in (before, after))
+    sigma = np.full(TURNS, np.sqrt(2 * DIRECTION**2 + SAMPLES * (RATE_NOISE * STEP) ** 2))
+    still = up[:, 0] @ G.T + bias + REST_NOISE * noise(TURNS, 3)
+    spans, ones = (PoseSpan(0, 1, ""),) * TURNS, np.ones((TURNS, 3))
+    poses = Poses(SCENARIO.named("gyro"), spans, still, ones[:, 0], np.eye(3) * REST_NOISE**2, 1.0, ones, {}, ones, "")
+    return Turns(rate, up[:, :-1], np.full((TURNS, SAMPLES), STEP), before, after, sigma), _Rests(poses, up[:, 0] * G0)
+
+
+def bound_of(w, up):
+    """Covariance that no unbiased estimate beats, from rotations made one after the other and slopes by differences."""
+
+    def observed(values):
+        bias, M, G = by_hand(values)
+        _, true_M, true_G = by_hand(TRUE)
+        reading = w @ true_M.T + by_hand(TRUE)[0] + up[:, :-1] @ true_G.T
+        true = (reading - bias - up[:, :-1] @ G.T) @ np.linalg.inv(M).T
+        carried = up[:, 0]
+        for k in range(SAMPLES):
+            carried = Rotation.from_rotvec(-true[:, k] * STEP).apply(carried)
+        sigma = np.sqrt(2 * DIRECTION**2 + SAMPLES * (RATE_NOISE * STEP) ** 2)
+        return np.concatenate([carried.ravel() / sigma, (bias + up[:, 0] @ G.T).ravel() / REST_NOISE])
+
+    steps = np.array([1e-6] * 12 + [0.1] * 9)
+    J = np.array([(observed(TRUE + h * e) - observed(TRUE - h * e)) / (2 * h) for h, e in zip(steps, np.eye(21), strict=True)])
+    return np.linalg.inv(J @ J.T)
+
+
+@pytest.mark.slow
+def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
+    """All 21 parameters over 4000 draws of the turns and rests."""
+    rng, draws = rng_of("turn statistics"), 4000
+    w, up = random_turns(rng)
+    bound = np.diag(bound_of(w, up))
+    errors, nees, inside = np.empty((draws, 21)), 0.0, np.zeros(21)
+    for k in range(draws):
+        fit, converged = solve(*drawn(rng, w, up), NAMES, TRUE)
+        assert converged
+        errors[k] = fit.values - TRUE
+        nees += errors[k] @ np.linalg.solve(fit.covariance, errors[k])
+        inside += np.abs(errors[k]) <= 1.96 * fit.sigmas
+    p = FAMILY / 43 / 2  # 21 variances, 21 coverages, NEES
+    ratio = (errors**2).sum(axis=0) / bound
+    assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws))), ratio / draws
+    assert chi2.ppf(p, 21 * draws) < nees < chi2.isf(p, 21 * draws), nees / 21 / draws
+    low, high = binom.ppf([p, 1 - p], draws, 0.95)
+    assert np.all((inside >= low) & (inside <= high)), inside / draws
+
+
+def test_turns_worked_out_sample_by_sample_are_given_back_from_a_start_far_off():
+    rng = rng_of("turns one by one")
+    turns, rests = drawn(None, *random_turns(rng))
+    fit, converged = solve(turns, rests, NAMES)
+    assert converged
+    assert (NAMES[3], NAMES[6], NAMES[-1]) == ("gyro.scale_x", "gyro.cross_xy", f"gyro.gsens_{AXES[2]}z")
+    np.testing.assert_allclose(fit.values, TRUE, rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.slow

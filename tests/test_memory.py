@@ -1,12 +1,14 @@
 """The shared memory helpers against slow textbook loops and analytic responses."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tiltcal.effects.memory import first_order_lag, last_direction, play
+from tiltcal.effects.memory import first_order_lag, last_direction, play, rounded_play
 
 WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda k: k / 2))
 
@@ -65,6 +67,35 @@ def test_play_forgets_a_small_loop_inside_a_large_one():
     plain = np.array([0.0, 10.0, -10.0, 3.0])
     looped = np.array([0.0, 10.0, 9.0, 10.0, -10.0, 3.0])
     assert play(looped, 4.0)[-1] == play(plain, 4.0)[-1]
+
+
+def test_rounded_play_is_dahl_s_law():
+    """dz/du = 1 - z going up, -1 - z going down, per width: from 0 up by 3, down by 1, up by 2, worked by hand."""
+    width = 2.0
+    up = 1 - np.exp(-3 / width)
+    down = -1 + (up + 1) * np.exp(-1 / width)
+    again = 1 + (down - 1) * np.exp(-2 / width)
+    np.testing.assert_allclose(rounded_play(np.array([5.0, 8.0, 8.0, 7.0, 9.0]), width), [0, up, up, down, again], atol=1e-15)
+    assert rounded_play(np.array([0.0, 100.0]), width)[-1] == pytest.approx(1.0)
+
+
+def test_rounded_play_does_not_depend_on_the_samples_between(rng):
+    corners = np.cumsum(rng.normal(size=12))
+    fine = np.concatenate([np.linspace(a, b, 30, endpoint=False) for a, b in pairwise(corners)] + [corners[-1:]])
+    np.testing.assert_allclose(rounded_play(fine, 1.3)[::30], rounded_play(corners, 1.3), atol=1e-14)
+
+
+def test_rounded_play_forgets_a_small_loop_only_in_part():
+    """No wiping-out property. With x = exp(-1/2), 0 to 2 is 1 - x^4; back by 1/2 at 1 on the way, 1 - 2 x^3 + 2 x^4 - x^6."""
+    x = np.exp(-0.5)
+    assert rounded_play(np.array([0.0, 1.0, 2.0]), 1.0)[-1] == pytest.approx(1 - x**4)
+    assert rounded_play(np.array([0.0, 1.0, 0.5, 1.0, 2.0]), 1.0)[-1] == pytest.approx(1 - 2 * x**3 + 2 * x**4 - x**6)
+
+
+def test_rounded_play_without_a_width_or_a_past_is_plain():
+    u = np.array([0.0, 1.0, 0.0])
+    np.testing.assert_array_equal(rounded_play(u, 0.0), play(u, 0.0))
+    assert len(rounded_play(np.zeros(0), 1.0)) == 0
 
 
 def irregular(rng, n=400):

@@ -62,6 +62,21 @@ def test_the_corrector_takes_both_biases_off_on_line(live):
     assert fed.rms("rest") == pytest.approx(fed.rms("move"), rel=0.5)
 
 
+def test_an_inclinometer_is_fed_as_well_and_corrected_alike(live):
+    """The same errors act on its force before the arcsine: two recordings without noise give the same tilts."""
+    scenario, _, start = live
+    level = PLACING["sensor"][0] | {"kind": "inclinometer"}
+    twin = parse_scenario(PLACING | {"sensor": [level]})
+    quiet = simulator().record(twin, None)
+    for table in ({"name": "accelerometer"}, {"name": "placing", "calibrate": "placing_table"}):
+        one, other = (
+            run_estimator(s.model_copy(update={"seed": None}), EstimatorTable(from_s=start, **table), r, simulator())
+            for s, r in ((scenario, simulator().record(scenario, None)), (twin, quiet))
+        )
+        np.testing.assert_allclose(other.error, one.error, atol=1e-9)
+    assert other.rms() / ARCSEC < 9
+
+
 @pytest.mark.skipif(host.compiler() is None, reason="no C compiler on this machine: cc, gcc or clang")
 def test_the_exported_c_runs_as_a_process_and_errs_as_the_corrector_does(live, tmp_path):
     scenario, recording, start = live

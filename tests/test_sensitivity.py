@@ -49,7 +49,7 @@ def test_every_column_is_the_change_of_the_chain_s_readings(table):
         )
         words = {f"{column.name}{p.suffix}": size * SHARE}
         cls = type(make_effect(column.effect, {}, setup, sensor=column.sensor, axis=column.axis))
-        words |= {f"{q.name}{q.suffix}": shapes[q.name] for q in cls.parameters if q.is_shape and not q.default}
+        words |= {f"{q.name}{q.suffix}": shapes[q.name] for q in cls.parameters if q.name in shapes and not q.default}
         effect = make_effect(column.effect, words, setup, sensor=column.sensor, axis=column.axis)
         now = readings(setup, course, times, [effect])
         for sensor in setup.sensor:

@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tiltcal.calibration import Calibration
 from tiltcal.chain import readings
 from tiltcal.effects import make_effect
-from tiltcal.effects.base import Effect
+from tiltcal.effects.base import Effect, Sense, SignalEffect
 from tiltcal.effects.sensor.gyro import transverse
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.frames import Array, force_of_tilt, tilt_of_force
@@ -33,6 +34,9 @@ from tiltcal.units import PARAMETER_UNITS, split_unit
 
 DIVISOR = {"normal": 1.0, "rectangular": np.sqrt(3), "expanded": 2.0}
 COVERAGE = 2.0
+Readings = dict[str, Array]
+"""By sensor, SI, (n, k)."""
+Rows = npt.NDArray[np.bool_]
 Shift = Callable[[float, Recording, Setup], tuple[Recording, Setup]]
 """What a source does: (standard uncertainties, recording, set-up) -> both moved."""
 
@@ -264,21 +268,55 @@ def _like(recording: Recording, columns: dict[str, Array]) -> Recording:
 
 def _moved(recording: Recording, setup: Setup, effect: Effect, stop: Segment | None = None) -> Recording:
     """The recording with what an effect changes in its readings (at one stop, where one is named)."""
-    course = replay(recording, setup)
-    seen = [s for s in setup.sensor if recording.has(s)]
-    times = {s.name: recording.time for s in seen}
-    with_, without = (readings(setup, course, times, effects) for effects in ([effect], []))
+    with_, without, known = _on_table(recording, setup, effect) if setup.rig.axes else _by_hand(recording, setup, effect)
     columns = {n: recording.column(n) for n in recording.column_names}
     inside = np.ones(len(recording), bool)
     if stop is not None:
         inside[:] = False
         inside[stop.first : stop.last] = True
-    for sensor in seen:
+    for sensor in (setup.named(n) for n in with_):
         for i, axis in enumerate(sensor.axes):
             name = str(recording.channel(f"{sensor.name}_{axis}"))
             unit = str(split_unit(name)[1])
             change: Array = to_column(sensor, with_[sensor.name], unit, False) - to_column(
                 sensor, without[sensor.name], unit, False
             )
-            columns[name] = columns[name] + np.where(inside & course.known, change[:, i], 0.0)
+            columns[name] = columns[name] + np.where(inside & known, change[:, i], 0.0)
     return _like(recording, columns)
+
+
+def _on_table(recording: Recording, setup: Setup, effect: Effect) -> tuple[Readings, Readings, Rows]:
+    """Predicted readings with and without an effect, and the rows where the table was read."""
+    course = replay(recording, setup)
+    times = {s.name: recording.time for s in setup.sensor if recording.has(s)}
+    return readings(setup, course, times, [effect]), readings(setup, course, times, []), course.known
+
+
+def _by_hand(recording: Recording, setup: Setup, effect: Effect) -> tuple[Readings, Readings, Rows]:
+    """The same without a table: a sensor's own readings stand for what it senses (what they are wrong by is second order)."""
+    if not isinstance(effect, SignalEffect):
+        raise TiltcalError(
+            f"budget, {effect.id}", found="a hand-held instrument", need="an effect of a sensor, or gravity, fog_axis",
+            do="leave it out",
+        )  # fmt: skip
+    sensor = setup.named(str(effect.sensor))
+    plain = Sense.at_rest(sensor, setup.site.gravity, _felt(recording, setup, "accelerometer"))
+    temperature = recording.temperature()
+    warm = np.zeros(len(recording)) if temperature is None else temperature - temperature.mean()
+    sense = replace(
+        plain, time=recording.time, elapsed=recording.time - recording.time[0], rate=_felt(recording, setup, "gyro"),
+        temperature=warm, input_vector=sensor.input_vector if sensor.kind == "fog" else plain.input_vector,
+    )  # fmt: skip
+    moved = effect.apply(sense.true_input(), sense, None)
+    return {sensor.name: moved}, {sensor.name: sense.true_input()}, np.ones(len(recording), bool)
+
+
+def _felt(recording: Recording, setup: Setup, kind: str) -> Array:
+    """Readings of the first sensor of a kind at every row, body axes, (n, 3); zero where there is none."""
+    found = np.zeros((len(recording), 3))
+    for sensor in [s for s in setup.sensors(kind) if recording.has(s)][:1]:
+        samples = recording.sensor(sensor)
+        for i, axis in enumerate(sensor.axis_indices):
+            known = ~np.isnan(samples.values[:, i])
+            found[:, axis] = np.interp(recording.time, samples.time[known], samples.values[known, i])
+    return found

@@ -4,18 +4,18 @@
 held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, Parameter, Sense, SignalEffect, Stage
+from tiltcal.effects.base import STAGES, AngleEffect, Effect, FrameEffect, Parameter, Sense, SignalEffect, Stage
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.memory import first_order_lag
 from tiltcal.errors import TiltcalError, nearest
-from tiltcal.frames import Array
+from tiltcal.frames import AXES, Array
 from tiltcal.motion import Drive, Jet, sampled_jet
 from tiltcal.setup import Setup
 
@@ -155,42 +155,52 @@ def make_learned(
     Raises:
         TiltcalError: a key or a word is wrong.
     """
+    subject = f"{subject} learned"
     for key in table:
         if key not in _KEYS:
-            raise TiltcalError(
-                f"{subject} learned", found=f"unknown key '{key}'", need="a key of it", do=nearest(key, sorted(_KEYS))
-            )
-    on, coordinate = str(table.get("on", "reading")), str(table.get("coordinate", ""))
-    for key, word, valid in (("on", on, list(KINDS)), ("coordinate", coordinate, list(COORDINATES))):
-        if word not in valid:
-            raise TiltcalError(
-                f"{subject} learned, key {key}", found=f"'{word}'", need="one of " + ", ".join(valid), do="correct it"
-            )
-    knots, numbers = (_numbers(table.get(key, ()), f"{subject} learned, key {key}") for key in ("knots", "coefficients"))
+            raise TiltcalError(subject, found=f"unknown key '{key}'", need="a key of it", do=nearest(key, sorted(_KEYS)))
+    on = _word(table, "on", "reading", KINDS, subject)
+    coordinate = _word(table, "coordinate", "", COORDINATES, subject)
+    place = _word(table, "place", "sensor", STAGES, subject)
+    knots, numbers = (_numbers(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients"))
     if knots and (len(knots) != len(numbers) or len(knots) < 2 or np.any(np.diff(knots) <= 0)):
         raise TiltcalError(
-            f"{subject} learned", found=f"{len(knots)} knots, {len(numbers)} coefficients",
-            need="two or more increasing knots, a coefficient each",
-            do="correct the lists",
+            subject, found=f"{len(knots)} knots, {len(numbers)} coefficients",
+            need="two or more increasing knots, one coefficient each", do="correct the lists",
         )  # fmt: skip
-    if on == "reading":
-        bound = setup.named(str(sensor))
-        if axis not in bound.axes:
-            raise TiltcalError(
-                f"{subject} learned", found=f"axis '{axis}'", need="one of " + ", ".join(bound.axes), do="correct it"
-            )
-    elif coordinate not in (*ANGLES, "time", "temperature"):
-        raise TiltcalError(
-            f"{subject} learned", found=f"coordinate '{coordinate}'", need="a table angle, time or temperature", do="correct it"
-        )
-    if coordinate in ANGLES and ANGLES[coordinate] not in setup.rig.axis_names:
-        raise TiltcalError(f"{subject} learned", found=f"coordinate '{coordinate}'", need="an axis of this table", do="correct it")
+    slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
+    lag = table.get("lag_s", 0.0)
+    if not isinstance(lag, int | float) or not lag >= 0:
+        raise TiltcalError(f"{subject}, key lag_s", found=repr(lag), need="seconds, not negative", do="correct it")
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
         values, sensor, axis, role, coordinate=coordinate, knots=tuple(knots), per_input=bool(table.get("per_input", False)),
-        lag=float(table.get("lag_s", 0.0)),
-        slot=str(table.get("slot", "")), turn=str(table.get("turn", "")), place=str(table.get("place", "sensor")),
+        lag=float(lag), slot=slot, turn=turn, place=place,
     )  # fmt: skip
+
+
+def _where(
+    on: str, coordinate: str, table: Mapping[str, Any], setup: Setup, sensor: str | None, axis: str | None, subject: str
+) -> tuple[str, str]:  # fmt: skip
+    """Slot and turn of a tilt, both empty for the others, once coordinate and axis are known to fit the place."""
+    if on != "reading" and coordinate not in (*ANGLES, "time", "temperature"):
+        raise TiltcalError(subject, found=f"coordinate '{coordinate}'", need="a table angle, time or temperature", do="correct it")
+    if coordinate in ANGLES and ANGLES[coordinate] not in setup.rig.axis_names:
+        raise TiltcalError(subject, found=f"coordinate '{coordinate}'", need="an axis of this table", do="correct it")
+    axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
+    if on != "tilt" and axis not in axes:
+        raise TiltcalError(subject, found=f"axis '{axis}'", need="one of " + ", ".join(axes), do="correct it")
+    if on != "tilt":
+        return "", ""
+    slots = ("base", *(f"{name}_bearing" for name in setup.rig.axis_names), "mount")
+    return _word(table, "slot", "", slots, subject), _word(table, "turn", "", AXES, subject)
+
+
+def _word(table: Mapping[str, Any], key: str, default: str, valid: Iterable[str], subject: str) -> str:
+    word = str(table.get(key, default))
+    if word not in valid:
+        raise TiltcalError(f"{subject}, key {key}", found=f"'{word}'", need="one of " + ", ".join(valid), do="correct it")
+    return word
 
 
 def _numbers(values: Any, subject: str) -> list[float]:

@@ -20,6 +20,8 @@ from tiltcal.units import DEG, G0
 NAME = "gyro_turns"
 LEAST_TURNS = 6
 FOLDS = 12
+CHANCE = 1e-3  # of calling noise a misfit
+TOGETHER = 300_000  # samples that are turned at a time
 EDGE = 0.5  # s of rest beside a turn whose mean is gravity's direction there
 TERMS = ("bias", "scale", "cross_axis", "gsens")
 
@@ -96,7 +98,7 @@ def gyro_turns(
     turns = collect_turns(recording, gyro, rests, (sensed.time, felt), _direction_sigma(force, level, setup, accel.rate_hz))
     names = parameter_names(gyro.name, terms)
     fit, converged = solve(turns, _Rests(rests, f), names)
-    heldout = _held_out(turns, _Rests(rests, f), names)
+    heldout = _held_out(turns, _Rests(rests, f), names, fit)
     rms = np.sqrt(np.mean(turn_errors(turns, _Model(fit, names)) ** 2))
     statement = f"{len(turns)} turns leave {rms / DEG:.3g} deg rms of gravity's direction, and the rests their static rates"
     tests = [chi2_test("fit", fit.chi2, fit.dof, statement)]
@@ -186,9 +188,12 @@ def collect_turns(
     return Turns(rate, sensed, step, before, after, np.sqrt(2 * sigma**2 + walk))
 
 
-def carried(turns: Turns, model: _Model) -> Array:
-    """Gravity's direction at the end of each turn, carried there by the integrated rate, (m, 3)."""
-    return (_products(model.rate(turns.rate, turns.force), turns.step) @ turns.before[:, :, None])[:, :, 0]
+def carried(turns: Turns, models: Sequence[_Model]) -> Array:
+    """Gravity's direction at the end of each turn, carried there by the integrated rate of each model, (k, m, 3)."""
+    k = len(models)
+    rates = np.concatenate([model.rate(turns.rate, turns.force) for model in models])
+    products = _products(rates, np.tile(turns.step, (k, 1)))
+    return np.asarray(products @ np.tile(turns.before, (k, 1))[:, :, None]).reshape(k, len(turns), 3)
 
 
 def _static(rests: Poses, felt: tuple[Array, Array], along: Array) -> Array:
@@ -236,7 +241,7 @@ def _products(w: Array, step: Array) -> Array:
     return np.asarray(R[:, 0])
 
 
-def solve(turns: Turns, rests: "_Rests", names: Sequence[str]) -> tuple[Fit, bool]:
+def solve(turns: Turns, rests: "_Rests", names: Sequence[str], start: Array | None = None) -> tuple[Fit, bool]:
     """All parameters from turns and rests together; the fit and whether it converged.
 
     Neither group fits to its noise where physics is left out; each is weighed by what the fit leaves of it.
@@ -244,29 +249,45 @@ def solve(turns: Turns, rests: "_Rests", names: Sequence[str]) -> tuple[Fit, boo
     basis = _tangents(turns.after)
     weight = np.ones(2)
 
-    def residual(x: Array) -> Array:
-        model = _Model(x, names)
-        error = carried(turns, model) - turns.after
-        across = np.einsum("mij,mj->mi", basis, error) / turns.sigma[:, None]
-        return np.concatenate([across.ravel() * weight[0], rests.residual(model) * weight[1]])
+    def residuals(X: Array) -> Array:
+        models = [_Model(x, names) for x in X]
+        error = carried(turns, models) - turns.after
+        across = np.einsum("mij,kmj->kmi", basis, error) / turns.sigma[:, None]
+        static = np.array([rests.residual(model) for model in models])
+        return np.hstack([across.reshape(len(X), -1) * weight[0], static * weight[1]])
 
-    x = np.zeros(len(names))
-    x[:3] = rests.means.mean(axis=0)
+    def problem(x: Array) -> tuple[Array, Array]:
+        parts = max(1, turns.step.size * 2 * len(x) // TOGETHER)
+        return residuals(x[None])[0], _slopes(residuals, x, names, parts)
+
+    x = np.zeros(len(names)) if start is None else start
+    if start is None:
+        x[:3] = rests.means.mean(axis=0)
     for _ in range(3):
-        fit, converged = gauss_newton(names, x, lambda p: (residual(p), _slopes(residual, p, names)), limit=15)
+        fit, converged = gauss_newton(names, x, problem, limit=15)
         x = np.array([fit.value(n) for n in names])
         left = np.split(fit.residuals / np.repeat(weight, [basis.shape[0] * 2, rests.means.size]), [basis.shape[0] * 2])
-        if fit.dropped or not converged:
+        misfit = np.array([_misfit(part) for part in left])
+        if fit.dropped or not converged or np.allclose(misfit * weight, 1.0, rtol=0.01):
             break
-        weight = np.array([1 / max(1.0, np.sqrt(np.mean(part**2))) for part in left])
+        weight = 1 / misfit
     return replace(fit, residuals=np.concatenate(left)), converged  # judged by their own noise, not by the weights
 
 
-def _slopes(residual: Callable[[Array], Array], x: Array, names: Sequence[str]) -> Array:
-    """Jacobian by central differences: 1e-5 of a ratio or rad/s, 1 deg/h/g."""
-    steps = [1.0 if ".gsens_" in n else 1e-5 for n in names]
-    columns = [(residual(x + h * e) - residual(x - h * e)) / (2 * h) for h, e in zip(steps, np.eye(len(x)), strict=True)]
-    return np.array(columns).T
+def _misfit(part: Array) -> float:
+    """How many times its noise a group of whitened residuals is, 1 where chance explains it."""
+    from scipy.stats import chi2
+
+    total = float(part @ part)
+    return float(np.sqrt(total / len(part))) if total > chi2.isf(CHANCE, len(part)) else 1.0
+
+
+def _slopes(residuals: Callable[[Array], Array], x: Array, names: Sequence[str], parts: int) -> Array:
+    """Jacobian by central differences: 1e-5 of a ratio or rad/s, 1 deg/h/g; many at a time, where they are short."""
+    steps = np.array([1.0 if ".gsens_" in n else 1e-5 for n in names])
+    moved = np.vstack([x + np.diag(steps), x - np.diag(steps)])
+    up, down = np.split(np.concatenate([residuals(part) for part in np.array_split(moved, parts)]), 2)
+    return np.asarray(((up - down) / (2 * steps[:, None])).T)
 
 
 def _tangents(up: Array) -> Array:
@@ -279,14 +300,14 @@ def _tangents(up: Array) -> Array:
 
 def turn_errors(turns: Turns, model: _Model) -> Array:
     """Angle between the carried and the measured gravity direction after each turn, rad, (m,)."""
-    return angle_between(carried(turns, model), turns.after)
+    return angle_between(carried(turns, [model])[0], turns.after)
 
 
-def _held_out(turns: Turns, rests: _Rests, names: Sequence[str]) -> float:
-    """Rms angle over turns left out of the fit, in FOLDS parts, rad."""
-    part = np.arange(len(turns)) % FOLDS
+def _held_out(turns: Turns, rests: _Rests, names: Sequence[str], whole: Fit) -> float:
+    """Rms angle over turns left out of the fit, in FOLDS parts, rad; each starts from the fit of the whole."""
+    part, start = np.arange(len(turns)) % FOLDS, np.array([whole.value(n) for n in names])
     errors = []
     for k in range(FOLDS):
-        fit, _ = solve(turns.subset(part != k), rests, names)
+        fit, _ = solve(turns.subset(part != k), rests, names, start)
         errors.append(turn_errors(turns.subset(part == k), _Model(fit, names)))
     return leave_out_rms(errors)

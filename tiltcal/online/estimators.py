@@ -2,10 +2,12 @@
 
 import inspect
 from collections.abc import Callable, Mapping
+from math import sin
 from typing import Any, Protocol
 
 from tiltcal.calibration import Calibration, tilt_angles
 from tiltcal.errors import TiltcalError, nearest
+from tiltcal.frames import force_of_tilt
 from tiltcal.methods.registry import import_named
 from tiltcal.online.filters import Complementary, Kalman
 from tiltcal.setup import Sensor, Setup
@@ -22,10 +24,14 @@ class Estimator(Protocol):
 
 
 Factory = Callable[..., Estimator]
+LEVELS = ("accelerometer", "inclinometer")
 
 
-class Accelerometer:
-    """The plain level: the arcsine of each accelerometer over g, corrected where a calibration is given."""
+class Level:
+    """The plain level: the arcsine of each accelerometer over g, corrected where a calibration is given.
+
+    An inclinometer's tilts are taken back to ``g sin(tilt)`` first: its calibration acts there.
+    """
 
     def __init__(self, sensor: Sensor, gravity: float, calibration: Calibration | None) -> None:
         self.sensor, self.gravity, self.calibration = sensor, gravity, calibration
@@ -35,6 +41,8 @@ class Accelerometer:
         import numpy as np
 
         f = np.array([sample[self.sensor.name]])
+        if self.sensor.kind == "inclinometer":
+            f = force_of_tilt(f, self.gravity)
         if self.calibration is not None:
             f = self.calibration.correct(self.sensor, f, self.gravity)
         tilt = tilt_angles(f, self.sensor, self.gravity)
@@ -49,17 +57,20 @@ class Placing:
         if corrector is None:
             raise _unfit("placing", "a calibration without placing-angle tables", "one by placing_table")
         self.name, self.corrector = sensor.name, corrector
+        self.gravity = gravity if sensor.kind == "inclinometer" else None
         self.axes = [sensor.axes.index(a) for a in "xyz" if a in sensor.axes]
 
     def update(self, sample: Sample) -> tuple[float, float]:
         """Tilt of x and y, rad."""
-        f = sample[self.name]
-        return self.corrector.update([f[i] for i in self.axes])
+        read = sample[self.name]
+        if self.gravity is None:
+            return self.corrector.update([read[i] for i in self.axes])
+        return self.corrector.update([self.gravity * sin(read[i]) for i in self.axes])
 
 
 def accelerometer(setup: Setup, *, calibration: Calibration | None = None, sensor: str | None = None) -> Estimator:
-    """The accelerometer alone: exact at rest, wrong by a/g in motion."""
-    return Accelerometer(_sensor(setup, "accelerometer", sensor, 2), setup.site.gravity, calibration)
+    """The accelerometer or inclinometer alone: exact at rest, wrong by a/g in motion."""
+    return Level(_sensor(setup, LEVELS, sensor, 2), setup.site.gravity, calibration)
 
 
 def placing(
@@ -68,7 +79,7 @@ def placing(
     """The on-line corrector of S0; its tables come from ``calibrate = "placing_table"``."""
     if calibration is None:
         raise _unfit("placing", "no calibration", 'calibrate = "placing_table" and from_s')
-    return Placing(_sensor(setup, "accelerometer", sensor, 2), setup.site.gravity, calibration, lookup)
+    return Placing(_sensor(setup, LEVELS, sensor, 2), setup.site.gravity, calibration, lookup)
 
 
 def complementary(setup: Setup, *, calibration: Calibration | None = None, tau_s: float = 1.0) -> Estimator:
@@ -120,13 +131,14 @@ def make_estimator(name: str, setup: Setup, calibration: Calibration | None, opt
 
 
 def _pair(setup: Setup) -> tuple[Sensor, Sensor]:
-    return _sensor(setup, "accelerometer", None, 3), _sensor(setup, "gyro", None, 3)
+    return _sensor(setup, ("accelerometer",), None, 3), _sensor(setup, ("gyro",), None, 3)
 
 
-def _sensor(setup: Setup, kind: str, name: str | None, axes: int) -> Sensor:
-    fitting = [s for s in setup.sensors(kind) if len(s.axes) >= axes and {"x", "y"} <= set(s.axes) and name in (None, s.name)]
+def _sensor(setup: Setup, kinds: tuple[str, ...], name: str | None, axes: int) -> Sensor:
+    fitting = [s for s in setup.sensors(*kinds) if len(s.axes) >= axes and {"x", "y"} <= set(s.axes) and name in (None, s.name)]
     if not fitting:
-        raise _unfit(kind, "no such sensor in the scenario", f"a sensor of kind {kind} with {axes} axes")
+        kind = " or ".join(kinds)
+        raise _unfit(kinds[0], "no such sensor in the scenario", f"a sensor of kind {kind} with {axes} axes")
     return fitting[0]
 
 

@@ -1,0 +1,177 @@
+"""Curves that no name fits: their equation, one face in algebra and mechanics, files, and what they refuse."""
+
+import numpy as np
+import pytest
+from builders import ACCEL, FOG, GYRO, drive_of, effect_of, read_poses, setup_of
+
+from tiltcal.effects import make_effect
+from tiltcal.effects.catalogue import to_file
+from tiltcal.effects.memory import first_order_lag
+from tiltcal.errors import TiltcalError
+from tiltcal.kinematics import closed_form
+from tiltcal.motion import Jet
+from tiltcal.units import G0
+from tiltsim.motion import mujoco_motion
+
+N = 200
+T = np.linspace(0.0, 40.0, N)
+SETUP = setup_of("three", ACCEL, GYRO, FOG, lever_arm_m=(0.1, -0.05, 0.2))
+OUTER = Jet(0.3 * T, np.full(N, 0.3), np.zeros(N))
+KNOTS, SIZES = [-1.0, 2.0, 5.0, 9.0], [1e-3, -2e-3, 3e-3, 0.5e-3]
+
+
+def lively():
+    axes = {
+        "outer": OUTER,
+        "middle": Jet(np.sin(T / 5), np.cos(T / 5) / 5, -np.sin(T / 5) / 25),
+        "inner": Jet(-0.5 * T, np.full(N, -0.5), np.zeros(N)),
+    }
+    return drive_of(axes, T, temperature=23 + 2 * np.sin(T / 6))
+
+
+def learned(sensor=None, axis=None, **words):
+    return make_effect("learned", words, SETUP, sensor=sensor, axis=axis)
+
+
+def added(effect, sensor="accel"):
+    return read_poses(SETUP, lively(), effect)[sensor] - read_poses(SETUP, lively())[sensor]
+
+
+def test_a_learned_reading_is_a_sum_of_harmonics_of_the_table_s_angle():
+    effect = learned("accel", "y", coordinate="table_outer", coefficients=[1e-3, 2e-3, 0.0, -3e-3])
+    u = 0.3 * T
+    by_hand = 1e-3 * np.cos(u) + 2e-3 * np.sin(u) - 3e-3 * np.sin(2 * u)
+    np.testing.assert_allclose(added(effect)[:, 1], by_hand, atol=1e-14)
+    assert not added(effect)[:, [0, 2]].any()
+
+
+def test_a_learned_line_is_held_outside_its_knots():
+    effect = learned("accel", "x", coordinate="time", knots=[10.0, 20.0, 30.0], coefficients=[0.0, 1.0, 2.0])
+    np.testing.assert_allclose(added(effect)[:, 0], np.clip((T - 10) / 10, 0, 2), atol=1e-13)
+
+
+def test_a_natural_spline_between_three_knots_is_as_worked_by_hand():
+    """Knots 0, 1, 2 with values 0, 1, 0: M1 = -3, so s(u) = (3 u - u^3)/2 on [0, 1], and its mirror image."""
+    effect = learned("accel", "x", coordinate="time", knots=[0.0, 20.0, 40.0], coefficients=[0.0, 1.0, 0.0])
+    u = 1 - np.abs(T / 20 - 1)
+    np.testing.assert_allclose(added(effect)[:, 0], (3 * u - u**3) / 2, atol=1e-13)
+
+
+def test_a_learned_scale_multiplies_its_own_input_and_a_lag_is_felt_late():
+    force = read_poses(SETUP, lively())["accel"]
+    scale = learned("accel", "z", coordinate="input", knots=[-9.9, 9.9], coefficients=[-1e-3, 1e-3], per_input=True)
+    np.testing.assert_allclose(added(scale)[:, 2], 1e-3 * force[:, 2] ** 2 / 9.9, atol=1e-12)
+    late = learned("accel", "x", coordinate="temperature", knots=[-5.0, 5.0], coefficients=[-5.0, 5.0], lag_s=4.0)
+    warm = 2 * np.sin(T / 6)
+    np.testing.assert_allclose(added(late)[:, 0], first_order_lag(T, warm - warm.mean(), 4.0), atol=1e-12)
+
+
+def test_coordinates_are_what_their_names_say():
+    line = {"knots": [-1e3, 1e3], "coefficients": [-1e3, 1e3]}  # the curve u itself
+    plain = read_poses(SETUP, lively())
+    force, rate = plain["accel"], plain["gyro"]
+    warm = 2 * np.sin(T / 6)
+    for coordinate, expected in (
+        ("force_y", force[:, 1]), ("rate_z", rate[:, 2]), ("input", force[:, 0]), ("warming", np.gradient(warm, T)),
+        ("since_move", 0),
+    ):  # fmt: skip
+        found = added(learned("accel", "x", coordinate=coordinate, **line))[:, 0]
+        np.testing.assert_allclose(found, np.broadcast_to(expected, N), atol=1e-11, err_msg=coordinate)
+    across = np.linalg.norm(rate - np.outer(rate @ np.ones(3) / 3, np.ones(3)), axis=1)  # what is not along (1, 1, 1)
+    np.testing.assert_allclose(added(learned("fog", "a", coordinate="transverse", **line), "fog")[:, 0], across, atol=1e-11)
+
+
+FACES = [
+    {"on": "readout", "axis": "middle", "coordinate": "table_outer", "coefficients": [1e-3, -2e-3, 5e-4]},
+    {"on": "readout", "axis": "inner", "coordinate": "time", "knots": [0, 11, 23, 40], "coefficients": SIZES},
+    {"on": "tilt", "slot": "base", "turn": "x", "coordinate": "table_outer", "coefficients": [2e-3, 1e-3]},
+    {"on": "tilt", "slot": "inner_bearing", "turn": "y", "coordinate": "table_outer", "knots": KNOTS, "coefficients": SIZES},
+    {"on": "tilt", "slot": "mount", "turn": "z", "coordinate": "temperature", "knots": [-3, 0, 3], "coefficients": SIZES[:3]},
+]
+
+
+@pytest.mark.parametrize("face", FACES, ids=lambda f: f"{f['on']} {f['coordinate']}")
+def test_a_learned_motion_is_the_same_in_algebra_and_in_mechanics(face):
+    effect = learned(**face)
+    algebra, mechanics = (mover(SETUP, lively(), [effect]) for mover in (closed_form, mujoco_motion))
+    plain = closed_form(SETUP, lively())
+    for one, other in ((algebra.force, mechanics.force), (algebra.rate, mechanics.rate), (algebra.up, mechanics.up)):
+        np.testing.assert_allclose(other, one, rtol=0, atol=1e-11)
+    assert np.abs(algebra.up - plain.up).max() > 1e-4
+
+
+def test_derivatives_of_a_learned_curve_are_those_of_its_values():
+    x = np.linspace(-0.9, 8.9, 4001)
+    for table in ({"coefficients": [1, 2, 0, -3]}, {"knots": KNOTS, "coefficients": [1, -2, 3, 0.5]}):
+        effect = learned(on="readout", axis="outer", coordinate="table_outer", **table)
+        for order in (1, 2):
+            slope = np.gradient(effect.curve(x, order - 1), x)
+            np.testing.assert_allclose(effect.curve(x, order)[5:-5], slope[5:-5], atol=0.02)
+    jet = effect.jet(Jet(np.array([20.0]), np.array([3.0]), np.array([1.0])))  # beyond the last knot: held, at rest
+    assert (jet.x, jet.v, jet.a) == (pytest.approx([0.5]), [0.0], [0.0])
+
+
+def test_a_lively_sine_of_the_angle_has_the_chain_rule_s_rates():
+    """sin(2 u), u' = 3, u'' = 1: slope 6 cos(2 u), curvature 2 cos(2 u) - 36 sin(2 u)."""
+    effect = learned(on="readout", axis="outer", coordinate="table_outer", coefficients=[0, 0, 0, 1.0])
+    u = np.array([0.7])
+    jet = effect.jet(Jet(u, np.array([3.0]), np.array([1.0])))
+    assert jet.v == pytest.approx(6 * np.cos(1.4))
+    assert jet.a == pytest.approx(2 * np.cos(1.4) - 36 * np.sin(1.4))
+
+
+def test_a_learned_effect_reads_back_from_its_file():
+    tables = [
+        *FACES,
+        {"on": "reading", "sensor": "accel", "axis": "z", "coordinate": "input", "knots": KNOTS, "coefficients": SIZES,
+         "per_input": True, "lag_s": 2.0, "place": "electronics"},
+    ]  # fmt: skip
+    for table in tables:
+        words = {k: v for k, v in table.items() if k not in ("sensor", "axis")}
+        where = {k: table[k] for k in ("sensor", "axis") if k in table}
+        effect = make_effect("learned", words, SETUP, **where, role="found", seen_in="abc")
+        found = to_file(effect)
+        assert (found.pop("id"), found.pop("role"), found.pop("seen_in")) == ("learned", "found", "abc")
+        again = {k: found.pop(k) for k in ("sensor", "axis") if k in found}
+        assert make_effect("learned", found, SETUP, **again, role="found", seen_in="abc") == effect
+
+
+GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
+
+
+@pytest.mark.parametrize(
+    ("where", "words", "message"),
+    [
+        ({"sensor": "accel", "axis": "x"}, {"cofficients": [1]}, "unknown key 'cofficients'.*did you mean 'coefficients'"),
+        ({"sensor": "accel", "axis": "x"}, {"on": "wheel"}, "key on: found 'wheel', need one of reading, readout, tilt"),
+        ({"sensor": "accel", "axis": "x"}, {"coordinate": "mood"}, "key coordinate: found 'mood', need one of table_outer"),
+        ({"sensor": "accel", "axis": "x"}, {"knots": [2, 1], "coefficients": [1, 2]}, "2 knots, 2 coefficients, need two or more"),
+        ({"sensor": "accel", "axis": "x"}, {"knots": [1, 2], "coefficients": [1]}, "2 knots, 1 coefficients"),
+        ({"sensor": "accel", "axis": "x"}, {"coefficients": ["a"]}, r"key coefficients: found \['a'\], need a list of numbers"),
+        ({"sensor": "accel", "axis": "x"}, {"knots": 3}, "key knots: found 3, need a list of numbers"),
+        ({"sensor": "accel", "axis": "x"}, {"coefficients": [float("nan")]}, "need a list of numbers"),
+        ({"sensor": "accel", "axis": "a"}, {}, "found axis 'a', need one of x, y, z"),
+        ({"axis": "outer"}, {"on": "readout", "coordinate": "input"}, "'input', need a table angle, time or temperature"),
+        ({"axis": "inner"}, {"on": "tilt", "slot": "base", "turn": "x", "coordinate": "force_x"}, "need a table angle, time"),
+        ({"axis": "x"}, {"on": "readout"}, "found axis 'x', need one of outer, middle, inner"),
+        ({}, {"on": "tilt", "slot": "lid", "turn": "x"}, "key slot: found 'lid', need one of base, outer_bearing"),
+        ({}, {"on": "tilt", "slot": "base", "turn": "up"}, "key turn: found 'up', need one of x, y, z"),
+        ({"sensor": "accel", "axis": "x"}, {"lag_s": -1.0}, "key lag_s: found -1.0, need seconds, not negative"),
+        ({"sensor": "accel", "axis": "x"}, {"lag_s": "late"}, "key lag_s: found 'late', need seconds, not negative"),
+        ({"sensor": "accel", "axis": "x"}, {"place": "moon"}, "key place: found 'moon', need one of environment, table"),
+    ],
+)  # fmt: skip
+def test_what_is_no_learned_curve_is_refused_in_words(where, words, message):
+    with pytest.raises(TiltcalError, match=message):
+        make_effect("learned", GOOD | words, SETUP, **where)
+
+
+def test_an_axis_that_this_table_has_not_is_refused():
+    with pytest.raises(TiltcalError, match="found coordinate 'table_middle', need an axis of this table"):
+        make_effect("learned", GOOD | {"coordinate": "table_middle"}, setup_of("dual", ACCEL), sensor="accel", axis="x")
+
+
+def test_without_coefficients_it_is_nothing():
+    assert learned("accel", "x", coordinate="table_outer").is_identity
+    assert not added(learned("accel", "x", coordinate="table_outer")).any()
+    assert effect_of("acc_bias", SETUP, sensor="accel", bias_x_ug=1).value("bias_x") == pytest.approx(1e-6 * G0)

@@ -32,17 +32,17 @@ def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect
             do="predict a recording of a table instead",
         )  # fmt: skip
     n = len(motion)
-    force = _whole(motion, triads[0], _inverted(triads[0], setup, motion, effects)) if triads else np.full((n, 3), np.nan)
+    force = whole(motion, triads[0], inverted(triads[0], setup, motion, effects)) if triads else np.full((n, 3), np.nan)
     found: dict[str, Array] = {}
     rate = np.zeros((n, 3))
     if gyros:
-        rate = _whole(motion, gyros[0], _inverted(gyros[0], setup, motion, effects, force))
+        rate = whole(motion, gyros[0], inverted(gyros[0], setup, motion, effects, force))
         found[gyros[0].name] = motion_values(motion, gyros[0])
     for fog in setup.sensors("fog"):
-        sense = _sense(fog, setup, motion, np.where(np.isnan(force), 0.0, force), rate)
-        found[fog.name] = _forward(fog, effects, sense)
+        sense = sense_of(fog, setup, motion, np.where(np.isnan(force), 0.0, force), rate)
+        found[fog.name] = forward(fog, effects, sense)
     if triads:
-        found[triads[0].name] = _at_rest(triads[0], setup, motion, effects, force)
+        found[triads[0].name] = at_rest(triads[0], setup, motion, effects, force)
     return found
 
 
@@ -54,13 +54,13 @@ def motion_values(motion: Recording, sensor: Sensor) -> Array:
     return full
 
 
-def _whole(motion: Recording, sensor: Sensor, values: Array) -> Array:
+def whole(motion: Recording, sensor: Sensor, values: Array) -> Array:
     """Values at the sensor's rows, interpolated to all rows, (n, 3)."""
     time = motion.sensor(sensor).time
     return np.column_stack([np.interp(motion.time, time, values[:, i]) for i in range(values.shape[1])])
 
 
-def _inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None) -> Array:
+def inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None) -> Array:
     """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
     samples = motion.sensor(sensor)
     y = _bridged(samples.time, samples.values)
@@ -70,8 +70,8 @@ def _inverted(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence
     f = np.zeros_like(true) if force is None else np.where(np.isnan(force), 0.0, force)[samples.rows]
     for _ in range(ITERATIONS):
         inputs = (true, np.zeros_like(true)) if sensor.kind == "accelerometer" else (f, true)
-        sense = _sense(sensor, setup, motion, *inputs, rows=samples.rows)
-        true = true + (y - _forward(sensor, effects, sense))
+        sense = sense_of(sensor, setup, motion, *inputs, rows=samples.rows)
+        true = true + (y - forward(sensor, effects, sense))
     return true
 
 
@@ -116,7 +116,7 @@ def _bridged(time: Array, values: Array) -> Array:
     return found
 
 
-def _sense(
+def sense_of(
     sensor: Sensor, setup: Setup, motion: Recording, force: Array, rate: Array,
     rows: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None,
 ) -> Sense:  # fmt: skip
@@ -131,7 +131,7 @@ def _sense(
     )  # fmt: skip
 
 
-def _forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
+def forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
     reading = sense.true_input()
     mine = [e for e in effects if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random]
     for effect in sorted(mine, key=lambda e: e.order):
@@ -140,44 +140,20 @@ def _forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
     return reading
 
 
-def _at_rest(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array) -> Array:
+def at_rest(sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array) -> Array:
     """The triad's reading in its dwells: |f| = g along the dwell's own mean direction; NaN while moving."""
     full = np.full((len(motion), 3), np.nan)
     for s in dwells(find_segments(motion)):
         mean = force[s.first : s.last].mean(axis=0)
         full[s.first : s.last] = mean * setup.site.gravity / np.linalg.norm(mean)
     known = ~np.isnan(full[:, 0])
-    sense = _sense(sensor, setup, motion, np.where(known[:, None], full, 0.0), np.zeros_like(full))
-    predicted = _forward(sensor, effects, sense)
+    sense = sense_of(sensor, setup, motion, np.where(known[:, None], full, 0.0), np.zeros_like(full))
+    predicted = forward(sensor, effects, sense)
     predicted[~known] = np.nan
     return predicted
 
 
-def hand_readings(setup: Setup, motion: Recording) -> dict[tuple[str, str], tuple[Index, Index, Array]]:
-    """The readings of a hand-held recording that something predicts.
-
-    Returns:
-        By (sensor, axis): their rows, the number of the stop each rests at (-1 while moving), and the values, SI, (n,) each.
-        An accelerometer's axis is ``norm``: the length of its reading, at rest only.
-    """
-    stop = stops_of(motion)
-    found: dict[tuple[str, str], tuple[Index, Index, Array]] = {}
-    gyros = [s for s in setup.sensors("gyro") if motion.has(s) and len(s.axes) == 3]
-    for fog in setup.sensors("fog"):
-        if motion.has(fog) and gyros:
-            samples = motion.sensor(fog)
-            there = _rate_known(motion, gyros[0])[samples.rows]
-            found[fog.name, "a"] = samples.rows[there], stop[samples.rows[there]], samples.values[there, 0]
-    for triad in setup.sensors("accelerometer")[:1]:
-        if motion.has(triad) and len(triad.axes) == 3:
-            samples = motion.sensor(triad)
-            there = (stop[samples.rows] >= 0) & ~np.isnan(samples.values).any(axis=1)
-            rows = samples.rows[there]
-            found[triad.name, "norm"] = rows, stop[rows], np.linalg.norm(samples.values[there], axis=1)
-    return found
-
-
-def _rate_known(motion: Recording, gyro: Sensor) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+def rate_known(motion: Recording, gyro: Sensor) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
     """Rows between two whole readings of a gyro triad that follow each other, (n,)."""
     values = motion_values(motion, gyro)
     sampled = ~np.isnan(values).all(axis=1)
@@ -190,20 +166,6 @@ def _rate_known(motion: Recording, gyro: Sensor) -> "np.ndarray[tuple[int], np.d
     k = np.clip(np.searchsorted(whole, np.arange(len(motion))), 1, len(whole) - 1)
     near = motion.time[whole[k]] - motion.time[whole[k - 1]] < 2.5 * cadence
     return np.asarray((near | np.isin(np.arange(len(motion)), whole)) & ~broken)
-
-
-def hand_predictions(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> dict[tuple[str, str], Array]:
-    """What ``hand_readings`` should have been with these effects, SI, (n,) at the recording's rows."""
-    predicted = predicted_readings(setup, motion, effects)
-    found: dict[tuple[str, str], Array] = {}
-    for fog in setup.sensors("fog"):
-        if fog.name in predicted:
-            found[fog.name, "a"] = predicted[fog.name][:, 0]
-    for triad in setup.sensors("accelerometer")[:1]:
-        if triad.name in predicted:  # the prediction differs from the reading along it only
-            read = motion_values(motion, triad)
-            found[triad.name, "norm"] = (predicted[triad.name] * read).sum(axis=1) / np.linalg.norm(read, axis=1)
-    return found
 
 
 def stops_of(motion: Recording) -> Index:

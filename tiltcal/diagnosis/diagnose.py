@@ -16,7 +16,8 @@ from tiltcal.diagnosis.finding import Diagnosis, Finding, Fitness, Undetectable,
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.meaning import meaning
-from tiltcal.diagnosis.observations import HandObservations, Observations, observe
+from tiltcal.diagnosis.hand import HandObservations
+from tiltcal.diagnosis.observations import Observations, observe
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, inseparable, price_of
@@ -110,7 +111,7 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     ledger = Ledger(observations)
     start = calibrated(observations, ledger)
     wild, mended = gross_errors(observations, start)
-    if mended != observations.recordings:
+    if any(a is not b for a, b in zip(mended, observations.recordings, strict=True)):
         observations = observe(scenario, mended, known)
         ledger = Ledger(observations)
         start = calibrated(observations, ledger)
@@ -188,8 +189,9 @@ def enough(observations: Observations, account: Account) -> bool:
         return True
     if any(c.axis != "norm" for c in observations.channels):
         return True
-    up = []
-    for recording, channel in zip(observations.recordings, observations.channels, strict=True):
+    up: list[Array] = []
+    for channel in observations.channels:
+        recording = observations.recordings[channel.recording]
         sensor = observations.scenario.named(channel.sensor)
         samples = recording.sensor(sensor)
         values = samples.values[np.isin(samples.rows, channel.rows)]

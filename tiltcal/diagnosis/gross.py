@@ -39,9 +39,9 @@ def _signals(observations: Observations, account: Account) -> Iterator[tuple[int
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r
         return
     for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
-        if channel.axis != "norm":
+        if observations.scenario.named(channel.sensor).kind == "fog":
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r
-    predicted = {c.sensor for c in observations.channels if c.axis != "norm"}
+    predicted = {s.name for s in observations.scenario.sensors("fog")}
     for number, recording in enumerate(observations.recordings):
         for sensor in observations.scenario.sensor:
             if recording.has(sensor) and sensor.name not in predicted:

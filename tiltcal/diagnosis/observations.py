@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.byhand import hand_predictions, hand_readings
 from tiltcal.chain import readings
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
@@ -155,46 +154,9 @@ def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> A
     return matrix
 
 
-class HandObservations(Observations):
-    """Recordings turned by hand: only what is redundant has a model (FOG against gyro, the norm at rest)."""
-
-    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
-        self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
-        found = []
-        for number, recording in enumerate(recordings):
-            for (sensor, axis), (rows, stop, values) in hand_readings(scenario, recording).items():
-                found.append(Channel(number, sensor, axis, 0, rows, recording.time[rows], values, stop))
-        self.channels = tuple(found)
-
-    def predict(self, effects: Sequence[Effect]) -> list[Array]:
-        """What each channel should have read."""
-        found = []
-        for number, recording in enumerate(self.recordings):
-            predicted = hand_predictions(self.scenario, recording, as_met(effects, recording.fingerprint))
-            found += [predicted[c.sensor, c.axis][c.rows] for c in self.channels if c.recording == number]
-        return found
-
-    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
-        """How readings change with a small effect: difference of predictions.
-
-        What was found is left out of the others: in second order it would lend its shape to the calibration terms, of which
-        only some combinations can be seen here.
-        """
-        other = [e for e in around if e.address != effect.address and e.role != "found"]
-        nominal = self._nominal(tuple(other))
-        return {
-            i: new - old
-            for i, (new, old) in enumerate(zip(self.predict([*other, effect]), nominal, strict=True))
-            if np.any(new != old)
-        }
-
-    def _nominal(self, around: tuple[Effect, ...]) -> list[Array]:
-        if getattr(self, "_last", (None, None))[0] != around:
-            self._last = (around, self.predict(around))
-        return self._last[1]
-
-
 def observe(scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect] = ()) -> Observations:
     """The readings of these recordings that the scenario has a model for; ``known``: effects at stated values."""
+    from tiltcal.diagnosis.hand import HandObservations
+
     kind = TableObservations if scenario.rig.axes else HandObservations
     return kind(scenario, recordings, known)

@@ -1,6 +1,7 @@
 """The arrows of the house: who may import whom, and every message in three parts."""
 
 import ast
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PRODUCT = sorted((ROOT / "tiltcal").rglob("*.py"))
 SIMULATOR = sorted((ROOT / "sim").rglob("*.py"))
+BLIND = sorted((ROOT / "tests" / "blind").glob("*.py"))
 
 
 def name_of(path):
@@ -40,6 +42,16 @@ def packages(path):
 def test_the_metrologist_needs_no_simulator(path):
     forbidden = {"mujoco"} if path.name == "cli.py" or "cli" in path.parent.parts else {"mujoco", "tiltsim"}
     assert not packages(path) & forbidden
+
+
+@pytest.mark.parametrize("path", BLIND, ids=name_of)
+def test_blind_trials_have_their_own_physics_and_import_numpy_only(path):
+    assert packages(path) <= {"numpy", "blind"} | sys.stdlib_module_names
+
+
+def test_the_product_never_imports_the_blind_trials():
+    assert not any("blind" in packages(path) for path in PRODUCT + SIMULATOR)
+    assert len(BLIND) > 10
 
 
 def test_the_scan_sees_what_the_simulator_imports():

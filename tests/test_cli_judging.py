@@ -10,14 +10,28 @@ import pytest
 from bench import BENCH, EFFECTS, HEAD, SEQUENCE
 
 from tiltcal.cli import main
+from tiltcal.cli.concealing import CONCEALABLE, bench, concealed
 from tiltcal.effects import CATALOGUE
 from tiltcal.methods.registry import METHODS
 from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording, write_recording
+from tiltcal.scenario import load_scenario, parse_scenario
 
 COMMANDS = (
-    "simulate", "init", "import", "calibrate", "correct", "check", "segments", "run", "verify", "demo", "methods", "effects",
-)  # fmt: skip
+    "simulate",
+    "init",
+    "import",
+    "calibrate",
+    "correct",
+    "check",
+    "segments",
+    "run",
+    "verify",
+    "demo",
+    "prove",
+    "methods",
+    "effects",
+)
 
 
 def answer(capsys, *words, status=0):
@@ -105,12 +119,36 @@ def test_verify_runs_a_folder_and_one_bad_scenario_rejects_it(here, capsys):
     assert (here / "out" / "report.html").exists()
 
 
-def test_the_demo_accepts_its_scenarios_and_ends_with_the_path_of_its_report(here, capsys):
-    assert main(["demo"]) == 0
+@pytest.mark.slow
+def test_the_demo_accepts_its_scenarios_and_finds_what_it_has_concealed(here, capsys):
+    assert main(["demo", "--seed", "5"]) == 0
     out, err = capsys.readouterr()
-    assert out.splitlines()[-1] == "report: demo-output/report.html"
-    assert (here / "demo-output" / "report.html").exists()
+    assert out.splitlines()[-1] == "report of the diagnosis: demo-output/diagnosis/report.html"
+    assert "report: demo-output/report.html" in out
+    assert {p.name for p in (here / "demo-output" / "diagnosis").iterdir()} >= {"report.html", "diagnosis.json", "amended.toml"}
     assert "Simulating tables in MuJoCo" in err
+    assert "seed 5" in err
+    hidden = load_scenario("demo-output/concealed.toml").effects[-1].id
+    shown = [line.split() for line in out.splitlines() if line.split()[:1] in (["concealed"], ["found"])]
+    assert shown[0][:2] == ["concealed", hidden]
+    assert hidden in shown[1]
+    assert load_scenario("demo-output/diagnosis/scenario.toml").effects == ()
+
+
+def test_a_scenario_that_holds_the_truth_is_refused_by_the_diagnosis(good, here, capsys):
+    (here / "concealed.toml").write_text('role = "concealed"\n' + (good / "bench.toml").read_text())
+    assert main(["diagnose", str(good / "run.csv"), "--scenario", "concealed.toml", "-o", "out"]) == 2
+    assert "it holds the truth" in capsys.readouterr().err
+    assert not (here / "out").exists()
+
+
+def test_every_effect_the_demo_can_conceal_makes_a_scenario():
+    seen = set()
+    for seed in range(300):
+        table = concealed(np.random.default_rng(seed))
+        parse_scenario({**bench(), "effect": [table]})
+        seen.add(table["id"])
+    assert seen == set(CONCEALABLE)
 
 
 # ------------------------------------------------------------------------------------------------------ words and JSON

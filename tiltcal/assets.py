@@ -21,3 +21,9 @@ def folder(name: str) -> Path:
         need="the packaged data",
         do="reinstall tiltcal",
     )
+
+
+def beside(name: str) -> Path | None:
+    """A folder of the source checkout this package runs from; None where it is installed by itself."""
+    place = Path(__file__).resolve().parents[1] / name
+    return place if place.is_dir() else None

@@ -1,0 +1,101 @@
+"""Run trials and print the score table: ``python -m blind --command 'tiltcal' -o DIR`` with this folder's parent on the path."""
+
+import argparse
+import json
+import shlex
+import sys
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from pathlib import Path
+from typing import Any
+
+from blind.cases import KINDS, TYPES, possible
+from blind.table import lines, show
+from blind.trial import trial
+
+
+def plan(n: int, kinds: Sequence[str], types: Sequence[str]) -> list[tuple[str, str, int]]:
+    """(kind, type, number) of n cases of every type, the kinds in turn; number decides the noise stratum too."""
+    out = []
+    for i in range(n):
+        for type_ in types:
+            own = [k for k in kinds if possible(k, type_)]
+            if own:
+                out.append((own[i % len(own)], type_, i // len(own)))
+    return out
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit status 0: nothing fell short beyond chance; 1: something did; 130: interrupted."""
+    args = _parser().parse_args(arguments)
+    folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="blind-"))
+    jobs = plan(args.n, args.kinds, args.types)
+    results = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        waiting: set[Future[Any]] = {
+            pool.submit(trial, folder, kind, type_, k, args.seed, shlex.split(args.command), args.time_limit)
+            for kind, type_, k in jobs
+        }
+        try:
+            while waiting:
+                ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in ready:
+                    results.append(future.result())
+                    _tell(results[-1], len(results), len(jobs))
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            print(f"interrupted after {len(results)} of {len(jobs)}; run again with -o {folder} to go on", file=sys.stderr)
+            return 130
+    return _finish(results, folder, args.json)
+
+
+def _finish(results: list[dict[str, Any]], folder: Path, as_json: bool) -> int:
+    table = lines(results)
+    rows = [
+        {
+            "name": x.name,
+            "hits": x.hits,
+            "n": x.n,
+            "interval": x.interval if x.is_rate else None,
+            "required": x.limit,
+            "failed": x.failed,
+        }
+        for x in table
+    ]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "score.json").write_text(
+        json.dumps({"table": rows, "cases": results}, indent=1, default=float) + "\n", encoding="utf-8"
+    )
+    print(json.dumps({"table": rows}, indent=1, default=float) if as_json else show(table))
+    print(f"cases, answers and truth: {folder}", file=sys.stderr)
+    return int(any(x.failed for x in table))
+
+
+def _tell(r: dict[str, Any], n: int, of: int) -> None:
+    said = "+".join(str(f) for f in r["findings"]) or "-"
+    lam = "+".join("-" if x is None else f"{x:.0f}" for x in r["lambda"])
+    print(
+        f"{n}/{of} {r['name']:32s} {r['seconds']:5.1f} s  {'+'.join(r['truth']) or '-'} ({lam})"
+        f" -> {r['verdict']}: {said} {r['note']}",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="blind", description=__doc__)
+    parser.add_argument("--n", type=int, default=5)
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
+    parser.add_argument("--types", nargs="+", choices=TYPES, default=TYPES)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("-j", "--jobs", type=int, default=1)
+    parser.add_argument("--command", default=f"{shlex.quote(sys.executable)} -m tiltcal")
+    parser.add_argument("--time-limit", type=float, default=300.0)
+    parser.add_argument("-o", "--output")
+    parser.add_argument("--json", action="store_true")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,237 @@
+"""A case: a laboratory, what it conceals, the files an honest user has, and the truth that nobody gets before the answer."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from blind.catalogue import listed, settled, unlisted
+from blind.faults import Rows, faults
+from blind.laboratory import KINDS, Lab, another, draw
+from blind.noise import draw as draw_noise
+from blind.oracle import TELL, Found, Oracle, prediction
+from blind.spec import Shape, Spec
+from blind.world import Past, Physics, readings
+
+TYPES = ("null", "single", "odd", "data", "pair", "unlisted", "impossible")
+SIX = ("six_faces", "six_any")
+TRIES = 60
+LEAST = 60.0  # non-centrality below which nothing is concealed: chance decides there
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One concealed effect and what the oracle knows of it."""
+
+    spec: Spec
+    shape: Shape
+    p: np.ndarray  # SI
+    found: Found
+    textbook: bool
+
+    @property
+    def physics(self) -> Physics:
+        """The hook."""
+        return self.spec.physics(self.p, self.shape)
+
+
+@dataclass(frozen=True)
+class Case:
+    """All of one trial. ``truth`` is plain data."""
+
+    lab: Lab
+    rows: Rows
+    other: Lab | None
+    rows_other: Rows | None
+    clean_other: Rows | None
+    truth: dict[str, Any]
+
+
+def possible(kind: str, type_: str) -> bool:
+    """Six poses carry nulls and the impossible only; elsewhere nothing that is drawn is impossible."""
+    return (type_ in ("null", "impossible")) if kind in SIX else type_ != "impossible"
+
+
+def make(kind: str, type_: str, stratum: int, seed: Sequence[int]) -> Case:
+    """Draw one case.
+
+    Raises:
+        RuntimeError: no draw gave an effect that fits.
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(TRIES):
+        lab = draw(rng, kind, stratum)
+        hidden = _conceal(rng, lab, type_)
+        if hidden is not None:
+            return _finish(rng, lab, type_, hidden)
+    raise RuntimeError(f"{kind} {type_} {list(seed)}: no effect fits")
+
+
+def _conceal(rng: np.random.Generator, lab: Lab, type_: str) -> list[Hidden] | None:
+    if type_ in ("null", "data"):
+        return []
+    oracle = Oracle(lab, rng)
+    specs = unlisted(lab) if type_ == "unlisted" else [s for s in listed(lab) if s.drawn and (type_ != "odd" or s.odd)]
+    if type_ == "impossible":
+        specs = [
+            s for s in listed(lab) if s.id.startswith("acc_K") or s.id in ("acc_Koq", "acc_scale_asym", "acc_bias_asym", "adc_inl")
+        ]
+    if not specs:
+        return None
+    first = _draw(rng, oracle, _pick(rng, specs), type_)
+    if first is None or type_ != "pair":
+        return first and [first]
+    second = _draw(rng, oracle, _pick(rng, [s for s in specs if s.id != first.spec.id]), "single")
+    return second and _together(oracle, first, second)
+
+
+def _pick(rng: np.random.Generator, specs: Sequence[Spec]) -> Spec:
+    """Every id as likely as another."""
+    name = rng.choice(sorted({s.id for s in specs}))
+    own = [s for s in specs if s.id == name]
+    return own[int(rng.integers(len(own)))]
+
+
+def _draw(rng: np.random.Generator, oracle: Oracle, spec: Spec, type_: str) -> Hidden | None:
+    """One effect at a size drawn by its non-centrality; None where it cannot be seen, or is not itself."""
+    odd = spec.odd is not None and (type_ == "odd")
+    shapes = spec.shapes(rng, oracle.lab)
+    shape = spec.odd(rng, oracle.lab) if odd and spec.odd else shapes[int(rng.integers(len(shapes)))]
+    way = (
+        rng.normal(size=len(spec.names))
+        if spec.together
+        else rng.choice([-1.0, 1.0]) * np.eye(len(spec.names))[rng.integers(len(spec.names))]
+    )
+    if spec.id == "gyr_gsens":
+        way = np.repeat(np.eye(3)[rng.integers(3)], 3) * rng.normal(size=9)
+    way /= np.abs(way).max()
+    way = np.abs(way) if len(way) == 1 and spec.names[0] in POSITIVE else way
+    full = spec.plausible * spec.unit * way
+    if type_ == "impossible":
+        return _hidden(oracle, spec, shape, full * rng.uniform(0.2, 1.0), textbook=True, unseen=True)
+    r = oracle.residual(oracle.signal([spec.physics(0.1 * full, shape)])[:, :, None])
+    lam = float((r**2).sum())
+    size = 0.1 * np.sqrt(10 ** rng.uniform(1.7, 5) / max(lam, 1e-12))
+    return _hidden(oracle, spec, shape, full * min(size, 1.3), textbook=not odd)
+
+
+POSITIVE = ("mix_unitless", "latency_ms", "tau_ms", "width_arcsec", "sigma_arcsec", "skew_ms")
+
+
+def _hidden(oracle: Oracle, spec: Spec, shape: Shape, p: np.ndarray, textbook: bool, unseen: bool = False) -> Hidden | None:
+    r = oracle.residual(oracle.signal([spec.physics(p, shape)])[:, :, None])
+    lam = float((r**2).sum())
+    if unseen:
+        return Hidden(spec, shape, p, Found(lam, 0.0, {}, {}), textbook) if lam < 5 else None
+    if lam < LEAST:
+        return None
+    found = oracle.judge(spec, shape, spec.physics(p, shape))
+    nearest = min(found.left.values(), default=np.inf)
+    if not spec.listed and nearest < max(50.0, 0.2 * lam):
+        return None  # some listed effect says it nearly as well
+    if not textbook and nearest + TELL < found.own:
+        return None  # its odd form is another effect's
+    return Hidden(spec, shape, p, found, textbook)
+
+
+def _together(oracle: Oracle, a: Hidden, b: Hidden) -> list[Hidden] | None:
+    """Both, judged beside one another; None where one hides the other."""
+    out = []
+    for one, other in ((a, b), (b, a)):
+        columns = oracle.residual(oracle.columns(other.spec, other.shape))
+        found = oracle.judge(one.spec, one.shape, one.physics, beside=list(columns.T))
+        if found.lam < 100 or other.spec.id in found.inseparable:
+            return None
+        out.append(Hidden(one.spec, one.shape, one.p, found, one.textbook))
+    return out
+
+
+# ------------------------------------------------------------------------------------------------------------- the files
+
+
+def _finish(rng: np.random.Generator, lab: Lab, type_: str, hidden: list[Hidden]) -> Case:
+    hooks = [h.physics for h in hidden]
+    ideal = _clean(rng, lab, hooks)
+    rows, effects = _noisy(rng, lab, ideal), [_said(h) for h in hidden]
+    if type_ == "data":
+        rows, effects = _broken(rng, lab)
+    truth: dict[str, Any] = {
+        "kind": lab.kind,
+        "type": type_,
+        "walk": lab.noise.walk_stratum,
+        "flicker": lab.noise.flicker > 0,
+        "effects": effects,
+        "sigma": {n: lab.sensors[s].sigma for n, (s, _) in zip(channel_names(lab), lab.channels)},
+    }
+    if lab.table == "handheld" or lab.unlocked or type_ in ("data", "impossible") or any(h.spec.later == "none" for h in hidden):
+        return Case(lab, rows, None, None, None, truth)
+    other = another(rng, lab)
+    after = [h.spec.physics(h.p, settled(h.spec, h.shape)) for h in hidden]
+    clean = _clean(rng, other, after)
+    truth["heldout"] = prediction(Oracle(lab, rng), other, [(h.spec, h.shape, h.p) for h in hidden], rows.y - ideal.y)
+    return Case(lab, rows, other, _noisy(rng, other, clean), clean, truth)
+
+
+def channel_names(lab: Lab) -> list[str]:
+    """accel_x, ... in file order."""
+    return [f"{lab.sensors[s].name}_{lab.sensors[s].axes[i]}" for s, i in lab.channels]
+
+
+def _said(h: Hidden) -> dict[str, Any]:
+    values = {n: float(v / h.spec.unit) for n, v in zip(h.spec.names, h.p, strict=True) if v or h.spec.together}
+    return {
+        "id": h.spec.id,
+        "listed": h.spec.listed,
+        "textbook": h.textbook,
+        "stage": h.spec.stage,
+        "where": list(h.spec.where),
+        "sensors": list(h.spec.sensors),
+        "parameters": {**values, **h.spec.extra(h.shape)},
+        "shape": {k: str(v) for k, v in h.shape.items()},
+        "lambda": h.found.lam,
+        "own": h.found.own,
+        "inseparable": h.found.inseparable,
+        "tolerated": h.found.tolerated,
+        "left": {k: round(v, 2) for k, v in sorted(h.found.left.items(), key=lambda x: x[1])[:8]},
+        "energy": h.found.energy,
+    }
+
+
+def _clean(rng: np.random.Generator, lab: Lab, hooks: Sequence[Physics]) -> Rows:
+    n = int(lab.track.end_s * lab.rate_hz)
+    t = (np.arange(n) + lab.noise.jitter * rng.uniform(-1, 1, n)) / lab.rate_hz
+    t = np.round(t - t[0], 4)
+    return Rows(t, lab.track.angles(t), readings(lab, hooks, t, Past(lab)), np.round(lab.room.at(t), 2))
+
+
+def _noisy(rng: np.random.Generator, lab: Lab, clean: Rows) -> Rows:
+    table = clean.table + rng.normal(0, lab.noise.readout_rad, clean.table.shape)
+    return Rows(clean.t, table, clean.y + draw_noise(rng, lab, clean.t), clean.T)
+
+
+def _broken(rng: np.random.Generator, lab: Lab) -> tuple[Rows, list[dict[str, Any]]]:
+    clean = _clean(rng, lab, ())
+    choice = faults(lab, clean)
+    fault = choice[int(rng.integers(len(choice)))]
+    said = fault.make(rng, lab, clean) if fault.before_noise else {}
+    rows = _noisy(rng, lab, clean)
+    said = said or fault.make(rng, lab, rows)
+    effect = {
+        "id": fault.id,
+        "listed": True,
+        "textbook": True,
+        "stage": fault.stage,
+        "where": list(fault.where),
+        "sensors": [said.pop("sensor", "")],
+        "parameters": said,
+        "interval_s": said.pop("interval_s", None),
+        "lambda": None,
+        "inseparable": [],
+        "tolerated": [],
+        "energy": {},
+    }
+    return rows, [effect]
+
+
+__all__ = ["KINDS", "TYPES", "Case", "channel_names", "make", "possible"]

@@ -162,8 +162,8 @@ def _clipped(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Faul
     id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
     for axis in sensor.axes:
         rows, _, values = column_values(recording, sensor, axis)
-        if len(values) < 32:
-            continue
+        if len(values) < 32 or code_width(values) > COARSE * _spread_at_rest(values):
+            continue  # a coarse code is flat everywhere
         noise = noise_of(values)
         limits = []
         for sign in (1.0, -1.0):

@@ -131,9 +131,11 @@ def _stuck(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]
         rows, time, values = column_values(recording, sensor, axis)
         if len(values) < 32:
             continue
-        p = repeat_chance(values)
-        least = max(5, int(np.ceil(np.log(CHANCE / len(values)) / np.log(max(min(p, 0.9), 1e-3)))))
         first, last = _runs(np.diff(values) == 0)
+        runs = np.sort(last - first)
+        usual = runs[:-1].sum() / max(len(values) - runs[-1:].sum(), 1)  # how often it repeats outside the longest run
+        p = max(repeat_chance(values), float(usual))
+        least = max(5, int(np.ceil(np.log(CHANCE / len(values)) / np.log(np.clip(p, 1e-3, 0.95)))))
         long = [(a, b + 1) for a, b in zip(first, last, strict=True) if b - a >= least and not _at_end(values, values[a])]
         if not long:
             continue

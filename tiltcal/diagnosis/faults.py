@@ -164,8 +164,8 @@ def _clipped(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Faul
     id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
     for axis in sensor.axes:
         rows, _, values = column_values(recording, sensor, axis)
-        if len(values) < 32 or code_width(values) > COARSE * _spread_at_rest(values):
-            continue  # a coarse code is flat everywhere
+        if len(values) < 32 or repeat_chance(values) > FLAT:
+            continue
         noise = noise_of(values)
         limits = []
         for sign in (1.0, -1.0):
@@ -177,10 +177,12 @@ def _clipped(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Faul
         if not limits:
             continue
         full_scale = min(top for _, top, _ in limits)
-        mask = np.any([there for _, _, there in limits], axis=0)
+        # half of the noise of what lies just below is cut off as well
+        mask = np.any([sign * values > top - 4 * noise for sign, top, _ in limits], axis=0)
         effect = CATALOGUE[id]({"full_scale": full_scale}, sensor.name, axis, "found")
         recording = changed(recording, sensor, axis, rows[mask], np.nan)
-        words = f"{sensor.name} {axis} is clipped at {full_scale:.6g} (SI): {int(mask.sum())} samples without noise."
+        flat = sum(int(t.sum()) for *_, t in limits)
+        words = f"{sensor.name} {axis} is clipped at {full_scale:.6g} (SI): {flat} samples without noise."
         found.append(Fault(effect, (sensor.name,), (axis,), words, sigma={"full_scale": noise / np.sqrt(mask.sum())}))
     return recording, found
 
@@ -223,6 +225,7 @@ def _repeated(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fau
     return recording, [Fault(effect, (sensor.name,), axes, words, sigma={"share": float(np.sqrt(share / n))})]
 
 
+FLAT = 0.3  # chance of a repeat above which a coarse code is flat everywhere
 COARSE = 0.5  # code over noise: below it rounding is one more small white noise
 
 

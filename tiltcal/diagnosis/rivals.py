@@ -116,7 +116,7 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger) -> Rival | None:
     target = np.concatenate(case.target)
     price = price_of(ledger)
     own = [i for i, who in enumerate(owner) if who == members[0]]
-    lawful = [i for i, who in enumerate(owner) if who == members[0] or ledger.suspects[who].listed]
+    lawful = [i for i, who in enumerate(owner) if who == members[0] or _same_kind(ledger.suspects[who], suspect)]
     chosen = _greedy(columns, target, own, price, [])
     if not chosen:
         return None
@@ -135,6 +135,11 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger) -> Rival | None:
         terms, gain, gain - price * len(whole) - 2 * np.log(suspect.variants), share,
         float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained, _fair(terms[0]), form,
     )  # fmt: skip
+
+
+def _same_kind(other: Suspect, suspect: Suspect) -> bool:
+    """Whether what completes a form is of the form itself: a law beside a law, a late curve beside the same on another axis."""
+    return other.listed and (other.alias is None) == (suspect.alias is None)
 
 
 def _dense(members: Sequence[int], case: Case, ledger: Ledger) -> tuple[Array, list[int], list[str]]:

@@ -227,7 +227,7 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
         for turn, lag in product("xyz", LAGS):
             if knots := _knots("temperature", span, 3):
                 tilt = _curve(LearnedTilt, "temperature", knots, lag=lag, slot="mount", turn=turn, place="mount")
-                yield replace(tilt, alias="mount_thermal_tilt", variants=len(LAGS))
+                yield _late(tilt, "mount_thermal_tilt")
 
 
 def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
@@ -258,13 +258,20 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
     name = "acc_temp_bias" if sensor.is_accelerometer else "gyr_temp"
     for lag in LAGS:  # the thermometer and the sensor are not of one temperature
         if knots := _knots("temperature", span, 3):
-            yield replace(_curve(LearnedReading, "temperature", knots, lag=lag, **where), alias=name, variants=len(LAGS))
+            yield _late(_curve(LearnedReading, "temperature", knots, lag=lag, **where), name)
             if sensor.is_accelerometer:
                 scale = _curve(LearnedReading, "temperature", knots, lag=lag, per_input=True, **where)
-                yield replace(scale, alias="acc_temp_scale", variants=len(LAGS))
+                yield _late(scale, "acc_temp_scale")
     for coordinate in ("time", "temperature"):
         if knots := _knots(coordinate, span, 5):
             yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+
+
+def _late(curve: Suspect, alias: str) -> Suspect:
+    """A law of temperature that is felt late and may bend: nothing at the middle of the range, as the law has nothing at T0."""
+    names = (curve.names[0], curve.names[-1])
+    effect = _with(curve.effect, {n: curve.effect.values[n] for n in names})
+    return Suspect(effect, names, len(LAGS), alias)
 
 
 def _knots(coordinate: str, span: Span, count: int) -> tuple[float, ...]:

@@ -7,10 +7,10 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, settle
 from tiltcal.diagnosis.evidence import Ledger
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, price_of
+from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, explain, explanations, preferred, price_of
 from tiltcal.diagnosis.select import ALPHA, Gate, findings, log_tail, log_tries
 from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.effects.learned import ANGLES, Learned
+from tiltcal.effects.learned import ANGLES, Learned, LearnedReading
 
 MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
 SHARE = 0.03  # and this share of the gain: a law that is a few per cent off its textbook form keeps its name
@@ -22,46 +22,54 @@ def is_curve(suspect: Suspect) -> bool:
 
 
 def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
-    """Put a curve where it explains what a name does not; then where the account leaves structure over."""
+    """One cause in place of several where it explains as much, a curve where no name does; then what is left over."""
     groups = findings(account)
     together = [[k for places in groups for k in places]] if len(groups) > 1 else []
     for places in together + groups:
         inside = [account.terms[k] for k in places]
         if not all(t.suspect.textbook for t in inside if t.host is None):
             continue
-        case = case_of(account, ledger, places)
-        curve = best_curve(case, ledger)
-        level = _worth_of(inside, case, ledger)
-        names = sum(t.host is None for t in inside)  # one cause is likelier than several
-        margin = MARGIN + SHARE * curve.gain if names == 1 and curve is not None else -MARGIN * (names - 1)
-        if curve is not None and curve.worth > level + margin:
-            kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
-            trial = settle(replace(account, terms=kept + curve.terms), ledger)
-            if gate.log_p(trial, ledger)[-1] < np.log(ALPHA):
-                return nameless(trial, ledger, gate)
+        better = _better(inside, case_of(account, ledger, places), ledger)
+        if better is None:
+            continue
+        kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
+        trial = settle(replace(account, terms=kept + better.terms), ledger)
+        if gate.log_p(trial, ledger)[-1] < np.log(ALPHA):
+            return nameless(trial, ledger, gate)
     return leftover(account, ledger, gate)
 
 
+def _better(inside: Sequence[Term], case: Case, ledger: Ledger) -> Rival | None:
+    """What should stand in the place of some findings: one name for several, or a curve for names that do not fit."""
+    named = [r for r in explanations(case, ledger, lambda s: s.textbook) if r.fair and r.own >= OWN]
+    single = preferred(named, case.signal) if named else None
+    joint, several = _worth_of(inside, case, ledger), sum(t.host is None for t in inside)
+    if several > 1 and single is not None and single.worth > joint - EQUAL - LOOSE * single.gain:
+        return single
+    curve = best_curve(case, ledger)
+    if curve is None:
+        return None
+    if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
+        return curve if curve.worth > joint - MARGIN * (several - 1) else None  # one cause is likelier than several
+    level = 0.0 if single is None else max(single.worth, joint if several == 1 else 0.0)
+    return curve if curve.worth > level + MARGIN + SHARE * curve.gain else None
+
+
 def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:
-    """What the names bring less their price: of one finding the best that any name can do."""
-    sizes = sum(len(t.names) for t in inside)
-    worth = sum(float(t @ t) for t in case.target) - sum(
-        float(r @ r) for r in (t - s for t, s in zip(case.target, case.signal, strict=True))
-    )
-    worth -= price_of(ledger) * sizes
-    if sum(t.host is None for t in inside) == 1:
-        named = [r.worth for r in explanations(case, ledger, lambda s: s.textbook) if r.fair and r.own >= OWN]
-        worth = max([worth, *named]) if named else 0.0
-    return worth
+    """What the findings bring less the price of their sizes."""
+    whole = sum(float(t @ t) for t in case.target)
+    left = sum(float((t - s) @ (t - s)) for t, s in zip(case.target, case.signal, strict=True))
+    return whole - left - price_of(ledger) * sum(len(t.names) for t in inside)
 
 
 def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
     """What is left over and significant: the rest of a finding's own form when it is small beside it, else a finding."""
     case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
     curve = best_curve(case, ledger)
-    if curve is None or log_tail(curve.gain, curve.sizes) + log_tries(curve.suspect, curve.sizes, len(ledger.suspects)) > np.log(
-        ALPHA
-    ):
+    if curve is None:
+        return account
+    chance = log_tail(curve.gain, curve.sizes) + log_tries(curve.suspect, curve.sizes, len(ledger.suspects))
+    if chance > np.log(ALPHA):
         return account
     trial = settle(replace(account, terms=account.terms + curve.terms), ledger)
     if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA):
@@ -82,7 +90,14 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
     found = explanations(case, ledger, is_curve)
     if not found:
         return None
-    return max([found[0], *_local(found[0], case, ledger)], key=lambda r: r.worth)
+    trials = [*found, *_local(found[0], case, ledger)]
+    top = max(r.worth for r in trials)
+    equal = [r for r in trials if r.worth > top - EQUAL - LOOSE * r.gain]
+
+    def rank(r: Rival) -> tuple[bool, bool, float]:  # a known place first, then the reading itself
+        return r.suspect.alias is None, not isinstance(r.suspect.effect, LearnedReading), -r.worth
+
+    return min(equal, key=rank)
 
 
 def _local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:

@@ -46,6 +46,7 @@ from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, parse_scenario
 
 Progress = Callable[[str], None]
+MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
 
@@ -73,10 +74,12 @@ def diagnose(
     progress("reading")
     bench = prepare(scenario, recordings)
     if not enough(bench.observations, bench.start):
-        return _answer(bench, bench.start, (), (), None, False)
+        return _answer(bench, bench.start, (), (), False)
     progress("what every effect would do")
+    tones = tones_of(bench.ledger, bench.start)
+    full, bench = bench.observations, thinned(bench)
     ledger = bench.ledger
-    fill(ledger, bench.start)
+    fill(ledger, bench.start, tones)
     gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
     progress("who is to blame")
     account = select(bench.start, ledger, gate, lambda s: s.textbook)
@@ -85,7 +88,8 @@ def diagnose(
     progress("rivals")
     account, chance = _by_chance(account, bench.start, ledger, gate)
     progress("re-simulating")
-    return _answer(bench, account, _findings(account, ledger, gate), chance, laboratory, True, static is not None)
+    answer = _answer(bench, account, _findings(account, ledger, gate), chance, True, static is not None)
+    return answer if laboratory is None else _simulated(answer, laboratory, full, account)
 
 
 @dataclass(frozen=True)
@@ -124,6 +128,18 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
         if not any(e.id == "data_pose_label" for e in scenario.effects):
             wild = [*wild, slip[0]]
     return Bench(observations, ledger, start, (*faults, *wild), tuple(notes))
+
+
+def thinned(bench: Bench) -> Bench:
+    """The same with a long record's samples averaged in short blocks."""
+    longest = max(len(c.values) for c in bench.observations.channels)
+    block = -(-longest // MOST_ROWS)
+    old = bench.observations
+    if block < 2 or not old.scenario.rig.axes:
+        return bench
+    observations = observe(old.scenario, old.recordings, old.known, block)
+    ledger = Ledger(observations)
+    return replace(bench, observations=observations, ledger=ledger, start=calibrated(observations, ledger))
 
 
 def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFit, ...]:
@@ -201,11 +217,11 @@ def enough(observations: Observations, account: Account) -> bool:
     return directions > account.basis[0].shape[1]
 
 
-def fill(ledger: Ledger, account: Account) -> None:
-    """Put every suspect on the ledger."""
+def fill(ledger: Ledger, account: Account, tones: Sequence[float]) -> None:
+    """Put every suspect on the ledger; tones: Hz, of lines that stand out."""
     observations = ledger.observations
     effects = account.effects
-    span = span_of(observations, tones_of(ledger, account))
+    span = span_of(observations, tones)
     nuisance = [t.suspect for t in account.nuisance]
     for suspect in listed_suspects(observations.scenario, span, nuisance):
         ledger.add(suspect, effects)
@@ -233,8 +249,7 @@ def _findings(account: Account, ledger: Ledger, gate: Gate) -> list[Finding]:
 
 
 def _answer(
-    bench: Bench, account: Account, found: Sequence[Finding], chance: Sequence[Fault], laboratory: Laboratory | None, told: bool,
-    static: bool = False,
+    bench: Bench, account: Account, found: Sequence[Finding], chance: Sequence[Fault], told: bool, static: bool = False
 ) -> Diagnosis:  # fmt: skip
     """Verdict and figures."""
     ledger, observations = bench.ledger, bench.observations
@@ -248,15 +263,17 @@ def _answer(
     began = as_it_began(account, ledger, noise_under(account, ledger)) if told else account
     amended = _amended(began, observations, faults)
     notes = [*bench.notes, f"the noise was {source}"]
-    fitted = observations.predict(account.effects)
-    if laboratory is not None and told:
-        again = resimulate(laboratory, _as_read(amended, observations.scenario), observations, fitted)
-        notes += [again.words] if again is not None else []
-    left = [c.values - p for c, p in zip(observations.channels, fitted, strict=True)]
+    left = observations.residuals(account.effects)
     return Diagnosis(
         verdict, statement, answer, tuple(notes), _undetectable(account, ledger) if told else (), first, last, amended,
         views_of(observations, observations.residuals(before.effects), left),
     )  # fmt: skip
+
+
+def _simulated(answer: Diagnosis, laboratory: Laboratory, full: Observations, account: Account) -> Diagnosis:
+    """The answer with the simulator's word on it."""
+    again = resimulate(laboratory, _as_read(answer.amended, full.scenario), full, full.predict(account.effects))
+    return answer if again is None else replace(answer, notes=(*answer.notes, again.words))
 
 
 def _as_read(amended: Mapping[str, Any], scenario: Scenario) -> Scenario:

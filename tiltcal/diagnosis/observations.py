@@ -82,9 +82,16 @@ class Observations(ABC):
 
 
 class TableObservations(Observations):
-    """Recordings on a table whose angles were read."""
+    """Recordings on a table whose angles were read.
 
-    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
+    Args:
+        block: samples that are averaged into one, of readings and predictions alike: a long record needs no more to tell
+            what physics it holds, and noise stays what it was, white, flicker and walk.
+    """
+
+    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect], block: int = 1) -> None:
+        self.block = block
+        self._rows: list[Index] = []
         self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
         reference = scenario.climate.reference_degC
         self.courses: list[Replay] = []
@@ -106,12 +113,20 @@ class TableObservations(Observations):
                 for k, axis in enumerate(sensor.axes):
                     there = ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
                     rows = samples.rows[there]
-                    found.append(
-                        Channel(
-                            number, sensor.name, axis, k, rows, recording.time[rows], samples.values[there, k], course.stop[rows]
-                        )
-                    )
-        return [c for c in found if len(c.rows) > 8]
+                    if len(rows) <= 8 * self.block:
+                        continue
+                    self._rows.append(rows)
+                    middle = rows[np.minimum(np.arange(0, len(rows), self.block) + self.block // 2, len(rows) - 1)]
+                    values = self._mean(samples.values[there, k])
+                    found.append(Channel(number, sensor.name, axis, k, middle, recording.time[middle], values, course.stop[middle]))
+        return found
+
+    def _mean(self, values: Array) -> Array:
+        """Means of blocks, (n,) -> (n / block,)."""
+        if self.block == 1:
+            return values
+        starts = np.arange(0, len(values), self.block)
+        return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read."""
@@ -120,7 +135,10 @@ class TableObservations(Observations):
             names = {c.sensor for c in self.channels if c.recording == number}
             met = as_met(effects, recording.fingerprint)
             values = readings(self.scenario, course, dict.fromkeys(sorted(names), recording.time), met)
-            found += [values[c.sensor][c.rows, c.column] for c in self.channels if c.recording == number]
+            found += [
+                self._mean(values[c.sensor][rows, c.column])
+                for c, rows in zip(self.channels, self._rows, strict=True) if c.recording == number
+            ]  # fmt: skip
         return found
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
@@ -130,7 +148,7 @@ class TableObservations(Observations):
             changes = watch.changes(effect)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
-                    column = changes[c.sensor][c.rows, c.column]
+                    column = changes[c.sensor][np.minimum(c.rows // self.block, len(watch.time) - 1), c.column]
                     if np.any(column):
                         found[i] = column
         return found
@@ -141,7 +159,7 @@ class TableObservations(Observations):
         if key not in self._watches:
             self._watches.clear()
             self._watches[key] = [
-                Watch(self.scenario, course, recording.time, matrices)
+                Watch(self.scenario, course, recording.time[self.block // 2 :: self.block], matrices)
                 for recording, course in zip(self.recordings, self.courses, strict=True)
             ]
         return self._watches[key]
@@ -162,9 +180,21 @@ def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> A
     return matrix
 
 
-def observe(scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect] = ()) -> Observations:
-    """The readings of these recordings that the scenario has a model for; ``known``: effects at stated values."""
+def observe(
+    scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect] = (), block: int = 1
+) -> Observations:  # fmt: skip
+    """The readings of these recordings that the scenario has a model for.
+
+    Args:
+        scenario: site, rig, sensors, what is adjustable.
+        recordings: of one set-up.
+        known: effects at stated values.
+        block: samples that are averaged into one, on a table.
+    """
     from tiltcal.diagnosis.hand import HandObservations
 
-    kind = TableObservations if scenario.rig.axes else HandObservations
-    return kind(scenario, recordings, known)
+    return (
+        TableObservations(scenario, recordings, known, block)
+        if scenario.rig.axes
+        else HandObservations(scenario, recordings, known)
+    )

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from builders import ACCEL, G, setup_of
 from logs import log_of, triad_readings
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
 from tiltcal.accuracy import normalised_error
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import parse_up, sphere
+from tiltcal.methods import norm as norm_module
 from tiltcal.methods.norm import names_of
 from tiltcal.methods.norm_iteration import product_and_sum
 from tiltcal.methods.registry import calibrate
@@ -60,23 +61,28 @@ def test_it_converges_from_half_the_scale_and_half_a_g_off(sign):
 
 
 @pytest.mark.slow
-def test_four_thousand_draws_reach_the_bound():
+def test_four_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
+    monkeypatch.setattr(norm_module, "_leave_directions_out", lambda *_: (0.0, 1.0))  # costs most, changes no parameter
     draws, names = 4000, list(truth(9))
     clean = log()
     segments = find_segments(clean)
     rng = rng_of("norm at its bound")
     columns = np.column_stack([clean.column(f"accel_{a}_m_s2") for a in "xyz"])
-    values, nees = np.empty((draws, 9)), np.empty(draws)
+    values, nees, inside = np.empty((draws, 9)), np.empty(draws), np.zeros(9)
     for k in range(draws):
         noisy = columns + rng.normal(0, SIGMA, columns.shape)
         draw = type(clean).from_columns(clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")})
         found = calibrate("norm", draw, SETUP, segments=segments)
         values[k], nees[k] = [found.value(n) for n in names], normalised_error(found, truth(9))[0]
+        sigma = np.array([found.parameters[n].sigma for n in names])
+        inside += np.abs(values[k] - list(truth(9).values())) <= 1.959964 * sigma
     ratio = values.var(axis=0, ddof=1) / np.diag(_bound(segments))
-    p = 1e-3 / 10 / 2
+    p = 1e-3 / 19 / 2  # one family: nine variances, nine coverages, the NEES
     low, high = chi2.ppf(p, draws - 1) / (draws - 1), chi2.isf(p, draws - 1) / (draws - 1)
     assert np.all((ratio > low) & (ratio < high)), ratio
     assert chi2.ppf(p, 9 * draws) / (9 * draws) < nees.mean() / 9 < chi2.isf(p, 9 * draws) / (9 * draws) * (1 + 2 / 1500)
+    least, most = binom.ppf([p, 1 - p], draws, 0.95)
+    assert np.all((inside >= least) & (inside <= most)), inside / draws
 
 
 def _bound(segments):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders import INCL, setup_of
 from logs import log_of
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
 from tiltcal.errors import TiltcalError
@@ -71,14 +71,38 @@ def monte_carlo(draws: int, name: str, estimator: str, code: float = 0.0) -> np.
 
 
 @pytest.mark.slow
-def test_mean_and_median_reach_what_physics_allows():
+def test_four_thousand_reversals_reach_the_bound_and_their_intervals_cover():
+    """Half the difference and half the sum of two means: variance s^2/2 each; d roll = du_y / (g cos roll), and so on."""
+    draws, roll, pitch, s2 = 4000, 0.01, -0.02, SIGMA**2 / SAMPLES / 2
+    names, true = ["base.roll", "base.pitch", "accel.bias_x", "accel.bias_y"], np.array([roll, pitch, BIAS, BIAS])
+    slopes = np.array([[0, 1 / np.cos(roll)], [-1 / (np.cos(roll) * np.cos(pitch)), np.tan(pitch) * np.tan(roll) / np.cos(roll)]])
+    bound = np.append((slopes**2).sum(axis=1) * s2 / G**2, [s2, s2])
+    clean, rng = log(roll, pitch), rng_of("reversal family")
+    step = SAMPLES + 12
+    segments = [Segment(k * step / 20, (k * step + SAMPLES - 1) / 20, k * step, k * step + SAMPLES, "dwell") for k in range(2)]
+    errors, nees, inside = np.empty((draws, 4)), 0.0, np.zeros(4)
+    for k in range(draws):
+        draw = log(roll, pitch, noise=rng.normal(0, SIGMA, (len(clean), 2)))
+        found = calibrate("two_position", draw, SETUP, segments=segments)
+        errors[k] = [found.value(n) for n in names] - true
+        nees += errors[k] @ np.linalg.solve(found.covariance, errors[k])
+        inside += np.abs(errors[k]) <= 1.959964 * np.array([found.parameters[n].sigma for n in names])
+    p = 1e-3 / 9 / 2  # one family: four variances, four coverages, the NEES
+    ratio = (errors**2).sum(axis=0) / bound
+    assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws))), ratio / draws
+    freedom = 2 * SAMPLES - 2  # of the noise: its inverse is that much larger on average, in two channels
+    assert chi2.ppf(p, 4 * draws) < nees < chi2.isf(p, 4 * draws) * freedom / (freedom - 3), nees / 4 / draws
+    low, high = binom.ppf([p, 1 - p], draws, 0.95)
+    assert np.all((inside >= low) & (inside <= high)), inside / draws
+
+
+@pytest.mark.slow
+def test_the_median_reaches_what_physics_allows():
     """PHYSICS 6 (4): bound 0.516 arcsec; a median is sqrt(pi/2) worse."""
     bound = SIGMA / (G * np.sqrt(2 * SAMPLES))
     assert bound / ARCSEC == pytest.approx(0.516, abs=0.001)
     draws = 4000
     band = chi2.ppf([P, 1 - P], draws) / draws
-    mean = np.mean(monte_carlo(draws, "reversal by mean", "mean") ** 2) / bound**2
-    assert band[0] < mean < band[1]
     median = np.mean(monte_carlo(draws, "reversal by median", "median") ** 2) / bound**2
     assert band[0] * np.pi / 2 < median * (1 + 1 / SAMPLES)
     assert median < band[1] * np.pi / 2

@@ -1,7 +1,7 @@
 """Poses: the dwells of a log as means with covariance and, where known, the true up direction."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -142,20 +142,9 @@ def _drive_at(recording: Recording, setup: Setup, segments: Sequence[Segment]) -
             known[i] &= len(part) > 0
             axes[name][i] = part.mean() if len(part) else 0.0
     middle = np.array([(s.start + s.end) / 2 for s in segments])
-    whole = course.drive(middle)
     zero = np.zeros(len(segments))
     jets = {name: Jet(angle, zero, zero) for name, angle in axes.items()}
-    return Drive(
-        middle,
-        jets,
-        whole.start,
-        whole.temperature,
-        whole.reference_temperature,
-        whole.stop,
-        whole.mounts,
-        None,
-        known,
-    )
+    return replace(course.standing(middle, jets), known=known)
 
 
 def group_directions(directions: Array, limit: float = 15 * DEG) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":

@@ -13,6 +13,7 @@ from tiltcal.frames import AXES, Array
 from tiltcal.methods.common import pick_sensor, wrap_up
 from tiltcal.methods.field_log import BIAS_SPAN, FieldLog, field_log, hand_turns, restless
 from tiltcal.methods.fog_filter import Filtered, augmented_problem, batch, kalman, patent_problem, smoothed
+from tiltcal.methods.screening import columns_test, require_unsaturated
 from tiltcal.poses import find_poses
 from tiltcal.recording import Recording
 from tiltcal.segments import Segment, dwells, find_segments
@@ -57,6 +58,8 @@ def fog_scale(
     if len(gyro.axes) != 3:
         raise TiltcalError(f"method {NAME}", found=f"{len(gyro.axes)} axes of {gyro.name}", need="a triad", do="add the others")
     reference = pick_sensor(setup, recording, ("fog",), fog, NAME)
+    for each in (gyro, reference):
+        require_unsaturated(recording, each)
     found = list(find_segments(recording)) if segments is None else _with_moves(segments, recording)
     log = field_log(recording, setup, gyro, reference, found)
     problem = augmented_problem(log)
@@ -67,6 +70,8 @@ def fog_scale(
         _fit_test(log, state), _twin_test(state, twin), *_turn_tests(log), _rest_test(log),
         _still_test(restless(recording, setup, reference, dwells(found))), _scale_test(log, state),
     ]  # fmt: skip
+    if log.force is not None:
+        tests.append(columns_test(log.time, log.rate - log.bias[:3], log.force))
     poses = find_poses(recording, setup, gyro, dwells(found))
     rest_noise = poses.covariance(0) + np.eye(3) * EARTH_RATE**2 / 3  # the Earth's rate is in the rest mean, direction unknown
     covariance = np.zeros((6, 6))

@@ -11,6 +11,7 @@ from tiltcal.fit import Fit, linear_fit
 from tiltcal.frames import AXES, Array
 from tiltcal.kinematics import closed_form
 from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.methods.screening import order_test, require_unsaturated
 from tiltcal.methods.terms import columns_under
 from tiltcal.motion import Drive, Index
 from tiltcal.poses import Poses, find_poses
@@ -58,6 +59,7 @@ def gyro_rates(
         raise TiltcalError(f"method {NAME}, option terms", found=str(terms), need="a list with bias in it", do="correct it")
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     _require_readout(recording, setup)
+    require_unsaturated(recording, gyro)
     poses = find_poses(recording, setup, gyro, segments)
     samples = recording.sensor(gyro)
     whole = ~np.isnan(samples.values).any(axis=1)
@@ -79,6 +81,7 @@ def gyro_rates(
         used = np.ones(len(steady), bool)
         fit = fit_blocks(names, columns, target, sigma)
     tests = _tests(fit, columns, used, names, gyro.name)
+    tests += [order_test(_sensitivity(fit, gyro))] if len(gyro.axes) == 3 else []
     kept = [units[names.index(n)] for n in fit.names]
     lost = [n.split(".")[1] for n, s in zip(fit.names, fit.sigmas, strict=True) if ".scale_" in n and s > LOST]
     notes = _notes(setup, steady, used, lost)
@@ -88,6 +91,14 @@ def gyro_rates(
         equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f", inverse="w = M^-1 (reading - bias - gsens f)",
         heldout={gyro.name: _held_out(names, columns[:, used], target[used], sigma)},
     )  # fmt: skip
+
+
+def _sensitivity(fit: Fit, gyro: Sensor) -> Array:
+    """I + scale + cross, (3, 3)."""
+    M = np.eye(3)
+    for i, a in enumerate(AXES):
+        M[i] += [fit.value(f"{gyro.name}.scale_{a}" if i == j else f"{gyro.name}.cross_{a}{b}") for j, b in enumerate(AXES)]
+    return M
 
 
 def _require_readout(recording: Recording, setup: Setup) -> None:

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration import Calibration, chi2_test, verdict_of
+from tiltcal.calibration import Calibration, Test, chi2_test, verdict_of
 from tiltcal.errors import TiltcalError
 from tiltcal.fit import Fit, gauss_newton
 from tiltcal.frames import AXES, Array, angle_between
 from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
 from tiltcal.methods.norm import norm
+from tiltcal.methods.screening import columns_test, require_unsaturated
 from tiltcal.poses import Poses, find_poses
 from tiltcal.recording import Recording
 from tiltcal.segments import Segment, find_segments
@@ -22,6 +23,7 @@ LEAST_TURNS = 6
 FOLDS = 12
 CHANCE = 1e-3  # of calling noise a misfit
 TOGETHER = 300_000  # samples that are turned at a time
+BLOCK = 0.1  # s
 EDGE = 0.5  # s of rest beside a turn whose mean is gravity's direction there
 TERMS = ("bias", "scale", "cross_axis", "gsens")
 
@@ -84,6 +86,8 @@ def gyro_turns(
         raise TiltcalError(f"method {NAME}, option terms", found=str(terms), need="some of " + ", ".join(TERMS), do="correct it")
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     accel = pick_sensor(setup, recording, ("accelerometer",), None, NAME)
+    for each in (gyro, accel):
+        require_unsaturated(recording, each)
     found = list(find_segments(recording)) if segments is None else list(segments)
     level = norm(recording, setup, segments=found, sensor=accel.name)
     rests, force = find_poses(recording, setup, gyro, found), find_poses(recording, setup, accel, found)
@@ -101,7 +105,7 @@ def gyro_turns(
     heldout = _held_out(turns, _Rests(rests, f), names, fit)
     rms = np.sqrt(np.mean(turn_errors(turns, _Model(fit, names)) ** 2))
     statement = f"{len(turns)} turns leave {rms / DEG:.3g} deg rms of gravity's direction, and the rests their static rates"
-    tests = [chi2_test("fit", fit.chi2, fit.dof, statement)]
+    tests = [chi2_test("fit", fit.chi2, fit.dof, statement), _columns_test(turns, rests)]
     warnings = [
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
         "the Earth's rate is part of the bias and of the g-sensitivity: the heading is not known",
@@ -112,6 +116,17 @@ def gyro_turns(
         equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f", inverse="w = M^-1 (reading - bias - gsens f)",
         heldout={gyro.name: heldout},
     )  # fmt: skip
+
+
+def _columns_test(turns: Turns, rests: Poses) -> Test:
+    """On means of some 0.1 s of each turn, one turn after the other."""
+    size = max(1, round(BLOCK / float(np.median(turns.step[turns.step > 0]))))
+    m, n = len(turns), turns.step.shape[1] // size
+    step = turns.step[:, : n * size].reshape(m, n, size)
+    whole = (step > 0).all(axis=2)
+    rate, force = (a[:, : n * size].reshape(m, n, size, 3).mean(axis=2)[whole] for a in (turns.rate, turns.force))
+    time = (np.cumsum(step.sum(axis=2), axis=1) + 1e3 * np.arange(m)[:, None])[whole]  # no step from one turn to the next
+    return columns_test(time, rate - rests.means.mean(axis=0), force)
 
 
 def parameter_names(name: str, terms: Sequence[str]) -> list[str]:

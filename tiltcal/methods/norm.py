@@ -11,6 +11,7 @@ from tiltcal.fit import Fit, gauss_newton
 from tiltcal.frames import AXES, Array, sphere
 from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
 from tiltcal.methods.norm_iteration import Iteration, product_and_sum
+from tiltcal.methods.screening import require_unsaturated
 from tiltcal.poses import Poses, find_poses, group_directions
 from tiltcal.recording import Recording
 from tiltcal.schemes import label_of
@@ -54,6 +55,7 @@ def norm(
         raise TiltcalError(
             f"method {NAME}", found=f"{len(used.axes)} axes of {used.name}", need="a triad", do="use six_position"
         )  # fmt: skip
+    require_unsaturated(recording, used)
     if terms is None:
         terms = 9 if not used.adjustable or "cross_axis" in used.adjustable else 6
     if terms not in (6, 9):

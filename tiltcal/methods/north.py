@@ -12,6 +12,8 @@ from tiltcal.fit import Fit, gauss_newton
 from tiltcal.frames import Array, earth_rate
 from tiltcal.methods.common import pick_sensor, wrap_up
 from tiltcal.methods.reversal import attitudes, dwell_angles, mount_of, require_vertical
+from tiltcal.methods.reversal_faults import Reversal, explain
+from tiltcal.methods.screening import require_unsaturated
 from tiltcal.poses import Poses, find_poses
 from tiltcal.recording import Recording
 from tiltcal.segments import Segment, dwells, find_segments
@@ -87,6 +89,7 @@ def north(
     """
     require_vertical(setup, NAME, "use a table that turns about Up")
     fog = pick_sensor(setup, recording, ("fog",), sensor, NAME)
+    require_unsaturated(recording, fog)
     found = list(find_segments(recording)) if segments is None else dwells(segments)
     table, poses = _turntable(recording, setup, fog, _level(recording, setup, level) if tilt else None, found)
     roll, pitch, heading, rivals = start_of(table)
@@ -110,6 +113,8 @@ def _level(recording: Recording, setup: Setup, name: str | None) -> Sensor | Non
     if name is not None:
         return pick_sensor(setup, recording, kinds, name, NAME)
     fitting = [s for s in setup.sensors(*kinds) if recording.has(s) and {"x", "y"} <= set(s.axes)]
+    for sensor in fitting[:1]:
+        require_unsaturated(recording, sensor)
     return fitting[0] if fitting else None
 
 
@@ -223,7 +228,11 @@ def _residual(table: Turntable, x: Array) -> Array:
 def _tests(table: Turntable, fit: Fit, rivals: list[float], roll: float, pitch: float) -> list[Test]:
     tests = []
     if fit.dof > 0:
-        tests.append(chi2_test("fit", fit.chi2, fit.dof, f"{len(table.angles)} positions agree within their noise"))
+        test = chi2_test("fit", fit.chi2, fit.dof, f"{len(table.angles)} positions agree within their noise")
+        if not test.passed and table.force is not None:
+            why = explain(Reversal(*table.force, table.angles, table.mount)) or "the tilts repeat, or no single fault explains them"
+            test = replace(test, statement=f"{len(table.angles)} positions do not agree within their noise; {why}")
+        tests.append(test)
     axes = table.input_axes(roll, pitch)
     design = np.column_stack([np.ones(len(axes)), axes[:, 0], axes[:, 1]]) / table.fog_sigma[:, None]
     if len(axes) > 2 and np.linalg.cond(design / np.linalg.norm(design, axis=0)) < 30:

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.calibration import SIGNIFICANCE, Test
-from tiltcal.errors import TiltcalError
 from tiltcal.fit import Fit, linear_fit
 from tiltcal.frames import Array, rotation
-from tiltcal.recording import Recording
-from tiltcal.setup import Sensor
 from tiltcal.units import DEG
 
 STILL = 1e-4  # significance of a base that moves during a dwell: one test a dwell and channel
@@ -68,6 +65,8 @@ def _hypotheses(r: Reversal) -> Iterator[tuple[float, str]]:
         if abs(np.angle(np.exp(1j * (swapped[k] - r.angles[k])))) > 1 * DEG:
             words = f"positions {k + 1} and {k + 2} fit if their order is exchanged: check the angles, repeat them"
             yield _p(r.fit(swapped)), words
+    exchanged = Reversal(r.values[:, ::-1], r.whiten[:, ::-1, ::-1], r.angles, r.mount)
+    yield _p(exchanged.fit(r.angles)), "they fit if the columns x and y are swapped: check the wiring, or the names of the columns"
     for k in range(1, m):
         moved = np.zeros((m, 2, 2))
         for j in range(k, m):
@@ -111,31 +110,3 @@ def still_test(halves: Array, sigma: Array) -> Test:
         f"the base or the bias moved during position {worst + 1}: its halves differ by {np.abs(z).max():.2g} sigma"
     )  # fmt: skip
     return Test("still while dwelling", float(np.abs(z).max()), 0, p, ok, words)
-
-
-def require_unsaturated(recording: Recording, sensor: Sensor) -> None:
-    """Refuse a log in which a channel stands at the end of its range: stated, or where it freezes for a fifth of the log.
-
-    Raises:
-        TiltcalError: naming the channel.
-    """
-    samples = recording.sensor(sensor)
-    stated = sensor.converter.limit if sensor.converter is not None else sensor.full_scale
-    for axis, values in zip(sensor.axes, samples.values.T, strict=True):
-        known = values[~np.isnan(values)]
-        at_end = _frozen_at_an_end(known) if stated is None else np.abs(known) >= 0.999 * stated
-        if at_end.mean() > 0.05:
-            raise TiltcalError(
-                f"{recording.source}, channel {sensor.name}_{axis}", found=f"saturated for {at_end.mean():.0%} of the log",
-                need="readings within its range", do="level the base first, or lower the gain",
-            )  # fmt: skip
-
-
-def _frozen_at_an_end(values: Array) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
-    """Samples that stand exactly at the channel's extreme, where the channel is noisy elsewhere."""
-    for extreme in (values.max(), values.min()):
-        at_end = values == extreme
-        rest = values[~at_end]
-        if at_end.mean() > 0.2 and len(rest) > 20 and np.mean(np.diff(rest) == 0) < 0.5:
-            return np.asarray(at_end)
-    return np.zeros(len(values), bool)

@@ -9,6 +9,7 @@ from tiltcal.errors import TiltcalError
 from tiltcal.fit import Fit, linear_fit
 from tiltcal.frames import AXES, Array, angle_between
 from tiltcal.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.methods.screening import require_unsaturated
 from tiltcal.methods.terms import term_columns
 from tiltcal.motion import Index
 from tiltcal.poses import Poses, find_poses, group_directions
@@ -51,6 +52,7 @@ def six_position(
             f"method {NAME}, option terms", found=repr(terms), need="a list of names", do='write terms=\'["bias", "scale"]\''
         )
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
+    require_unsaturated(recording, used)
     poses = find_poses(recording, setup, used, segments)
     known = np.asarray(~np.isnan(poses.up).any(axis=1))
     if not known.any():

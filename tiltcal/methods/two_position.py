@@ -11,7 +11,8 @@ from tiltcal.fit import Fit
 from tiltcal.frames import Array, base_tilt, force_of_tilt
 from tiltcal.methods.common import pick_sensor, wrap_up
 from tiltcal.methods.reversal import dwell_angles, mount_of, off_half_turn, require_vertical
-from tiltcal.methods.reversal_faults import Reversal, explain, require_unsaturated, solve, still_test
+from tiltcal.methods.reversal_faults import Reversal, explain, solve, still_test
+from tiltcal.methods.screening import require_unsaturated
 from tiltcal.noise import code_width
 from tiltcal.poses import Poses, find_poses
 from tiltcal.recording import Recording

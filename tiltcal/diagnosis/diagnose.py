@@ -117,9 +117,10 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
         start = calibrated(observations, ledger)
     slip = wrong_stop(observations, start)
     if slip is not None:
-        observations = observe(scenario, slip[1], known)
+        spoiled, observations = observations, observe(scenario, slip[1], known)
         ledger = Ledger(observations)
         start = calibrated(observations, ledger)
+        slip = wrong_stop(spoiled, start) or slip  # sized again, by a calibration that it has not spoiled
         if not any(e.id == "data_pose_label" for e in scenario.effects):
             wild = [*wild, slip[0]]
     return Bench(observations, ledger, start, (*faults, *wild), tuple(notes))

@@ -131,9 +131,11 @@ def _stuck(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]
         rows, time, values = column_values(recording, sensor, axis)
         if len(values) < 32:
             continue
-        p = repeat_chance(values)
-        least = max(5, int(np.ceil(np.log(CHANCE / len(values)) / np.log(max(min(p, 0.9), 1e-3)))))
         first, last = _runs(np.diff(values) == 0)
+        runs = np.sort(last - first)
+        usual = runs[:-1].sum() / max(len(values) - runs[-1:].sum(), 1)  # how often it repeats outside the longest run
+        p = max(repeat_chance(values), float(usual))
+        least = max(5, int(np.ceil(np.log(CHANCE / len(values)) / np.log(np.clip(p, 1e-3, 0.95)))))
         long = [(a, b + 1) for a, b in zip(first, last, strict=True) if b - a >= least and not _at_end(values, values[a])]
         if not long:
             continue
@@ -162,8 +164,8 @@ def _clipped(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Faul
     id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
     for axis in sensor.axes:
         rows, _, values = column_values(recording, sensor, axis)
-        if len(values) < 32:
-            continue
+        if len(values) < 32 or code_width(values) > COARSE * _spread_at_rest(values):
+            continue  # a coarse code is flat everywhere
         noise = noise_of(values)
         limits = []
         for sign in (1.0, -1.0):
@@ -251,9 +253,9 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
 
 
 def _spread_at_rest(values: Array) -> float:
-    """Typical standard deviation over half a hundred samples: of the noise, where a table mostly rests."""
+    """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table rests a fifth of the time."""
     blocks = values[: len(values) // 16 * 16].reshape(-1, 16)
-    return float(np.median(blocks.std(axis=1))) if len(blocks) else float(values.std())
+    return float(np.quantile(blocks.std(axis=1), 0.2)) if len(blocks) else float(values.std())
 
 
 Look = Callable[[Recording, Sensor], tuple[Recording, list[Fault]]]

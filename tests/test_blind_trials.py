@@ -225,18 +225,9 @@ def most(n, rate):
 
 
 PROOF = [
-    ("placing_sweep", "null"),
-    ("vertical_turn", "null"),
-    ("field_turns", "null"),
-    ("placing_sweep", "null"),
-    ("six_faces", "impossible"),
-    ("six_any", "impossible"),
-    ("vertical_turn", "single"),
-    ("placing_sweep", "single"),
-    ("field_turns", "single"),
-    ("vertical_turn", "data"),
-    ("vertical_turn", "unlisted"),
-    ("field_turns", "unlisted"),
+    *(("placing_sweep", t) for t in ("null", "null", "single", "data", "unlisted")),
+    *(("vertical_turn", t) for t in ("null", "single", "data", "unlisted")),
+    *((k, t) for k in ("six_faces", "six_any") for t in ("null", "impossible")),
 ]
 
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+SHORTEST_S = 1.2  # of a move: a shorter one is no longer smooth at 25 samples a second
+
 
 @dataclass(frozen=True)
 class Move:
@@ -95,7 +97,7 @@ class Plan:
         way = max(abs(angle - self.at[axis]) for axis, angle in target.items())
         if way < 1e-9:
             return
-        lasts = max(way / rate_rad_s / (1 - ramp), 0.6)
+        lasts = max(way / rate_rad_s / (1 - ramp), SHORTEST_S)
         for axis, angle in target.items():
             if abs(angle - self.at[axis]) > 1e-9:
                 self.moves.append(Move(axis, self.clock_s, self.clock_s + lasts, self.at[axis], angle, ramp))

@@ -46,7 +46,7 @@ class Oracle:
     """The adjustable terms and the noise of one recording, ready to judge signals."""
 
     def __init__(self, lab: Lab, rng: np.random.Generator) -> None:
-        self.lab, self.rng, self.past = lab, rng, Past(lab)
+        self.lab, self.rng, self.past = lab, rng.spawn(1)[0], Past(lab)  # a grid of rivals draws no case's numbers
         n = int(lab.track.end_s * lab.rate_hz)
         self.every = max(1, n // INSTANTS)
         self.t = (np.arange(0, n - self.every + 1, self.every) + self.every / 2) / lab.rate_hz
@@ -100,18 +100,22 @@ class Oracle:
         return first if first == [{}] or len(first) > 1 else first + [spec.shapes(self.rng, self.lab)[0] for _ in range(SHAPES)]
 
     @cached_property
-    def rivals(self) -> list[tuple[str, list[np.ndarray]]]:
+    def rivals(self) -> list[tuple[Spec, list[Shape], list[np.ndarray]]]:
         """Residual columns of every listed effect, for a grid of its textbook shapes."""
-        return [(s.id, [self.residual(self.columns(s, shape)) for shape in self.shapes(s)]) for s in listed(self.lab)]
+        grids = [(spec, self.shapes(spec)) for spec in listed(self.lab)]
+        return [(spec, grid, [self.residual(self.columns(spec, shape)) for shape in grid]) for spec, grid in grids]
+
+    def alike(self, spec: Spec, grid: list[Shape], shape: Shape) -> list[np.ndarray]:
+        """Columns of a rival at the very instant, period or time constant of what is concealed."""
+        same = {k: v for k, v in shape.items() if k in ("time", "tau", "hertz") and k in grid[0]}
+        return [self.residual(self.columns(spec, {**grid[0], **same}))] if same else []
 
     @staticmethod
     def left_by(columns: list[np.ndarray], r: np.ndarray) -> float:
         """Energy of the residual signal r that the effect at credible sizes leaves; inf where it takes incredible ones."""
         best = np.inf
         for U in columns:
-            size = np.linalg.solve(
-                U.T @ U + np.eye(U.shape[1]), U.T @ r
-            )  # no larger than it has to be: what is not seen stays small
+            size = np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ r)  # what is not seen stays small
             if np.abs(size).max() <= CREDIBLE:
                 best = min(best, float(((r - U @ size) ** 2).sum()))
         return best
@@ -126,13 +130,13 @@ class Oracle:
             r = r - B @ (B.T @ r)
         lam = float(r @ r)
         rivals: dict[str, float] = {}
-        for name, columns in self.rivals:
-            left = self.left_by(columns, r) if name != spec.id else np.inf
-            if left < 0.9 * lam:
-                rivals[name] = min(left, rivals.get(name, np.inf))
         plain = {k: v for k, v in shape.items() if k not in ODD}
         own = [self.residual(self.columns(spec, plain))] if spec.listed and plain.get("form") not in ODD else []
-        own += [U for name, columns in self.rivals if name == spec.id for U in columns]
+        for other, grid, columns in self.rivals:
+            if other.id == spec.id:
+                own += columns
+            elif (left := self.left_by(columns + self.alike(other, grid, shape), r)) < 0.9 * lam:
+                rivals[other.id] = min(left, rivals.get(other.id, np.inf))
         return Found(lam, self.left_by(own, r), rivals, energy)
 
     def _energy(self, r: np.ndarray) -> dict[str, float]:

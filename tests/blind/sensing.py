@@ -188,8 +188,12 @@ def _slow(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
     def taus(rng: np.random.Generator, lab: Lab) -> list[Shape]:
         return [{"tau": float(x)} for x in rng.uniform(0.08, 0.4, 1) * lab.track.end_s]
 
+    def ramp(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
+        return s.t / lab.track.end_s
+
     temp, time = ("temperature",), ("time",)
     return [
+        Spec("acc_drift", "sensor", per_axis("drift", axes, "ug"), UG, 2000, added(name, ramp), time, (name,), later="none"),
         Spec(
             "acc_temp_bias",
             "sensor",

@@ -6,39 +6,26 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.confusion import POWER
 from tiltcal.diagnosis.account import Account, Term, as_it_began, noise_under, settle
-from tiltcal.diagnosis.amend import amended_table
 from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
+from tiltcal.diagnosis.conclude import amended_of, findings_of, fitness_of, undetectable_of
 from tiltcal.diagnosis.evidence import Ledger, cosines
 from tiltcal.diagnosis.faults import Fault, inspect
-from tiltcal.diagnosis.finding import Diagnosis, Finding, Fitness, Undetectable, Where, verdict_of
+from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
-from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import Observations, observe
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, inseparable, price_of
-from tiltcal.diagnosis.select import Gate, findings, select
-from tiltcal.diagnosis.suspects import Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.select import Gate, select
+from tiltcal.diagnosis.suspects import adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import tones_of
 from tiltcal.diagnosis.unlisted import nameless
-from tiltcal.diagnosis.views import UNITS, views_of
+from tiltcal.diagnosis.views import views_of
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise, robust_white
-from tiltcal.diagnosis.wording import (
-    coordinate_of_effect,
-    harmonic_of,
-    learned_name,
-    next_step,
-    shown,
-    stage_of,
-    summary,
-)
-from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import Effect, Parameter
-from tiltcal.effects.learned import Learned
+from tiltcal.diagnosis.wording import summary
+from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 from tiltcal.laboratory import Laboratory
 from tiltcal.poses import group_directions
@@ -48,7 +35,6 @@ from tiltcal.scenario import Scenario, parse_scenario
 Progress = Callable[[str], None]
 MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
-SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
 
 
 def silent(words: str) -> None:
@@ -88,7 +74,7 @@ def diagnose(
     progress("rivals")
     account, chance = _by_chance(account, bench.start, ledger, gate)
     progress("re-simulating")
-    answer = _answer(bench, account, _findings(account, ledger, gate), chance, True, static is not None)
+    answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)
 
 
@@ -242,30 +228,24 @@ def instants(observations: Observations) -> list[float]:
     return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]
 
 
-def _findings(account: Account, ledger: Ledger, gate: Gate) -> list[Finding]:
-    """The findings of an account, each with its class and its place."""
-    values = gate.log_p(account, ledger) if account.terms else []
-    return [_finding(account, ledger, places, values[k]) for k, places in enumerate(findings(account))]
-
-
 def _answer(
     bench: Bench, account: Account, found: Sequence[Finding], chance: Sequence[Fault], told: bool, static: bool = False
 ) -> Diagnosis:  # fmt: skip
     """Verdict and figures."""
     ledger, observations = bench.ledger, bench.observations
     before = settle(bench.start, ledger)
-    first, last = _fitness(before, ledger), _fitness(account, ledger)
+    first, last = fitness_of(before, ledger), fitness_of(account, ledger)
     faults = [*bench.faults, *chance]
     answer = (*(f.finding() for f in faults), *sorted(found, key=lambda f: f.delta_bic))
     verdict = verdict_of(answer, told)
     source = "taken from the static record" if static else "taken from the recording itself"
     statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, source)
     began = as_it_began(account, ledger, noise_under(account, ledger)) if told else account
-    amended = _amended(began, observations, faults)
+    amended = amended_of(began, observations, faults)
     notes = [*bench.notes, f"the noise was {source}"]
     left = observations.residuals(account.effects)
     return Diagnosis(
-        verdict, statement, answer, tuple(notes), _undetectable(account, ledger) if told else (), first, last, amended,
+        verdict, statement, answer, tuple(notes), undetectable_of(account, ledger) if told else (), first, last, amended,
         views_of(observations, observations.residuals(before.effects), left),
     )  # fmt: skip
 
@@ -280,131 +260,6 @@ def _as_read(amended: Mapping[str, Any], scenario: Scenario) -> Scenario:
     """The amended scenario without the data faults that were mended in the columns."""
     mended = (*MEANINGS, *MASKED, "data_outlier", "table_index_error", "data_jitter")
     return parse_scenario({**amended, "effect": [e for e in amended["effect"] if e["id"] not in mended]}, scenario.name)
-
-
-def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: float) -> Finding:
-    """One finding, with its class and its place."""
-    observations = ledger.observations
-    term = account.terms[places[0]]
-    case = case_of(account, ledger, places)
-    effect = term.effect
-    sensors, axes = _shown(case.signal, observations)
-    sizes = sum(len(account.terms[k].names) for k in places)
-    gain = sum(float(t @ t) for t in case.target) - account.deviance
-    held = heldout_gain(account, ledger, places)
-    where = Where(coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect))
-    if not term.suspect.listed and isinstance(effect, Learned):
-        named = explanations(case, ledger, lambda s: s.listed)
-        rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in named[:5])
-        words = f"{learned_name(effect).capitalize()}: no named effect has this form."
-        return Finding(
-            None, (), stage_of(effect), sensors, axes, where, {}, float(np.exp(log_p)), price_of(ledger) * sizes - gain, held,
-            rivals, words, next_step((), effect),
-        )  # fmt: skip
-    rivals_, names = _class_of(term, case, ledger)
-    id = term.suspect.id
-    parameters = {} if isinstance(effect, Learned) else _parameters(term, account.sigmas(places[0]))
-    cls = CATALOGUE[id]
-    other = f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)" if len(names) > 1 else ""
-    size = shown(parameters) if parameters else f"as a curve over {where.coordinate}"
-    words = f"{cls.title.capitalize()} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}."
-    return Finding(
-        id, names, cls.stage, sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
-        held, rivals_, words, next_step(names, effect),
-    )  # fmt: skip
-
-
-def _class_of(term: Term, case: Case, ledger: Ledger) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
-    found = explanations(case, ledger, lambda s: s.textbook or s.id == term.suspect.id)
-    mine = next((r for r in found if r.suspect.place == term.suspect.place), None)
-    nearest: dict[str, tuple[str, float, float]] = {}
-    for r in found:
-        if r.suspect.id != term.suspect.id:
-            nearest.setdefault(r.suspect.id, (r.suspect.id, r.cosine, r.separation))
-    rivals = tuple(nearest.values())
-    best = max((r for r in found if r.fair and r.own >= OWN), key=lambda r: r.worth, default=mine)
-    if best is None:
-        return rivals[:8], (term.suspect.id,)
-    members: list[Rival] = inseparable(best, found)
-    ids = dict.fromkeys([term.suspect.id, *(r.suspect.id for r in members)])
-    return rivals[:8], tuple(ids)
-
-
-def _shown(signal: Sequence[Array], observations: Observations) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sensors and axes that hold the signal, the strongest first."""
-    energy: dict[tuple[str, str], float] = {}
-    for channel, part in zip(observations.channels, signal, strict=True):
-        energy[channel.sensor, channel.axis] = energy.get((channel.sensor, channel.axis), 0.0) + float(part @ part)
-    total = max(sum(energy.values()), 1e-300)
-    strong = [key for key, e in sorted(energy.items(), key=lambda item: -item[1]) if e > SHOWN * total]
-    return tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong))
-
-
-def _interval(effect: Effect) -> tuple[float, float | None] | None:
-    return (float(effect.values["time"]), None) if "time" in effect.values else None
-
-
-def _parameters(term: Term, sigmas: Array) -> dict[str, tuple[float, float]]:
-    """Values by name with unit, as files have them."""
-    found = {}
-    for name, value, sigma in zip(term.names, term.values, sigmas, strict=True):
-        p = _parameter_of(term.suspect, name)
-        found[f"{name}{p.suffix}"] = (value / p.factor, float(sigma) / p.factor)
-    return found
-
-
-def _parameter_of(suspect: Suspect, name: str) -> Parameter:
-    for p in suspect.effect.parameters:
-        if name in p.expand(tuple("xyza")) or name == p.name:
-            return p
-    raise KeyError(name)
-
-
-def _fitness(account: Account, ledger: Ledger) -> Fitness:
-    observations = ledger.observations
-    used = account.basis[0].shape[1]
-    rms: dict[str, float] = {}
-    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
-        unit = UNITS[observations.scenario.named(channel.sensor).kind]
-        rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit}", float(np.sqrt(np.mean(r * r))))
-    return Fitness(account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger))
-
-
-def _undetectable(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
-    """What could not have been seen, or only at which size."""
-    found: dict[str, Undetectable] = {}
-    blamed = {t.suspect.id for t in account.terms}
-    for score in ledger.scores(account.basis, account.residual):
-        suspect = score.suspect
-        if isinstance(suspect.effect, Learned) or suspect.id in blamed:
-            continue
-        sizes = {}
-        for i, name in enumerate(suspect.names):
-            p = _parameter_of(suspect, name)
-            if score.B[i, i] > 1e-3 * score.raw[i] > 0:
-                sizes[f"{name}{p.suffix}"] = float(np.sqrt(POWER / score.B[i, i]) * suspect.size(name) / p.factor)
-        old = found.get(suspect.id)
-        if old is None or (not old.size and sizes):
-            found[suspect.id] = Undetectable(suspect.id, sizes, float(np.clip(score.absorbed, 0, 1)))
-    return tuple(found.values())
-
-
-def _amended(account: Account, observations: Observations, faults: Sequence[Fault]) -> dict[str, Any]:
-    """The scenario with calibration and findings in it."""
-    first = observations.recordings[0]
-    temperature = first.temperature()
-    reference = observations.scenario.climate.reference_degC
-    if reference is None and temperature is not None:
-        reference = float(np.mean(temperature))
-    meanings = [e for e in observations.scenario.effects if e.id in (*MEANINGS, *MASKED)]
-    effects: list[Effect] = [*account.known, *meanings, *(t.effect for t in account.nuisance)]
-    effects += [f.effect for f in faults if f.effect not in effects]
-    for k, term in enumerate(account.terms):
-        effect = term.effect
-        event = any("time" in e.values or "frequency" in e.values for e in (effect, *([term.host.effect] if term.host else [])))
-        sigmas = dict(zip(term.names, (float(s) for s in account.sigmas(k)), strict=True))
-        effects.append(replace(effect, sigmas=sigmas, seen_in=first.fingerprint if event else None))
-    return amended_table(observations.scenario, effects, reference)
 
 
 __all__ = ["Diagnosis", "diagnose"]

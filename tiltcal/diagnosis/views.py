@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.diagnosis.observations import Channel, Observations, TableObservations
 from tiltcal.frames import Array
 
-POINTS = 400  # of a picture
+POINTS = 150  # of a picture: few enough that a mean shows what single samples hide
 
 
 @dataclass(frozen=True)

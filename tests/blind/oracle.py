@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from blind.catalogue import listed, settled
+from blind.catalogue import bound, listed, settled
 from blind.laboratory import Lab
 from blind.noise import whitener
 from blind.spec import Shape, Spec
@@ -173,7 +173,7 @@ def prediction(oracle: Oracle, other: Lab, drawn: Sequence[tuple[Spec, Shape, np
     there = Oracle(other, oracle.rng)
     A, A_there = adjustable(oracle.lab, oracle.state, oracle.zero), adjustable(other, there.state, there.zero)
     own = [oracle.signal([spec.physics(p, shape)]) for spec, shape, p in drawn]
-    own_there = [there.signal([spec.physics(p, settled(spec, shape))]) for spec, shape, p in drawn]
+    own_there = [there.signal([bound(spec, other).physics(p, settled(spec, shape))]) for spec, shape, p in drawn]
     y = sum(own, oracle.means(noise))
     out = {}
     for name, more, more_there in (("nominal", [], []), ("oracle", own, own_there)):

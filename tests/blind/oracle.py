@@ -125,9 +125,8 @@ class Oracle:
         s = self.signal([physics])
         r = self.residual(s[:, :, None])[:, 0]
         energy = self._energy(r)
-        if beside:
-            B = np.linalg.qr(np.column_stack(beside))[0]
-            r = r - B @ (B.T @ r)
+        B = np.linalg.qr(np.column_stack(beside))[0] if beside else np.zeros((len(r), 0))
+        r = r - B @ (B.T @ r)
         lam = float(r @ r)
         rivals: dict[str, float] = {}
         plain = {k: v for k, v in shape.items() if k not in ODD}
@@ -135,9 +134,9 @@ class Oracle:
         for other, grid, columns in self.rivals:
             if other.id == spec.id:
                 own += columns
-            elif (left := self.left_by(columns + self.alike(other, grid, shape), r)) < 0.9 * lam:
+            elif (left := self.left_by([U - B @ (B.T @ U) for U in columns + self.alike(other, grid, shape)], r)) < 0.9 * lam:
                 rivals[other.id] = min(left, rivals.get(other.id, np.inf))
-        return Found(lam, self.left_by(own, r), rivals, energy)
+        return Found(lam, self.left_by([U - B @ (B.T @ U) for U in own], r), rivals, energy)
 
     def _energy(self, r: np.ndarray) -> dict[str, float]:
         if self.lab.kind in ("six_any", "field_turns"):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blind.cases import KINDS, TYPES, make, possible
-from blind.catalogue import listed, unlisted
+from blind.catalogue import bound, listed, unlisted
 from blind.faults import Rows, faults
 from blind.files import write_recording, write_scenario
 from blind.laboratory import Lab, another, draw
@@ -186,3 +186,18 @@ def test_another_recording_goes_no_farther_than_the_first():
         assert (second.min(0) >= first.min(0) - 1e-3).all()
         assert (second.max(0) <= first.max(0) + 1e-3).all()
         assert other.T0 == lab.T0
+
+
+def test_an_effect_follows_the_motion_and_the_temperature_of_the_recording_it_is_in():
+    lab = draw(rng_of("first"), "dual_tumble", 1)
+    other = another(rng_of("second"), lab)
+    t = np.linspace(1, 60, 50)
+    for id_, size, want in (
+        ("table_encoder_eccentricity", [1e-5, 0.0], 1e-5 * np.cos(other.track.angles(t)[:, 0])),
+        ("acc_temp_bias", [1e-3, 0.0, 0.0], 1e-3 * (other.room.at(t) - lab.T0)),
+    ):
+        spec = bound(next(s for s in listed(lab) if s.id == id_), other)
+        physics = spec.physics(np.array(size), spec.shapes(rng_of("x"), other)[0])
+        past = Past(other)
+        got = physics.readout(past, t)[:, 0] if physics.readout else physics.sense(past, felt(other, (), t, past))["accel"][:, 0]
+        assert got == pytest.approx(want, abs=1e-12)

@@ -62,6 +62,13 @@ def test_an_answer_that_does_not_come_is_counted_as_none(tmp_path):
     assert (bad["crashed"], bad["note"]) == (True, "exit 1: no such thing")
 
 
+def test_a_trial_that_somebody_stopped_is_run_again(tmp_path):
+    (tmp_path / "stopped.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGTERM)")
+    result = trial(tmp_path / "a", "six_faces", "null", 0, 3, [sys.executable, str(tmp_path / "stopped.py")], 60)
+    assert (result["crashed"], result["note"]) == (True, "exit -15: ")
+    assert not list((tmp_path / "a").rglob("result.json"))
+
+
 # --------------------------------------------------------------------------------------------------------------- judging
 
 

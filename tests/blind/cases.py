@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from blind.catalogue import listed, settled, unlisted
+from blind.catalogue import bound, listed, settled, unlisted
 from blind.faults import Rows, faults
 from blind.laboratory import KINDS, Lab, another, draw
 from blind.noise import draw as draw_noise
@@ -167,7 +167,7 @@ def _finish(rng: np.random.Generator, lab: Lab, type_: str, hidden: list[Hidden]
     if lab.table == "handheld" or lab.unlocked or type_ in ("data", "impossible") or any(h.spec.later == "none" for h in hidden):
         return Case(lab, rows, None, None, None, truth)
     other = another(rng, lab)
-    after = [h.spec.physics(h.p, settled(h.spec, h.shape)) for h in hidden]
+    after = [bound(h.spec, other).physics(h.p, settled(h.spec, h.shape)) for h in hidden]
     clean = _clean(rng, other, after)
     truth["heldout"] = prediction(Oracle(lab, rng), other, [(h.spec, h.shape, h.p) for h in hidden], rows.y - ideal.y)
     return Case(lab, rows, other, _noisy(rng, other, clean), clean, truth)

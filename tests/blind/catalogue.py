@@ -18,4 +18,10 @@ def settled(spec: Spec, shape: Shape) -> Shape:
     return {**shape, "settled": True} if spec.later == "after" else shape
 
 
-__all__ = ["listed", "settled", "unlisted"]
+def bound(spec: Spec, lab: Lab) -> Spec:
+    """The same effect in another recording's laboratory: its hooks follow that motion and that temperature."""
+    key = (spec.id, spec.axes, spec.sensors)
+    return next(s for s in listed(lab) + unlisted(lab) if (s.id, s.axes, s.sensors) == key)
+
+
+__all__ = ["bound", "listed", "settled", "unlisted"]

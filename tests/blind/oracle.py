@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from blind.catalogue import listed, settled
+from blind.catalogue import bound, listed, settled
 from blind.laboratory import Lab
 from blind.noise import whitener
 from blind.spec import Shape, Spec
@@ -125,9 +125,8 @@ class Oracle:
         s = self.signal([physics])
         r = self.residual(s[:, :, None])[:, 0]
         energy = self._energy(r)
-        if beside:
-            B = np.linalg.qr(np.column_stack(beside))[0]
-            r = r - B @ (B.T @ r)
+        B = np.linalg.qr(np.column_stack(beside))[0] if beside else np.zeros((len(r), 0))
+        r = r - B @ (B.T @ r)
         lam = float(r @ r)
         rivals: dict[str, float] = {}
         plain = {k: v for k, v in shape.items() if k not in ODD}
@@ -135,9 +134,9 @@ class Oracle:
         for other, grid, columns in self.rivals:
             if other.id == spec.id:
                 own += columns
-            elif (left := self.left_by(columns + self.alike(other, grid, shape), r)) < 0.9 * lam:
+            elif (left := self.left_by([U - B @ (B.T @ U) for U in columns + self.alike(other, grid, shape)], r)) < 0.9 * lam:
                 rivals[other.id] = min(left, rivals.get(other.id, np.inf))
-        return Found(lam, self.left_by(own, r), rivals, energy)
+        return Found(lam, self.left_by([U - B @ (B.T @ U) for U in own], r), rivals, energy)
 
     def _energy(self, r: np.ndarray) -> dict[str, float]:
         if self.lab.kind in ("six_any", "field_turns"):
@@ -173,7 +172,7 @@ def prediction(oracle: Oracle, other: Lab, drawn: Sequence[tuple[Spec, Shape, np
     there = Oracle(other, oracle.rng)
     A, A_there = adjustable(oracle.lab, oracle.state, oracle.zero), adjustable(other, there.state, there.zero)
     own = [oracle.signal([spec.physics(p, shape)]) for spec, shape, p in drawn]
-    own_there = [there.signal([spec.physics(p, settled(spec, shape))]) for spec, shape, p in drawn]
+    own_there = [there.signal([bound(spec, other).physics(p, settled(spec, shape))]) for spec, shape, p in drawn]
     y = sum(own, oracle.means(noise))
     out = {}
     for name, more, more_there in (("nominal", [], []), ("oracle", own, own_there)):

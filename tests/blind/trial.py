@@ -20,6 +20,7 @@ from blind.files import UNITS, write_recording, write_scenario
 from blind.judge import judge
 
 Plain = dict[str, Any]
+STOPPED = tuple(f"exit {-number}:" for number in (signal.SIGINT, signal.SIGTERM))  # by somebody else: not finished
 KEPT = ("diagnosis.json", "amended.toml", "report.html")
 
 
@@ -39,7 +40,8 @@ def trial(folder: Path, kind: str, type_: str, k: int, seed: int, command: Seque
         answer, note, seconds = _ask(desk, command, limit_s)
         rms = _predict(desk, case, rng, command, limit_s) if answer else None
         result = {"name": name, "seconds": round(seconds, 2), "note": note, **judge(case.truth, answer, rms)}
-        _keep(folder, name, desk, case, result)
+        if not note.startswith(STOPPED):
+            _keep(folder, name, desk, case, result)
     return result
 
 

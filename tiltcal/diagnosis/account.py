@@ -100,6 +100,8 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
         left = np.concatenate(ledger.residual(effects))
         at = np.array([v for t in terms for v in t.values]) / units
         step = inverse @ ((J / size).T @ left - prior * at / size) / size
+        if not np.isfinite(step).all():  # the model has no reading there: stay
+            break
         terms = _moved(terms, step * units)
         effects = [*account.known, *(t.effect for t in terms)]
         if np.abs(step * size).max(initial=0.0) < 1e-3:

@@ -173,12 +173,3 @@ class NoiseFit:
             else:
                 outside = middle
         return self.at(found)
-
-
-def folds_of(stops: Sequence[Array], count: int = 6) -> list[Array]:
-    """A fold for each row: chunks of a stop and the move before it, dealt out in turn. stops: (n,) each."""
-    found = []
-    for stop in stops:
-        starts = np.concatenate([[True], (stop[1:] >= 0) & (stop[:-1] < 0)])
-        found.append((np.cumsum(starts) - 1) % count)
-    return found

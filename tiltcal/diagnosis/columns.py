@@ -1,6 +1,6 @@
 """Single channels of a recording, in SI, and recordings with some of their values changed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,6 +21,14 @@ def column_values(recording: Recording, sensor: Sensor, axis: str) -> tuple[Inde
     return samples.rows[there], samples.time[there], values[there]
 
 
+def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
+    """A copy with these columns in place of its own."""
+    return Recording.from_columns(
+        recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata,
+        source=recording.source,
+    )  # fmt: skip
+
+
 def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float) -> Recording:
     """A copy with some rows of a channel set to a value as written (NaN: not sampled)."""
     if not len(rows):
@@ -28,14 +36,7 @@ def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value:
     name = str(recording.channel(f"{sensor.name}_{axis}"))
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     columns[name][rows] = value
-    return Recording.from_columns(
-        recording.time,
-        columns,
-        labels=recording.labels,
-        extra=recording.extra,
-        metadata=recording.metadata,
-        source=recording.source,
-    )
+    return _rewritten(recording, columns)
 
 
 def without_readout(recording: Recording, rows: Index) -> Recording:
@@ -44,14 +45,7 @@ def without_readout(recording: Recording, rows: Index) -> Recording:
     for name in columns:
         if name.startswith("table_"):
             columns[name][rows] = np.nan
-    return Recording.from_columns(
-        recording.time,
-        columns,
-        labels=recording.labels,
-        extra=recording.extra,
-        metadata=recording.metadata,
-        source=recording.source,
-    )
+    return _rewritten(recording, columns)
 
 
 def repeat_chance(values: Array) -> float:
@@ -92,10 +86,7 @@ def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> R
             written = values if sensor.input is None else sensor.input.from_si(values)
             factor = COLUMN_UNITS[unit].factor if sensor.input is None else 1.0
             columns[name][samples.rows] = written[:, k] / factor
-        recording = Recording.from_columns(
-            recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata,
-            source=recording.source,
-        )  # fmt: skip
+        recording = _rewritten(recording, columns)
     return recording
 
 

@@ -260,6 +260,3 @@ def _as_read(amended: Mapping[str, Any], scenario: Scenario) -> Scenario:
     """The amended scenario without the data faults that were mended in the columns."""
     mended = (*MEANINGS, *MASKED, "data_outlier", "table_index_error", "data_jitter")
     return parse_scenario({**amended, "effect": [e for e in amended["effect"] if e["id"] not in mended]}, scenario.name)
-
-
-__all__ = ["Diagnosis", "diagnose"]

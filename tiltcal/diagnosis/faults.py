@@ -4,8 +4,8 @@ What was repaired: frozen, repeated, clipped and gross values become missing; a 
 rotation becomes an effect of the scenario, so that the model reads as the file does.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -259,7 +259,3 @@ def _spread_at_rest(values: Array) -> float:
     """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table rests a fifth of the time."""
     blocks = values[: len(values) // 16 * 16].reshape(-1, 16)
     return float(np.quantile(blocks.std(axis=1), 0.2)) if len(blocks) else float(values.std())
-
-
-Look = Callable[[Recording, Sensor], tuple[Recording, list[Fault]]]
-__all__ = ["Fault", "Inspected", "inspect", "replace"]

@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.columns import without_readout
-from tiltcal.diagnosis.evidence import Ledger, basis_of, cosines, project
+from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.observations import Columns, Observations, TableObservations
 from tiltcal.diagnosis.select import ALPHA, log_tail
@@ -16,16 +16,14 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 from tiltcal.recording import Recording
 
-ALONE = 0.9  # share of all misfit that one stop has to hold to be a slip of the pen
 MARGIN = 4  # rows beside a stop that its wrong readout spoils
 
 
 def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tuple[Recording, ...]] | None:
-    """One stop whose written angle is wrong: nearly all misfit is there, and one other angle takes it away."""
+    """One stop whose written angle is wrong: it is far off where the others are not, and one other angle takes that away."""
     if not isinstance(observations, TableObservations):
         return None
     worst: dict[tuple[int, int], float] = {}
-    total = 0.0
     for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
         noise = robust_white(r)
         for stop in range(int(channel.stop.max(initial=-1)) + 1):
@@ -33,7 +31,6 @@ def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tup
             if there.sum() >= 4:
                 z = float(np.median(r[there]) ** 2 * there.sum()) / noise**2
                 worst[channel.recording, stop] = worst.get((channel.recording, stop), 0.0) + z
-                total += z
     if not worst:
         return None
     (number, stop), largest = max(worst.items(), key=lambda item: item[1])
@@ -200,6 +197,3 @@ def random_stamps(account: Account, observations: Observations) -> Fault | None:
         effect, tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong)), words,
         sigma={"jitter": float(sigma / (2 * np.sqrt(value)))},
     )  # fmt: skip
-
-
-__all__ = ["cosines", "random_stamps", "setting_error", "wrong_stop"]

@@ -119,14 +119,13 @@ class Span:
     """What a recording spans, for shapes and curves.
 
     Args:
-        duration: s; force: half the span of each accelerometer's input over g; stops: elapsed time at each stop's start.
+        duration: s; rate_hz: of the fastest sensor.
         tones: Hz, of lines that stand out of the residual.
+        ranges: least and largest value of each coordinate, SI; that of a sensor's own input under ``<sensor>_input``.
     """
 
     duration: float
     rate_hz: float
-    moves: bool
-    temperature: float
     tones: tuple[float, ...] = ()
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -325,4 +324,4 @@ def span_of(observations: Observations, tones: Sequence[float] = ()) -> Span:
         top = max(float(np.abs(r).max()) for r in rates)
         ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
     rate = max(s.rate_hz for s in observations.scenario.sensor)
-    return Span(duration, rate, moving, float(np.ptp(ranges.get("temperature", (0, 0)))), tuple(tones), ranges)
+    return Span(duration, rate, tuple(tones), ranges)

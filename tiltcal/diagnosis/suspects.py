@@ -158,7 +158,7 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
 
 
 FORMLESS = ("acc_angle_bias", "adc_inl")  # laws of nobody's form
-LAGS = (8.0, 16.0, 30.0, 60.0)  # s, of a temperature
+LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step", "data_drop")
 
@@ -172,8 +172,8 @@ def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = (
         sensors: Sequence[Sensor | None] = scenario.sensors(*cls.kinds) if cls.kinds else (None,)
         if any(p.unit.split("_")[0] == "ug" for p in cls.parameters):  # sizes of acceleration
             sensors = [s for s in sensors if s is not None and s.is_accelerometer]
-        if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":
-            sensors = (*sensors, None)  # the recorder's own: all sensors alike
+        if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":  # the recorder's own: all sensors alike
+            sensors = (*sensors, None) if scenario.rig.axes else [s for s in sensors if s is not None and s.kind == "fog"]
         for sensor, axis in product(sensors, _axes(id, scenario)):
             shapes = shapes_of(id, span)
             for shape in shapes:
@@ -187,6 +187,10 @@ def _eligible(id: str, scenario: Scenario) -> bool:
     if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN or id in SAME_LAW or id in STEPS:
         return False
     if (cls.stage == "table" or cls.on_table or (cls.stage == "mount" and not cls.kinds)) and not scenario.rig.axes:
+        return False
+    if id == "acc_angle_bias" and scenario.rig.table != "placing":  # a bias of the placing angle needs a placing table
+        return False
+    if id == "clock_skew" and not scenario.rig.axes:  # one clock, and no table's beside it
         return False
     return not (id in OF_THE_DRIVE and scenario.rig.readout != "command")
 

@@ -1,6 +1,7 @@
 """A recorded readout played again: the Course that a model needs to predict what a recording should read."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Replay:
         axes = {}
         nearest = nearest_rows(self.time, time)
         for name, angle in self.angles.items():
-            v, a = differentiate(self.time, angle, self.stop >= 0)
+            v, a = self._rates[name]
             if len(time) == len(self.time) and np.array_equal(time, self.time):
                 axes[name] = Jet(angle, v, a)
                 continue
@@ -58,6 +59,11 @@ class Replay:
                 a[nearest],
             )
         return self.standing(time, axes)
+
+    @cached_property
+    def _rates(self) -> dict[str, tuple[Array, Array]]:
+        """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for many times."""
+        return {name: differentiate(self.time, angle, self.stop >= 0) for name, angle in self.angles.items()}
 
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
         """A drive at these times whose axes are known already: nothing is differentiated."""

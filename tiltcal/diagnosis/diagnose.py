@@ -16,10 +16,11 @@ from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import Observations, observe
+from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, select
-from tiltcal.diagnosis.suspects import Lines, adjustable, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.suspects import Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.diagnosis.views import views_of
@@ -68,7 +69,8 @@ def diagnose(
     fill(ledger, bench.start, lines)
     gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
     progress("who is to blame")
-    account = select(bench.start, ledger, gate, lambda s: s.textbook)
+    account = select(bench.start, ledger, gate, _textbook)
+    account = plainer(account, bench.start, ledger, gate, _textbook)
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")
@@ -76,6 +78,10 @@ def diagnose(
     progress("re-simulating")
     answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)
+
+
+def _textbook(suspect: Suspect) -> bool:
+    return suspect.textbook
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tiltcal.diagnosis.families import KIN
 from tiltcal.diagnosis.observations import Columns, Observations
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.whitening import NoiseModel, column_space
@@ -95,6 +96,7 @@ class Ledger:
         self.suspects: list[Suspect] = []
         self.starts: list[int] = []
         self._width = 0
+        self._places: dict[tuple[str, str | None], list[int]] = {}
         self._parts: list[list[tuple[int, Array]]] = [[] for _ in observations.channels]
         self._packed: list[tuple[Array, Array]] | None = None
         self.roots: list[Array] = []
@@ -105,6 +107,7 @@ class Ledger:
         parts = self.observations.columns(suspect.effect, suspect.names, around)
         if not parts:
             return
+        self._places.setdefault(_place(suspect), []).append(len(self.suspects))
         self.suspects.append(suspect)
         self.starts.append(self._width)
         for i, (which, block) in parts.items():
@@ -112,6 +115,12 @@ class Ledger:
             self._parts[i] += [(self._width + k, wave) for k, wave in zip(which, waves, strict=True)]
         self._width += len(suspect.names)
         self._packed = None
+
+    def near(self, suspect: Suspect) -> list[int]:
+        """Numbers of those who may be of the family of a suspect: of its name, its kin, or nameless at its place, in order."""
+        names = [suspect.id, *(other for other, host in KIN if host == suspect.id)] if suspect.listed else []
+        keys = [*((n, None) for n in names), ("", suspect.effect.sensor), ("", None)]
+        return sorted({k for key in keys for k in self._places.get(key, [])})
 
     @property
     def packed(self) -> list[tuple[Array, Array]]:
@@ -130,7 +139,11 @@ class Ledger:
 
     def under(self, noise: Sequence[NoiseModel]) -> None:
         """Weigh by this noise from now on."""
-        self.roots = [np.sqrt(m.spectrum(len(c.values))) for m, c in zip(noise, self.observations.channels, strict=True)]
+        self.weigh([np.sqrt(m.spectrum(len(c.values))) for m, c in zip(noise, self.observations.channels, strict=True)])
+
+    def weigh(self, roots: Sequence[Array]) -> None:
+        """Weigh by these square roots of spectra from now on, (n,) each."""
+        self.roots = list(roots)
         self._inner = []
 
     def whitened(self, columns: Columns) -> Columns:
@@ -174,6 +187,10 @@ class Ledger:
             part = slice(start, start + len(suspect.names))
             found.append(Score(suspect, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy()))
         return found
+
+
+def _place(suspect: Suspect) -> tuple[str, str | None]:
+    return (suspect.id, None) if suspect.listed else ("", suspect.effect.sensor)
 
 
 def cosines(column: Array) -> Array:

@@ -91,8 +91,8 @@ def case_of(account: Account, ledger: Ledger, places: Sequence[int]) -> Case:
     return Case(basis, target, signal)
 
 
-def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> list[Rival]:
-    """Every wanted suspect near the signal, each at its best shape with its family, the worthiest first."""
+def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], alone: bool = False) -> list[Rival]:
+    """Every wanted suspect near the signal, each at its best shape with its family (or alone), the worthiest first."""
     energy = sum(float(s @ s) for s in case.signal)
     seen: dict[Any, tuple[float, Suspect]] = {}
     price = price_of(ledger)
@@ -104,13 +104,14 @@ def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool]) 
         if key not in seen or worth > seen[key][0]:
             seen[key] = (worth, score.suspect)
     best = sorted(seen.values(), key=lambda item: -item[0])[:LOOKED_AT]
-    found = [explain(suspect, case, ledger) for _, suspect in best]
+    found = [explain(suspect, case, ledger, alone) for _, suspect in best]
     return sorted((r for r in found if r is not None), key=lambda r: -r.worth)
 
 
-def explain(suspect: Suspect, case: Case, ledger: Ledger) -> Rival | None:
-    """A suspect with the curves that complete it, built up column by column."""
-    family = [k for k, s in enumerate(ledger.suspects) if s is not suspect and completes(s, suspect)]
+def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -> Rival | None:
+    """A suspect with the curves that complete it (unless alone), built up column by column."""
+    near = [] if alone else ledger.near(suspect)
+    family = [k for k in near if ledger.suspects[k] is not suspect and completes(ledger.suspects[k], suspect)]
     members = [ledger.suspects.index(suspect), *family]
     columns, owner, names = _dense(members, case, ledger)
     target = np.concatenate(case.target)
@@ -122,14 +123,14 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger) -> Rival | None:
         return None
     dear = price + 2 * np.log(1 + len(family))
     chosen = _greedy(columns, target, lawful, dear, chosen)
-    alone = _gain(columns, target, chosen)
+    lawful_gain = _gain(columns, target, chosen)
     whole = _greedy(columns, target, range(len(owner)), dear, chosen)
     gain = _gain(columns, target, whole)
     signal = np.concatenate(case.signal)
     energy = float(signal @ signal)
     explained = _gain(columns, signal, own)
     terms = _terms(columns, target, whole, owner, names, ledger, suspect)
-    form = alone / gain
+    form = lawful_gain / gain
     share = form if suspect.id not in FREE_FORM else 1.0
     return Rival(
         terms, gain, gain - price * len(whole) - 2 * np.log(suspect.variants), share,

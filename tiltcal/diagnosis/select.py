@@ -39,11 +39,11 @@ def log_tries(suspect: Suspect, kept: int, total: int) -> float:
     return float(np.log(max(total, 1)) + gammaln(n + 1) - gammaln(kept + 1) - gammaln(n - kept + 1))
 
 
-def best_explanation(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> list[Rival]:
+def best_explanation(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool], alone: bool = False) -> list[Rival]:
     """What would explain most of what is left, the worthiest first: plausible, in its own form, and past all that was tried."""
     case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
     total = len(ledger.suspects)
-    found = explanations(case, ledger, wanted)
+    found = explanations(case, ledger, wanted, alone)
     return [
         r for r in found
         if r.fair and log_tail(r.gain, r.sizes) + log_tries(r.suspect, len(r.terms[0].names), total) < np.log(ALPHA)
@@ -120,7 +120,7 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
             continue
         own = [r for r in rivals if r.own >= OWN]
         pick = preferred(own or rivals, trial.residual if not own else _signal_of(own[0], trial, ledger))
-        terms = _hosted(_at_its_instant(refined(pick.terms, trial, ledger), trial, ledger), pick.gain, trial, ledger)
+        terms = _hosted(at_its_instant(refined(pick.terms, trial, ledger), trial, ledger), pick.gain, trial, ledger)
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
         if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
             account, waiting, banned = settle(_joined(trial), ledger), (), set()
@@ -223,7 +223,7 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
     return (term, *(replace(t, host=term.suspect) for t in family))
 
 
-def _at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
     """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger."""
     suspect = terms[0].suspect
     if suspect.id not in STEPS:

@@ -162,6 +162,9 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
         return [{}, {"odd": 1.0}]
     if id == "floor_tilt_drift":
         return [{"span": span.duration}]
+    if id == "acc_thermal_hysteresis":
+        low, high = span.ranges.get("temperature", (0.0, 0.0))
+        return [{"width": share * (high - low)} for share in (0.1, 0.2, 0.35, 0.5, 0.8)] if high > low else [{}]
     if id == "acc_hysteresis":
         return [{"width": w, "rounded": r} for w, r in product((0.02, 0.1, 0.2, 0.4, 0.8), (0.0, 1.0))]
     if id in ("settling_transient", "mount_resonance"):

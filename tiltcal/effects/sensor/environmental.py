@@ -86,14 +86,17 @@ class AccThermalHysteresis(FollowsState):
     needs = "temperature"
     kinds = ACCELEROMETERS
     title = "heating and cooling branches differ"
-    parameters = (Parameter("thermal_hysteresis_{axis}", "ug", (100, 1000, 5000)),)
+    parameters = (
+        Parameter("thermal_hysteresis_{axis}", "ug", (100, 1000, 5000)),
+        Parameter("width", "degC", (5, 5, 5), positive=True, shape=True),
+    )
     physics = "Adhesives and solder creep: the bias depends on where the temperature came from."
-    equation = "reading_i += h_i z(T), z the play state of the temperature (half-width a quarter of its span)"
+    equation = "reading_i += h_i z(T), z the play state of the temperature; its width, where none is given, half of the span"
     excited_by = "a temperature cycle"
     look = "a loop over temperature"
 
     def state(self, sense: Sense) -> Array:
-        return play(sense.temperature, float(np.ptp(sense.temperature)) / 2)
+        return play(sense.temperature, self.value("width") or float(np.ptp(sense.temperature)) / 2)
 
 
 class Warmup(TermEffect):

@@ -1,0 +1,75 @@
+"""A second way to an account: textbook forms only, several at once, each exchanged for another as long as that is better.
+
+A form with its family is supple: where two effects are at work, the family of one takes a part of the other with it. Plain
+forms have no such reach. Whichever account says the same with fewer numbers is kept.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from tiltcal.diagnosis.account import Account, models, settle
+from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.rivals import EQUAL, LOOSE, case_of, explanations, price_of
+from tiltcal.diagnosis.select import MOST, Gate, at_its_instant, backward, best_explanation, findings, refined
+from tiltcal.diagnosis.suspects import Suspect
+
+FINDING = 10.0  # of deviance: one cause is likelier than two
+EXCHANGES = 6
+
+
+def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:
+    """The account in plain forms where it says as much as ``rich`` with fewer numbers; else ``rich``.
+
+    Args:
+        start: without findings; the search begins under the noise that is left when ``rich`` is taken away.
+    """
+    if len(rich.terms) < 2:
+        return rich
+    after = ledger.roots
+    plain = plainly(start, ledger, gate, wanted)
+    ledger.weigh(after)
+    one, other = settle(plain, ledger), settle(rich, ledger)
+    gain = settle(replace(start, terms=()), ledger).deviance - other.deviance
+    if plain.terms and _burden(one, ledger) <= _burden(other, ledger) + LOOSE * gain:
+        ledger.under(models(gate.noise(one, ledger)))
+        return settle(one, ledger)
+    return other
+
+
+def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:
+    """Up to MOST textbook forms, each in its turn the best in its place; then those dropped that do not stand out."""
+    account = settle(account, ledger)
+    while len(findings(account)) < MOST:
+        rivals = best_explanation(account, ledger, wanted, alone=True)
+        if not rivals:
+            break
+        terms = at_its_instant(refined(rivals[0].terms, account, ledger), account, ledger)
+        account = exchanged(settle(replace(account, terms=account.terms + terms), ledger), ledger, wanted)
+    account = backward(account, ledger, gate)
+    return backward(exchanged(account, ledger, wanted), ledger, gate)
+
+
+def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> Account:
+    """The account with each finding replaced by what explains more in its place."""
+    for _ in range(EXCHANGES):
+        for places in findings(account) if len(findings(account)) > 1 else ():
+            case = case_of(account, ledger, places)
+            whole = sum(float(t @ t) for t in case.target)
+            left = sum(float((t - s) @ (t - s)) for t, s in zip(case.target, case.signal, strict=True))
+            mine = whole - left - price_of(ledger) * sum(len(account.terms[k].names) for k in places)
+            found = [r for r in explanations(case, ledger, wanted, alone=True) if r.fair]
+            if found and found[0].suspect.place != account.terms[places[0]].suspect.place and found[0].worth > mine + EQUAL:
+                kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
+                base = settle(replace(account, terms=kept), ledger)
+                terms = at_its_instant(refined(found[0].terms, base, ledger), base, ledger)
+                account = settle(replace(base, terms=kept + terms), ledger)
+                break
+        else:
+            break
+    return account
+
+
+def _burden(account: Account, ledger: Ledger) -> float:
+    """Deviance with the price of all numbers and of all findings."""
+    sizes = sum(len(t.names) for t in account.terms)
+    return account.deviance + price_of(ledger) * sizes + FINDING * len(findings(account))

@@ -1,7 +1,7 @@
-"""Changes of the readings on a grid of table angles, and between its nodes."""
+"""Changes of the readings with the table's angles, as trigonometric polynomials: differenced once on a grid, then cheap."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,68 +10,69 @@ from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 from tiltcal.setup import Sensor
 
-NODES = 72  # a turn, of each axis
-COARSE = 0.05  # error of the interpolation, of the largest change, from which an effect is too fine for the grid
+NODES = 24  # a turn, of each axis
+ORDER = 6  # highest harmonic of an axis that is kept
+SMALL = 1e-4  # of its prior size: the step by which an effect is differenced, so that its square does not count
+COARSE = 0.02  # misfit, of the largest change, from which an effect is too fine for these harmonics
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns on a grid that is periodic in every axis.
+    """Columns as harmonics of the angles.
 
     Args:
-        nodes: (NODES, ..., k, p): change of the channels at each node.
-        axes: how many.
+        coefficients: ((2 ORDER + 1)^axes, k, p), of the products of 1, cos, sin, cos 2 ... of each axis.
     """
 
-    nodes: Array
-    axes: int
+    coefficients: Array
 
     @property
     def columns(self) -> int:
         """How many parameters it holds."""
-        return int(self.nodes.shape[-1])
+        return int(self.coefficients.shape[-1])
 
     def at(self, angles: Array) -> Array:
-        """Cubic interpolation in every axis, (n, k, p). angles: rad, (n, axes)."""
-        place = angles / (2 * np.pi / NODES)
-        low = np.floor(place).astype(int)
-        weights = _cubic(place - low)
-        total = np.zeros((len(angles), *self.nodes.shape[self.axes :]))
-        for corner in np.ndindex(*(4,) * self.axes):
-            index = tuple((low[:, i] + c - 1) % NODES for i, c in enumerate(corner))
-            weight = np.prod([weights[c][:, i] for i, c in enumerate(corner)], axis=0)
-            total += weight[:, None, None] * self.nodes[index]
-        return total
+        """The columns, (n, k, p). angles: rad, (n, axes)."""
+        shape = self.coefficients.shape
+        return np.asarray(harmonics(angles) @ self.coefficients.reshape(shape[0], -1)).reshape(len(angles), *shape[1:])
 
 
-def _cubic(t: Array) -> list[Array]:
-    """Lagrange weights of the nodes -1, 0, 1, 2 at t in 0..1; the error on a first harmonic is 1e-6."""
-    return [-t * (t - 1) * (t - 2) / 6, (t * t - 1) * (t - 2) / 2, -t * (t + 1) * (t - 2) / 2, t * (t * t - 1) / 6]
+def harmonics(angles: Array) -> Array:
+    """Products over the axes of 1, cos a, sin a, cos 2a ..., (n, (2 ORDER + 1)^axes)."""
+    found = np.ones((len(angles), 1))
+    for a in angles.T:
+        k = np.outer(a, np.arange(1, ORDER + 1))
+        part = np.concatenate([np.ones((len(a), 1)), np.cos(k), np.sin(k)], axis=1)
+        found = (found[:, :, None] * part[:, None, :]).reshape(len(a), -1)
+    return found
 
 
-def tabulate(still: Still, sensor: Sensor, effects: Sequence[tuple[Effect, str]]) -> Table:
-    """The changes that effects make at every node, differenced at their own size."""
+def tabulate(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> tuple[Table, list[bool]]:
+    """The changes that effects make at their size, and of each whether these harmonics hold it.
+
+    What changes from one line of an encoder to the next they do not hold: no design can rely on it.
+    """
     axes, k = len(still.axes), len(sensor.axes)
-    nodes = np.zeros((*(NODES,) * axes, k, len(effects)))
-    if effects:
-        grid = np.stack(np.meshgrid(*[np.arange(NODES) * 2 * np.pi / NODES] * axes, indexing="ij"), axis=-1).reshape(-1, axes)
-        seen = watch(still, grid)
-        for j, (effect, _) in enumerate(effects):
-            change = seen.changes(effect).get(sensor.name)
-            if change is not None:
-                nodes[..., j] = change.reshape(*(NODES,) * axes, k)
-    return Table(nodes, axes)
+    turn = np.arange(NODES) * 2 * np.pi / NODES
+    grid = np.stack(np.meshgrid(*[turn] * axes, indexing="ij"), axis=-1).reshape(-1, axes)
+    tried = np.random.default_rng(0).uniform(-np.pi, np.pi, (60, axes))
+    changes = changes_of(still, sensor, effects, np.vstack([grid, tried]))
+    basis = harmonics(grid)
+    inverse = basis.T / (basis**2).sum(axis=0)[:, None]  # the products are orthogonal on the grid
+    coefficients = (inverse @ changes[: len(grid)].reshape(len(grid), -1)).reshape(-1, k, len(effects))
+    table = Table(coefficients)
+    misfit = np.abs(table.at(tried) - changes[len(grid) :]).max(axis=(0, 1), initial=0.0)
+    return table, list(misfit <= COARSE * np.abs(changes).max(axis=(0, 1), initial=0.0))
 
 
-def too_fine(still: Still, sensor: Sensor, effects: Sequence[tuple[Effect, str]]) -> set[str]:
-    """Labels of effects that change within a step of the grid (line-by-line encoder errors): no design can rely on them."""
-    table = tabulate(still, sensor, effects)
-    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (60, len(still.axes)))
-    near = table.at(angles)
+def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: Array) -> Array:
+    """What each effect changes at its size, to first order, (n, k, p)."""
+    found = np.zeros((len(angles), len(sensor.axes), len(effects)))
     seen = watch(still, angles)
-    found = set()
-    for j, (effect, label) in enumerate(effects):
-        true = seen.changes(effect).get(sensor.name, np.zeros(near.shape[:2]))
-        if np.abs(true - near[:, :, j]).max() > COARSE * np.abs(true).max(initial=1e-300):
-            found.add(label)
+    for j, effect in enumerate(effects):
+        sizes = effect.sizes
+        small = replace(effect, values={**effect.values, **{name: SMALL * v for name, v in sizes.items()}})
+        change = seen.changes(small).get(sensor.name)
+        if change is not None:
+            found[:, :, j] = change / SMALL
     return found

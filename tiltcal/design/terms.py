@@ -1,7 +1,7 @@
 """The product's own model equation as a design Model: calibration terms and effects of the catalogue, seen from poses.
 
 A term of the sensor has its exact column at any angle and time. Every other effect that shows in a pose (table, mount,
-environment, converter) is differenced through the closed form on a grid of table angles once, and interpolated between.
+environment, converter) is differenced through the closed form on a grid of table angles once, and expanded in their harmonics.
 An effect whose change at a pose depends on how the pose was reached (memory, motion, vibration, remounting) cannot be
 designed for by poses alone and is named as such.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from tiltcal.design.model import Model
 from tiltcal.design.polynomial import tilt_loss
 from tiltcal.design.still import Still, pointwise, still_sense
-from tiltcal.design.tabulated import Table, tabulate, too_fine
+from tiltcal.design.tabulated import Table, tabulate
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect, TermEffect
 from tiltcal.errors import TiltcalError, nearest
@@ -76,10 +76,12 @@ def scenario_model(scenario: Scenario, sensor: Sensor, wanted: Wanted, horizon: 
     still = Still(scenario, horizon)
     parameters, unseen = wanted_parameters(scenario, sensor, wanted, still)
     direct = [p for p in parameters if p.direct]
-    fine = too_fine(still, sensor, [(p.effect, p.label) for p in parameters if not p.direct])
-    parameters = [p for p in parameters if p.label not in fine]
-    table = tabulate(still, sensor, [(p.effect, p.label) for p in parameters if not p.direct])
-    ordered = direct + [p for p in parameters if not p.direct]
+    indirect = [p for p in parameters if not p.direct]
+    table, held = tabulate(still, sensor, [p.effect for p in indirect])
+    fine = [p.label for p, is_held in zip(indirect, held, strict=True) if not is_held]
+    indirect = [p for p in indirect if p.label not in fine]
+    table = Table(table.coefficients[:, :, np.array(held, dtype=bool)])
+    ordered = direct + indirect
     rows = _Rows(still, sensor, direct, table)
     k = len(sensor.axes)
     known = [e for e in scenario.effects if e.id.endswith("_noise")]

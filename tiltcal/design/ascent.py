@@ -11,6 +11,7 @@ import numpy as np
 
 from tiltcal.design.clock import Clock
 from tiltcal.design.criteria import value_and_slope
+from tiltcal.design.descent import minimise
 from tiltcal.design.model import Model
 from tiltcal.frames import Array
 
@@ -72,16 +73,13 @@ class Problem:
 
 def ascend(problem: Problem, draft: Draft, iterations: int, dwells_only: bool = False) -> Draft:
     """The draft after some iterations of L-BFGS (within the clock's limits), or itself when that is no better."""
-    from scipy.optimize import minimize
-
     n, axes = draft.angles.shape
     climb = _Climb(problem, n, axes)
     start = np.concatenate([draft.angles.ravel(), draft.z])
-    limits = [pair or (-np.inf, np.inf) for pair in problem.clock.limits] * n
-    bounds = [(v, v) for v in draft.angles.ravel()] if dwells_only else limits
-    found = minimize(
-        climb, start, jac=True, method="L-BFGS-B", bounds=[*bounds, *[(-12.0, 12.0)] * n], options={"maxiter": iterations}
-    ).x
+    pairs = [pair or (-np.inf, np.inf) for pair in problem.clock.limits]
+    limits = np.tile(np.array(pairs), (n, 1)) if not dwells_only else np.repeat(draft.angles.ravel()[:, None], 2, axis=1)
+    low, high = np.vstack([limits, np.tile([-12.0, 12.0], (n, 1))]).T
+    found = minimise(climb, start, low, high, iterations)
     better = problem.rated(found[: n * axes].reshape(n, axes), found[n * axes :])
     return better if better.value > draft.value else draft
 

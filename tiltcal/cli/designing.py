@@ -38,6 +38,10 @@ def design_(args: argparse.Namespace) -> int:
     scenario = load_scenario(args.scenario) if args.scenario else parse_scenario(TEXTBOOK)
     known_criterion(args.criterion)
     clock = clock_of(args, scenario)
+    if args.blind_to_nothing is not None:
+        from tiltcal.cli.maxmin import blind_to_nothing_
+
+        return blind_to_nothing_(args, scenario, clock)
     still = Still(scenario, clock.budget)
     problem, unseen = problem_of(args, scenario, clock)
     untold = check_possible(problem, still.axes, everything="all" in args.terms)

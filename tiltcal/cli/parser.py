@@ -253,6 +253,11 @@ def _add_design(commands: _Commands) -> None:
     )
     sub.add_argument("--step-deg", type=float, default=0.0, help="angles are multiples of this (default: any)")
     sub.add_argument("--floor-ug", type=float, default=20.0, help="what no averaging removes from a pose mean (default 20)")
+    sub.add_argument(
+        "--blind-to-nothing", type=int, metavar="POSES",
+        help="instead: so many poses whose least visible effect (of second and third order, kinks, table harmonics, drifts) "
+        "is seen best; the bound that no design can pass is printed beside it",
+    )  # fmt: skip
     sub.add_argument("--sensor", help="which, when several fit")
     sub.add_argument("--seed", type=int, default=0, help="of the search (default 0)")
     _output(sub, "folder for the plan", "DIR")

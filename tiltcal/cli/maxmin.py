@@ -47,8 +47,8 @@ def blind_to_nothing_(args: argparse.Namespace, scenario: Scenario, clock: Clock
     seen = [*zip(EFFECTS, found.shares, strict=True), ("linear drift", found.drift), ("warm-up", found.warmup)]
     print_table(["effect", "share of the most any design sees"], [[name, f"{share:.3f}"] for name, share in seen])
     print(
-        f"least share {found.shares.min():.4f}; no design can pass {found.bound:.4f} (convex bound on a 10 deg grid; references within "
-        f"{100 * found.reference_gap:.2f} %); D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
+        f"least share {found.shares.min():.4f}; no design can pass {found.bound:.4f} (convex bound on a 10 deg grid; references "
+        f"within {100 * found.reference_gap:.2f} %); D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
     )
     return 0
 

@@ -23,7 +23,7 @@ FLOOR = 2e-5  # g per pose
 PRIOR = 0.03
 _NAMES = {
     "linear": (), "K2": ("K2",), "K2K3": ("K2", "K3"), "quadratic": ("xx-yy", "3zz-1", "xy", "xz", "yz"),
-    "cubic": ("xx-yy", "3zz-1", "xy", "xz", "yz", "x3", "y3", "z3", "xxy", "xxz", "yyz", "xyz"),
+    "cubic": ("xx-yy", "3zz-1", "xy", "xz", "yz", "x3", "y3", "z3", "xxy", "yyz", "zzx", "xyz"),
 }  # fmt: skip
 
 
@@ -47,7 +47,7 @@ def regressors(up: Array, kind: str) -> Array:
     if kind in ("quadratic", "cubic"):
         common += [x * x - y * y, 3 * z * z - 1, x * y, x * z, y * z]
     if kind == "cubic":
-        common += [x**3, y**3, z**3, x * x * y, x * x * z, y * y * z, x * y * z]
+        common += [x**3, y**3, z**3, x * x * y, y * y * z, z * z * x, x * y * z]
     shared = np.stack(common, axis=-1)
     blocks = np.repeat(shared[..., None, :], 3, axis=-2)
     own = [up**power for power in {"K2": (2,), "K2K3": (2, 3)}.get(kind, ())]

@@ -59,7 +59,7 @@ def tabulate(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> tuple[T
     changes = changes_of(still, sensor, effects, np.vstack([grid, tried]))
     basis = harmonics(grid)
     inverse = basis.T / (basis**2).sum(axis=0)[:, None]  # the products are orthogonal on the grid
-    coefficients = (inverse @ changes[: len(grid)].reshape(len(grid), -1)).reshape(-1, k, len(effects))
+    coefficients = (inverse @ changes[: len(grid)].reshape(len(grid), k * len(effects))).reshape(len(inverse), k, len(effects))
     table = Table(coefficients)
     misfit = np.abs(table.at(tried) - changes[len(grid) :]).max(axis=(0, 1), initial=0.0)
     return table, list(misfit <= COARSE * np.abs(changes).max(axis=(0, 1), initial=0.0))

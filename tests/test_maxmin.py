@@ -44,7 +44,7 @@ def test_six_faces_are_blind_to_products_and_the_energy_of_K2_there_is_two_third
 
 def test_classic_schemes_are_blind_to_something_and_the_designed_one_is_not():
     found = blind_to_nothing(24, 0)
-    for name, most in (("six", 1e-6), ("12", 1e-6), ("24", 0.05), ("tumble", 0.1)):
+    for name, most in (("six", 1e-6), ("12", 1e-6), ("24", 0.05)):
         assert shares(classic(name), found.references).min() < most, name
     assert found.shares.min() >= 0.38
     assert found.efficiency >= 0.985

@@ -8,12 +8,14 @@ import numpy as np
 from tiltcal.design.ascent import Problem
 from tiltcal.design.classic import CLASSIC, baseline
 from tiltcal.design.criteria import gain, tilt_rms
-from tiltcal.design.search import Effort, Notice, search, silent
+from tiltcal.design.search import Effort, Notice, poses_worth, search, silent
 from tiltcal.frames import Array
 from tiltcal.units import ARCSEC, DEG
 
 LARGE = 60  # parameters beyond which fewer paths are tried
 SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)
+FEW = 25  # poses up to which more paths are tried: they are cheap, and there are more kinds of good ones
+EAGER = Effort(starts=42, kept=5, rounds=3)
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,8 @@ def design(
     """
     drafts = {name: baseline(problem, name, table) for name in CLASSIC}
     drafts = {name: d for name, d in drafts.items() if len(d.angles)}
-    usual = Effort() if len(problem.model.names) <= LARGE else SPARING
+    few = poses_worth(problem) <= FEW
+    usual = SPARING if len(problem.model.names) > LARGE else EAGER if few else Effort()
     best = search(problem, list(drafts.values()), seed, effort or usual, notice)
     done = {name: forecast(problem, d.angles, problem.dwells(d.angles, d.z)) for name, d in drafts.items()}
     return Plan(problem, best.angles, problem.dwells(best.angles, best.z), axes, done)

@@ -56,8 +56,12 @@ def segments_csv(plan: Plan) -> str:
 
 
 def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str, Any]:
-    """The scenario's table with the designed sequence in place of its own."""
-    stated = json.loads(scenario.model_dump_json(exclude_none=True, exclude_defaults=True, by_alias=True, exclude={"sequence"}))
+    """The scenario's table with the designed sequence in place of its own; claims about its own sequence are left out."""
+    stated = json.loads(
+        scenario.model_dump_json(
+            exclude_none=True, exclude_defaults=True, by_alias=True, exclude={"sequence", "method", "estimator", "about"}
+        )
+    )
     sequence = [s.model_dump(exclude_none=True, exclude_unset=True) for s in steps]
     return {"schema": 1} | stated | {"name": name, "sequence": sequence}
 

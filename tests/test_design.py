@@ -251,6 +251,22 @@ def test_table_effects_at_a_pose_are_the_closed_form_differenced():
     assert k3 == pytest.approx(dual_up(angles)[:, 0] ** 3 * 9.80123**3 / 9.80665**2 * 200e-6, rel=1e-6)
 
 
+def test_an_inclinometer_reads_angles_and_its_steep_end_is_not_exploited():
+    """Its rows are those of the force over g cos(tilt), and beyond 60 deg no steeper than there."""
+    sensor = {"name": "incl", "kind": "inclinometer", "axes": ["x", "y"], "rate_hz": 20}
+    scenario = scenario_of(sensor=[sensor], effect=[])
+    terms = ("bias", "table_levelling", "table_sag")
+    model, unseen = scenario_model(scenario, scenario.sensor[0], Wanted(terms, ()), 100)
+    assert not any("levelling" in name for name in unseen)
+    tilts = np.array([0.0, 30.0, 60.0, 80.0, 90.0]) * DEG  # about the outer axis: tilt of y
+    rows = model.rows(np.column_stack([tilts, 0 * tilts]), np.zeros(5))
+    bias = rows[:, 1, model.names.index("incl.bias_y")] / model.prior[model.names.index("incl.bias_y")]
+    slope = 1e-6 * 9.80665 / 9.80123
+    assert bias == pytest.approx(slope / np.cos(np.minimum(tilts, 60 * DEG)), rel=1e-9)
+    east = rows[:, 1, model.names.index("table_levelling.tilt_east")]
+    assert east[:3] == pytest.approx(np.full(3, east[0]), rel=1e-3)  # an angle is an angle, whatever the tilt
+
+
 @pytest.mark.parametrize("table", ["dual", "three", "placing"])
 def test_the_scenario_takes_the_table_time_that_was_planned(table):
     scenario = scenario_of(table)

@@ -66,7 +66,7 @@ def tabulate(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> tuple[T
 
 
 def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: Array) -> Array:
-    """What each effect changes at its size, to first order, (n, k, p)."""
+    """What each effect changes at its size, to first order, in the sensing form (force), (n, k, p)."""
     found = np.zeros((len(angles), len(sensor.axes), len(effects)))
     seen = watch(still, angles)
     for j, effect in enumerate(effects):
@@ -75,4 +75,8 @@ def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: 
         change = seen.changes(small).get(sensor.name)
         if change is not None:
             found[:, :, j] = change / SMALL
+    if sensor.kind == "inclinometer":  # the watch has turned forces into angles: d asin(f/g) = df / (g cos)
+        g = still.scenario.site.gravity
+        ideal = seen.ideal[sensor.name]
+        found *= np.sqrt(np.maximum(g * g - ideal**2, (1e-3 * g) ** 2))[:, :, None]
     return found

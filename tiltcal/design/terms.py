@@ -26,6 +26,7 @@ from tiltcal.setup import Sensor
 from tiltcal.units import G0, PARAMETER_UNITS
 
 DIRECTIONS = 400  # of the working range
+STEEPEST = 0.5  # cosine of the steepest tilt at which an inclinometer's angle counts for its slope: 60 deg
 EVENTS = ("time", "start")  # parameters of an effect that happens once
 
 
@@ -165,11 +166,16 @@ class _Rows:
 
     def __call__(self, angles: Array, time: Array) -> Array:
         exact = direct_columns(self.still, self.sensor, self.direct, angles, time)
-        return np.concatenate([exact, self.table.at(angles)], axis=2) if self.table.columns else exact
+        columns = np.concatenate([exact, self.table.at(angles)], axis=2) if self.table.columns else exact
+        if self.sensor.kind == "inclinometer":  # its noise acts on the angle: d asin(f/g) = df / (g cos)
+            g = self.still.scenario.site.gravity
+            across = np.sqrt(1 - self.still.up(angles)[:, list(self.sensor.axis_indices)] ** 2 + 1e-15)
+            columns /= (g * np.maximum(across, STEEPEST))[:, :, None]
+        return columns
 
 
 def direct_columns(still: Still, sensor: Sensor, parameters: Sequence[Parameter], angles: Array, time: Array) -> Array:
-    """Change of the channels per prior size, (n, k, p), SI; of an inclinometer in rad."""
+    """Change of the channels per prior size in the sensing form (force), (n, k, p), SI."""
     sense = still_sense(still, sensor, angles, time)
     columns = np.zeros((len(angles), len(sensor.axes), len(parameters)))
     for j, p in enumerate(parameters):
@@ -177,10 +183,6 @@ def direct_columns(still: Still, sensor: Sensor, parameters: Sequence[Parameter]
             channel, column = p.effect.term(p.name, sense)
             if channel >= 0:
                 columns[:, channel, j] = p.effect.value(p.name) * column[: len(angles)]
-    if sensor.kind == "inclinometer":
-        g = still.scenario.site.gravity
-        ideal = sense.true_input()[: len(angles)]
-        columns /= np.sqrt(np.maximum(g * g - ideal**2, (1e-3 * g) ** 2))[:, :, None]
     return columns
 
 

@@ -35,6 +35,7 @@ def blind_to_nothing_(args: argparse.Namespace, scenario: Scenario, clock: Clock
             "design --blind-to-nothing", found=f"{count} poses", need=f"{FEWEST} or more: fewer leave {EFFECTS[1]} or another "
             "effect unseen", do="allow more",
         )  # fmt: skip
+    _hold(clock, count * (clock.settle + clock.shortest), count)
     found = blind_to_nothing(count, args.seed)
     plan = timed(found, clock)
     up = Still(scenario, clock.budget).up(plan.angles)
@@ -61,13 +62,16 @@ def timed(found: MaxMin, clock: Clock) -> Plan:
     """
     angles = unwound(found.angles, clock.limits)
     problem = Problem(textbook_model("linear", True, clock.budget), clock)
-    spare = float(clock.spare(angles))
-    if spare < 0:
-        raise TiltcalError(
-            "design, budget", found=f"{clock.budget:g} s", need=f"{clock.budget - spare:.0f} s for {len(angles)} poses",
-            do="raise --budget-s",
-        )  # fmt: skip
+    _hold(clock, clock.budget - float(clock.spare(angles)), len(angles))
     return Plan(problem, angles, problem.dwells(angles, np.zeros(len(angles))), ("outer", "inner"), {})
+
+
+def _hold(clock: Clock, needed: float, count: int) -> None:
+    """Refuse a budget that does not hold the poses."""
+    if needed > clock.budget:
+        raise TiltcalError(
+            "design, budget", found=f"{clock.budget:g} s", need=f"{needed:.0f} s or more for {count} poses", do="raise --budget-s"
+        )
 
 
 def summary(found: MaxMin) -> dict[str, object]:

@@ -1,0 +1,85 @@
+"""Designs against the known bars with fresh seeds, speed of the environments, the leaderboard, the max-min design."""
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from tiltcal.design.ascent import Problem
+from tiltcal.design.clock import Clock
+from tiltcal.design.maxmin import blind_to_nothing
+from tiltcal.design.plan import design
+from tiltcal.design.polynomial import textbook_model
+from tiltcal.gym.bench import Task
+from tiltcal.gym.policies import leaderboard
+from tiltcal.gym.training import train
+from tiltcal.gym.vector import CalibrationVector
+
+BARS = {
+    ("linear", False, 300): 92.64, ("linear", False, 900): 99.23, ("linear", True, 300): 90.42, ("linear", True, 900): 96.98,
+    ("K2K3", True, 300): 130.47, ("K2K3", True, 900): 140.74, ("quadratic", True, 300): 196.79, ("quadratic", True, 900): 212.39,
+}  # fmt: skip
+
+
+def cells(seed: int) -> None:
+    """nats, arcsec and seconds of each cell, the default setting."""
+    for (kind, drift, budget), bar in BARS.items():
+        begun = time.perf_counter()
+        plan = design(Problem(textbook_model(kind, drift, budget), Clock(budget)), seed=seed)
+        took, best = time.perf_counter() - begun, max(f.nats for f in plan.baselines.values())
+        print(
+            f"design {kind}{'+drift' if drift else ''}, {budget} s: {plan.forecast.nats:.2f} nats (bar {bar:.2f}, best classic "
+            f"{best:.2f}), {plan.forecast.tilt_arcsec:.3f} arcsec, {plan.forecast.poses} poses, {took:.2f} s (limit 5)"
+        )
+
+
+def command() -> None:
+    """One cell as a user asks for it, the start of Python included."""
+    begun = time.perf_counter()
+    words = [sys.executable, "-m", "tiltcal", "design", "--textbook", "quadratic", "--budget-s", "900", "--json"]
+    subprocess.run(words, capture_output=True, check=True)
+    print(f"tiltcal design, quadratic+drift, 900 s, whole command: {time.perf_counter() - begun:.2f} s (limit 5)")
+
+
+def rate(model: str = "linear", count: int = 4096, steps: int = 60) -> float:
+    """Steps per second of the native vector environment in this process, observations included."""
+    environment = CalibrationVector(count, model=model)
+    environment.reset(seed=0)
+    rng = np.random.default_rng(0)
+    actions = [np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(-1, -0.6, count)]).astype(np.float32) for _ in range(8)]
+    begun = time.perf_counter()
+    for k in range(steps):
+        environment.step(actions[k % 8])
+    return count * steps / (time.perf_counter() - begun)
+
+
+def speed() -> None:
+    """One process, and one on each of two cores at once."""
+    for model in ("linear", "K2K3", "quadratic"):
+        code = f"from tests.benchmarks.designing import rate; print(rate({model!r}))"
+        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        pair = [
+            subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment) for _ in range(2)
+        ]
+        both = sum(float(p.communicate()[0]) for p in pair)
+        print(f"environment {model}+drift: {rate(model):,.0f} steps/s in one process, {both:,.0f} on two cores (at least 200,000)")
+
+
+def main() -> None:
+    """Print all figures."""
+    seed = int(time.time()) % 100_000
+    cells(seed)
+    command()
+    begun = time.perf_counter()
+    found = blind_to_nothing(24, seed)
+    print(
+        f"blind to nothing, 24 poses: least share {found.shares.min():.4f} (bound {found.bound:.4f}), D-efficiency "
+        f"{found.efficiency:.4f}, {time.perf_counter() - begun:.1f} s (limit 10), seed {seed}"
+    )
+    speed()
+    tasks = {f"{k}{'+drift' if d else ''} {b} s": Task(k, d, b) for k, d, b in BARS}
+    print("leaderboard, nats: " + ", ".join(tasks))
+    for row in leaderboard(tasks, {"trained law": lambda task: train(task)}, seed):
+        print(f"  {row[0]:<12}" + "".join(f"{cell:>9}" for cell in row[1:]))

@@ -70,6 +70,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_calibration(commands)
     _add_noise(commands)
     _add_diagnosis(commands)
+    _add_investigation(commands)
     _add_judging(commands)
     _add_reference(commands)
     return parser
@@ -213,6 +214,42 @@ def _add_diagnosis(commands: _Commands) -> None:
     sub.add_argument("--static", metavar="REC", help="a record at rest to take the noise from")
     sub.add_argument("--check", action="store_true", help="exit status 1 on anything but match")
     _output(sub, "folder for the answer", "DIR")
+
+
+def _add_investigation(commands: _Commands) -> None:
+    sub = commands.add(
+        "investigate", "investigating", "investigate_", "diagnose, record what splits the rivals, diagnose again, until explained",
+        "LAB is called as `LAB SEQUENCE.csv RECORDING.csv`, without a shell; a real table, or a simulated one, may be behind it.\n"
+        "Everything is kept under -o DIR: log.md, investigation.json, sequences, recordings, diagnoses.\n\n"
+        "  tiltcal investigate first.csv --scenario bench.toml --lab './record --table 2' -o out\n"
+        "  tiltcal investigate --scenario bench.toml --lab 'tiltcal lab concealed.toml' -o out\n\n"
+        "exit status: 0 explained; 1 not explained within the budget, or out of this table's reach; 2 unusable input",
+    )  # fmt: skip
+    sub.add_argument("recording", nargs="*", metavar="REC", help="recorded so far; without any the scenario's sequence comes first")
+    _scenario(sub)
+    sub.add_argument("--lab", required=True, metavar="COMMAND", help="who records")
+    sub.add_argument("--blocks", type=int, default=2, help="designed blocks at most (default 2)")
+    sub.add_argument("--budget-min", type=float, default=10.0, help="minutes of table time for all of them (default 10)")
+    sub.add_argument("--resume", action="store_true", help="go on where the folder stands; nothing is recorded twice")
+    _block_limits(sub)
+    _output(sub, "folder for everything (default: investigation)", "DIR", default="investigation")
+    sub = commands.add(
+        "lab", "investigating", "lab", "a simulated laboratory: record a sequence file with a scenario's effects, through MuJoCo",
+        "Events of the scenario (steps, slips) lie behind it; the seed follows from the sequence and the scenario's own.",
+    )  # fmt: skip
+    sub.add_argument("scenario", metavar="SCENARIO", help="with what is concealed")
+    sub.add_argument("sequence", metavar="SEQUENCE.csv")
+    sub.add_argument("recording", metavar="RECORDING.csv")
+    sub.add_argument("--seed", type=int, help="in place of the scenario's")
+
+
+def _block_limits(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--block-min", type=float, default=3.0, help="minutes of table time of one block at most (default 3)")
+    sub.add_argument("--rate-deg-s", type=float, default=30.0, help="of moves; turns go up to twice of it (default 30)")
+    sub.add_argument("--dwell-s", type=float, default=3.0, help="at each pose (default 3)")
+    sub.add_argument(
+        "--angles", action="append", default=[], metavar="AXIS=LOW:HIGH", help="allowed angles of an axis, deg; may be repeated"
+    )
 
 
 def _add_judging(commands: _Commands) -> None:

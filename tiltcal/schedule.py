@@ -266,7 +266,7 @@ class _Builder:
             vector = unit(axis) * angle
         angle = float(np.linalg.norm(vector))
         if angle > 0:
-            self._leg(_duration(angle, step.rate_deg_s * DEG), vector, "ramp")
+            self._leg(move_time(angle, step.rate_deg_s * DEG), vector, "ramp")
             self.R = self.R @ _rotations(vector[None])[0]
 
     def _body_axis(self, axis: object) -> Array:
@@ -280,7 +280,7 @@ class _Builder:
         dq = target - self.q
         distance = float(np.abs(dq).max())
         if distance > 0:
-            self._leg(_duration(distance, rate_deg_s * DEG), dq, "ramp")
+            self._leg(move_time(distance, rate_deg_s * DEG), dq, "ramp")
             self.q = target.copy()
 
     def _leg(self, duration: float, dq: Array, law: Literal["rest", "ramp", "swing"], frequency: float = 0.0) -> None:
@@ -297,6 +297,6 @@ class _Builder:
             self.stops += 1
 
 
-def _duration(distance: float, rate: float) -> float:
-    """Time of a move: cruising plus half of each ramp, or two ramps when it is too short to reach the rate."""
+def move_time(distance: float, rate: float) -> float:
+    """Time of a move, s: cruising plus half of each ramp, or two ramps when it is too short to reach the rate."""
     return distance / rate + RAMP if distance > rate * RAMP else 2 * RAMP

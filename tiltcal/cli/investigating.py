@@ -80,19 +80,21 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
 
 def split(args: argparse.Namespace) -> int:
     """Propose the block that tells the rivals of a diagnosis apart."""
-    if args.scenario is None:
+    told = args.diagnosed or args.scenario
+    if told is None:
         raise TiltcalError(
             "command line of `tiltcal design`", found="--split without a scenario", need="the scenario that was diagnosed",
             do="add --scenario TOML",
         )  # fmt: skip
-    scenario = honest_scenario(args.scenario)
+    scenario = honest_scenario(told)
     path = require_file(Path(args.split), "diagnosis")
     diagnosis = _table(path)
     amended = require_file(path.with_name("amended.toml"), "amended scenario")
     recordings = [read_recording(p) for p in _recordings_of(diagnosis, path, args.recordings)]
     with progress_line() as progress:
-        told = tomllib.loads(amended.read_text(encoding="utf-8"))
-        plan = next_block(scenario, recordings, diagnosis, told, limits_of(args), progress)
+        table = tomllib.loads(amended.read_text(encoding="utf-8"))
+        limits = Limits(args.budget / 60, args.rate_deg_s, args.dwell_s[0], dict(_range(text) for text in args.angles))
+        plan = next_block(scenario, recordings, diagnosis, table, limits, progress)
     if args.output:
         folder = make_folder(Path(args.output))
         write_json(folder / "next_block.json", plan.to_json())

@@ -70,6 +70,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_calibration(commands)
     _add_noise(commands)
     _add_diagnosis(commands)
+    _add_design(commands)
     _add_investigation(commands)
     _add_judging(commands)
     _add_reference(commands)
@@ -250,6 +251,60 @@ def _block_limits(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--angles", action="append", default=[], metavar="AXIS=LOW:HIGH", help="allowed angles of an axis, deg; may be repeated"
     )
+
+
+def _add_design(commands: _Commands) -> None:
+    sub = commands.add(
+        "design", "designing", "design_", "the sequence of poses with the most information for a table time",
+        "Writes design.toml (simulate follows it), steps.csv (a laboratory does), steps.txt, segments.csv and design.json under\n"
+        "-o DIR. Terms: what the sensors' adjustable lists and [[effect]] tables with fit = true name, unless --terms does.\n\n"
+        "  tiltcal design bench.toml --budget-s 300 -o out\n"
+        "  tiltcal design bench.toml --budget-s 900 --terms bias scale cross_axis K2 K3 --angles outer=-90:90\n"
+        "  tiltcal design bench.toml --budget-s 900 --terms all --nuisance drift table_levelling\n"
+        "  tiltcal design --textbook quadratic --budget-s 300\n"
+        "  tiltcal design --split out/diagnosis.json --scenario bench.toml -o next      sequence.csv, next_block.json",
+    )  # fmt: skip
+    sub.add_argument("scenario", nargs="?", metavar="SCENARIO", help="site, rig, sensors, noise, climate")
+    sub.add_argument("--budget-s", dest="budget", type=float, default=300.0, help="s of table time (default 300)")
+    sub.add_argument(
+        "--terms", nargs="+", default=[], metavar="TERM", help="of interest: bias, scale, cross_axis, K2 ..., an id, or all"
+    )
+    sub.add_argument(
+        "--nuisance", nargs="+", default=["drift"], metavar="TERM", help="fitted too, not of interest (default drift; or none)"
+    )
+    sub.add_argument("--textbook", metavar="KIND", help="linear, K2, K2K3, quadratic or cubic, in place of the product's own terms")
+    sub.add_argument("--criterion", default="both", help="tilt (or I), D, A, or both: the mean of D and tilt (default)")
+    sub.add_argument(
+        "--grade", choices=("precision", "mid_mems", "consumer"), default="mid_mems", help="whose plausible sizes are the prior"
+    )
+    sub.add_argument("--prior", type=float, help="one relative size for all priors instead: g, or g per power of g")
+    sub.add_argument(
+        "--range-deg", type=float, default=180.0, help="working range about level for the tilt error (default: everywhere)"
+    )
+    sub.add_argument("--rate-deg-s", type=float, default=20.0, help="of moves, all axes at once (default 20)")
+    sub.add_argument("--settle-s", type=float, default=5.0, help="after each move (default 5)")
+    sub.add_argument(
+        "--dwell-s", type=float, nargs=2, default=(5.0, 60.0), metavar=("LEAST", "MOST"), help="of reading (default 5 60)"
+    )
+    sub.add_argument(
+        "--angles", action="append", default=[], metavar="AXIS=LOW:HIGH", help="allowed angles of an axis, deg; may be repeated"
+    )
+    sub.add_argument("--step-deg", type=float, default=0.0, help="angles are multiples of this (default: any)")
+    sub.add_argument("--floor-ug", type=float, default=20.0, help="what no averaging removes from a pose mean (default 20)")
+    sub.add_argument("--sensor", help="which, when several fit")
+    sub.add_argument("--seed", type=int, default=0, help="of the search (default 0)")
+    sub.add_argument(
+        "--split", metavar="DIAGNOSIS.json", help="propose the block that tells the rivals of a diagnosis apart instead"
+    )
+    sub.add_argument("--scenario", dest="diagnosed", metavar="TOML", help="with --split: the scenario that was diagnosed")
+    sub.add_argument(
+        "--recordings",
+        nargs="+",
+        default=[],
+        metavar="REC",
+        help="with --split: what was diagnosed (default: as the diagnosis has it)",
+    )
+    _output(sub, "folder for the plan", "DIR")
 
 
 def _add_judging(commands: _Commands) -> None:

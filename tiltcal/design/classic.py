@@ -1,0 +1,97 @@
+"""The sequences of the textbooks as table angles, and the best that each can do with a budget: baselines of a design."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tiltcal.design.ascent import Draft, Problem
+from tiltcal.design.clock import unwound
+from tiltcal.errors import TiltcalError, nearest
+from tiltcal.frames import Array, sphere
+from tiltcal.schemes import directions, table_angles
+from tiltcal.setup import Rig
+from tiltcal.units import DEG
+
+CLASSIC = ("six", "8", "12", "24", "tumble", "sweep", "two_position", "spiral")
+MOST = 400  # poses that a baseline is tried with
+
+
+def classic(name: str, table: str = "dual") -> Array:
+    """Angles of one cycle of a classic sequence, rad, (n, axes), in its customary order.
+
+    ``six``: the faces. ``8``: the corners. ``12``: the edges. ``24``: eight positions every 45 deg in three planes.
+    ``tumble``: three planes every 30 deg (IEEE 1293). ``sweep``: 0 to 90 deg and back by 10 deg about the first axis.
+    ``two_position``: two poses 180 deg apart about the horizontal. ``spiral``: 24 equally spread directions, each from the
+    nearest. A table with one axis goes through the positions of one plane.
+
+    Raises:
+        TiltcalError: there is no such sequence.
+    """
+    if name not in CLASSIC:
+        raise TiltcalError(
+            f"sequence '{name}'", found="no such sequence", need="one of " + ", ".join(CLASSIC), do=nearest(name, list(CLASSIC))
+        )
+    axes = 1 if table == "placing" else 2
+    if name in ("sweep", "two_position"):
+        up = np.arange(0, 91, 10.0)
+        first = np.concatenate([up, up[-2::-1]]) if name == "sweep" else np.array([90.0, 270.0])
+        return np.asarray(np.column_stack([first, *[np.zeros(len(first))] * (axes - 1)]) * DEG, dtype=np.float64)
+    if axes == 1:
+        return np.arange(0.0, 360.0, {"six": 90, "8": 45, "12": 30, "24": 15, "tumble": 30, "spiral": 15}[name])[:, None] * DEG
+    if name in ("24", "tumble"):
+        return planes(45 if name == "24" else 30, table)
+    up = {"six": directions("6"), "8": directions("8"), "12": directions("12"), "spiral": sphere(24)}[name]
+    return angles_of(up if name == "six" else nearest_order(up), table)
+
+
+def planes(step: int, table: str) -> Array:
+    """Every ``step`` deg in three planes, rad, (n, 2)."""
+    turn = np.arange(0, 360, step)
+    if table == "three":  # up = (-sin m, cos m sin i, cos m cos i)
+        parts = [np.column_stack([0 * turn, turn]), np.column_stack([turn, 0 * turn]), np.column_stack([turn, 0 * turn + 90])]
+    else:
+        parts = [np.column_stack([turn, 0 * turn]), np.column_stack([turn, 0 * turn + 90]), np.column_stack([0 * turn + 90, turn])]
+    return np.asarray(np.vstack(parts) * DEG, dtype=np.float64)
+
+
+def angles_of(up: Array, table: str) -> Array:
+    """Angles of the axes that turn gravity, for directions of up on a straight mount, rad, (n, 2)."""
+    rig = Rig(table="three" if table == "three" else "dual")
+    found = np.array([table_angles(rig, u, 0, "classic sequence") for u in up])
+    return found[:, 1:] if table == "three" else found
+
+
+def nearest_order(up: Array) -> Array:
+    """Directions reordered so that each is the nearest of those left."""
+    left, order = list(range(1, len(up))), [0]
+    while left:
+        k = max(left, key=lambda i: float(up[i] @ up[order[-1]]))
+        left.remove(k)
+        order.append(k)
+    return up[order]
+
+
+def baseline(problem: Problem, name: str, table: str = "dual") -> Draft:
+    """A classic sequence repeated, or cut short, with the number of poses that serves the criterion best; equal dwells.
+
+    Poses beyond the table's limits are left out.
+    """
+    cycle = classic(name, table)
+    cycle = cycle[[bool(np.allclose(problem.clock.inside(a[None]) if problem.clock.step == 0 else a[None], a)) for a in cycle]]
+    best = Draft(np.zeros((0, cycle.shape[1])), np.zeros(0))
+    for angles in _lengths(problem, cycle):
+        trial = problem.rated(angles, np.zeros(len(angles)))
+        best = trial if trial.value > best.value else best
+    return best
+
+
+def _lengths(problem: Problem, cycle: Array) -> Iterator[Array]:
+    """The cycle repeated and cut to every number of poses that the budget holds."""
+    if len(cycle) == 0:
+        return
+    clock = problem.clock
+    repeated = unwound(np.tile(cycle, (-(-MOST // len(cycle)), 1)), clock.limits)
+    cost = np.cumsum(clock.moves(repeated) + clock.settle + clock.shortest)
+    for n in range(1, int(np.searchsorted(cost, clock.budget, side="right")) + 1):
+        if cost[n - 1] + n * (clock.longest - clock.shortest) >= 0.5 * clock.budget:
+            yield repeated[:n]

@@ -1,0 +1,113 @@
+"""A finished design: where the table goes, how long it reads, and what is expected of it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tiltcal.design.ascent import Problem
+from tiltcal.design.classic import CLASSIC, baseline
+from tiltcal.design.criteria import gain, tilt_rms
+from tiltcal.design.search import Effort, Notice, search, silent
+from tiltcal.frames import Array
+from tiltcal.units import ARCSEC, DEG
+
+LARGE = 60  # parameters beyond which fewer paths are tried
+SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a sequence is expected to bring.
+
+    Args:
+        nats: gained on the parameters of interest over the prior.
+        tilt_arcsec: rms tilt error per axis over the working range.
+        sigma: posterior standard deviation of each parameter, in its unit, (p,).
+        covariance: of all parameters, in their units, (p, p).
+        total_s: table time.
+        poses: how many.
+    """
+
+    nats: float
+    tilt_arcsec: float
+    sigma: Array
+    covariance: Array
+    total_s: float
+    poses: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A designed sequence.
+
+    Args:
+        problem: what it was designed for.
+        angles: rad, (n, axes); dwell: s of reading at each pose, (n,).
+        axes: names of the table's axes.
+        baselines: forecast of each classic sequence with the same budget.
+    """
+
+    problem: Problem
+    angles: Array
+    dwell: Array
+    axes: tuple[str, ...]
+    baselines: dict[str, Forecast]
+
+    @property
+    def forecast(self) -> Forecast:
+        """What it is expected to bring."""
+        return forecast(self.problem, self.angles, self.dwell)
+
+    def to_json(self) -> dict[str, Any]:
+        """The plan for machines: angles in deg, times in s."""
+        clock, model, what = self.problem.clock, self.problem.model, self.forecast
+        middles = clock.middles(self.angles, self.dwell)
+        poses = [
+            {f"{name}_deg": float(a / DEG) for name, a in zip(self.axes, row, strict=True)}
+            | {"settle_s": clock.settle, "dwell_s": float(d), "read_from_s": float(m - d / 2), "read_to_s": float(m + d / 2)}
+            for row, d, m in zip(self.angles, self.dwell, middles, strict=True)
+        ]
+        return {
+            "schema": 1, "criterion": self.problem.criterion, "budget_s": clock.budget, "rate_deg_s": clock.rate / DEG,
+            "total_s": what.total_s, "nats": what.nats, "tilt_rms_arcsec": what.tilt_arcsec, "poses": poses,
+            "parameters": [
+                {"name": n, "unit": u, "prior": float(p), "sigma": float(s), "interest": bool(i)}
+                for n, u, p, s, i in zip(model.names, model.units, model.prior, what.sigma, model.interest, strict=True)
+            ],
+            "baselines": {
+                k: {"nats": f.nats, "tilt_rms_arcsec": f.tilt_arcsec, "poses": f.poses} for k, f in self.baselines.items()
+            },
+        }  # fmt: skip
+
+
+def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
+    """What a sequence is expected to bring."""
+    model = problem.model
+    information = problem.information(angles, dwell)
+    covariance = np.linalg.inv(information) * np.outer(model.prior, model.prior)
+    return Forecast(
+        gain(information, model.interest), tilt_rms(information, model.loss) / ARCSEC, np.sqrt(np.diag(covariance)), covariance,
+        problem.clock.total(angles, dwell), len(dwell),
+    )  # fmt: skip
+
+
+def design(
+    problem: Problem, axes: tuple[str, ...] = ("outer", "inner"), table: str = "dual", seed: int = 0, effort: Effort | None = None,
+    notice: Notice = silent,
+) -> Plan:  # fmt: skip
+    """The sequence with the most information for a budget, never below any classic one.
+
+    Args:
+        problem: model, clock and criterion.
+        axes: names of the angles; table: whose classic sequences are the baselines.
+        seed: of the search: the same gives the same design.
+        effort: how much is tried.
+        notice: told what goes on.
+    """
+    drafts = {name: baseline(problem, name, table) for name in CLASSIC}
+    drafts = {name: d for name, d in drafts.items() if len(d.angles)}
+    usual = Effort() if len(problem.model.names) <= LARGE else SPARING
+    best = search(problem, list(drafts.values()), seed, effort or usual, notice)
+    done = {name: forecast(problem, d.angles, problem.dwells(d.angles, d.z)) for name, d in drafts.items()}
+    return Plan(problem, best.angles, problem.dwells(best.angles, best.z), axes, done)

@@ -1,0 +1,172 @@
+"""The search: regular paths over the table's angles as starts, gradient ascent, then insertions, removals and other orders.
+
+Deterministic: a fixed number of trials, their random numbers from the seed. Smooth ascent (``ascent``) moves all poses at
+once; what it cannot do (another number of poses, another order, the same direction from the table's other side) is tried
+one change at a time, and the best is ascended again.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.design.ascent import Draft, Problem, ascend
+from tiltcal.design.clock import Clock
+from tiltcal.frames import Array
+
+Notice = Callable[[str], None]
+
+
+def silent(text: str) -> None:
+    """Tell nobody."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is tried.
+
+    Args:
+        starts: paths; first, then: iterations of ascent of all of them, and of the best; kept: how many those are.
+        rounds: of single changes; trials: changes tried in a round.
+    """
+
+    starts: int = 18
+    first: int = 40
+    then: int = 120
+    kept: int = 3
+    rounds: int = 2
+    trials: int = 40
+
+
+def search(problem: Problem, starts: list[Draft], seed: int, effort: Effort, notice: Notice = silent) -> Draft:
+    """The best sequence found.
+
+    Args:
+        problem: what is wanted.
+        starts: drafts to improve beside the regular paths (classic sequences).
+        seed: of the paths.
+        effort: how much is tried.
+        notice: told what goes on.
+    """
+    rng = np.random.default_rng(seed)
+    drafts = [problem.rated(d.angles, d.z) for d in starts]
+    for k, angles in enumerate(paths(problem, rng, effort.starts)):
+        notice(f"path {k + 1} of {effort.starts}")
+        drafts.append(ascend(problem, problem.rated(angles, np.zeros(len(angles))), effort.first))
+    best = sorted(drafts, key=lambda d: -d.value)[: effort.kept]
+    best = [ascend(problem, d, effort.then) for d in best]
+    for round_ in range(effort.rounds):
+        notice(f"other numbers and orders, round {round_ + 1} of {effort.rounds}")
+        best = [ascend(problem, changed(problem, d, rng, effort.trials), effort.then) for d in best]
+    final = max(best, key=lambda d: d.value)
+    return on_steps(problem, final) if problem.clock.step > 0 else final
+
+
+def poses_worth(problem: Problem) -> int:
+    """How many poses a budget is best spent on when a move takes about two seconds."""
+    clock, model = problem.clock, problem.model
+    overhead = clock.settle + 2.0
+    knee = float(np.max(model.white**2 / np.maximum(model.floor**2, 1e-300)))
+    dwell = float(np.clip(np.sqrt(min(knee, 1e6) * overhead), clock.shortest, clock.longest))
+    return max(1, round(clock.budget / (overhead + dwell)))
+
+
+def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Array]:
+    """Straight lines over the angles, folded into the limits: steps of one size, so that moves are cheap."""
+    clock, axes = problem.clock, problem.model.axes
+    worth = poses_worth(problem)
+    for k in range(count):
+        n = max(1, round(worth * (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)[k % 6]))
+        slope = rng.uniform(0.2, 1.2, axes) * rng.choice([-1.0, 1.0], axes)
+        angles = np.arange(n)[:, None] * slope + rng.normal(0, 0.1, (n, axes)) + rng.uniform(-0.5, 0.5, axes)
+        while len(angles) > 1 and float(clock.spare(folded(angles, clock))) < 0:
+            angles = angles[:-1]
+        yield folded(angles, clock)
+
+
+def folded(angles: Array, clock: Clock) -> Array:
+    """Angles reflected at the limits, as often as needed."""
+    found = angles.copy()
+    for k, pair in enumerate(clock.limits):
+        if pair is not None:
+            width = max(pair[1] - pair[0], 1e-9)
+            phase = (found[:, k] - pair[0]) % (2 * width)
+            found[:, k] = pair[0] + np.where(phase > width, 2 * width - phase, phase)
+    return found
+
+
+def changed(problem: Problem, draft: Draft, rng: np.random.Generator, trials: int) -> Draft:
+    """The best draft after one change: a pose less, a pose more, a stretch reversed, a pose from the other side."""
+    candidates = [*_shorter(draft), *_longer(draft, rng), *_reversed(problem, draft)]
+    if problem.model.axes == 2 and all(pair is None for pair in problem.clock.limits):
+        candidates += list(_other_side(draft))
+    rng.shuffle(candidates)
+    rated = [problem.rated(folded(angles, problem.clock), z) for angles, z in candidates[: 4 * trials]]
+    best = max(rated, key=lambda d: d.value, default=draft)
+    polished = [ascend(problem, d, 15) for d in sorted(rated, key=lambda d: -d.value)[: max(trials // 10, 1)]]
+    return max([best, draft, *polished], key=lambda d: d.value)
+
+
+def _shorter(draft: Draft) -> Iterator[tuple[Array, Array]]:
+    if len(draft.angles) > 1:
+        for k in range(len(draft.angles)):
+            yield np.delete(draft.angles, k, axis=0), np.delete(draft.z, k)
+
+
+def _longer(draft: Draft, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
+    """A pose between two, anywhere near the way."""
+    angles = np.vstack([np.zeros(draft.angles.shape[1]), draft.angles])
+    for k in range(len(draft.angles)):
+        between = (angles[k] + angles[k + 1]) / 2 + rng.normal(0, 0.15, angles.shape[1])
+        yield np.insert(draft.angles, k, between, axis=0), np.insert(draft.z, k, draft.z[k])
+
+
+def _reversed(problem: Problem, draft: Draft) -> Iterator[tuple[Array, Array]]:
+    """2-opt: stretches whose reversal costs the least table time, and the whole way back."""
+    n = len(draft.angles)
+    order = np.arange(n)
+    found = []
+    for i in range(n - 1):
+        for j in range(i + 1, n):
+            turned = np.concatenate([order[:i], order[i : j + 1][::-1], order[j + 1 :]])
+            found.append((_ends(draft.angles, i, j, problem.clock), turned))
+    for _, turned in sorted(found, key=lambda item: item[0])[:40]:
+        yield draft.angles[turned], draft.z[turned]
+
+
+def _ends(angles: Array, i: int, j: int, clock: Clock) -> float:
+    """Seconds that the reversal of poses i..j costs."""
+    before = angles[i - 1] if i else np.zeros_like(angles[0])
+    cost = np.abs(angles[j] - before).max() - np.abs(angles[i] - before).max()
+    if j + 1 < len(angles):
+        cost += np.abs(angles[j + 1] - angles[i]).max() - np.abs(angles[j + 1] - angles[j]).max()
+    return float(cost / clock.rate)
+
+
+def _other_side(draft: Draft) -> Iterator[tuple[Array, Array]]:
+    """The dual table turns a direction up from two sides: (a, b) and (-a, b + 180 deg)."""
+    for k in range(len(draft.angles)):
+        before = draft.angles[k - 1] if k else np.zeros(2)
+        other = np.array([-draft.angles[k, 0], draft.angles[k, 1] + np.pi])
+        angles = draft.angles.copy()
+        angles[k] = before + (other - before + np.pi) % (2 * np.pi) - np.pi
+        yield angles, draft.z
+
+
+def on_steps(problem: Problem, draft: Draft) -> Draft:
+    """The draft on the table's steps: rounded, then each angle a step up or down while that helps."""
+    best = ascend(problem, problem.rated(problem.clock.inside(draft.angles), draft.z), 40, dwells_only=True)
+    step, axes = problem.clock.step, draft.angles.shape[1]
+    for _ in range(3):
+        before = best.value
+        for k in range(len(best.angles)):
+            for turn in np.vstack([np.eye(axes), -np.eye(axes)]) * step:
+                angles = best.angles.copy()
+                angles[k] += turn
+                if np.allclose(problem.clock.inside(angles), angles):
+                    trial = problem.rated(problem.clock.inside(angles), best.z)
+                    best = trial if trial.value > best.value else best
+        best = ascend(problem, best, 40, dwells_only=True)
+        if best.value - before < 1e-3:
+            break
+    return best

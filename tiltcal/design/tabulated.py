@@ -1,0 +1,78 @@
+"""Changes of the readings with the table's angles, as trigonometric polynomials: differenced once on a grid, then cheap."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.design.still import Still, watch
+from tiltcal.effects.base import Effect
+from tiltcal.frames import Array
+from tiltcal.setup import Sensor
+
+NODES = 24  # a turn, of each axis
+ORDER = 6  # highest harmonic of an axis that is kept
+SMALL = 1e-4  # of its prior size: the step by which an effect is differenced, so that its square does not count
+COARSE = 0.02  # misfit, of the largest change, from which an effect is too fine for these harmonics
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as harmonics of the angles.
+
+    Args:
+        coefficients: ((2 ORDER + 1)^axes, k, p), of the products of 1, cos, sin, cos 2 ... of each axis.
+    """
+
+    coefficients: Array
+
+    @property
+    def columns(self) -> int:
+        """How many parameters it holds."""
+        return int(self.coefficients.shape[-1])
+
+    def at(self, angles: Array) -> Array:
+        """The columns, (n, k, p). angles: rad, (n, axes)."""
+        shape = self.coefficients.shape
+        return np.asarray(harmonics(angles) @ self.coefficients.reshape(shape[0], -1)).reshape(len(angles), *shape[1:])
+
+
+def harmonics(angles: Array) -> Array:
+    """Products over the axes of 1, cos a, sin a, cos 2a ..., (n, (2 ORDER + 1)^axes)."""
+    found = np.ones((len(angles), 1))
+    for a in angles.T:
+        k = np.outer(a, np.arange(1, ORDER + 1))
+        part = np.concatenate([np.ones((len(a), 1)), np.cos(k), np.sin(k)], axis=1)
+        found = (found[:, :, None] * part[:, None, :]).reshape(len(a), -1)
+    return found
+
+
+def tabulate(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> tuple[Table, list[bool]]:
+    """The changes that effects make at their size, and of each whether these harmonics hold it.
+
+    What changes from one line of an encoder to the next they do not hold: no design can rely on it.
+    """
+    axes, k = len(still.axes), len(sensor.axes)
+    turn = np.arange(NODES) * 2 * np.pi / NODES
+    grid = np.stack(np.meshgrid(*[turn] * axes, indexing="ij"), axis=-1).reshape(-1, axes)
+    tried = np.random.default_rng(0).uniform(-np.pi, np.pi, (60, axes))
+    changes = changes_of(still, sensor, effects, np.vstack([grid, tried]))
+    basis = harmonics(grid)
+    inverse = basis.T / (basis**2).sum(axis=0)[:, None]  # the products are orthogonal on the grid
+    coefficients = (inverse @ changes[: len(grid)].reshape(len(grid), -1)).reshape(-1, k, len(effects))
+    table = Table(coefficients)
+    misfit = np.abs(table.at(tried) - changes[len(grid) :]).max(axis=(0, 1), initial=0.0)
+    return table, list(misfit <= COARSE * np.abs(changes).max(axis=(0, 1), initial=0.0))
+
+
+def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: Array) -> Array:
+    """What each effect changes at its size, to first order, (n, k, p)."""
+    found = np.zeros((len(angles), len(sensor.axes), len(effects)))
+    seen = watch(still, angles)
+    for j, effect in enumerate(effects):
+        sizes = effect.sizes
+        small = replace(effect, values={**effect.values, **{name: SMALL * v for name, v in sizes.items()}})
+        change = seen.changes(small).get(sensor.name)
+        if change is not None:
+            found[:, :, j] = change / SMALL
+    return found

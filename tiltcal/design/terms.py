@@ -1,0 +1,205 @@
+"""The product's own model equation as a design Model: calibration terms and effects of the catalogue, seen from poses.
+
+A term of the sensor has its exact column at any angle and time. Every other effect that shows in a pose (table, mount,
+environment, converter) is differenced through the closed form on a grid of table angles once, and expanded in their harmonics.
+An effect whose change at a pose depends on how the pose was reached (memory, motion, vibration, remounting) cannot be
+designed for by poses alone and is named as such.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.design.model import Model
+from tiltcal.design.polynomial import tilt_loss
+from tiltcal.design.still import Still, pointwise, still_sense
+from tiltcal.design.tabulated import Table, tabulate
+from tiltcal.effects import CATALOGUE, make_effect
+from tiltcal.effects.base import Effect, TermEffect
+from tiltcal.errors import TiltcalError, nearest
+from tiltcal.frames import Array, sphere
+from tiltcal.methods.terms import effect_of_term
+from tiltcal.scenario import Scenario
+from tiltcal.sensitivity import candidates, white_noise
+from tiltcal.setup import Sensor
+from tiltcal.units import G0, PARAMETER_UNITS
+
+DIRECTIONS = 400  # of the working range
+EVENTS = ("time", "start")  # parameters of an effect that happens once
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the design is about.
+
+    Args:
+        interest: terms (bias, scale, cross_axis, K2 ...), catalogue ids, or ``all``.
+        nuisance: terms and ids that are fitted too but are not of interest.
+        grade: whose plausible sizes are the prior.
+        prior: relative size that replaces them (g, or g per power of g), or None.
+        floor: what no averaging removes from a pose mean, m/s2.
+        range: half-angle of the working range about level, rad; pi: all directions.
+    """
+
+    interest: tuple[str, ...]
+    nuisance: tuple[str, ...] = ("drift",)
+    grade: str = "mid_mems"
+    prior: float | None = None
+    floor: float = 2e-5 * G0
+    range: float = np.pi
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the design: an effect with this one value at its prior size."""
+
+    effect: Effect
+    name: str
+    unit: str
+    size: float
+    label: str
+    interest: bool
+
+    @property
+    def direct(self) -> bool:
+        """Whether its column is exact at any pose and time."""
+        return isinstance(self.effect, TermEffect) and self.effect.stage == "sensor"
+
+
+def scenario_model(scenario: Scenario, sensor: Sensor, wanted: Wanted, horizon: float) -> tuple[Model, tuple[str, ...]]:
+    """The Model of a scenario's sensor, and the ids of effects that poses alone do not tell.
+
+    Raises:
+        TiltcalError: a term is unknown, or asked for by name though poses cannot show it.
+    """
+    still = Still(scenario, horizon)
+    parameters, unseen = wanted_parameters(scenario, sensor, wanted, still)
+    direct = [p for p in parameters if p.direct]
+    indirect = [p for p in parameters if not p.direct]
+    table, held = tabulate(still, sensor, [p.effect for p in indirect])
+    fine = [p.label for p, is_held in zip(indirect, held, strict=True) if not is_held]
+    indirect = [p for p in indirect if p.label not in fine]
+    table = Table(table.coefficients[:, :, np.array(held, dtype=bool)])
+    ordered = direct + indirect
+    rows = _Rows(still, sensor, direct, table)
+    k = len(sensor.axes)
+    known = [e for e in scenario.effects if e.id.endswith("_noise")]
+    white = np.full(k, white_noise(sensor, known) / np.sqrt(sensor.rate_hz))
+    floor = np.full(k, wanted.floor / (G0 if sensor.kind == "inclinometer" else 1.0))
+    timed = any(p.effect.needs in ("time", "temperature") for p in direct)
+    loss = _loss(still, sensor, ordered, wanted)
+    return Model(
+        tuple(p.label for p in ordered), tuple(p.unit for p in ordered), np.array([p.size for p in ordered]),
+        np.array([p.interest for p in ordered]), rows, white, floor, loss, timed, len(still.axes),
+    ), tuple(sorted({*unseen, *fine}))  # fmt: skip
+
+
+def wanted_parameters(scenario: Scenario, sensor: Sensor, wanted: Wanted, still: Still) -> tuple[list[Parameter], tuple[str, ...]]:
+    """Parameters that poses can show, those of interest first, and the ids of those that they cannot."""
+    everything = "all" in wanted.interest
+    nuisance = {_id_of(t, sensor) for t in wanted.nuisance}
+    named = {_id_of(t, sensor) for t in wanted.interest if t != "all"}
+    found: list[Parameter] = []
+    unseen: set[str] = set()
+    for id, owner, axis, name, p, size in candidates(scenario, wanted.grade):
+        asked = id in named or id in nuisance
+        if not (asked or everything) or (owner is not None and owner != sensor.name):
+            continue
+        effect = make_effect(id, {f"{name}{p.suffix}": size}, scenario, sensor=owner, axis=axis)
+        if any(q.name in EVENTS for q in effect.parameters) or not pointwise(still, sensor, effect):
+            unseen.add(id)
+            continue
+        scaled = size if wanted.prior is None else wanted.prior * _unity(p.unit) / PARAMETER_UNITS[p.unit].factor
+        effect = make_effect(id, {f"{name}{p.suffix}": scaled}, scenario, sensor=owner, axis=axis)
+        label = f"{sensor.name}.{name}" if owner else f"{effect.address}.{name}"
+        found.append(Parameter(effect, name, p.unit, scaled, label, id not in nuisance))
+    unseen -= {p.effect.id for p in found}
+    _refuse_unseen(named & unseen, found, named, sensor)
+    return sorted(found, key=lambda p: not p.interest), tuple(sorted(unseen))
+
+
+def _refuse_unseen(hidden: set[str], found: Sequence[Parameter], named: set[str], sensor: Sensor) -> None:
+    for id in sorted(hidden):
+        raise TiltcalError(
+            f"design, {id}", found=f"an effect that no pose can see: it shows in {CATALOGUE[id].excited_by}",
+            need="terms that show at rest",
+            do="leave it out, and record what excites it",
+        )  # fmt: skip
+    if not any(p.interest for p in found):
+        words = ", ".join(sorted(named)) or "nothing"
+        raise TiltcalError(
+            f"design, terms of {sensor.name}", found=f"{words}: no parameter that this table's poses show", need="at least one",
+            do="name terms of this sensor (`tiltcal effects` lists them)",
+        )  # fmt: skip
+
+
+def _id_of(term: str, sensor: Sensor) -> str:
+    """Catalogue id of a term.
+
+    Raises:
+        TiltcalError: there is none of that name.
+    """
+    if term in CATALOGUE:
+        return term
+    if term.startswith(("table_", "mount_", "acc_", "gyr_", "fog_", "adc_", "data_")):
+        raise TiltcalError(
+            f"design, term '{term}'", found="no such effect", need="an id of the catalogue", do=nearest(term, list(CATALOGUE))
+        )
+    return effect_of_term(term, sensor).id
+
+
+def _unity(unit: str) -> float:
+    """SI size of 1 g, 1 g per power of g, or a plain 1, whatever the parameter's unit counts."""
+    return G0 if unit.startswith("ug") else 1.0
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Columns of all parameters at poses: exact ones, then tabulated ones."""
+
+    still: Still
+    sensor: Sensor
+    direct: Sequence[Parameter]
+    table: Table
+
+    def __call__(self, angles: Array, time: Array) -> Array:
+        exact = direct_columns(self.still, self.sensor, self.direct, angles, time)
+        return np.concatenate([exact, self.table.at(angles)], axis=2) if self.table.columns else exact
+
+
+def direct_columns(still: Still, sensor: Sensor, parameters: Sequence[Parameter], angles: Array, time: Array) -> Array:
+    """Change of the channels per prior size, (n, k, p), SI; of an inclinometer in rad."""
+    sense = still_sense(still, sensor, angles, time)
+    columns = np.zeros((len(angles), len(sensor.axes), len(parameters)))
+    for j, p in enumerate(parameters):
+        if isinstance(p.effect, TermEffect):
+            channel, column = p.effect.term(p.name, sense)
+            if channel >= 0:
+                columns[:, channel, j] = p.effect.value(p.name) * column[: len(angles)]
+    if sensor.kind == "inclinometer":
+        g = still.scenario.site.gravity
+        ideal = sense.true_input()[: len(angles)]
+        columns /= np.sqrt(np.maximum(g * g - ideal**2, (1e-3 * g) ** 2))[:, :, None]
+    return columns
+
+
+def _loss(still: Still, sensor: Sensor, ordered: Sequence[Parameter], wanted: Wanted) -> Array:
+    """Mean square tilt error over the working range, per axis, as a quadratic form of the sensor's own parameters."""
+    from tiltcal.design.still import sense_of
+
+    g = still.scenario.site.gravity
+    cone = min(wanted.range, np.pi / 4) if sensor.kind == "inclinometer" else wanted.range
+    up = sphere(int(np.ceil(DIRECTIONS * 2 / max(1 - np.cos(cone), 1e-4))))
+    up = up[up[:, 2] >= np.cos(cone) - 1e-12][:DIRECTIONS]
+    sense = sense_of(still, sensor, up, np.zeros(len(up)))
+    columns = np.zeros((len(up), len(sensor.axes), len(ordered)))
+    for j, p in enumerate(ordered):
+        if p.interest and p.direct and isinstance(p.effect, TermEffect):
+            channel, column = p.effect.term(p.name, sense)
+            if channel >= 0:
+                columns[:, channel, j] = p.effect.value(p.name) * column[: len(up)] / g
+    if len(sensor.axes) == 3:
+        return tilt_loss(up, columns)
+    flat = columns.reshape(-1, len(ordered))
+    return np.asarray(flat.T @ flat / (len(up) * len(sensor.axes)))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.effects.base import Effect, Sense, SignalEffect
+from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
 from tiltcal.motion import Index
@@ -40,10 +40,28 @@ def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect
         rate = whole(motion, gyros[0], inverted(gyros[0], setup, motion, effects, force))
         found[gyros[0].name] = motion_values(motion, gyros[0])
     for fog in setup.sensors("fog"):
-        sense = sense_of(fog, setup, motion, np.where(np.isnan(force), 0.0, force), rate)
+        felt = earlier(rate, motion.time, effects, fog, gyros[0]) if gyros else rate
+        sense = sense_of(fog, setup, motion, np.where(np.isnan(force), 0.0, force), felt)
         found[fog.name] = forward(fog, effects, sense)
     if triads:
         found[triads[0].name] = at_rest(triads[0], setup, motion, effects, force)
+    return found
+
+
+def earlier(rate: Array, time: Array, effects: Sequence[Effect], fog: Sensor, gyro: Sensor) -> Array:
+    """The body's rate when a FOG's reading was taken, (n, 3), from what a gyro triad says of it, each as late as it is."""
+    late = [e for e in effects if isinstance(e, DelayEffect) and e.sensor in (fog.name, gyro.name) and not e.is_identity]
+    if not late:
+        return rate
+    from scipy.interpolate import CubicSpline
+
+    elapsed = time - time[0]
+    found = np.empty_like(rate)
+    for k, axis in enumerate(gyro.axis_indices):
+        shift = np.zeros_like(time)
+        for effect in late:
+            shift += effect.delay(elapsed, 0, None) if effect.sensor == fog.name else -effect.delay(elapsed, k, None)
+        found[:, axis] = CubicSpline(time, rate[:, axis])(np.clip(time - shift, time[0], time[-1]))
     return found
 
 
@@ -83,7 +101,7 @@ def inverted(
 def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None) -> Array:
     """A triad's readings without gaps, and a gyro's without most of its noise, (m, 3): that would be taken for motion."""
     samples = motion.sensor(sensor)
-    y = _bridged(samples.time, samples.values)
+    y = bridged(sensor, motion)
     if sensor.kind != "gyro":
         return y
     return smoothed(y, (stops_of(motion) if stop is None else stop)[samples.rows])
@@ -118,6 +136,12 @@ def _quartic(u: Array, half: int) -> tuple[Array, float]:
     weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[0]
     padded = np.pad(u, half, mode="reflect", reflect_type="odd")
     return np.convolve(padded, weights[::-1], mode="valid"), float(weights[half])
+
+
+def bridged(sensor: Sensor, motion: Recording) -> Array:
+    """A triad's readings without gaps, (m, k)."""
+    samples = motion.sensor(sensor)
+    return _bridged(samples.time, samples.values)
 
 
 def _bridged(time: Array, values: Array) -> Array:

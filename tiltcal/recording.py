@@ -12,6 +12,7 @@ import numpy.typing as npt
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.frames import Array
 from tiltcal.setup import Sensor
+from tiltcal.thermometer import smooth_temperature
 from tiltcal.units import COLUMN_UNITS, split_unit
 
 Rows = npt.NDArray[np.intp]
@@ -187,12 +188,13 @@ class Recording:
         return self._scaled(f"table_{axis}{suffix}")
 
     def temperature(self) -> Array | None:
-        """Temperature, degC, (n,), interpolated over the rows where it was not sampled; None without a column."""
+        """Temperature, degC, (n,), smooth over rounding, noise and the rows where it was not sampled; None without a column."""
+        return self._temperature
+
+    @cached_property
+    def _temperature(self) -> Array | None:
         values = self._scaled("temperature")
-        if values is None or np.isnan(values).all():
-            return None
-        known = ~np.isnan(values)
-        return np.interp(self.time, self.time[known], values[known])
+        return None if values is None or np.isnan(values).all() else smooth_temperature(self.time, values)
 
     def _scaled(self, channel: str) -> Array | None:
         name = self.channel(channel)

@@ -14,11 +14,13 @@ import numpy as np
 from tiltcal.chain import CONVERSION, make_sense
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import ACCELEROMETERS, DelayEffect, Effect, Parameter, SignalEffect, WritingEffect
+from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.grades import GRADES
 from tiltcal.kinematics import closed_form, force_and_rate
 from tiltcal.motion import Course
+from tiltcal.responses import Responses, moves_smoothly
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import G0
 
@@ -156,6 +158,8 @@ class Watch:
         motion = closed_form(setup, self.drive)
         self.sense = {s.name: make_sense(s, setup, motion, self.drive) for s in setup.sensor}
         self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
+        self.responses = Responses(setup, self.drive)
+        self._slopes: dict[str, Array] | None = None
 
     def changes(self, effect: Effect) -> dict[str, Array]:
         """Change of the readings of each sensor that changes, SI, (n, k)."""
@@ -165,12 +169,28 @@ class Watch:
             changes = {str(effect.sensor): self._signal(effect)}
         else:
             changes = self._moved(effect)
-        for name, change in changes.items():
-            sensor = self.setup.named(name)
-            if sensor.kind == "inclinometer" and getattr(effect, "order", 0) < CONVERSION:  # d asin(f/g) = df / (g cos)
-                g = self.setup.site.gravity
-                changes[name] = change / np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
-        return changes
+        return {name: self._converted(name, change, effect) for name, change in changes.items()}
+
+    def each(self, effect: Learned) -> dict[str, Array]:
+        """Changes by one of each coefficient of a curve, SI, (n, k, p): all at once."""
+        if isinstance(effect, LearnedReading):
+            sense = self.sense[str(effect.sensor)]
+            columns = effect.columns(sense)
+            change = np.zeros((len(self.time), len(sense.axes) if sense.kind != "fog" else 1, columns.shape[1]))
+            change[:, effect.channel(sense)] = columns
+            return {str(effect.sensor): self._converted(str(effect.sensor), change, effect)}
+        assert isinstance(effect, LearnedReadout | LearnedTilt)
+        place = ("axis", str(effect.axis)) if isinstance(effect, LearnedReadout) else (effect.slot, effect.turn)
+        force, rate = self.responses.to({place: effect.each_along(self.drive)})
+        return {name: self._converted(name, change, effect) for name, change in self._read(force, rate).items()}
+
+    def _converted(self, name: str, change: Array, effect: Effect) -> Array:
+        """The change of what an inclinometer says, where the effect acts on the force it senses: d asin(f/g) = df / (g cos)."""
+        if self.setup.named(name).kind != "inclinometer" or getattr(effect, "order", 0) >= CONVERSION:
+            return change
+        g = self.setup.site.gravity
+        steep = np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
+        return change / (steep[:, :, None] if change.ndim == 3 else steep)
 
     def _signal(self, effect: SignalEffect) -> Array:
         """Change of a reading by an effect of the sensor or its electronics."""
@@ -186,23 +206,29 @@ class Watch:
 
     def _moved(self, effect: Effect) -> dict[str, Array]:
         """Change of every sensor's reading by what moves differently."""
+        if moves_smoothly(effect):
+            turns = self.responses.turns(effect)
+            if not one_sided(effect):
+                down = self.responses.turns(effect_down(effect))
+                turns = {place: (jet - down[place]).scaled(0.5) for place, jet in turns.items()}
+            return self._read(*self.responses.to(turns))
         up = force_and_rate(self.setup, self.drive, [effect])
         if one_sided(effect):
             base = next(iter(self.sense.values()))
-            down, half = (base.force, base.rate), 1.0
-        else:
-            down, half = force_and_rate(self.setup, self.drive, [effect_down(effect)]), 0.5
-        return self._read(half * (up[0] - down[0]), half * (up[1] - down[1]))
+            return self._read(up[0] - base.force, up[1] - base.rate)
+        low = force_and_rate(self.setup, self.drive, [effect_down(effect)])
+        return self._read((up[0] - low[0]) / 2, (up[1] - low[1]) / 2)
 
     def _read(self, force: Array, rate: Array) -> dict[str, Array]:
-        """What a change of force and rate in the body frame, (n, 3) each, does to each sensor."""
+        """What a change of force and rate in the body frame, (n, 3) or (n, 3, p) each, does to each sensor."""
         found = {}
         for name, sense in self.sense.items():
-            if name in self.matrices and sense.kind != "fog":
-                source = force if sense.kind in ACCELEROMETERS else rate
-                found[name] = source @ self.matrices[name].T
+            source = force if sense.kind in ACCELEROMETERS else rate
+            if sense.kind == "fog":
+                matrix = sense.input_vector[None, :]
             else:
-                found[name] = replace(sense, force=force, rate=rate).true_input()
+                matrix = self.matrices.get(name, np.eye(3)[list(sense.axes)])
+            found[name] = np.einsum("ki,ni...->nk...", matrix, source)
         return found
 
     def _late(self, effect: DelayEffect) -> dict[str, Array]:
@@ -210,9 +236,11 @@ class Watch:
 
         A delay that names no sensor is the recorder's own: all sensors alike.
         """
-        step = 5e-4
-        ahead, behind = (force_and_rate(self.setup, self.course.drive(self.time + sign * step)) for sign in (1, -1))
-        slopes = self._read((ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step))
+        if self._slopes is None:
+            step = 5e-4
+            ahead, behind = (force_and_rate(self.setup, self.course.drive(self.time + sign * step)) for sign in (1, -1))
+            self._slopes = self._read((ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step))
+        slopes = self._slopes
         names = [effect.sensor] if effect.sensor else list(slopes)
         return {
             name: np.column_stack([-effect.delay(self.drive.elapsed, k, None) * column for k, column in enumerate(slopes[name].T)])

@@ -102,15 +102,15 @@ class Ledger:
 
     def add(self, suspect: Suspect, around: Sequence[Effect]) -> None:
         """Keep a suspect's columns; one that changes nothing is left out."""
-        parts = [self.observations.changes(suspect.alone(name), around) for name in suspect.names]
-        if not any(parts):
+        parts = self.observations.columns(suspect.effect, suspect.names, around)
+        if not parts:
             return
         self.suspects.append(suspect)
         self.starts.append(self._width)
-        for k, part in enumerate(parts):
-            for i, column in part.items():
-                self._parts[i].append((self._width + k, cosines(column).astype(np.float32)))
-        self._width += len(parts)
+        for i, (which, block) in parts.items():
+            waves = cosines(block.astype(np.float32))
+            self._parts[i] += [(self._width + k, wave) for k, wave in zip(which, waves, strict=True)]
+        self._width += len(suspect.names)
         self._packed = None
 
     @property
@@ -177,7 +177,7 @@ class Ledger:
 
 
 def cosines(column: Array) -> Array:
-    """Orthonormal DCT-II of a column, (n,)."""
+    """Orthonormal DCT-II along the last axis, (..., n)."""
     from scipy.fft import dct
 
     return np.asarray(dct(column, norm="ortho"))

@@ -68,7 +68,7 @@ def _same_curve(curve: Suspect, host: Suspect) -> bool:
     a, b = curve.effect, host.effect
     if not isinstance(a, Learned) or not isinstance(b, Learned) or type(a) is not type(b) or a.coordinate != b.coordinate:
         return False
-    if a.knots != b.knots:
+    if (a.knots, a.period, a.beside) != (b.knots, b.period, b.beside):
         return False
     if isinstance(a, LearnedTilt):
         return a.slot == b.slot and a.turn != b.turn and len(curve.names) == len(host.names)

@@ -198,9 +198,15 @@ def noise_of(values: Array) -> float:
     return float(max(1.4826 * np.median(np.abs(second)) / np.sqrt(6), code_width(values) / np.sqrt(12), 1e-15))
 
 
+def _at_least(k: int, n: int, p: float) -> float:
+    """Chance of k or more of n when each has the chance p."""
+    from scipy.special import betainc
+
+    return float(betainc(k, n - k + 1, p)) if k > 0 else 1.0
+
+
 def _repeated(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
     """Samples that repeat the one before more often than their codes explain."""
-    from scipy.stats import binom
 
     again, expected, columns = [], [], []
     for axis in sensor.axes:
@@ -210,7 +216,7 @@ def _repeated(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fau
         expected.append(min(repeat_chance(values), 1.0))
     hit = [
         k for k, (a, p) in enumerate(zip(again, expected, strict=True))
-        if len(a) > 64 and binom.sf(int(a.sum()) - 1, len(a), min(1.5 * p, 1.0)) < CHANCE and a.mean() > 1.5 * p + 5e-4
+        if len(a) > 64 and _at_least(int(a.sum()), len(a), min(1.5 * p, 1.0)) < CHANCE and a.mean() > 1.5 * p + 5e-4
     ]  # fmt: skip
     if not hit:
         return recording, []

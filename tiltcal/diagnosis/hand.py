@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.byhand import at_rest, dwell_means, forward, inverted, quiet_readings, rate_known, sense_of, stops_of, whole
+from tiltcal.byhand import at_rest, bridged, dwell_means, earlier, forward, inverted, quiet_readings, rate_known, sense_of, stops_of, whole
 from tiltcal.diagnosis.observations import Channel, Columns, Observations
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
@@ -101,14 +101,21 @@ class HandObservations(Observations):
         return Channel(number, sensor.name, axis, column, rows, recording.time[rows], values, self.stops[number][rows])
 
     def _fog(self, number: int, fog: Sensor, gyro: Sensor) -> tuple[Channel, Predictor]:
+        """A FOG against the gyro triad.
+
+        Effects act on the smoothed rate, else one that averages would gain by averaging noise; what the smoothing took off is
+        predicted as it was read: the difference of two white noises is white.
+        """
         recording = self.recordings[number]
         samples = recording.sensor(fog)
         there = rate_known(recording, gyro)[samples.rows] & ~np.isnan(samples.values[:, 0])
         rows = samples.rows[there]
+        rough = whole(recording, gyro, bridged(gyro, recording) - self._quiet[number][gyro.name])[rows] @ fog.input_vector
 
         def predict(state: _State) -> Array:
             force = np.where(np.isnan(state.force), 0.0, state.force)
-            return forward(fog, state.effects, sense_of(fog, self.scenario, recording, force, state.rate))[rows, 0]
+            rate = earlier(state.rate, recording.time, state.effects, fog, gyro)
+            return forward(fog, state.effects, sense_of(fog, self.scenario, recording, force, rate))[rows, 0] + rough
 
         return self._channel(number, fog, "a", 0, rows, samples.values[there, 0]), predict
 

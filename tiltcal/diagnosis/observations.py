@@ -2,13 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tiltcal.chain import readings
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
+from tiltcal.effects.learned import Learned
 from tiltcal.frames import Array
 from tiltcal.laboratory import restored
 from tiltcal.motion import Index
@@ -66,6 +67,17 @@ class Observations(ABC):
     @abstractmethod
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect, the others being there, SI."""
+
+    def columns(self, effect: Effect, names: Sequence[str], around: Sequence[Effect]) -> dict[int, tuple[list[int], Array]]:
+        """Change of each channel by each of these sizes alone: their numbers, and the changes, (len(numbers), n)."""
+        found: dict[int, tuple[list[int], list[Array]]] = {}
+        for k, name in enumerate(names):
+            alone = {n: v for n, v in effect.values.items() if n not in names} | {name: effect.values[name]}
+            for i, column in self.changes(replace(effect, values=alone), around).items():
+                numbers, rows = found.setdefault(i, ([], []))
+                numbers.append(k)
+                rows.append(column)
+        return {i: (numbers, np.array(rows)) for i, (numbers, rows) in found.items()}
 
     def stops_at(self, number: int) -> Index:
         """Number of the stop of each row of a recording, -1 while moving, (n,)."""
@@ -151,6 +163,24 @@ class TableObservations(Observations):
                     column = changes[c.sensor][np.minimum(c.rows // self.block, len(watch.time) - 1), c.column]
                     if np.any(column):
                         found[i] = column
+        return found
+
+    def columns(self, effect: Effect, names: Sequence[str], around: Sequence[Effect]) -> dict[int, tuple[list[int], Array]]:
+        """Change of each channel by each size alone; those of a curve all at once."""
+        if not isinstance(effect, Learned):
+            return super().columns(effect, names, around)
+        which = [int(name[1:]) for name in names]
+        sizes = np.array([effect.values[name] for name in names])
+        found: dict[int, tuple[list[int], Array]] = {}
+        for number, watch in enumerate(self._watching(around)):
+            changes = watch.each(effect)
+            for i, c in enumerate(self.channels):
+                if c.recording == number and c.sensor in changes:
+                    rows = np.minimum(c.rows // self.block, len(watch.time) - 1)
+                    block = changes[c.sensor][rows, c.column][:, which].T * sizes[:, None]
+                    some = np.flatnonzero(block.any(axis=1))
+                    if len(some):
+                        found[i] = ([int(k) for k in some], block[some])
         return found
 
     def _watching(self, around: Sequence[Effect]) -> list[Watch]:

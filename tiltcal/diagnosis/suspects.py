@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,10 @@ import numpy as np
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import DelayEffect, Effect, WritingEffect
-from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.frames import Array
 from tiltcal.grades import GRADES
+from tiltcal.motion import Index
 from tiltcal.scenario import Scenario
 from tiltcal.sensitivity import NO_COLUMN, OF_THE_DRIVE
 from tiltcal.setup import Sensor
@@ -120,13 +122,14 @@ class Span:
 
     Args:
         duration: s; rate_hz: of the fastest sensor.
-        tones: Hz, of lines that stand out of the residual.
+        tones: Hz, of lines that stand out of the residual; echoes: Hz, of lines that begin anew after each move.
         ranges: least and largest value of each coordinate, SI; that of a sensor's own input under ``<sensor>_input``.
     """
 
     duration: float
     rate_hz: float
     tones: tuple[float, ...] = ()
+    echoes: tuple[float, ...] = ()
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -155,7 +158,8 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
 
 
 FORMLESS = ("acc_angle_bias", "adc_inl")  # laws of nobody's form
-LAGS = (8.0, 16.0, 30.0, 60.0)  # s
+LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
+MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step", "data_drop")
 
 
@@ -168,8 +172,8 @@ def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = (
         sensors: Sequence[Sensor | None] = scenario.sensors(*cls.kinds) if cls.kinds else (None,)
         if any(p.unit.split("_")[0] == "ug" for p in cls.parameters):  # sizes of acceleration
             sensors = [s for s in sensors if s is not None and s.is_accelerometer]
-        if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":
-            sensors = (*sensors, None)  # the recorder's own: all sensors alike
+        if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":  # the recorder's own: all sensors alike
+            sensors = (*sensors, None) if scenario.rig.axes else [s for s in sensors if s is not None and s.kind == "fog"]
         for sensor, axis in product(sensors, _axes(id, scenario)):
             shapes = shapes_of(id, span)
             for shape in shapes:
@@ -183,6 +187,10 @@ def _eligible(id: str, scenario: Scenario) -> bool:
     if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN or id in SAME_LAW or id in STEPS:
         return False
     if (cls.stage == "table" or cls.on_table or (cls.stage == "mount" and not cls.kinds)) and not scenario.rig.axes:
+        return False
+    if id == "acc_angle_bias" and scenario.rig.table != "placing":  # a bias of the placing angle needs a placing table
+        return False
+    if id == "clock_skew" and not scenario.rig.axes:  # one clock, and no table's beside it
         return False
     return not (id in OF_THE_DRIVE and scenario.rig.readout != "command")
 
@@ -231,46 +239,91 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
 
 def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    for name in scenario.rig.axis_names:
-        for basis in (_waves(4), _waves(10), _knots(f"table_{name}", span, 10)):
-            if basis:
-                yield _curve(LearnedReading, f"table_{name}", basis, **where)
-        if sensor.is_accelerometer:  # its form is nobody's law, its place is
-            yield replace(_curve(LearnedReading, f"table_{name}", _waves(6), **where), alias="acc_angle_bias")
+    yield from _angle_curves(scenario, sensor, axis, span)
     for count in (9, 17, 33) if sensor.is_accelerometer else ():
         if knots := _knots(f"{sensor.name}_input", span, count):
             yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
-    others = [f"{q}_{a}" for q in (("force",) if sensor.is_accelerometer else ("force", "rate")) for a in "xyz"]
-    for coordinate in (
-        "input",
-        "time",
-        "temperature",
-        "warming",
-        "since_move",
-        *others,
-        *(["transverse"] if sensor.kind == "fog" else []),
-    ):
-        if coordinate == f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}":
+    inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
+    own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
+    across = ["transverse"] if sensor.kind == "fog" else []
+    for coordinate in ("input", "time", "temperature", "warming", *inputs, *across):
+        if coordinate == own or (sensor.is_accelerometer and coordinate.startswith("rate")):
             continue
         if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):
             yield _curve(LearnedReading, coordinate, knots, **where)
+    for coordinate in ("time", "temperature"):
+        if knots := _knots(coordinate, span, 5):
+            yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+    yield from _late_laws(sensor, axis, span)
+    yield from _histories(sensor, axis, inputs, span)
+
+
+def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    """Of the table's angles, one by one and in products of two."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    names = scenario.rig.axis_names
+    for name in names:
+        for basis in (_waves(4), _waves(10), _knots(f"table_{name}", span, 10)):
+            if basis:
+                yield _curve(LearnedReading, f"table_{name}", basis, **where)
+    for one, other in combinations(names, 2):
+        yield _curve(LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where)
+    if sensor.is_accelerometer and crosses(scenario, axis):  # its form is nobody's law, its place is
+        yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias")
+
+
+def crosses(scenario: Scenario, axis: str) -> bool:
+    """Whether a channel lies along the axis of a placing table, which turns no gravity into it."""
+    if scenario.rig.table != "placing":
+        return False
+    along = scenario.rig.mount_rotation[1]  # the table's North in the body frame
+    return bool(abs(along["xyz".index(axis)]) > np.sqrt(0.5))
+
+
+def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    """Laws of temperature where the thermometer and the sensor are not of one temperature."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     name = "acc_temp_bias" if sensor.is_accelerometer else "gyr_temp"
-    for lag in LAGS:  # the thermometer and the sensor are not of one temperature
+    for lag in LAGS:
         if knots := _knots("temperature", span, 3):
             yield _late(_curve(LearnedReading, "temperature", knots, lag=lag, **where), name)
             if sensor.is_accelerometer:
                 scale = _curve(LearnedReading, "temperature", knots, lag=lag, per_input=True, **where)
                 yield _late(scale, "acc_temp_scale")
-    for coordinate in ("time", "temperature"):
-        if knots := _knots(coordinate, span, 5):
-            yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+
+
+def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> Iterator[Suspect]:
+    """What went before: the number of moves, the time since the last one, forces and rates that leak away."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    if knots := _spread("since_move", span):
+        yield _curve(LearnedReading, "since_move", knots, **where)
+        for frequency in span.echoes:
+            yield _curve(LearnedReading, "since_move", 2, period=1 / frequency, **where)
+        yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
+        for period in (2, 3, 4, 5):
+            yield _curve(LearnedReading, "moves", 2 * (period // 2) - (period % 2 == 0), period=float(period), **where)
+    for coordinate, lag in product(inputs, MEMORIES):
+        if knots := _knots(coordinate, span, 3):
+            curve = _curve(LearnedReading, coordinate, knots, lag=lag, **where)
+            yield replace(_odd(curve), variants=len(MEMORIES))
+
+
+def _odd(curve: Suspect) -> Suspect:
+    """A curve through nothing at the middle of its range."""
+    names = (curve.names[0], curve.names[-1])
+    return Suspect(_with(curve.effect, {n: curve.effect.values[n] for n in names}), names)
+
+
+def _spread(coordinate: str, span: Span) -> tuple[float, ...]:
+    """Knots ever further apart: what follows a move is quick at first."""
+    high = span.ranges.get(coordinate, (0.0, 0.0))[1]
+    knots = (0.0, *np.geomspace(0.4, high, 7)) if high > 2.0 else ()
+    return tuple(float(k) for k in knots)
 
 
 def _late(curve: Suspect, alias: str) -> Suspect:
     """A law of temperature that is felt late and may bend: nothing at the middle of the range, as the law has nothing at T0."""
-    names = (curve.names[0], curve.names[-1])
-    effect = _with(curve.effect, {n: curve.effect.values[n] for n in names})
-    return Suspect(effect, names, len(LAGS), alias)
+    return replace(_odd(curve), variants=len(LAGS), alias=alias)
 
 
 def _knots(coordinate: str, span: Span, count: int) -> tuple[float, ...]:
@@ -295,7 +348,7 @@ def _curve(cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], 
     return Suspect(effect, names)
 
 
-def span_of(observations: Observations, tones: Sequence[float] = ()) -> Span:
+def span_of(observations: Observations, tones: Sequence[float] = (), echoes: Sequence[float] = ()) -> Span:
     """What some recordings span."""
     ranges: dict[str, tuple[float, float]] = {}
     duration = max(float(r.time[-1] - r.time[0]) for r in observations.recordings)
@@ -314,14 +367,33 @@ def span_of(observations: Observations, tones: Sequence[float] = ()) -> Span:
         known = ranges.get(f"{channel.sensor}_input", (low, high))
         ranges[f"{channel.sensor}_input"] = (min(low, known[0]), max(high, known[1]))
     g = observations.scenario.site.gravity
-    still = any((c.stop >= 0).any() for c in observations.channels)
-    moving = any((c.stop < 0).any() for c in observations.channels)
-    if still and moving:
-        ranges["since_move"] = (0.0, 5.0)
+    stops = [observations.stops_at(k) for k in range(len(observations.recordings))]
+    if any((stop >= 0).any() and (stop < 0).any() for stop in stops):
+        ranges["since_move"] = (0.0, max(_longest_rest(r.time, s) for r, s in zip(observations.recordings, stops, strict=True)))
+        ranges["moves"] = (0.0, float(max(stop.max() for stop in stops)) + 1)
     ranges |= {f"force_{a}": (-g, g) for a in "xyz"}
-    rates = [c.values for c in observations.channels if observations.scenario.named(c.sensor).quantity == "rate"]
-    if rates:
-        top = max(float(np.abs(r).max()) for r in rates)
+    if (top := _fastest(observations)) > 0:
         ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
     rate = max(s.rate_hz for s in observations.scenario.sensor)
-    return Span(duration, rate, tuple(tones), ranges)
+    return Span(duration, rate, tuple(tones), tuple(echoes), ranges)
+
+
+def _longest_rest(time: Array, stop: Index) -> float:
+    """Duration of the longest stop, s."""
+    return max((float(np.ptp(time[stop == k])) for k in range(int(stop.max(initial=-1)) + 1)), default=0.0)
+
+
+def _fastest(observations: Observations) -> float:
+    """The largest rate, rad/s: as gyros read it, or as the table turned."""
+    rates = [c.values for c in observations.channels if observations.scenario.named(c.sensor).quantity == "rate"]
+    if rates:
+        return max(float(np.abs(r).max()) for r in rates)
+    found = [0.0]
+    for recording in observations.recordings:
+        for axis in observations.scenario.rig.axis_names:
+            angle = recording.table(axis)
+            if angle is not None:
+                known = ~np.isnan(angle)
+                time, angle = recording.time[known], angle[known]
+                found.append(float(np.percentile(np.abs(np.diff(angle)) / np.diff(time), 99)))
+    return max(found)

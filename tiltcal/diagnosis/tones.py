@@ -22,6 +22,33 @@ def tones_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     return tuple(kept)
 
 
+def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+    """Frequencies, Hz, of what rings, or beats, anew after each move: lines in the mean over all rests, aligned at their start."""
+    observations = ledger.observations
+    found: list[tuple[float, float]] = []
+    for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        rests = [np.flatnonzero(channel.stop == k) for k in range(int(channel.stop.max(initial=-1)) + 1)]
+        rests = [rows for rows in rests if len(rows) >= 32]
+        if len(rests) < 4:
+            continue
+        length = int(np.median([len(rows) for rows in rests]))
+        whole = [residual[rows[:length]] - residual[rows[:length]].mean() for rows in rests if len(rows) >= length]
+        step = float(np.median(np.diff(channel.time)))
+        mean = np.mean(whole, axis=0) * np.hanning(length)
+        power = np.abs(np.fft.rfft(mean, 4 * length)) ** 2
+        frequency = np.fft.rfftfreq(4 * length, step)
+        seen = frequency > 1.5 / (length * step)
+        floor = float(np.median(power[seen])) / np.log(2)
+        k = int(np.argmax(np.where(seen, power, 0.0)))
+        if power[k] > floor * np.log(length / CHANCE):
+            found.append((float(power[k] / floor), float(frequency[k])))
+    kept: list[float] = []
+    for _, f in sorted(found, reverse=True):
+        if len(kept) < MOST and all(abs(f - other) > 0.03 * f for other in kept):
+            kept.append(f)
+    return tuple(kept)
+
+
 def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
     """(power over its surroundings, frequency) of peaks of the periodogram."""
     n = len(residual)

@@ -103,7 +103,7 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
 def _local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
     """Bumps and steps over the coordinate of a curve, in its place, on all the axes that it may act on."""
     effect = rival.suspect.effect
-    if not isinstance(effect, Learned) or effect.coordinate not in ANGLES:
+    if not isinstance(effect, Learned) or effect.coordinate not in ANGLES or effect.beside:
         return []
     angles = [a for r in ledger.observations.recordings if (a := r.table(ANGLES[effect.coordinate])) is not None]
     low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)

@@ -6,7 +6,7 @@ from tiltcal.confusion import tie_breaker
 from tiltcal.diagnosis.finding import Finding
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
-from tiltcal.effects.learned import ANGLES, Learned, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import ANGLES, ORDERS, Learned, LearnedReadout, LearnedTilt
 from tiltcal.setup import Setup
 
 FOLLOWS = {"temperature": "temperature", "time": "time", "direction": "move", "motion": "rate", "vibration": "frequency"}
@@ -17,7 +17,7 @@ OWN_WORD = {
     "gyr_gsens": "tilt", "gyr_g2sens": "tilt", "table_levelling": "table_outer", "axis_nonorthogonality": "table_inner",
     "mount_compliance": "tilt", "servo_lag": "rate", "acc_hysteresis": "tilt", "earth_rate": "rate",
 }  # fmt: skip
-LEARNED_WORD = {"input": "tilt", "transverse": "rate", "warming": "temperature", "since_move": "move"}
+LEARNED_WORD = {"input": "tilt", "transverse": "rate", "warming": "temperature", "since_move": "move", "moves": "move"}
 
 
 def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
@@ -49,6 +49,9 @@ def stage_of(effect: Effect) -> str:
 def harmonic_of(effect: Effect) -> tuple[int, int] | None:
     """Orders over the outer and the inner angle, where an effect has one."""
     order = {"table_encoder_eccentricity": 1, "table_encoder_2rev": 2, "table_sag": 1}.get(effect.id)
+    if isinstance(effect, Learned) and effect.beside:
+        m, n = divmod(int(np.argmax(np.abs(effect.coefficients))) // 4, ORDERS)
+        return m + 1, n + 1
     if order is None and isinstance(effect, Learned) and not effect.knots and effect.coordinate in ANGLES:
         order = 1 + int(np.argmax(np.abs(effect.coefficients))) // 2
     if order is None:
@@ -61,8 +64,14 @@ def learned_name(effect: Learned) -> str:
     """A curve in words."""
     words = {"table_outer": "the outer angle", "table_inner": "the inner angle", "table_middle": "the middle angle",
             "input": "its own input", "transverse": "the rate across its axis", "warming": "the rate of warming",
-            "since_move": "the time since the last move"}  # fmt: skip
+            "since_move": "the time since the last move", "moves": "the number of moves"}  # fmt: skip
     what = words.get(effect.coordinate, effect.coordinate.replace("_", " along body "))
+    if effect.beside:
+        what += f" times {words[effect.beside]}"
+    if effect.period and effect.coordinate in ("since_move", "moves"):
+        what += f", with a period of {effect.period:.3g}{' s' if effect.coordinate == 'since_move' else ''}"
+    if effect.lag and effect.coordinate != "temperature":
+        what += f" and is forgotten in some {effect.lag:.0f} s"
     if isinstance(effect, LearnedReadout):
         return f"an error of the {effect.axis} axis' readout that follows {what}"
     if isinstance(effect, LearnedTilt):

@@ -274,6 +274,15 @@ class Sense:
         start = self.time[np.maximum.accumulate(np.where(begins, np.arange(len(self.time)), 0))]
         return np.where(self.stop >= 0, self.time - start, 0.0)
 
+    @cached_property
+    def moves(self) -> Array:
+        """How many moves have begun, (n,)."""
+        if self.stop is None:
+            return np.zeros(len(self.time))
+        return np.cumsum(np.concatenate([[self.stop[0] < 0], (self.stop[1:] != self.stop[:-1]) & (self.stop[:-1] >= 0)])).astype(
+            float
+        )
+
     @classmethod
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
         """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose, ages apart."""

@@ -6,7 +6,7 @@ held constant outside their knots: a drift is not extrapolated beyond the record
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,13 +16,25 @@ from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.memory import first_order_lag
 from tiltcal.errors import TiltcalError, nearest
 from tiltcal.frames import AXES, Array
-from tiltcal.motion import Drive, Jet, sampled_jet
+from tiltcal.motion import Drive, Jet
 from tiltcal.setup import Setup
 
 ANGLES = {f"table_{axis}": axis for axis in ("outer", "middle", "inner")}
 INPUTS = {f"{quantity}_{axis}": (quantity, "xyz".index(axis)) for quantity in ("force", "rate") for axis in "xyz"}
-COORDINATES = (*ANGLES, *INPUTS, "input", "transverse", "time", "temperature", "warming", "since_move")
-"""What a curve may follow; ``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt."""
+COORDINATES = (*ANGLES, *INPUTS, "input", "transverse", "time", "temperature", "warming", "since_move", "moves")
+"""What a curve may follow.
+
+``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt; ``moves``: how many there were.
+"""
+ORDERS = 3  # of each angle in a product of two
+
+
+@cache
+def _spline(knots: tuple[float, ...]) -> Any:
+    """The natural cubic splines that are one at a knot and zero at the others."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(knots, np.eye(len(knots)), bc_type="natural")
 
 
 @dataclass(frozen=True)
@@ -32,7 +44,9 @@ class Learned(Effect):
     Args:
         coordinate: one of COORDINATES; rad, SI, s from the first stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
-        lag: time constant, s, by which a temperature is felt late.
+        period: of the first harmonic; 0 for a turn.
+        beside: another table angle: products of the harmonics of both, up to the third of each.
+        lag: time constant, s, by which the coordinate is felt late.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand alone.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
@@ -44,6 +58,8 @@ class Learned(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     coordinate: str = ""
     knots: tuple[float, ...] = ()
+    period: float = 0.0
+    beside: str = ""
     per_input: bool = False
     lag: float = 0.0
     slot: str = ""
@@ -51,45 +67,62 @@ class Learned(Effect):
     place: str = "sensor"
 
     @property
+    def count(self) -> int:
+        """Number of coefficients."""
+        if self.beside:
+            return 4 * ORDERS**2
+        return len(self.knots) or 1 + max((int(name[1:]) for name in self.values), default=0)
+
+    @property
     def coefficients(self) -> Array:
-        """(p,): cos 1, sin 1, cos 2, ... or the values at the knots."""
-        p = len(self.knots) or 1 + max((int(name[1:]) for name in self.values), default=0)
-        return np.array([self.values.get(f"c{k}", 0.0) for k in range(p)])
+        """(p,): cos 1, sin 1, cos 2, ...; the values at the knots; or cos cos, cos sin, sin cos, sin sin of each two orders."""
+        return np.array([self.values.get(f"c{k}", 0.0) for k in range(self.count)])
 
-    @cached_property
-    def _spline(self) -> Any:
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(self.knots, self.coefficients, bc_type="natural")
+    def basis(self, u: Array, order: int = 0) -> Array:
+        """The curve of each coefficient alone at one, or its first or second derivative, (n, p)."""
+        if self.knots:
+            inside = np.clip(u, self.knots[0], self.knots[-1])
+            held = _spline(self.knots)(inside, order)
+            return np.asarray(held if order == 0 else np.where((inside == u)[:, None], held, 0.0))
+        pace = 2 * np.pi / self.period if self.period else 1.0
+        columns = []
+        for k in range(self.count):
+            n = (k // 2 + 1) * pace
+            wave = (1j * n) ** order * np.exp(1j * n * u) * (1 if k % 2 == 0 else -1j)
+            columns.append(wave.real)
+        return np.column_stack(columns)
 
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""
-        if not self.knots:
-            terms = [
-                c * (1j * n) ** order * np.exp(1j * n * u) * (1 if k % 2 == 0 else -1j)
-                for k, c in enumerate(self.coefficients)
-                if c and (n := k // 2 + 1)
-            ]
-            return np.asarray(np.sum(terms, axis=0).real if terms else np.zeros_like(u))
-        inside = np.clip(u, self.knots[0], self.knots[-1])
-        held = self._spline(inside, order)
-        return np.asarray(held if order == 0 else np.where(inside == u, held, 0.0))
+        return np.asarray(self.basis(u, order) @ self.coefficients)
+
+    def each(self, u: Jet) -> Jet:
+        """The curve of each coefficient along a moving coordinate with its time derivatives, (n, p)."""
+        x, v, a = (np.broadcast_to(part, np.shape(u.x)) for part in (u.x, u.v, u.a))
+        slope = self.basis(x, 1)
+        return Jet(self.basis(x), slope * v[:, None], slope * a[:, None] + self.basis(x, 2) * v[:, None] ** 2)
 
     def jet(self, u: Jet) -> Jet:
         """The curve of a moving coordinate with its time derivatives, (n,)."""
-        x = np.asarray(u.x)
-        slope = self.curve(x, 1)
-        return Jet(self.curve(x), slope * u.v, slope * u.a + self.curve(x, 2) * u.v**2)
+        each, c = self.each(u), self.coefficients
+        return Jet(each.x @ c, each.v @ c, each.a @ c)
 
     def along(self, drive: Drive) -> Jet:
-        """The curve along a drive: of a table angle, of time or of temperature."""
+        """The curve along a drive: of a table angle, of time or of temperature, (n,)."""
+        each, c = self.each_along(drive), self.coefficients
+        return Jet(each.x @ c, each.v @ c, each.a @ c)
+
+    def each_along(self, drive: Drive) -> Jet:
+        """The curve of each coefficient along a drive, (n, p)."""
         if self.coordinate in ANGLES:
-            return self.jet(drive.axes[ANGLES[self.coordinate]])
+            return self.each(drive.axes[ANGLES[self.coordinate]])
         if self.coordinate == "time":
             one = np.ones_like(drive.elapsed)
-            return self.jet(Jet(drive.elapsed, one, 0 * one))
+            return self.each(Jet(drive.elapsed, one, 0 * one))
         warm = first_order_lag(drive.time, drive.temperature - drive.reference_temperature, self.lag)
-        return sampled_jet(drive.time, self.curve(warm))
+        x = self.basis(warm)
+        v = np.gradient(x, drive.time, axis=0) if len(x) > 2 else np.zeros_like(x)
+        return Jet(x, v, np.gradient(v, drive.time, axis=0) if len(x) > 2 else v)
 
 
 @dataclass(frozen=True)
@@ -101,12 +134,21 @@ class LearnedReading(Learned, SignalEffect):
     channel_wise: ClassVar[bool] = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        channel = 0 if self.axis == "a" else sense.axes.index("xyz".index(str(self.axis)))
-        own = sense.true_input()[:, channel]
-        u = coordinate_of(self.coordinate, sense, own)
-        added = self.curve(first_order_lag(sense.time, u, self.lag) if self.lag else u)
-        reading[:, channel] += added * own if self.per_input else added
+        reading[:, self.channel(sense)] += self.columns(sense) @ self.coefficients
         return reading
+
+    def channel(self, sense: Sense) -> int:
+        """Number of the channel it adds to."""
+        return 0 if self.axis == "a" else sense.axes.index("xyz".index(str(self.axis)))
+
+    def columns(self, sense: Sense) -> Array:
+        """What one of each coefficient adds to that channel, (n, p)."""
+        own = sense.true_input()[:, self.channel(sense)]
+        if self.beside:
+            return _products(*(sense.angles[ANGLES[name]] for name in (self.coordinate, self.beside)))
+        u = coordinate_of(self.coordinate, sense, own)
+        basis = self.basis(first_order_lag(sense.time, u, self.lag) if self.lag else u)
+        return basis * own[:, None] if self.per_input else basis
 
 
 @dataclass(frozen=True)
@@ -129,6 +171,12 @@ class LearnedTilt(Learned, FrameEffect):
         return (Turn(self.turn, self.along(context.drive)),) if slot == self.slot else ()
 
 
+def _products(a: Array, b: Array) -> Array:
+    """Products of the harmonics of two angles, (n, 4 ORDERS^2): cos cos, cos sin, sin cos, sin sin of (1, 1), (1, 2), ..."""
+    waves = [[(np.cos(m * u), np.sin(m * u)) for m in range(1, ORDERS + 1)] for u in (a, b)]
+    return np.column_stack([p * q for one in waves[0] for other in waves[1] for p in one for q in other])
+
+
 def coordinate_of(name: str, sense: Sense, own: Array) -> Array:
     """A coordinate along what a sensor senses, (n,); ``own`` is the channel's true input."""
     if name in ANGLES:
@@ -140,11 +188,13 @@ def coordinate_of(name: str, sense: Sense, own: Array) -> Array:
         return np.asarray(np.linalg.norm(np.cross(sense.rate, sense.input_vector), axis=1))
     if name == "warming":
         return np.gradient(sense.temperature, sense.time)
-    return {"input": own, "time": sense.elapsed, "temperature": sense.temperature, "since_move": sense.since_move}[name]
+    if name in ("since_move", "moves"):
+        return sense.since_move if name == "since_move" else sense.moves
+    return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]
 
 
 KINDS: dict[str, type[Learned]] = {"reading": LearnedReading, "readout": LearnedReadout, "tilt": LearnedTilt}
-_KEYS = {"coordinate", "knots", "coefficients", "on", "slot", "turn", "per_input", "lag_s", "place"}
+_KEYS = {"coordinate", "knots", "period", "beside", "coefficients", "on", "slot", "turn", "per_input", "lag_s", "place"}
 
 
 def make_learned(
@@ -169,14 +219,33 @@ def make_learned(
             need="two or more increasing knots, one coefficient each", do="correct the lists",
         )  # fmt: skip
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
-    lag = table.get("lag_s", 0.0)
-    if not isinstance(lag, int | float) or not lag >= 0:
-        raise TiltcalError(f"{subject}, key lag_s", found=repr(lag), need="seconds, not negative", do="correct it")
+    lag, period = (_amount(table, key, subject) for key in ("lag_s", "period"))
+    beside = _beside(table, on, setup, subject)
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
         values, sensor, axis, role, coordinate=coordinate, knots=tuple(knots), per_input=bool(table.get("per_input", False)),
-        lag=float(lag), slot=slot, turn=turn, place=place,
+        lag=lag, slot=slot, turn=turn, place=place, period=period, beside=beside,
     )  # fmt: skip
+
+
+def _amount(table: Mapping[str, Any], key: str, subject: str) -> float:
+    value = table.get(key, 0.0)
+    if not isinstance(value, int | float) or not value >= 0:
+        raise TiltcalError(f"{subject}, key {key}", found=repr(value), need="a number, not negative", do="correct it")
+    return float(value)
+
+
+def _beside(table: Mapping[str, Any], on: str, setup: Setup, subject: str) -> str:
+    """The second angle of a product; empty where there is none."""
+    if "beside" not in table:
+        return ""
+    beside = _word(table, "beside", "", ANGLES, subject)
+    if on != "reading" or ANGLES[beside] not in setup.rig.axis_names or table.get("coordinate") not in ANGLES:
+        raise TiltcalError(
+            f"{subject}, key beside", found=f"'{beside}' on {on} over '{table.get('coordinate')}'",
+            need="two angles of this table, on a reading", do="correct it",
+        )  # fmt: skip
+    return beside
 
 
 def _where(
@@ -218,6 +287,5 @@ def learned_table(effect: Learned) -> dict[str, Any]:
         table["knots"] = list(effect.knots)
     if effect.per_input:
         table["per_input"] = True
-    if effect.lag:
-        table["lag_s"] = effect.lag
+    table |= {key: value for key, value in (("lag_s", effect.lag), ("period", effect.period), ("beside", effect.beside)) if value}
     return table | {"coefficients": [float(c) for c in effect.coefficients]}

@@ -86,8 +86,9 @@ class Blindfolded(Oracle):
     """Draws like an oracle and asks for no rivals: the case has been judged before."""
 
     def judge(self, spec: Spec, shape: Shape, physics: Physics, beside: Sequence[np.ndarray] = ()) -> Found:
-        """Nothing."""
-        return Found(0.0, 0.0, {}, {})
+        """How far it stands out, and nothing else."""
+        r = self.residual(self.signal([physics])[:, :, None])[:, 0]
+        return Found(float(r @ r), 0.0, {}, {})
 
 
 def conceal(kind: str, key: Sequence[int]) -> Concealed:
@@ -156,9 +157,13 @@ def record(case: Concealed, sequence: Path, recording: Path) -> None:
 
 def write_case(folder: Path, kind: str, key: Sequence[int]) -> Concealed:
     """What an honest user has (scenario and first recording), and the numbers of the case."""
-    case = conceal(kind, key)
+    return lay_out(folder, kind, conceal(kind, key))
+
+
+def lay_out(folder: Path, kind: str, case: Concealed) -> Concealed:
+    """The files of a case."""
     folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng([*key, 7])
+    rng = np.random.default_rng([*case.key, 7])
     write_recording(folder / "first.csv", case.lab, case.first, rng)
     write_scenario(folder / "scenario.toml", case.lab)
     (folder / "case.json").write_text(json.dumps({"kind": kind, "key": list(case.key)}) + "\n", encoding="utf-8")

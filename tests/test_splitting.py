@@ -12,10 +12,11 @@ from tiltcal.effects import to_file
 from tiltcal.errors import TiltcalError
 from tiltcal.investigation.next_block import Limits, next_block, table_of
 from tiltcal.investigation.question import Question, questions
-from tiltcal.investigation.splitting import ENOUGH, Pair, imagined, judged, propose, separations
+from tiltcal.investigation.splitting import ENOUGH, Pair, blank, imagined, judged, propose, separations
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, fresh, parse_scenario
+from tiltcal.schedule import build_schedule
 from tiltcal.units import G0
 
 UP = [{"action": "move", "outer_deg": float(a), "dwell_s": 2.0} for a in range(0, 91, 10)]
@@ -182,3 +183,18 @@ def test_design_split_names_what_it_lacks(tmp_path: Any, capsys: pytest.CaptureF
     assert "no verdict and findings" in refusal(words, tmp_path, capsys)
     (tmp_path / "other.json").write_text("not json")
     assert "diagnosis other.json" in refusal(words, tmp_path, capsys)
+
+
+@pytest.mark.parametrize("table", ["placing", "dual"])
+def test_every_block_rests_long_enough_for_its_moves_to_be_seen(table: str) -> None:
+    """What hardly ever rests is taken for rest by the search for dwells, and all its rates for zero."""
+    from tiltcal.replay import replay
+
+    scenario = parse_scenario({**PLACING, "rig": {"table": table}, "sequence": [{"action": "rest", "dwell_s": 5.0}]})
+    reach = dict.fromkeys(scenario.rig.axis_names, (0.0, 360.0))
+    for block in candidates(Table(scenario.rig, reach)):
+        recording = blank(block, scenario)
+        drive = build_schedule(block.steps, scenario.rig).drive(recording.time)
+        moving = np.max([np.abs(np.asarray(jet.v)) for jet in drive.axes.values()], axis=0) > np.radians(0.5)
+        wrong = moving & (replay(recording, scenario).stop >= 0)
+        assert wrong.sum() <= 0.05 * len(recording), block.name

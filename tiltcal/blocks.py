@@ -31,6 +31,7 @@ def said(kind: str, axis: str = "outer", mount: str = "180 deg") -> str:
 
 DWELL, RATE = 3.0, 30.0  # s, deg/s, unless the user says otherwise
 REMOUNT = 60.0  # s of table time that a remounting takes
+QUIET = 10.0  # s at rest at both ends of a slow turn: a recording that hardly rests does not show what rest is
 MOUNTS = ("Rz(180)", "Rx(180)", "Rz(90)")
 CIRCLE = (0.0, 360.0)  # deg, of an axis that may go round
 
@@ -136,7 +137,7 @@ def _of_axis(table: Table, axis: str) -> Iterator[Block]:
         far = low + (high - low) / 4
         yield block("ramp", [*start, *((a, r, dwell) for r in (rate / 3, rate, 2 * rate) for a in (far, low))])
         yield block("far", [(a, rate, 25.0) for a in (low, (low + high) / 2, high)])
-        yield block("slow", [*start, (high, max((high - low) / 75.0, 1.0), dwell)])
+        yield block("slow", [(low, rate, QUIET), (high, max((high - low) / 60.0, 1.0), QUIET)])
 
 
 def _elsewhere(table: Table, axis: str) -> list[dict[str, float]]:

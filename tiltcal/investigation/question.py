@@ -6,7 +6,7 @@ from itertools import chain
 from typing import Any
 
 from tiltcal.diagnosis.account import Account, Term, models, noise_under, settle
-from tiltcal.diagnosis.diagnose import instants, prepare
+from tiltcal.diagnosis.diagnose import MOST_ROWS, instants, prepare
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.families import completes
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
@@ -21,7 +21,6 @@ from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, parse_scenario
 
 CURVE = 1e-6  # SI, of a curve's coefficients: any size will do
-MOST_ROWS = 600  # of a channel: a design needs no more
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class Question:
         names: ids of the class, the finding's own first.
         account: adjustable terms and other findings, fitted.
         rivals: one a name: how it would explain the finding.
-        suspects: the class at all its shapes, and the curves that complete them.
+        suspects: the class at all its shapes.
         observations: what was read so far, thinned.
         noise: of each sensor's axis.
         block: rows that were averaged into one.
@@ -115,7 +114,7 @@ def _question(
     for suspect in suspects:
         ledger.add(suspect, account.effects)
     case = case_of(account, ledger, list(own))
-    found = explanations(case, ledger, lambda s: s.id in names and (s.textbook or s.id == names[0]))
+    found = explanations(case, ledger, lambda s: s.id in names)
     rivals: dict[str, Rival] = {}
     for r in found:
         rivals.setdefault(r.suspect.id, r)
@@ -127,11 +126,9 @@ def _question(
 
 
 def _suspects(names: Sequence[str], observations: Observations, own: Sequence[Suspect]) -> list[Suspect]:
-    """The class at all its shapes and what completes each."""
+    """The class at all its shapes; a name without a textbook form only where the finding itself has it."""
     scenario = observations.scenario
     span = span_of(observations)
     times = sorted({s.effect.values["time"] for s in own if "time" in s.effect.values}) or instants(observations)[::4]
-    every = [*listed_suspects(scenario, span), *step_suspects(scenario, times), *curves(observations, span)]
-    heads = [s for s in chain(own, every) if s.id in names]
-    family = [s for s in every if s.id not in names and any(completes(s, h) for h in heads)]
-    return [*heads, *family]
+    every = chain(own, listed_suspects(scenario, span), step_suspects(scenario, times), curves(observations, span))
+    return [s for s in every if s.id in names and (s.textbook or s.id == names[0])]

@@ -1,9 +1,9 @@
 """The block that tells rivals apart: the largest least separated non-centrality a minute of table time (T-optimal design).
 
 For a block, the recordings so far and an imagined recording of it are put together. Each rival in turn is taken for the truth, at
-the size that the recordings give it; every other one is fitted to what it would read, with the adjustable terms, the other
-findings and the curves that complete its form, exactly as `diagnose` will do it. What is left is the separated
-non-centrality of the pair; the log-likelihood ratio of the two is then N(lambda, 4 lambda) about it.
+the size that the recordings give it; every other one is fitted to what it would read, with the adjustable terms and the other
+findings, at the noise and by the threshold of `diagnose`. What is left is the separated non-centrality of the pair; the
+difference of their deviances is then N(lambda, 4 lambda).
 Source: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62 (1975).
 """
 
@@ -18,19 +18,19 @@ from tiltcal.confusion import SEPARABLE
 from tiltcal.diagnosis.account import columns_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.observations import Observations
-from tiltcal.diagnosis.rivals import LOOSE, NEAR, OWN, Case, Rival, explain
-from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.rivals import LOOSE, Case, Rival
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 from tiltcal.investigation.question import Question
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, fresh
+from tiltcal.units import ARCSEC, DEG
 
 Progress = Callable[[str], None]
 ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
+READOUT = 0.05 * ARCSEC / DEG  # deg, noise of an imagined readout
 HOPELESS = 0.2  # best chance of any block below which a pair is said to be out of this table's reach
-EQUALLY, SHAPES = 0.8, 3  # shapes of a name within this share of its best one, and how many of them
 SHORT_LIST = 3  # blocks that are tried together when none is enough by itself
 
 
@@ -156,16 +156,26 @@ def judged(block: Block, asked: Sequence[Question], scenario: Scenario) -> list[
 
 def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
     """What a block would read if nothing were wrong, in a room that goes back the way it came."""
-    plain = fresh(scenario, sequence=block.steps, effect=(), grade=None, dynamics=None)
-    recording = SimulatedLaboratory().record(plain)
+    recording = blank(block, scenario)
     last = question.observations.recordings[-1]
     temperature = last.temperature()
     if temperature is None:
         return recording
     age = np.minimum(recording.time - recording.time[0], last.time[-1] - last.time[0])
-    columns = {n: recording.column(n) for n in recording.column_names if n != "temperature_degC"}
+    columns = {n: recording.column(n) for n in recording.column_names}
     columns["temperature_degC"] = np.interp(last.time[-1] - age, last.time, temperature)
     return Recording.from_columns(recording.time, columns, metadata=recording.metadata, source="imagined block")
+
+
+def blank(block: Block, scenario: Scenario) -> Recording:
+    """A recording of a block without effects or noise, but for that of the readout: what rests is told by it."""
+    recording = SimulatedLaboratory().record(fresh(scenario, sequence=block.steps, effect=(), grade=None, dynamics=None))
+    rng = np.random.default_rng(0)
+    columns = {n: recording.column(n) for n in recording.column_names}
+    for name in columns:
+        if name.startswith("table_"):
+            columns[name] = columns[name] + READOUT * rng.standard_normal(len(recording))
+    return Recording.from_columns(recording.time, columns, metadata=recording.metadata, source=f"block {block.name}")
 
 
 def separations(question: Question, more: Recording) -> list[Pair]:
@@ -197,30 +207,11 @@ def _signal(truth: Rival, both: Observations, ledger: Ledger, effects: Sequence[
 
 
 def _against(truth: Rival, case: Case, ledger: Ledger, question: Question) -> list[Pair]:
-    """The truth against every other name."""
+    """The truth against every other name, each at its best shape and sizes."""
     energy = sum(float(s @ s) for s in case.signal)
     needed = SEPARABLE + LOOSE * energy
-    scores = [s for s in ledger.scores(case.basis, case.target) if s.suspect.textbook or s.suspect.id == question.names[0]]
-    pairs = []
-    for name in question.names:
-        if name != truth.suspect.id:
-            mine = [(s.gain()[0], s.suspect) for s in scores if s.suspect.id == name]
-            pairs.append(Pair(truth.suspect.id, name, _least_left(mine, energy, case, ledger), needed))
-    return pairs
-
-
-def _least_left(mine: Sequence[tuple[float, Suspect]], energy: float, case: Case, ledger: Ledger) -> float:
-    """What a name leaves at its best shape; shapes that do equally well are all worked out."""
-    top = max((gain for gain, _ in mine), default=0.0)
-    if top < NEAR**2 * energy:
-        return energy - top
-    best = sorted((m for m in mine if m[0] >= EQUALLY * top), key=lambda m: -m[0])[:SHAPES]
-    left = [_left(r, energy) for _, suspect in best if (r := explain(suspect, case, ledger)) is not None]
-    return min(left, default=energy)
-
-
-def _left(rival: Rival, energy: float) -> float:
-    """What a rival leaves, as the diagnosis judges it: with its own form where its curves would have to do the work."""
-    if not rival.fair or rival.form < OWN:
-        return rival.separation
-    return min(rival.separation, energy - rival.gain)
+    best: dict[str, float] = {}
+    for score in ledger.scores(case.basis, case.target):
+        best[score.suspect.id] = max(best.get(score.suspect.id, 0.0), score.gain()[0])
+    id = truth.suspect.id
+    return [Pair(id, name, max(energy - best.get(name, 0.0), 0.0), needed) for name in question.names if name != id]

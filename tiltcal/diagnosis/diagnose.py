@@ -19,8 +19,8 @@ from tiltcal.diagnosis.observations import Observations, observe
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, select
-from tiltcal.diagnosis.suspects import adjustable, curves, listed_suspects, span_of, step_suspects
-from tiltcal.diagnosis.tones import echoes_of, tones_of
+from tiltcal.diagnosis.suspects import Lines, adjustable, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.diagnosis.views import views_of
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise, robust_white
@@ -62,10 +62,10 @@ def diagnose(
     if not enough(bench.observations, bench.start):
         return _answer(bench, bench.start, (), (), False)
     progress("what every effect would do")
-    tones, echoes = tones_of(bench.ledger, bench.start), echoes_of(bench.ledger, bench.start)
+    lines = lines_of(bench.ledger, bench.start)
     full, bench = bench.observations, thinned(bench)
     ledger = bench.ledger
-    fill(ledger, bench.start, tones, echoes)
+    fill(ledger, bench.start, lines)
     gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
     progress("who is to blame")
     account = select(bench.start, ledger, gate, lambda s: s.textbook)
@@ -203,11 +203,11 @@ def enough(observations: Observations, account: Account) -> bool:
     return directions > account.basis[0].shape[1]
 
 
-def fill(ledger: Ledger, account: Account, tones: Sequence[float], echoes: Sequence[float] = ()) -> None:
-    """Put every suspect on the ledger; tones: Hz, of lines that stand out; echoes: of those that begin anew after moves."""
+def fill(ledger: Ledger, account: Account, lines: Lines) -> None:
+    """Put every suspect on the ledger."""
     observations = ledger.observations
     effects = account.effects
-    span = span_of(observations, tones, echoes)
+    span = span_of(observations, lines)
     nuisance = [t.suspect for t in account.nuisance]
     for suspect in listed_suspects(observations.scenario, span, nuisance):
         ledger.add(suspect, effects)

@@ -4,7 +4,7 @@ A family keeps where the effect acts and what it follows, and frees how: an enco
 a bias that follows temperature may follow it late or bent. A curve of another place or coordinate is another effect.
 """
 
-from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.suspects import STEPS, Suspect
 from tiltcal.effects.learned import ANGLES, Learned, LearnedReading, LearnedReadout, LearnedTilt
 
 READING: dict[str, tuple[str, ...]] = {
@@ -45,6 +45,8 @@ def completes(curve: Suspect, host: Suspect) -> bool:
             return effect.sensor == host.effect.sensor
         if curve.id != host.id or effect.sensor != host.effect.sensor:
             return False
+        if curve.id in STEPS:  # what creeps on after it
+            return curve.effect.values["time"] == host.effect.values["time"] and curve.effect.values.get("creep", 0) > 0
         return curve.id in ALL_AXES or (curve.id in SUPERPOSED and effect.axis == host.effect.axis)
     assert isinstance(effect, Learned)
     if isinstance(effect, LearnedReading):

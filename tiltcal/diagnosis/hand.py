@@ -9,7 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.byhand import at_rest, bridged, dwell_means, earlier, forward, inverted, quiet_readings, rate_known, sense_of, stops_of, whole
+from tiltcal.byhand import (
+    at_rest,
+    bridged,
+    dwell_means,
+    earlier,
+    forward,
+    inverted,
+    quiet_readings,
+    rate_known,
+    sense_of,
+    stops_of,
+    whole,
+)
 from tiltcal.diagnosis.observations import Channel, Columns, Observations
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met

@@ -156,7 +156,7 @@ class TableObservations(Observations):
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect: by the closed form at the nominal table, through the fitted sensor matrix."""
         found: Columns = {}
-        for number, watch in enumerate(self._watching(around)):
+        for number, watch in enumerate(self.watches(around)):
             changes = watch.changes(effect)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
@@ -172,7 +172,7 @@ class TableObservations(Observations):
         which = [int(name[1:]) for name in names]
         sizes = np.array([effect.values[name] for name in names])
         found: dict[int, tuple[list[int], Array]] = {}
-        for number, watch in enumerate(self._watching(around)):
+        for number, watch in enumerate(self.watches(around)):
             changes = watch.each(effect)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
@@ -183,7 +183,8 @@ class TableObservations(Observations):
                         found[i] = ([int(k) for k in some], block[some])
         return found
 
-    def _watching(self, around: Sequence[Effect]) -> list[Watch]:
+    def watches(self, around: Sequence[Effect]) -> list[Watch]:
+        """What each recording's sensors sense at the nominal table, through the sensor matrix of these effects."""
         matrices = {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
         key = b"".join(m.tobytes() for m in matrices.values())
         if key not in self._watches:

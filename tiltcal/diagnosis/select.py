@@ -8,8 +8,8 @@ import numpy as np
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, preferred
-from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, preferred
+from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
 from tiltcal.diagnosis.whitening import NoiseFit
 from tiltcal.frames import Array
 
@@ -120,10 +120,10 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
             continue
         own = [r for r in rivals if r.own >= OWN]
         pick = preferred(own or rivals, trial.residual if not own else _signal_of(own[0], trial, ledger))
-        terms = _hosted(refined(pick.terms, trial, ledger), pick.gain, trial, ledger)
+        terms = _hosted(_at_its_instant(refined(pick.terms, trial, ledger), trial, ledger), pick.gain, trial, ledger)
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
         if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
-            account, waiting, banned = settle(trial, ledger), (), set()
+            account, waiting, banned = settle(_joined(trial), ledger), (), set()
             continue
         patience -= 1
         banned.add(id(pick.suspect))
@@ -146,6 +146,21 @@ def _hosted(terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledg
             if gain < REST * energy and places[-1] == len(account.terms) - 1:
                 return tuple(replace(t, host=host) for t in terms)
     return terms
+
+
+def _joined(account: Account) -> Account:
+    """The account with a second finding of one name at one place made a part of the first: a law at a further shape."""
+    groups = findings(account)
+    order: list[list[Term]] = []
+    for places in groups:
+        inside = [account.terms[k] for k in places]
+        mine = inside[0].suspect
+        first = next((g for g in order if g[0].suspect.place == mine.place and mine.id not in STEPS), None)
+        if first is None:
+            order.append(inside)
+        else:
+            first += [replace(t, host=first[0].suspect) for t in inside]
+    return account if len(order) == len(groups) else replace(account, terms=tuple(t for g in order for t in g))
 
 
 def _signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:
@@ -184,6 +199,7 @@ def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
 
 
 GRAIN = 4  # halvings of the step between shapes
+LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {"time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3)}  # s, or relative
 
 
@@ -191,18 +207,35 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
     """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved row by row."""
     term, family = terms[0], terms[1:]
     first = term.suspect
+    duration = float(np.ptp(ledger.observations.recordings[0].time))
     for name in [n for n in first.effect.values if n not in first.names]:
         x = first.effect.values[name]
         if name not in STEP:
             continue
-        step = STEP[name]
+        line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
+        step = LINE / duration if line else STEP[name]
         for _ in range(GRAIN if name != "time" else 7):
-            trials = [(x + d if name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
+            trials = [(x + d if line or name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
             scored = [(_gain_at(term, name, value, account, ledger), value) for value in trials]
             x = max(scored)[1]
             term = replace(term, suspect=_shaped(term.suspect, name, x))
             step /= 2
     return (term, *(replace(t, host=term.suspect) for t in family))
+
+
+def _at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+    """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger."""
+    suspect = terms[0].suspect
+    if suspect.id not in STEPS:
+        return terms
+    time = suspect.effect.values["time"]
+    for step in steps_at(ledger.observations.scenario, time, suspect.variants):
+        if not any(s.effect == step.effect for s in ledger.suspects):
+            ledger.add(step, account.effects)
+    same = [s for s in ledger.suspects if s.place == suspect.place and s.effect.values.get("time") == time]
+    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
+    found = [r for s in same if (r := explain(s, case, ledger)) is not None]
+    return max(found, key=lambda r: r.worth).terms if found else terms
 
 
 def _shaped(suspect: Suspect, name: str, value: float) -> Suspect:

@@ -117,19 +117,32 @@ def _suspect(
 
 
 @dataclass(frozen=True)
+class Lines:
+    """What beats in a residual.
+
+    Args:
+        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move; ripples: a turn of an axis.
+    """
+
+    tones: tuple[float, ...] = ()
+    shakes: tuple[float, ...] = ()
+    echoes: tuple[float, ...] = ()
+    ripples: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class Span:
     """What a recording spans, for shapes and curves.
 
     Args:
         duration: s; rate_hz: of the fastest sensor.
-        tones: Hz, of lines that stand out of the residual; echoes: Hz, of lines that begin anew after each move.
+        lines: that stand out of the residual.
         ranges: least and largest value of each coordinate, SI; that of a sensor's own input under ``<sensor>_input``.
     """
 
     duration: float
     rate_hz: float
-    tones: tuple[float, ...] = ()
-    echoes: tuple[float, ...] = ()
+    lines: Lines = Lines()
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -139,8 +152,8 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
         "settling_transient": [], "mount_resonance": [],
         "acc_warmup": [span.duration * x for x in (0.03, 0.1, 0.2, 0.5, 1.5)],
         "table_wobble_async": (0.38, 0.4, 0.42, 0.44, 0.46, 0.48),
-        "table_encoder_sde": (20.0, 36.0, 72.0, 90.0, 180.0, 360.0, 720.0, 1024.0),
-        "mains_pickup": span.tones, "base_vibration": span.tones,
+        "table_encoder_sde": (20.0, 36.0, 72.0, 90.0, 180.0, 360.0, 720.0, 1024.0, *(float(n) for n in span.lines.ripples)),
+        "mains_pickup": span.lines.tones, "base_vibration": span.lines.shakes,
     }  # fmt: skip
     grids["gyr_warmup"] = grids["acc_warmup"]
     key = {"acc_warmup": "tau", "gyr_warmup": "tau", "table_wobble_async": "ratio",
@@ -171,7 +184,7 @@ def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = (
             continue
         sensors: Sequence[Sensor | None] = scenario.sensors(*cls.kinds) if cls.kinds else (None,)
         if any(p.unit.split("_")[0] == "ug" for p in cls.parameters):  # sizes of acceleration
-            sensors = [s for s in sensors if s is not None and s.is_accelerometer]
+            sensors = [s for s in sensors if s is None or s.is_accelerometer]
         if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":  # the recorder's own: all sensors alike
             sensors = (*sensors, None) if scenario.rig.axes else [s for s in sensors if s is not None and s.kind == "fog"]
         for sensor, axis in product(sensors, _axes(id, scenario)):
@@ -204,6 +217,18 @@ def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Suspec
         for sensor in scenario.sensors(*cls.kinds) if cls.kinds else (None,):
             for time in times:
                 yield _suspect(id, scenario, sensor, None, {"time": float(time)}, max(len(times), 1))
+
+
+CREEPS = (4.0, 10.0, 25.0, 60.0)  # s
+
+
+def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Suspect]:
+    """Every effect that may have begun at an instant, at once or creeping on; tried: how many instants were looked at."""
+    for step in step_suspects(scenario, (time,)):
+        yield replace(step, variants=tried)
+        if step.id != "data_drop":
+            for creep in CREEPS:
+                yield Suspect(_with(step.effect, {**step.effect.values, "creep": creep}), step.names, tried * len(CREEPS))
 
 
 def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
@@ -297,7 +322,7 @@ def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> 
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     if knots := _spread("since_move", span):
         yield _curve(LearnedReading, "since_move", knots, **where)
-        for frequency in span.echoes:
+        for frequency in span.lines.echoes:
             yield _curve(LearnedReading, "since_move", 2, period=1 / frequency, **where)
         yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
         for period in (2, 3, 4, 5):
@@ -348,7 +373,7 @@ def _curve(cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], 
     return Suspect(effect, names)
 
 
-def span_of(observations: Observations, tones: Sequence[float] = (), echoes: Sequence[float] = ()) -> Span:
+def span_of(observations: Observations, lines: Lines) -> Span:
     """What some recordings span."""
     ranges: dict[str, tuple[float, float]] = {}
     duration = max(float(r.time[-1] - r.time[0]) for r in observations.recordings)
@@ -375,7 +400,7 @@ def span_of(observations: Observations, tones: Sequence[float] = (), echoes: Seq
     if (top := _fastest(observations)) > 0:
         ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
     rate = max(s.rate_hz for s in observations.scenario.sensor)
-    return Span(duration, rate, tuple(tones), tuple(echoes), ranges)
+    return Span(duration, rate, lines, ranges)
 
 
 def _longest_rest(time: Array, stop: Index) -> float:

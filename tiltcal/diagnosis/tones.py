@@ -1,13 +1,26 @@
 """Lines that stand out of the noise, at frequencies nobody told us."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.observations import TableObservations
+from tiltcal.diagnosis.suspects import Lines
+from tiltcal.diagnosis.whitening import robust_white
+from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 
+LINES = 1100  # a turn, of the finest scale that is looked for
+FIRST = 6  # fewer are curves of the angle
 CHANCE = 1e-4  # of a line in any recording without one
 MOST = 3
+
+
+def lines_of(ledger: Ledger, account: Account) -> Lines:
+    """All that beats in what an account leaves."""
+    return Lines(tones_of(ledger, account), shakes_of(ledger, account), echoes_of(ledger, account), ripples_of(ledger, account))
 
 
 def tones_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
@@ -15,11 +28,70 @@ def tones_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     found: list[tuple[float, float]] = []
     for channel, residual in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
         found += _lines(channel.time, residual)
-    kept: list[float] = []
-    for _, frequency in sorted(found, reverse=True):
-        if len(kept) < MOST and all(abs(frequency - f) > 0.02 for f in kept):
-            kept.append(frequency)
-    return tuple(kept)
+    return _apart(found, lambda _: 0.02)
+
+
+def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+    """Frequencies, Hz, of lines in what is left of accelerometers, turned into the world: what shakes the base is one line there.
+
+    In the body it is split: the pose modulates it.
+    """
+    observations = ledger.observations
+    if not isinstance(observations, TableObservations):
+        return ()
+    left = observations.residuals(account.effects)
+    found: list[tuple[float, float]] = []
+    for number, watch in enumerate(observations.watches(account.effects)):
+        for sensor in observations.scenario.sensors("accelerometer", "inclinometer"):
+            own = [
+                (c, r) for c, r in zip(observations.channels, left, strict=True) if (c.recording, c.sensor) == (number, sensor.name)
+            ]
+            if not own:
+                continue
+            up, north = watch.sense[sensor.name].up, watch.sense[sensor.name].north
+            world = np.zeros((len(up), 3))
+            for c, r in own:
+                k = "xyz".index(c.axis)
+                rows = np.minimum(c.rows // observations.block, len(up) - 1)
+                world[rows] += r[:, None] * np.column_stack([np.cross(north, up)[rows, k], north[rows, k], up[rows, k]])
+            for column in world.T:
+                found += _lines(watch.time, column)
+    return _apart(found, lambda _: 2 / float(np.ptp(observations.recordings[0].time)))
+
+
+def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
+    """Whole numbers of lines a turn, of an error of an axis' readout that stands out of what is left, the strongest first."""
+    observations = ledger.observations
+    found: list[tuple[float, int]] = []
+    if not isinstance(observations, TableObservations):
+        return ()
+    left = observations.residuals(account.effects)
+    for axis in observations.scenario.rig.axis_names:
+        zero = CATALOGUE["table_encoder_zero"]({f"{axis}_zero": 1.0}, None, None, "found")
+        power = np.zeros(LINES)
+        weight = 0.0
+        for i, column in observations.changes(zero, account.effects).items():
+            channel = observations.channels[i]
+            angle = observations.courses[channel.recording].angles[axis][channel.rows]
+            noise = robust_white(left[i])
+            signal = column * left[i] / noise**2
+            weight += float(column @ column) / noise**2
+            power += _harmonics(angle, signal)
+        if weight > 0:
+            gain = 2 * power / weight
+            floor = max(float(np.median(gain[FIRST:])) / np.log(2), 1.0)
+            peak = [n for n in range(FIRST, LINES - 1) if gain[n] >= max(gain[n - 1], gain[n + 1])]
+            found += [(float(gain[n]), n) for n in peak if gain[n] > 2 * floor * np.log(LINES / CHANCE)]
+    return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
+
+
+def _harmonics(angle: Array, signal: Array) -> Array:
+    """|sum signal exp(i n angle)|^2 for n = 0 .. LINES - 1."""
+    step, turn, power = np.exp(1j * angle), signal.astype(complex), np.empty(LINES)
+    for n in range(LINES):
+        power[n] = abs(turn.sum()) ** 2
+        turn *= step
+    return power
 
 
 def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
@@ -42,9 +114,14 @@ def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
         k = int(np.argmax(np.where(seen, power, 0.0)))
         if power[k] > floor * np.log(length / CHANCE):
             found.append((float(power[k] / floor), float(frequency[k])))
+    return _apart(found, lambda f: 0.03 * f)
+
+
+def _apart(found: Sequence[tuple[float, float]], width: Callable[[float], float]) -> tuple[float, ...]:
+    """The strongest of (power, frequency) that are further apart than the width of a line."""
     kept: list[float] = []
     for _, f in sorted(found, reverse=True):
-        if len(kept) < MOST and all(abs(f - other) > 0.03 * f for other in kept):
+        if len(kept) < MOST and all(abs(f - other) > width(f) for other in kept):
             kept.append(f)
     return tuple(kept)
 

@@ -65,6 +65,12 @@ def motion_direction(angle: Jet) -> Array:
     return _held(np.where(np.abs(rate) > limit, np.sign(rate), 0.0))
 
 
+def onset(elapsed: Array, time: float, creep: float) -> Array:
+    """A step at ``time``, or, with a time constant ``creep`` (s), what sets in there and goes on to one, (n,)."""
+    since = np.maximum(elapsed - time, 0.0)
+    return np.where(elapsed >= time, 1 - np.exp(-since / creep) if creep > 0 else 1.0, 0.0)
+
+
 def first_order_lag(time: Array, u: Array, tau: float) -> Array:
     """Output of 1/(1 + tau s) for an input that is linear between samples, starting settled. time, u: (n,).
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from tiltcal.effects.base import FrameEffect, Parameter
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring, Turn
+from tiltcal.effects.memory import onset
 from tiltcal.effects.table.drive import ringing
 from tiltcal.motion import Jet, sampled_jet
 from tiltcal.setup import Rig
@@ -36,6 +37,7 @@ class MountSlip(FrameEffect):
     parameters = (
         *(Parameter(f"slip_{a}", "arcsec", (3, 60, 360)) for a in "xyz"),
         Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
+        Parameter("creep", "s", (30, 30, 30), positive=True, shape=True),
     )
     physics = "A screw or an adhesive lets go a little; all channels step as one rotation."
     equation = "R_mount gains a small rotation from time_s on"
@@ -46,9 +48,11 @@ class MountSlip(FrameEffect):
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
             return ()
-        on = (context.drive.elapsed >= self.value("time")).astype(float)
-        zero = np.zeros_like(on)
-        return tuple(Turn(a, Jet(self.value(f"slip_{a}") * on, zero, zero)) for a in "xyz")
+        elapsed, start, creep = context.drive.elapsed, self.value("time"), self.value("creep")
+        on = onset(elapsed, start, creep)
+        rate = np.where(elapsed >= start, (1 - on) / creep, 0.0) if creep > 0 else np.zeros_like(on)
+        acceleration = -rate / creep if creep > 0 else rate
+        return tuple(Turn(a, Jet(on, rate, acceleration).scaled(self.value(f"slip_{a}"))) for a in "xyz")
 
 
 class MountThermalTilt(FrameEffect):

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, Stage, TermEffect
-from tiltcal.effects.memory import play, rounded_play
+from tiltcal.effects.memory import onset, play, rounded_play
 from tiltcal.frames import Array
 from tiltcal.units import G0
 
@@ -135,7 +135,7 @@ class GyrWarmup(Warmup):
 
 
 class BiasStep(TermEffect):
-    """reading_i += A_i from time_s on."""
+    """reading_i += A_i from time_s on, or creeping there with the time constant creep_s."""
 
     stage = "sensor"
     order = 20
@@ -147,7 +147,7 @@ class BiasStep(TermEffect):
     look = "a step on one axis only, its neighbours unchanged"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), (sense.elapsed >= self.value("time")).astype(float)
+        return self.channel_of(name[-1], sense), onset(sense.elapsed, self.value("time"), self.value("creep"))
 
 
 class AccBiasStep(BiasStep):
@@ -158,6 +158,7 @@ class AccBiasStep(BiasStep):
     parameters = (
         Parameter("bias_step_{axis}", "ug", (50, 2000, 5000)),
         Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
+        Parameter("creep", "s", (30, 30, 30), positive=True, shape=True),
     )
 
 
@@ -169,6 +170,7 @@ class GyrBiasStep(BiasStep):
     parameters = (
         Parameter("bias_step_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
         Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
+        Parameter("creep", "s", (30, 30, 30), positive=True, shape=True),
     )
 
 

@@ -153,6 +153,9 @@ def test_too_few_poses_ask_for_more() -> None:
     assert plan.proposal is not None
     assert plan.proposal.block.words == said("reverse")
     assert "no spare readings" in plan.statement
+    assert plan.to_json()["confidence"] == 0.0
+    plan = next_block(known, [recording], {"verdict": "unlisted", "findings": []}, amended, Limits(), silent)
+    assert "No name fits" in plan.statement
 
 
 def test_an_inclinometer_is_not_tilted_beyond_where_it_has_been() -> None:

@@ -195,8 +195,7 @@ def _recorded(bench: Bench, state: Investigation, plan: NextBlock, progress: Pro
     """The state with one more block recorded."""
     assert plan.proposal is not None
     p = plan.proposal
-    chance = p.chance if p.pairs else 0.0
-    return _run(bench, state, p.block.steps, (p.block.name, p.block.words, p.minutes, chance), progress)
+    return _run(bench, state, p.block.steps, (p.block.name, p.block.words, p.minutes, p.chance), progress)
 
 
 def _run(

@@ -146,9 +146,9 @@ def _by_hand(diagnosis: Mapping[str, Any]) -> str:
 def _statement(design: Design) -> str:
     """Two sentences."""
     best = design.best
-    if best is None:
+    hardest = None if best is None else best.least
+    if best is None or hardest is None:
         return "No block of this table can split them: " + "; ".join(_twins(design)) + "."
-    hardest = best.least
     words = (
         f"Record the block '{best.block.name}' ({best.block.words}): {best.minutes:.1f} min of table time. "
         f"It should tell {hardest.truth} from {hardest.rival}, the hardest pair, with a chance of {100 * best.chance:.0f} % "

@@ -11,7 +11,8 @@ from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.families import completes
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.rivals import Rival, case_of, explanations
-from tiltcal.diagnosis.suspects import Suspect, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.suspects import Lines, Suspect, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.whitening import NoiseModel
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -73,12 +74,13 @@ def questions(
     terms = [_term(e) for e in found]
     stated = {(e.id, e.sensor, e.axis) for e in old.known}
     terms = [t for t in terms if (t.suspect.effect.id, t.suspect.effect.sensor, t.suspect.effect.axis) not in stated]
+    lines = lines_of(bench.ledger, bench.start)
     asked = []
     for finding in open_:
         names = tuple(finding["class"])
         own = _own(terms, finding["effect"], diagnosis)
         if own:
-            asked.append(_question(names, terms, own, Remembering(thin), bench.start, block))
+            asked.append(_question(names, terms, own, Remembering(thin), bench.start, block, lines))
     return asked
 
 
@@ -103,14 +105,14 @@ def _own(terms: Sequence[Term], id: str, diagnosis: Mapping[str, Any]) -> list[i
 
 
 def _question(
-    names: tuple[str, ...], terms: Sequence[Term], own: Sequence[int], old: Remembering, start: Account, block: int
+    names: tuple[str, ...], terms: Sequence[Term], own: Sequence[int], old: Remembering, start: Account, block: int, lines: Lines
 ) -> Question:  # fmt: skip
     ledger = Ledger(old)
     account = replace(start, terms=tuple(terms))
     noise = noise_under(account, ledger)
     ledger.under(models(noise))
     account = settle(account, ledger)
-    suspects = _suspects(names, old, [terms[k].suspect for k in own])
+    suspects = _suspects(names, old, [terms[k].suspect for k in own], lines)
     for suspect in suspects:
         ledger.add(suspect, account.effects)
     case = case_of(account, ledger, list(own))
@@ -125,10 +127,10 @@ def _question(
     return Question(names, rest, ordered, tuple(suspects), old, by_axis, block, reference)
 
 
-def _suspects(names: Sequence[str], observations: Observations, own: Sequence[Suspect]) -> list[Suspect]:
+def _suspects(names: Sequence[str], observations: Observations, own: Sequence[Suspect], lines: Lines) -> list[Suspect]:
     """The class at all its shapes; a name without a textbook form only where the finding itself has it."""
     scenario = observations.scenario
-    span = span_of(observations)
+    span = span_of(observations, lines)
     times = sorted({s.effect.values["time"] for s in own if "time" in s.effect.values}) or instants(observations)[::4]
     every = chain(own, listed_suspects(scenario, span), step_suspects(scenario, times), curves(observations, span))
     return [s for s in every if s.id in names and (s.textbook or s.id == names[0])]

@@ -69,19 +69,19 @@ class Proposal:
     pairs: tuple[Pair, ...]
 
     @property
-    def least(self) -> Pair:
-        """The pair that is hardest to tell apart."""
-        return self.pairs[0]
+    def least(self) -> Pair | None:
+        """The pair that is hardest to tell apart; None where there are no rivals."""
+        return self.pairs[0] if self.pairs else None
 
     @property
     def chance(self) -> float:
         """Of telling the hardest pair apart."""
-        return self.least.chance
+        return self.least.chance if self.least is not None else 0.0
 
     @property
     def rate(self) -> float:
         """Least separated non-centrality a minute."""
-        return min(p.separation for p in self.pairs) / self.minutes
+        return min((p.separation for p in self.pairs), default=0.0) / self.minutes
 
     @property
     def worth(self) -> tuple[int, float]:

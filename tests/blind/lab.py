@@ -23,7 +23,7 @@ from blind.motion import Plan, Track
 from blind.oracle import Found, Oracle
 from blind.rotations import DEG
 from blind.spec import Shape, Spec
-from blind.steps import mount_of, read_steps, track_of
+from blind.steps import COMING, mount_of, read_steps, track_of
 from blind.world import Physics
 
 KINDS = ("dual_tumble", "placing_sweep")
@@ -74,8 +74,7 @@ def rich() -> Track:
 
 
 def _through(poses: Sequence[Sequence[float]], rate: float, dwell: float) -> Track:
-    plan = Plan([x * DEG for x in poses[0]])
-    plan.dwell(dwell)
+    plan = Plan([(x - COMING) * DEG for x in poses[0]])  # play and friction know where the first pose was come to from
     for pose in poses:
         plan.go({k: x * DEG for k, x in enumerate(pose)}, rate)
         plan.dwell(dwell)

@@ -11,6 +11,7 @@ from blind.motion import Plan, Track
 from blind.rotations import DEG, about
 
 GOING = ("move", "turn", "sweep")
+COMING = 10.0  # deg, from where the first pose is come to
 RATE_DEG_S = 20.0  # where a step does not say
 
 
@@ -29,10 +30,15 @@ def read_steps(path: Path) -> list[dict[str, str]]:
 
 
 def track_of(rows: list[dict[str, str]], axes: int) -> Track:
-    """The table's way from zero angles through all steps. Columns of axes that the table has: the first ``axes`` of its names."""
+    """The table's way through all steps, coming from a little below the first one.
+
+    Columns of axes that the table has: the first ``axes`` of its names.
+    """
     names = {1: ("outer",), 2: ("outer", "inner"), 3: AXIS_NAMES}[axes]
     first = next((r for r in rows if r["action"] in GOING), {})
-    plan = Plan([float(first.get(f"{n}_deg") or 0) * DEG for n in names])
+    start = {k: float(first.get(f"{n}_deg") or 0) * DEG for k, n in enumerate(names)}
+    plan = Plan([angle - COMING * DEG for angle in start.values()])
+    plan.go(start, RATE_DEG_S * DEG)
     plan.dwell(1.0)
     for row in rows:
         target = {k: float(row[f"{n}_deg"]) * DEG for k, n in enumerate(names) if row[f"{n}_deg"]}

@@ -59,8 +59,9 @@ class Doctor:
     def __init__(self, *verdicts: str) -> None:
         self.verdicts, self.asked = verdicts, [0]
 
-    def __call__(self, recordings: Sequence[Recording], folder: Path) -> None:
-        self.asked.append(len(recordings))
+    def __call__(self, files: Sequence[Path], folder: Path) -> None:
+        assert all(path.exists() for path in files)
+        self.asked.append(len(files))
         folder.mkdir(exist_ok=True)
         (folder / "amended.toml").write_text("schema = 1\n")
         verdict = self.verdicts[int(folder.name[-1])]

@@ -19,7 +19,6 @@ from tiltcal.files import make_folder, require_file, write_json, write_text
 from tiltcal.investigation.command import CommandLaboratory
 from tiltcal.investigation.investigate import Bench, Investigation, investigate
 from tiltcal.investigation.next_block import Limits, NextBlock, next_block
-from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording, write_recording
 from tiltcal.scenario import EffectTable, fresh, load_scenario
 from tiltcal.sequence_files import read_sequence, sequence_text
@@ -34,9 +33,10 @@ def investigate_(args: argparse.Namespace) -> int:
     folder = make_folder(Path(args.output))
     with progress_line() as progress:
 
-        def explain(recordings: Sequence[Recording], place: Path) -> None:
+        def explain(files: Sequence[Path], place: Path) -> None:
+            recordings = [read_recording(path) for path in files]
             found = diagnose(scenario, recordings, laboratory=simulator(progress), progress=progress)
-            write_answer(found, place, [r.source for r in recordings])
+            write_answer(found, place, [str(path) for path in files])
 
         bench = Bench(scenario, folder, explain, laboratory, limits_of(args), args.blocks, args.budget_min)
         state = investigate(bench, [str(Path(p).absolute()) for p in args.recording], progress, args.resume)

@@ -19,8 +19,8 @@ from tiltcal.sequence import Step
 from tiltcal.sequence_files import sequence_text
 
 DONE = ("match", "explained")
-Diagnose = Callable[[Sequence[Recording], Path], None]
-"""Diagnoses recordings and leaves diagnosis.json and amended.toml in a folder."""
+Diagnose = Callable[[Sequence[Path], Path], None]
+"""Diagnoses the recordings in some files and leaves diagnosis.json and amended.toml in a folder."""
 
 
 class Recorder(Protocol):
@@ -216,15 +216,15 @@ def _diagnosed(bench: Bench, state: Investigation, progress: Progress) -> Invest
     folder = bench.folder / f"diagnosis_{len(state.entries)}"
     if not (folder / "diagnosis.json").exists():
         progress("diagnosing")
-        bench.diagnose(_recordings(bench, state), folder)
+        bench.diagnose(_files(bench, state), folder)
     verdict = _answer(bench, len(state.entries))["verdict"]
     known = state.verdicts[: state.designed]
     return _kept(bench, replace(state, verdicts=(*known, verdict)))
 
 
-def _recordings(bench: Bench, state: Investigation) -> list[Recording]:
-    paths = [*map(Path, state.given), *(bench.folder / e.recording for e in state.entries)]
-    return [read_recording(p) for p in paths]
+def _files(bench: Bench, state: Investigation) -> list[Path]:
+    """Of all recordings so far, in order."""
+    return [*map(Path, state.given), *(bench.folder / e.recording for e in state.entries)]
 
 
 def _answer(bench: Bench, number: int) -> dict[str, Any]:
@@ -236,6 +236,7 @@ def _plan(bench: Bench, state: Investigation, answer: Mapping[str, Any], progres
     """What to record next, kept beside the diagnosis."""
     folder = bench.folder / f"diagnosis_{len(state.entries)}"
     amended = tomllib.loads((folder / "amended.toml").read_text(encoding="utf-8"))
-    plan = next_block(bench.scenario, _recordings(bench, state), answer, amended, bench.limits, progress)
+    recordings = [read_recording(path) for path in _files(bench, state)]
+    plan = next_block(bench.scenario, recordings, answer, amended, bench.limits, progress)
     write_json(folder / "next_block.json", plan.to_json())
     return plan

@@ -243,9 +243,16 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
 
 def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:
     """Those who could take the place of the best: nothing in the data tells them apart."""
-    level = best.gain - 2 * best.sizes
     limit = SEPARABLE + LOOSE * best.gain
-    return [
-        r for r in rivals
-        if r.suspect is best.suspect or (r.fair and r.form >= OWN and min(r.separation, level - (r.gain - 2 * r.sizes)) < limit)
-    ]  # fmt: skip
+    return [r for r in rivals if r.suspect is best.suspect or (r.fair and r.form >= OWN and _gap(best, r) < limit)]
+
+
+def _gap(best: Rival, r: Rival) -> float:
+    """What tells a rival from the best: where the best needs no curve to complete it, the rival's own curves do not count.
+
+    A free curve makes many laws of one law: where a textbook form fits to the noise, a form that needs a curve for it is told
+    apart by what it leaves by itself.
+    """
+    if len(best.terms) == 1 and len(r.terms) > 1:
+        return r.separation
+    return min(r.separation, (best.gain - 2 * best.sizes) - (r.gain - 2 * r.sizes))

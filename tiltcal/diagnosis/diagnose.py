@@ -1,7 +1,7 @@
 """From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who is to blame."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from tiltcal.diagnosis.account import Account, Term, as_it_began, noise_under, s
 from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
 from tiltcal.diagnosis.conclude import amended_of, findings_of, fitness_of, undetectable_of
 from tiltcal.diagnosis.evidence import Ledger, cosines
-from tiltcal.diagnosis.faults import Fault, inspect
+from tiltcal.diagnosis.faults import Fault, code_floors, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
@@ -19,7 +19,7 @@ from tiltcal.diagnosis.observations import Observations, observe
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.select import Gate, select
+from tiltcal.diagnosis.select import Gate, findings, select
 from tiltcal.diagnosis.suspects import Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
@@ -74,7 +74,11 @@ def diagnose(
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")
-    account, chance = _by_chance(account, bench.start, ledger, gate)
+    chance: list[Fault] = []
+    if bench.floors:
+        account = above(account, ledger, bench.floors)
+    else:
+        account, chance = _by_chance(account, bench.start, ledger, gate)
     progress("re-simulating")
     answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)
@@ -90,6 +94,7 @@ class Bench:
 
     Args:
         faults: found in the data; notes: what is no mismatch.
+        floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
     """
 
     observations: Observations
@@ -97,6 +102,7 @@ class Bench:
     start: Account
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
+    floors: Mapping[str, float] = field(default_factory=dict)
 
 
 def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
@@ -106,12 +112,13 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     observations = observe(scenario, sound, known)
     ledger = Ledger(observations)
     start = calibrated(observations, ledger)
-    wild, mended = gross_errors(observations, start)
+    floors = code_floors(scenario, faults)
+    wild, mended = gross_errors(observations, start, floors)
     if any(a is not b for a, b in zip(mended, observations.recordings, strict=True)):
         observations = observe(scenario, mended, known)
         ledger = Ledger(observations)
         start = calibrated(observations, ledger)
-    slip = wrong_stop(observations, start)
+    slip = None if floors else wrong_stop(observations, start)
     if slip is not None:
         spoiled, observations = observations, observe(scenario, slip[1], known)
         ledger = Ledger(observations)
@@ -119,7 +126,7 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
         slip = wrong_stop(spoiled, start) or slip  # sized again, by a calibration that it has not spoiled
         if not any(e.id == "data_pose_label" for e in scenario.effects):
             wild = [*wild, slip[0]]
-    return Bench(observations, ledger, start, (*faults, *wild), tuple(notes))
+    return Bench(observations, ledger, start, (*faults, *wild), tuple(notes), floors)
 
 
 def thinned(bench: Bench) -> Bench:
@@ -158,6 +165,31 @@ def _sound(scenario: Scenario, recordings: Sequence[Recording]) -> tuple[tuple[R
     effects = [*scenario.effects, *(f.effect for f in meant)]
     sound = tuple(as_meant(r, scenario, effects) for r in inspected.recordings)
     return sound, [*meant, *faults], list(inspected.notes)
+
+
+def above(account: Account, ledger: Ledger, floors: Mapping[str, float]) -> Account:
+    """The account without findings that are nowhere larger than what coarse codes do."""
+    observations = ledger.observations
+    kept: list[Term] = []
+    for places in findings(account):
+        inside = [account.terms[k] for k in places]
+        largest: dict[str, float] = {}
+        for i, change in _summed(observations, inside, account).items():
+            name = observations.channels[i].sensor
+            largest[name] = max(largest.get(name, 0.0), float(np.abs(change).max()))
+        if any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(largest) & set(floors):
+            kept += inside
+    return settle(replace(account, terms=tuple(kept)), ledger)
+
+
+def _summed(observations: Observations, terms: Sequence[Term], account: Account) -> dict[int, Array]:
+    """What some terms do to the readings together, SI, by channel."""
+    total: dict[int, Array] = {}
+    for term in terms:
+        for name, value in zip(term.names, term.values, strict=True):
+            for i, column in observations.changes(term.suspect.alone(name), account.effects).items():
+                total[i] = total.get(i, 0.0) + column * (value / term.suspect.size(name))
+    return total
 
 
 def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> tuple[Account, list[Fault]]:

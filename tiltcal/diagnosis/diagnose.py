@@ -76,7 +76,7 @@ def diagnose(
     progress("rivals")
     chance: list[Fault] = []
     if bench.floors:
-        account = above(account, ledger, bench.floors)
+        account = above(account, ledger, bench.floors, any(f.effect.id == "data_truncation" for f in bench.faults))
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
     progress("re-simulating")
@@ -162,13 +162,19 @@ def _sound(scenario: Scenario, recordings: Sequence[Recording]) -> tuple[tuple[R
     inspected = inspect(scenario, recordings)
     faults = list(inspected.faults)
     meant = meaning(scenario, inspected.recordings[0])
+    other_unit = {f.effect.sensor for f in meant if f.effect.id == "data_unit"}  # its digits were meant for another size
+    faults = [f for f in faults if f.effect.id not in ("adc_quantisation", "gyr_quantisation") or f.effect.sensor not in other_unit]
     effects = [*scenario.effects, *(f.effect for f in meant)]
     sound = tuple(as_meant(r, scenario, effects) for r in inspected.recordings)
     return sound, [*meant, *faults], list(inspected.notes)
 
 
-def above(account: Account, ledger: Ledger, floors: Mapping[str, float]) -> Account:
-    """The account without findings that are nowhere larger than what coarse codes do."""
+def above(account: Account, ledger: Ledger, floors: Mapping[str, float], blurred: bool = False) -> Account:
+    """The account without findings that are nowhere larger than what coarse codes do.
+
+    Args:
+        blurred: whether the table's angles are cut: rates and accelerations derived from them say nothing.
+    """
     observations = ledger.observations
     kept: list[Term] = []
     for places in findings(account):
@@ -177,7 +183,9 @@ def above(account: Account, ledger: Ledger, floors: Mapping[str, float]) -> Acco
         for i, change in _summed(observations, inside, account).items():
             name = observations.channels[i].sensor
             largest[name] = max(largest.get(name, 0.0), float(np.abs(change).max()))
-        if any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(largest) & set(floors):
+        smooth = not (blurred and inside[0].effect.needs == "motion")
+        seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(largest) & set(floors)
+        if smooth and seen:
             kept += inside
     return settle(replace(account, terms=tuple(kept)), ledger)
 

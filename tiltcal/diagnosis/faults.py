@@ -253,7 +253,8 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
             found.append((axis, CATALOGUE[id]({"lsb": width}, sensor.name, None, "found"), width, spread))
     if not found:
         return recording, []
-    axes = tuple(axis for axis, *_ in found)
+    still = [a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3]  # one code all along
+    axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
     _, effect, width, spread = max(found, key=lambda item: item[2])
     words = f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside its noise."
     other = "gyr_quantisation" if effect.id == "adc_quantisation" else "adc_quantisation"

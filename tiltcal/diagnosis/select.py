@@ -200,6 +200,7 @@ def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
 
 
 GRAIN = 4  # halvings of the step between shapes
+FINE = 8  # of an instant, and of a line: strong ones show a hundredth of their width
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {"time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3)}  # s, or relative
 
@@ -215,7 +216,7 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
             continue
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
-        for _ in range(GRAIN if name != "time" else 7):
+        for _ in range(GRAIN if name != "time" and not line else FINE):
             trials = [(x + d if line or name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
             scored = [(_gain_at(term, name, value, account, ledger), value) for value in trials]
             x = max(scored)[1]

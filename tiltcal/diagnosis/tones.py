@@ -15,7 +15,7 @@ from tiltcal.frames import Array
 LINES = 1100  # a turn, of the finest scale that is looked for
 FIRST = 6  # fewer are curves of the angle
 CHANCE = 1e-4  # of a line in any recording without one
-MOST = 3
+MOST = 5
 
 
 def lines_of(ledger: Ledger, account: Account) -> Lines:

@@ -100,9 +100,9 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
 
 def _once(faults: Sequence[Fault]) -> list[Fault]:
     """One fault of a kind and place, though several recordings show it."""
-    kept: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Fault] = {}
+    kept: dict[tuple[str, str | None, tuple[str, ...], tuple[str, ...]], Fault] = {}
     for f in faults:
-        kept.setdefault((f.effect.id, f.sensors, f.axes), f)
+        kept.setdefault((f.effect.id, f.effect.axis, f.sensors, f.axes), f)
     return list(kept.values())
 
 

@@ -20,7 +20,7 @@ from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, findings, select
-from tiltcal.diagnosis.suspects import Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.suspects import OF_LINES, Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.diagnosis.views import views_of
@@ -71,6 +71,8 @@ def diagnose(
     progress("who is to blame")
     account = select(bench.start, ledger, gate, _textbook)
     account = plainer(account, bench.start, ledger, gate, _textbook)
+    if account.terms and refill(ledger, account, lines):
+        account = select(account, ledger, gate, _textbook)
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")
@@ -261,6 +263,18 @@ def fill(ledger: Ledger, account: Account, lines: Lines) -> None:
         ledger.add(suspect, effects)
     for suspect in curves(observations, span):
         ledger.add(suspect, effects)
+
+
+def refill(ledger: Ledger, account: Account, known: Lines) -> bool:
+    """Put on the ledger what beats in what an account leaves and did not stand out before; whether there is any."""
+    observations = ledger.observations
+    new = lines_of(ledger, account).beside(known, 1 / float(np.ptp(observations.recordings[0].time)))
+    before = len(ledger.suspects)
+    for suspect in listed_suspects(observations.scenario, span_of(observations, new), [t.suspect for t in account.nuisance]):
+        lines = suspect.effect.values.get("lines")
+        if suspect.id in OF_LINES and (lines is None or lines in new.ripples):
+            ledger.add(suspect, account.effects)
+    return len(ledger.suspects) > before
 
 
 def instants(observations: Observations) -> list[float]:

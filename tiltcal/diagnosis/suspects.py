@@ -129,6 +129,19 @@ class Lines:
     echoes: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
 
+    def beside(self, known: "Lines", width: float) -> "Lines":
+        """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a line."""
+
+        def new(mine: Sequence[float], theirs: Sequence[float]) -> tuple[float, ...]:
+            return tuple(f for f in mine if all(abs(f - g) > 2 * width for g in theirs))
+
+        ripples = tuple(n for n in self.ripples if n not in known.ripples)
+        return Lines(new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples)
+
+
+OF_LINES = ("mains_pickup", "base_vibration", "table_encoder_sde")
+"""Effects whose shape is a line's frequency."""
+
 
 @dataclass(frozen=True)
 class Span:

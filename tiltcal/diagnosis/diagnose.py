@@ -19,7 +19,7 @@ from tiltcal.diagnosis.observations import Observations, observe
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import at_rest_only, random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.select import Gate, findings, select
+from tiltcal.diagnosis.select import Gate, absorbed, findings, select
 from tiltcal.diagnosis.suspects import OF_LINES, Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
@@ -73,6 +73,7 @@ def diagnose(
     account = plainer(account, bench.start, ledger, gate, _textbook)
     if account.terms and refill(ledger, account, lines):
         account = select(account, ledger, gate, _textbook)
+    account = absorbed(account, ledger)
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")

@@ -300,9 +300,14 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
 def _spread_at_rest(values: Array) -> float:
     """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table rests a fifth of the time.
 
-    What stands at the largest or smallest value of all may be clipped: it is left out, where anything else is left.
+    What stands at the largest or smallest value of all may be clipped, the longest stretch of one value frozen: both are left
+    out, where anything else is left.
     """
+    first, last = _runs(np.diff(values) == 0)
+    if len(first):
+        k = int(np.argmax(last - first))
+        values = np.concatenate([values[: first[k]], values[last[k] + 1 :]])
     inside = values[(values < values.max()) & (values > values.min())]
-    values = inside if len(inside) > len(values) // 4 else values
+    values = inside if len(inside) > max(len(values) // 4, 32) else values
     blocks = values[: len(values) // 16 * 16].reshape(-1, 16)
     return float(np.quantile(blocks.std(axis=1), 0.2)) if len(blocks) else float(values.std())

@@ -122,7 +122,8 @@ def setting_error(account: Account, start: Account, ledger: Ledger, total: int) 
         return None
     log_p, axis, gain, values, variances, columns = best
     first = _stops(columns, start, ledger)[0]
-    if gain < 0.5 * first:
+    free = max(len(columns) - sum(len(t.names) for t in account.terms), 1)  # so many sizes take their share of chance as well
+    if gain / free < 0.5 * first / len(columns):
         return None
     sigma = float(np.sqrt(max(float(np.mean(values**2 - variances)), 0.0)))
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))

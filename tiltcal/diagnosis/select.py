@@ -149,6 +149,36 @@ def _hosted(terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledg
     return terms
 
 
+KINDS = ("motion", "direction", "vibration")  # of excitation, whose laws are alike
+
+
+def absorbed(account: Account, ledger: Ledger) -> Account:
+    """The account with small findings made a part of a much larger one that the same kind of motion excites, in its channels.
+
+    A law that is some per cent off its textbook form leaves something of its own kind over, and a neighbour takes it.
+    """
+    groups = findings(account)
+    power = [np.array([float(s @ s) for s in case_of(account, ledger, places).signal]) for places in groups]
+    hosts = {}
+    for j, small in enumerate(groups):
+        mine = account.terms[small[0]].suspect.effect
+        for k, large in enumerate(groups):
+            other = account.terms[large[0]].suspect.effect
+            inside = float(power[j][power[k] > (1 - OWN) * power[k].sum()].sum()) > OWN * float(power[j].sum())
+            if mine.needs == other.needs in KINDS and power[j].sum() < (1 - OWN) * power[k].sum() and inside and k not in hosts:
+                hosts[j] = k
+    if not hosts:
+        return account
+    terms: list[Term] = []
+    for k, places in enumerate(groups):
+        if k in hosts:
+            continue
+        terms += [account.terms[i] for i in places]
+        host = account.terms[places[0]].suspect
+        terms += [replace(account.terms[i], host=host) for j, large in hosts.items() if large == k for i in groups[j]]
+    return settle(replace(account, terms=tuple(terms)), ledger)
+
+
 def joined(account: Account) -> Account:
     """The account with a second finding of one name at one place made a part of the first: a law at a further shape."""
     groups = findings(account)

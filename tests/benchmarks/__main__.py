@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-ROOMS = ("simulation", "reading", "information", "placing", "designing", "accuracy", "allan")
+ROOMS = ("simulation", "reading", "information", "placing", "designing", "accuracy", "allan", "diagnosing")
 
 
 def main(names: list[str]) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.assets import folder
+from tiltcal.blocks import said
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
 from tiltcal.scenario import Scenario, load_scenario
@@ -27,17 +28,17 @@ TIE_BREAKERS = {
     frozenset({"acc_K3", "acc_Koq"}): "nothing within 1 g: a centrifuge",
     frozenset({"acc_temp_bias", "acc_drift"}): "take the temperature up and down again",
     frozenset({"acc_temp_bias", "acc_warmup"}): "restart at a settled temperature",
-    frozenset({"data_latency", "acc_bandwidth"}): "move at two rates with sharp stops",
+    frozenset({"data_latency", "acc_bandwidth"}): said("ramp"),
     frozenset({"table_backlash", "servo_friction_deadband"}): "read encoder and command both",
     frozenset({"gravity_magnitude", "acc_scale"}): "only knowledge of the local g from outside",
 }
 STAGE_BREAKERS = {
-    frozenset({"table", "sensor"}): "remount by 180 deg: table errors stay with the angle, sensor errors go with the body",
-    frozenset({"table", "mount"}): "remount by 180 deg and repeat the same angles",
+    frozenset({"table", "sensor"}): said("remount"),
+    frozenset({"table", "mount"}): said("remount"),
     frozenset({"environment", "sensor"}): "turn the table by 90 deg: what is fixed in the world stays, what is in the sensor turns",
     frozenset({"mount", "sensor"}): "load another axis: a rotation of the mount leaves the norm unchanged",
-    frozenset({"table"}): "approach the same angles from the other side",
-    frozenset({"sensor"}): "add poses with two axes loaded at 45 deg",
+    frozenset({"table"}): said("reverse"),
+    frozenset({"sensor"}): said("tumble"),
 }
 
 
@@ -176,7 +177,7 @@ def tie_breaker(first: str, second: str) -> str:
 
     known = TIE_BREAKERS.get(frozenset({first, second}))
     stages = frozenset({CATALOGUE[first].stage, CATALOGUE[second].stage})
-    return known or STAGE_BREAKERS.get(stages, "repeat the first pose at the end, and the sequence in the opposite direction")
+    return known or STAGE_BREAKERS.get(stages, said("repeat"))
 
 
 def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:

@@ -4,16 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tiltcal.codes import code_width
 from tiltcal.frames import Array
 
 ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
-
-
-def code_width(column: Array) -> float:
-    """The smallest step between successive samples, in the column's unit; 0 when it never changes. (n,)"""
-    steps = np.abs(np.diff(column[:20000]))
-    steps = steps[steps > 0]
-    return float(steps.min()) if len(steps) else 0.0
 
 
 def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:

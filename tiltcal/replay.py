@@ -5,10 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
+from tiltcal.codes import code_width
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, parse_mounts
 from tiltcal.motion import Drive, Index, Jet
-from tiltcal.noise import code_width
 from tiltcal.recording import Recording
 from tiltcal.segments import resting_rows
 from tiltcal.setup import Setup

@@ -305,6 +305,14 @@ def _arguments(annotation: Any) -> list[Any]:
     return [annotation, *(a for part in inner for a in _arguments(part))] if inner else [annotation]
 
 
+def fresh(scenario: Scenario, **changes: Any) -> Scenario:
+    """A copy with some fields changed, and nothing remembered of what they were."""
+    copy = scenario.model_copy(update=changes)
+    for name in ("effects", "schedule"):
+        copy.__dict__.pop(name, None)
+    return copy
+
+
 def scenario_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file, for editors."""
     return Scenario.model_json_schema(by_alias=True)

@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from tiltcal.codes import code_width
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array
-from tiltcal.noise import code_width
 from tiltcal.recording import Recording
 from tiltcal.units import COLUMN_UNITS, DEG, split_unit
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from tiltcal.codes import code_width
 from tiltcal.frames import Array
-from tiltcal.noise import code_width
 
 KNOTS = 600  # readings are averaged to about so many: temperature is slow
 EXACT = 1e-6  # of the span: a course known better than that was computed

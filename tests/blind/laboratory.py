@@ -89,6 +89,7 @@ class Lab:
     T0: float = 0.0
     written: bool = True  # table columns stand in the file
     unlocked: bool = False  # they are empty while moving
+    mount: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # body to faceplate
     past: dict = field(default_factory=dict, compare=False)
 
     @property

@@ -117,6 +117,7 @@ def _attitude(lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past) -> 
         for h in hooks:
             R = R @ by_vector(h.between(k)) if h.between else R
             p = p + R @ h.offset(k) if h.offset else p
+    R = R @ np.array(lab.mount)
     for h in hooks:
         R = R @ by_vector(h.mount(past, t, R[:, 2, :])) if h.mount else R
     lever = lab.lever + sum(h.lever() for h in hooks if h.lever)

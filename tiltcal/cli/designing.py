@@ -29,7 +29,11 @@ TEXTBOOK = {
 
 
 def design_(args: argparse.Namespace) -> int:
-    """The sequence with the most information for a table time."""
+    """The sequence with the most information for a table time, or the block that splits rivals."""
+    if args.split is not None:
+        from tiltcal.cli.investigating import split
+
+        return split(args)
     if args.scenario is None and args.textbook is None:
         raise TiltcalError(
             "command line of `tiltcal design`", found="neither SCENARIO nor --textbook", need="what the sequence is for",

@@ -1,40 +1,56 @@
 """``tiltcal diagnose``."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.diagnosis.diagnose import diagnose as explain
+from tiltcal.diagnosis.finding import Diagnosis
 from tiltcal.errors import TiltcalError
 from tiltcal.files import make_folder, write_json, write_text
 from tiltcal.recording_files import read_recording
 from tiltcal.report.diagnosis import write_diagnosis
-from tiltcal.scenario import load_scenario
+from tiltcal.scenario import Scenario, load_scenario
 
 
 def diagnose(args: argparse.Namespace) -> int:
     """Explain recordings; write diagnosis.json, amended.toml and report.html."""
-    import tomli_w
-
-    scenario = load_scenario(args.scenario)
-    if scenario.role == "concealed":
-        raise TiltcalError(
-            f"scenario {args.scenario}", found='role = "concealed": it holds the truth', need="what an honest user knows",
-            do="give the scenario without its concealed effects",
-        )  # fmt: skip
+    scenario = honest_scenario(args.scenario)
     recordings = [read_recording(path) for path in args.recording]
     static = read_recording(args.static) if args.static else None
     with progress_line() as progress:
         found = explain(scenario, recordings, static=static, laboratory=simulator(progress), progress=progress)
     if args.output:
-        folder = Path(args.output)
-        make_folder(folder)
-        write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
-        write_diagnosis(found, folder / "report.html", ", ".join(Path(path).name for path in args.recording))
-        write_json(folder / "diagnosis.json", found.to_json())
+        write_answer(found, Path(args.output), args.recording)
     if args.json:
         print_json(found.to_json())
     else:
         print(f"{found.verdict}: {found.statement}")
     return 1 if args.check and found.verdict != "match" else 0
+
+
+def honest_scenario(path: str) -> Scenario:
+    """A scenario that holds no truth.
+
+    Raises:
+        TiltcalError: it does.
+    """
+    scenario = load_scenario(path)
+    if scenario.role == "concealed":
+        raise TiltcalError(
+            f"scenario {path}", found='role = "concealed": it holds the truth', need="what an honest user knows",
+            do="give the scenario without its concealed effects",
+        )  # fmt: skip
+    return scenario
+
+
+def write_answer(found: Diagnosis, folder: Path, recordings: Sequence[str]) -> None:
+    """The files of a diagnosis; it names its recordings, so that a design can go on from there."""
+    import tomli_w
+
+    make_folder(folder)
+    write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
+    write_diagnosis(found, folder / "report.html", ", ".join(Path(path).name for path in recordings))
+    write_json(folder / "diagnosis.json", found.to_json() | {"recordings": [str(Path(p).absolute()) for p in recordings]})

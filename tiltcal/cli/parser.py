@@ -71,6 +71,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_noise(commands)
     _add_diagnosis(commands)
     _add_design(commands)
+    _add_investigation(commands)
     _add_judging(commands)
     _add_reference(commands)
     return parser
@@ -216,6 +217,42 @@ def _add_diagnosis(commands: _Commands) -> None:
     _output(sub, "folder for the answer", "DIR")
 
 
+def _add_investigation(commands: _Commands) -> None:
+    sub = commands.add(
+        "investigate", "investigating", "investigate_", "diagnose, record what splits the rivals, diagnose again, until explained",
+        "LAB is called as `LAB SEQUENCE.csv RECORDING.csv`, without a shell; a real table, or a simulated one, may be behind it.\n"
+        "Everything is kept under -o DIR: log.md, investigation.json, sequences, recordings, diagnoses.\n\n"
+        "  tiltcal investigate first.csv --scenario bench.toml --lab './record --table 2' -o out\n"
+        "  tiltcal investigate --scenario bench.toml --lab 'tiltcal lab concealed.toml' -o out\n\n"
+        "exit status: 0 explained; 1 not explained within the budget, or out of this table's reach; 2 unusable input",
+    )  # fmt: skip
+    sub.add_argument("recording", nargs="*", metavar="REC", help="recorded so far; without any the scenario's sequence comes first")
+    _scenario(sub)
+    sub.add_argument("--lab", required=True, metavar="COMMAND", help="who records")
+    sub.add_argument("--blocks", type=int, default=2, help="designed blocks at most (default 2)")
+    sub.add_argument("--budget-min", type=float, default=10.0, help="minutes of table time for all of them (default 10)")
+    sub.add_argument("--resume", action="store_true", help="go on where the folder stands; nothing is recorded twice")
+    _block_limits(sub)
+    _output(sub, "folder for everything (default: investigation)", "DIR", default="investigation")
+    sub = commands.add(
+        "lab", "investigating", "lab", "a simulated laboratory: record a sequence file with a scenario's effects, through MuJoCo",
+        "Events of the scenario (steps, slips) lie behind it; the seed follows from the sequence and the scenario's own.",
+    )  # fmt: skip
+    sub.add_argument("scenario", metavar="SCENARIO", help="with what is concealed")
+    sub.add_argument("sequence", metavar="SEQUENCE.csv")
+    sub.add_argument("recording", metavar="RECORDING.csv")
+    sub.add_argument("--seed", type=int, help="in place of the scenario's")
+
+
+def _block_limits(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--block-min", type=float, default=3.0, help="minutes of table time of one block at most (default 3)")
+    sub.add_argument("--rate-deg-s", type=float, default=30.0, help="of moves; turns go up to twice of it (default 30)")
+    sub.add_argument("--dwell-s", type=float, default=3.0, help="at each pose (default 3)")
+    sub.add_argument(
+        "--angles", action="append", default=[], metavar="AXIS=LOW:HIGH", help="allowed angles of an axis, deg; may be repeated"
+    )
+
+
 def _add_design(commands: _Commands) -> None:
     sub = commands.add(
         "design", "designing", "design_", "the sequence of poses with the most information for a table time",
@@ -224,7 +261,8 @@ def _add_design(commands: _Commands) -> None:
         "  tiltcal design bench.toml --budget-s 300 -o out\n"
         "  tiltcal design bench.toml --budget-s 900 --terms bias scale cross_axis K2 K3 --angles outer=-90:90\n"
         "  tiltcal design bench.toml --budget-s 900 --terms all --nuisance drift table_levelling\n"
-        "  tiltcal design --textbook quadratic --budget-s 300",
+        "  tiltcal design --textbook quadratic --budget-s 300\n"
+        "  tiltcal design --split out/diagnosis.json --scenario bench.toml -o next      sequence.csv, next_block.json",
     )  # fmt: skip
     sub.add_argument("scenario", nargs="?", metavar="SCENARIO", help="site, rig, sensors, noise, climate")
     sub.add_argument("--budget-s", dest="budget", type=float, default=300.0, help="s of table time (default 300)")
@@ -260,6 +298,17 @@ def _add_design(commands: _Commands) -> None:
     )  # fmt: skip
     sub.add_argument("--sensor", help="which, when several fit")
     sub.add_argument("--seed", type=int, default=0, help="of the search (default 0)")
+    sub.add_argument(
+        "--split", metavar="DIAGNOSIS.json", help="propose the block that tells the rivals of a diagnosis apart instead"
+    )
+    sub.add_argument("--scenario", dest="diagnosed", metavar="TOML", help="with --split: the scenario that was diagnosed")
+    sub.add_argument(
+        "--recordings",
+        nargs="+",
+        default=[],
+        metavar="REC",
+        help="with --split: what was diagnosed (default: as the diagnosis has it)",
+    )
     _output(sub, "folder for the plan", "DIR")
 
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tiltcal.codes import code_width
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 from tiltcal.motion import Index
-from tiltcal.noise import code_width
 from tiltcal.recording import Recording
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import COLUMN_UNITS

@@ -126,14 +126,14 @@ class Ledger:
     def packed(self) -> list[tuple[Array, Array]]:
         """Of each channel the numbers of its columns, (p,), and their coefficients, (p, n)."""
         if self._packed is None:
-            self._packed = [
-                (
-                    np.array([k for k, _ in parts], dtype=int),
-                    np.array([c for _, c in parts]).reshape(len(parts), len(channel.values)),
-                )
-                for parts, channel in zip(self._parts, self.observations.channels, strict=True)
-            ]
-            self._parts = [[(int(k), row) for k, row in zip(index, block, strict=True)] for index, block in self._packed]
+            self._packed = []
+            for i, channel in enumerate(self.observations.channels):  # one at a time: no two copies of all of them
+                parts = self._parts[i]
+                index = np.array([k for k, _ in parts], dtype=int)
+                block = np.array([c for _, c in parts], dtype=np.float32).reshape(len(parts), len(channel.values))
+                self._packed.append((index, block))
+                self._parts[i] = [(int(k), row) for k, row in zip(index, block, strict=True)]
+                del parts
             self._inner = []
         return self._packed
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tiltcal.codes import code_width
 from tiltcal.diagnosis.columns import changed, column_values, repeat_chance
 from tiltcal.diagnosis.finding import Finding, Where
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 from tiltcal.motion import Index
-from tiltcal.noise import code_width
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario
 from tiltcal.segments import Mask

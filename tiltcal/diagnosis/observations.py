@@ -188,11 +188,11 @@ class TableObservations(Observations):
         matrices = {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
         key = b"".join(m.tobytes() for m in matrices.values())
         if key not in self._watches:
-            self._watches.clear()
-            self._watches[key] = [
-                Watch(self.scenario, course, recording.time[self.block // 2 :: self.block], matrices)
+            known = next(iter(self._watches.values()), None) or [
+                Watch(self.scenario, course, recording.time[self.block // 2 :: self.block])
                 for recording, course in zip(self.recordings, self.courses, strict=True)
             ]
+            self._watches = {key: [watch.through(matrices) for watch in known]}
         return self._watches[key]
 
 

@@ -97,7 +97,7 @@ def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], 
     seen: dict[Any, tuple[float, Suspect]] = {}
     price = price_of(ledger)
     for score in ledger.scores(case.basis, case.target):
-        if not wanted(score.suspect) or score.gain()[0] < NEAR**2 * energy:
+        if not wanted(score.suspect) or (energy > 0 and score.gain()[0] < NEAR**2 * energy):
             continue
         worth = score.best(price)[0] - 2 * np.log(score.suspect.variants)
         key = score.suspect.place if score.suspect.listed else id(score.suspect)
@@ -243,9 +243,16 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
 
 def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:
     """Those who could take the place of the best: nothing in the data tells them apart."""
-    level = best.gain - 2 * best.sizes
     limit = SEPARABLE + LOOSE * best.gain
-    return [
-        r for r in rivals
-        if r.suspect is best.suspect or (r.fair and r.form >= OWN and min(r.separation, level - (r.gain - 2 * r.sizes)) < limit)
-    ]  # fmt: skip
+    return [r for r in rivals if r.suspect is best.suspect or (r.fair and r.form >= OWN and _gap(best, r) < limit)]
+
+
+def _gap(best: Rival, r: Rival) -> float:
+    """What tells a rival from the best: where the best needs no curve to complete it, the rival's own curves do not count.
+
+    A free curve makes many laws of one law: where a textbook form fits to the noise, a form that needs a curve for it is told
+    apart by what it leaves by itself.
+    """
+    if len(best.terms) == 1 and len(r.terms) > 1:
+        return r.separation
+    return min(r.separation, (best.gain - 2 * best.sizes) - (r.gain - 2 * r.sizes))

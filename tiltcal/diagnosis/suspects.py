@@ -189,7 +189,7 @@ def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = (
         if any(p.unit.split("_")[0] == "ug" for p in cls.parameters):  # sizes of acceleration
             sensors = [s for s in sensors if s is None or s.is_accelerometer]
         if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":  # the recorder's own: all sensors alike
-            sensors = (*sensors, None) if scenario.rig.axes else [s for s in sensors if s is not None and s.kind == "fog"]
+            sensors = (*sensors, None) if scenario.rig.axes else sensors
         for sensor, axis in product(sensors, _axes(id, scenario)):
             shapes = shapes_of(id, span)
             for shape in shapes:

@@ -64,7 +64,8 @@ def column_space(columns: Array, tolerance: float = 1e-9) -> Array:
     values, vectors = np.linalg.eigh(columns.T @ columns)
     keep = values > tolerance * len(values)
     Q = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
-    return np.asarray(np.linalg.qr(Q)[0])
+    values, vectors = np.linalg.eigh(Q.T @ Q)  # once more: what rounding left of the small directions, at the cost of a product
+    return np.asarray(Q @ (vectors / np.sqrt(values)))
 
 
 def estimate_noise(residual: Array, mean: Array, start: NoiseModel | None = None, rounds: int = 2) -> "NoiseFit":

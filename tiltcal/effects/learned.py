@@ -231,7 +231,8 @@ def make_learned(
 def _amount(table: Mapping[str, Any], key: str, subject: str) -> float:
     value = table.get(key, 0.0)
     if not isinstance(value, int | float) or not value >= 0:
-        raise TiltcalError(f"{subject}, key {key}", found=repr(value), need=f"{'seconds' if key == 'lag_s' else 'a number'}, not negative", do="correct it")
+        need = "seconds, not negative" if key == "lag_s" else "a number, not negative"
+        raise TiltcalError(f"{subject}, key {key}", found=repr(value), need=need, do="correct it")
     return float(value)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.calibration import Calibration, Test, chi2_test, verdict_of
+from tiltcal.codes import code_width
 from tiltcal.errors import TiltcalError
 from tiltcal.fit import Fit
 from tiltcal.frames import Array, base_tilt, force_of_tilt
@@ -13,7 +14,6 @@ from tiltcal.methods.common import pick_sensor, wrap_up
 from tiltcal.methods.reversal import dwell_angles, mount_of, off_half_turn, require_vertical
 from tiltcal.methods.reversal_faults import Reversal, explain, solve, still_test
 from tiltcal.methods.screening import require_unsaturated
-from tiltcal.noise import code_width
 from tiltcal.poses import Poses, find_poses
 from tiltcal.recording import Recording
 from tiltcal.robust import ESTIMATORS, Locations, locations

@@ -1,0 +1,72 @@
+"""Blocks: every one can be done on its table, and one place has the words."""
+
+import pytest
+
+from tiltcal.blocks import REMOUNT, WORDS, Table, candidates, said, within
+from tiltcal.sequence_files import sequence_text
+from tiltcal.setup import Rig
+
+FREE = {"outer": (0.0, 360.0), "middle": (0.0, 360.0), "inner": (0.0, 360.0)}
+
+
+def table_of(kind: str, **more: object) -> Table:
+    rig = Rig(table=kind)  # type: ignore[arg-type]
+    return Table(rig, {n: FREE[n] for n in rig.axis_names}, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["vertical", "placing", "dual", "three"])
+def test_every_block_can_be_written_for_its_table(kind: str) -> None:
+    table = table_of(kind)
+    blocks = list(candidates(table))
+    assert len({b.name for b in blocks}) == len(blocks)
+    for block in blocks:
+        assert sequence_text(block.steps, table.rig)
+        assert 20 < block.seconds(table.rig) < 600
+        assert "{" not in block.words
+
+
+def test_a_narrow_reach_is_kept_by_the_blocks_that_are_left() -> None:
+    table = Table(Rig(table="placing"), {"outer": (-45.0, 45.0)}, visited=((-45.0,), (0.0,), (45.0,)))
+    kept = [b for b in candidates(table) if within(b, table)]
+    assert {"circle outer", "reverse outer", "spin outer", "repeat"} <= {b.name for b in kept}
+    for block in kept:
+        assert all(s.outer_deg is None or -45 <= s.outer_deg <= 45 for s in block.steps)
+
+
+def test_a_block_out_of_reach_is_known() -> None:
+    wide = next(b for b in candidates(table_of("placing")) if b.name == "circle outer")
+    assert not within(wide, Table(Rig(table="placing"), {"outer": (0.0, 90.0)}))
+
+
+def test_flipped_poses_are_the_same_attitude_of_the_body() -> None:
+    import numpy as np
+
+    from tiltcal.frames import rotation
+
+    flip = next(b for b in candidates(table_of("dual")) if b.name == "flip")
+    up = []
+    for step in flip.steps:
+        R = rotation("x", np.radians(step.outer_deg or 0.0)) @ rotation("z", np.radians(step.inner_deg or 0.0))
+        up.append(R.T @ [0, 0, 1])
+    np.testing.assert_allclose(up[::2], up[1::2], atol=1e-12)
+
+
+def test_two_blocks_after_one_another_cost_what_both_cost_and_the_way_between() -> None:
+    table = table_of("placing")
+    blocks = {b.name: b for b in candidates(table)}
+    circle, remount = blocks["circle outer"], blocks["remount Rz(180)"]
+    both = circle + remount
+    assert both.remounts == 1
+    apart = circle.seconds(table.rig) + remount.seconds(table.rig)
+    assert apart <= both.seconds(table.rig) < apart + 360 / table.rate + 1
+    assert remount.seconds(table.rig) > REMOUNT
+
+
+def test_the_words_of_a_tie_breaker_are_those_of_a_block() -> None:
+    from tiltcal.confusion import tie_breaker
+
+    assert tie_breaker("table_backlash", "table_encoder_2rev") == said("reverse")
+    assert tie_breaker("acc_K2", "acc_K3") == said("tumble")
+    assert tie_breaker("table_encoder_eccentricity", "acc_K3") == said("remount")
+    assert tie_breaker("data_latency", "acc_bandwidth") == said("ramp")
+    assert "{" not in "".join(said(kind) for kind in WORDS)

@@ -1,0 +1,203 @@
+"""Blocks that tell rivals apart: what they should bring is what they bring, and what none can bring is said."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.bench import refusal
+from tests.statistics_helpers import seed_of
+from tiltcal.blocks import Table, candidates, said
+from tiltcal.effects import to_file
+from tiltcal.errors import TiltcalError
+from tiltcal.investigation.next_block import Limits, next_block, table_of
+from tiltcal.investigation.question import Question, questions
+from tiltcal.investigation.splitting import ENOUGH, Pair, blank, imagined, judged, propose, separations
+from tiltcal.laboratory import SimulatedLaboratory
+from tiltcal.recording import Recording
+from tiltcal.scenario import Scenario, fresh, parse_scenario
+from tiltcal.schedule import build_schedule
+from tiltcal.units import G0
+
+UP = [{"action": "move", "outer_deg": float(a), "dwell_s": 2.0} for a in range(0, 91, 10)]
+PLACING: dict[str, Any] = {
+    "schema": 1, "name": "quarter", "site": {"gravity_m_s2": 9.8}, "rig": {"table": "placing"},
+    "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 25.0, "adjustable": ["bias", "scale", "cross_axis"]}],
+    "effect": [{"id": "acc_noise", "white_ug_rthz": 20.0}], "sequence": UP,
+}  # fmt: skip
+
+
+def silent(words: str) -> None:
+    pass
+
+
+def ambiguous(found: dict[str, Any], *names: str) -> tuple[Scenario, Recording, dict[str, Any], dict[str, Any]]:
+    """A scenario, its recording with an effect concealed, and what a diagnosis that names these would have written."""
+    table = {**PLACING, "effect": [*PLACING["effect"], found]}
+    recording = SimulatedLaboratory().record(parse_scenario(table), seed=3)
+    known = fresh(parse_scenario(PLACING), effect=(), sequence=())
+    effect = to_file(parse_scenario(table).effects[-1])
+    finding = {"effect": names[0], "class": list(names), "next_measurement": "think"}
+    amended = {**PLACING, "effect": [{**effect, "role": "found"}]}
+    return known, recording, {"verdict": "ambiguous", "findings": [finding]}, amended
+
+
+@pytest.fixture(scope="module")
+def cubic() -> tuple[Scenario, Question]:
+    """K2 or K3: a quarter turn does not say."""
+    known, recording, told, amended = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3")
+    (question,) = questions(known, [recording], told, amended)
+    return known, question
+
+
+def blocks_of(scenario: Scenario) -> dict[str, Any]:
+    return {b.name: b for b in candidates(Table(scenario.rig, {"outer": (0.0, 360.0)}))}
+
+
+def test_a_circle_tells_what_a_quarter_turn_does_not(cubic: tuple[Scenario, Question]) -> None:
+    scenario, question = cubic
+    blocks = blocks_of(scenario)
+    circle = {(p.truth, p.rival): p for p in judged(blocks["circle outer"], [question], scenario)}
+    rest = {(p.truth, p.rival): p for p in judged(blocks["rest"], [question], scenario)}
+    assert set(circle) == set(rest) == {("acc_K2", "acc_K3"), ("acc_K3", "acc_K2")}
+    for key in circle:
+        assert circle[key].chance > 0.99
+        assert rest[key].separation < 0.05 * circle[key].separation
+
+
+def test_the_separation_is_what_least_squares_leaves(cubic: tuple[Scenario, Question]) -> None:
+    """K3 fitted to K2's reading by hand: bias, scale and cross terms are re-fitted, x and z read -g sin and g cos."""
+    scenario, question = cubic
+    block = imagined(blocks_of(scenario)["circle outer"], scenario, question)
+    pair = next(p for p in separations(question, block) if p.truth == "acc_K2")
+    angles = [np.asarray(r.table("outer"))[question.block // 2 :: question.block] for r in question.observations.recordings]
+    angle = np.concatenate([*angles, np.asarray(block.table("outer"))[question.block // 2 :: question.block]])
+    force = {"x": -scenario.site.gravity * np.sin(angle), "z": scenario.site.gravity * np.cos(angle)}
+    term, total = question.rivals[0].terms[0], 0.0
+    for name, value in zip(term.names, term.values, strict=True):
+        f = force[name[-1]]
+        A = np.column_stack([np.ones_like(f), *force.values(), f**3])
+        A /= np.linalg.norm(A, axis=0)
+        signal = value * f**2 / G0
+        left = signal - A @ np.linalg.lstsq(A, signal, rcond=None)[0]
+        total += float(left @ left) / question.noise["accel", name[-1]].white ** 2
+    assert pair.separation == pytest.approx(total, rel=0.1)  # moves are averaged in blocks of samples
+
+
+def test_the_chance_is_how_often_the_likelihoods_tell_apart() -> None:
+    """Two rivals by hand: how often the deviances differ by enough, against the normal law of their difference."""
+    rng = np.random.default_rng(seed_of("the chance is how often"))
+    x = np.linspace(-1, 1, 60)
+    common = np.column_stack([np.ones_like(x), x])
+    one, other = (np.column_stack([common, x**k]) for k in (2, 4))
+    P = [np.eye(60) - A @ np.linalg.pinv(A) for A in (one, other)]
+    unit = P[1] @ x**2
+    for separation in (12.0, 25.0, 50.0):
+        y = x**2 * np.sqrt(separation) / np.linalg.norm(unit)
+        draws = y + rng.standard_normal((4000, 60))
+        apart = ((draws @ P[1]) ** 2).sum(1) - ((draws @ P[0]) ** 2).sum(1)
+        chance = Pair("", "", separation, 12.0).chance
+        band = 4 * np.sqrt(max(chance * (1 - chance), 0.01) / 4000)
+        assert float(np.mean(apart > 12.0)) == pytest.approx(chance, abs=band)
+
+
+def test_nothing_left_is_no_chance() -> None:
+    assert Pair("", "", 0.0, 12.0).chance == 0.0
+
+
+def test_the_best_block_is_enough_and_tells_most_a_minute(cubic: tuple[Scenario, Question]) -> None:
+    scenario, question = cubic
+    design = propose([question], blocks_of(scenario).values(), scenario, 2.0, silent)
+    assert design.best is not None
+    assert design.best.chance >= ENOUGH
+    assert design.best.minutes <= 2.0
+    assert not design.best.block.remounts
+    enough = [p for p in design.proposals if p.chance >= ENOUGH and not p.block.remounts]
+    assert design.best.rate == max(p.rate for p in enough)
+
+
+def test_what_no_motion_splits_is_said_with_what_would() -> None:
+    sag, circle = "table_sag", "table_encoder_eccentricity"
+    known, recording, told, amended = ambiguous({"id": sag, "axis": "outer", "sag_arcsec": 60.0}, sag, circle)
+    plan = next_block(known, [recording], told, amended, Limits(), silent)
+    assert plan.proposal is None or all({p.truth, p.rival} != {sag, circle} for p in plan.proposal.pairs)
+    assert "payload" in plan.statement
+    assert plan.to_json()["out_of_reach"]
+
+
+def test_a_heater_that_cannot_be_commanded_is_named() -> None:
+    from tiltcal.investigation.next_block import _needs
+
+    assert "no heater can be commanded" in _needs("acc_temp_bias", "acc_drift")
+    assert "heater" not in _needs("acc_K2", "acc_K3")
+
+
+def test_there_is_nothing_to_split_where_all_is_explained() -> None:
+    known, recording, told, amended = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2")
+    with pytest.raises(TiltcalError, match="nothing to split"):
+        next_block(known, [recording], {**told, "verdict": "explained"}, amended, Limits(), silent)
+
+
+def test_hand_held_and_the_meaning_of_data_are_left_to_words() -> None:
+    known, recording, told, amended = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3")
+    hand = parse_scenario({**PLACING, "rig": {"table": "handheld"}, "sequence": [], "effect": []})
+    assert "by hand: think." in next_block(hand, [recording], told, amended, Limits(), silent).statement
+    plan = next_block(known, [recording], told, {**amended, "effect": []}, Limits(), silent)
+    assert plan.proposal is None
+    assert "meaning of the data" in plan.statement
+
+
+def test_too_few_poses_ask_for_more() -> None:
+    known, recording, _, amended = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2")
+    plan = next_block(known, [recording], {"verdict": "cannot_tell", "findings": []}, amended, Limits(), silent)
+    assert plan.proposal is not None
+    assert plan.proposal.block.words == said("reverse")
+    assert "no spare readings" in plan.statement
+    assert plan.to_json()["confidence"] == 0.0
+    plan = next_block(known, [recording], {"verdict": "unlisted", "findings": []}, amended, Limits(), silent)
+    assert "No name fits" in plan.statement
+
+
+def test_an_inclinometer_is_not_tilted_beyond_where_it_has_been() -> None:
+    table = {**PLACING, "sensor": [{"name": "incl", "kind": "inclinometer", "rate_hz": 25.0, "axes": ["x", "y"]}], "effect": []}
+    scenario = parse_scenario(table | {"sequence": [{"action": "move", "outer_deg": 40.0, "dwell_s": 5.0}]})
+    recording = SimulatedLaboratory().record(scenario)
+    assert table_of(scenario, [recording], Limits()).reach == {"outer": (0.0, 40.0)}
+    assert table_of(scenario, [recording], Limits(angles={"outer": (-10.0, 10.0)})).reach == {"outer": (-10.0, 10.0)}
+    assert table_of(parse_scenario(PLACING), [recording], Limits()).reach == {"outer": (0.0, 360.0)}
+    with pytest.raises(TiltcalError, match="axis inner"):
+        table_of(scenario, [recording], Limits(angles={"inner": (0.0, 10.0)}))
+
+
+def test_design_split_names_what_it_lacks(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    import json
+
+    import tomli_w
+
+    (tmp_path / "bench.toml").write_text(tomli_w.dumps(PLACING))
+    (tmp_path / "amended.toml").write_text(tomli_w.dumps(PLACING))
+    told = tmp_path / "diagnosis.json"
+    told.write_text(json.dumps({"verdict": "ambiguous", "findings": []}))
+    (tmp_path / "other.json").write_text("[1]")
+    split = ["design", "--split", told]
+    assert "without a scenario" in refusal(split, tmp_path, capsys)
+    assert "no recordings in it" in refusal([*split, "--scenario", tmp_path / "bench.toml"], tmp_path, capsys)
+    words = ["design", "--split", tmp_path / "other.json", "--scenario", tmp_path / "bench.toml"]
+    assert "no verdict and findings" in refusal(words, tmp_path, capsys)
+    (tmp_path / "other.json").write_text("not json")
+    assert "diagnosis other.json" in refusal(words, tmp_path, capsys)
+
+
+@pytest.mark.parametrize("table", ["placing", "dual"])
+def test_every_block_rests_long_enough_for_its_moves_to_be_seen(table: str) -> None:
+    """What hardly ever rests is taken for rest by the search for dwells, and all its rates for zero."""
+    from tiltcal.replay import replay
+
+    scenario = parse_scenario({**PLACING, "rig": {"table": table}, "sequence": [{"action": "rest", "dwell_s": 5.0}]})
+    reach = dict.fromkeys(scenario.rig.axis_names, (0.0, 360.0))
+    for block in candidates(Table(scenario.rig, reach)):
+        recording = blank(block, scenario)
+        drive = build_schedule(block.steps, scenario.rig).drive(recording.time)
+        moving = np.max([np.abs(np.asarray(jet.v)) for jet in drive.axes.values()], axis=0) > np.radians(0.5)
+        wrong = moving & (replay(recording, scenario).stop >= 0)
+        assert wrong.sum() <= 0.05 * len(recording), block.name

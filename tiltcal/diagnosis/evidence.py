@@ -43,6 +43,10 @@ class Score:
     def gain(self, keep: Sequence[int] | None = None) -> tuple[float, int]:
         """Fall of the deviance with these columns (all), and its degrees of freedom."""
         index = self._index(keep)
+        if len(index) == 1:
+            i = index[0]
+            there = self.B[i, i] > SURVIVES * max(self.raw[i], 1e-300)
+            return (float(self.A[i] ** 2 / self.B[i, i]), 1) if there else (0.0, 0)
         values, vectors, size = self._directions(index)
         return float((((vectors.T @ (self.A[index] / size)) ** 2) / values).sum()), len(values)
 
@@ -71,16 +75,22 @@ class Score:
 
     def best(self, price: float) -> tuple[float, list[int]]:
         """Largest gain less ``price`` a column over subsets, built up one column at a time."""
+        A, B, size = self.A.astype(float), self.B.astype(float), SURVIVES * self.raw
         chosen: list[int] = []
         top = 0.0
-        left = [i for i in range(len(self.names)) if self.B[i, i] > SURVIVES * self.raw[i]]
-        while left:
-            value, i = max((self.gain([*chosen, i])[0] - price * (len(chosen) + 1), i) for i in left)
-            if value <= top:
+        free = np.diag(B) > size
+        while free.any():
+            rest = np.diag(B)
+            free &= rest > size
+            gains = np.where(free, A * A / np.where(free, rest, 1.0), 0.0)
+            i = int(np.argmax(gains))
+            if gains[i] <= price:
                 break
-            top = value
+            top += float(gains[i]) - price
             chosen.append(i)
-            left.remove(i)
+            free[i] = False
+            part = B[i] / B[i, i]
+            A, B = A - part * A[i], B - np.outer(part, B[i])
         return top, sorted(chosen)
 
 

@@ -1,4 +1,4 @@
-"""Cost of `tiltcal diagnose`, report and re-simulation included, by rows: mostly dwells and always moving, with an effect and without.
+"""Cost of `tiltcal diagnose`, report and re-simulation included, by rows: in dwells and always moving, with an effect and without.
 
 Each run is a process of its own, as a user starts it; CPU seconds are what a shared machine cannot spoil.
 """

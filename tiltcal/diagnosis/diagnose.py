@@ -15,12 +15,12 @@ from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
 from tiltcal.diagnosis.meaning import meaning
-from tiltcal.diagnosis.observations import Observations, observe
+from tiltcal.diagnosis.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, select
-from tiltcal.diagnosis.suspects import Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.suspects import Lines, Suspect, adjustable, curves, fastest, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.diagnosis.views import views_of
@@ -35,6 +35,8 @@ from tiltcal.scenario import Scenario, parse_scenario
 
 Progress = Callable[[str], None]
 MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
+ROWS = 6500  # what is left of them
+BEATS = 0.25  # periods of a line in a block, while there are no more than MOST_ROWS: nine tenths of its power are left
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
@@ -64,7 +66,7 @@ def diagnose(
         return _answer(bench, bench.start, (), (), False)
     progress("what every effect would do")
     lines = lines_of(bench.ledger, bench.start)
-    full, bench = bench.observations, thinned(bench)
+    full, bench = bench.observations, thinned(bench, lines)
     ledger = bench.ledger
     fill(ledger, bench.start, lines)
     gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
@@ -122,14 +124,25 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     return Bench(observations, ledger, start, (*faults, *wild), tuple(notes))
 
 
-def thinned(bench: Bench) -> Bench:
+def block_of(observations: Observations, lines: Lines) -> int:
+    """How many samples are averaged into one: few where something beats."""
+    longest = max(len(c.values) for c in observations.channels)
+    if longest <= MOST_ROWS:
+        return 1
+    step = max(float(np.median(np.diff(r.time))) for r in observations.recordings)
+    ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
+    top = max((*lines.tones, *lines.shakes, *lines.echoes, *ripples), default=0.0)
+    slow = int(BEATS / (top * step)) if top else longest
+    return max(min(-(-longest // ROWS), slow), -(-longest // MOST_ROWS))
+
+
+def thinned(bench: Bench, lines: Lines) -> Bench:
     """The same with a long record's samples averaged in short blocks."""
-    longest = max(len(c.values) for c in bench.observations.channels)
-    block = -(-longest // MOST_ROWS)
     old = bench.observations
-    if block < 2 or not old.scenario.rig.axes:
+    block = block_of(old, lines)
+    if block < 2 or not isinstance(old, TableObservations):
         return bench
-    observations = observe(old.scenario, old.recordings, old.known, block)
+    observations = old.averaged(block)
     ledger = Ledger(observations)
     return replace(bench, observations=observations, ledger=ledger, start=calibrated(observations, ledger))
 

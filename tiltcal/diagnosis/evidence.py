@@ -138,12 +138,13 @@ class Ledger:
         if self._packed is None:
             self._packed = []
             for i, channel in enumerate(self.observations.channels):  # one at a time: no two copies of all of them
-                parts = self._parts[i]
+                parts, self._parts[i] = self._parts[i], []
                 index = np.array([k for k, _ in parts], dtype=int)
-                block = np.array([c for _, c in parts], dtype=np.float32).reshape(len(parts), len(channel.values))
+                block: Array = np.empty((len(parts), len(channel.values)), np.float32)
+                for k in reversed(range(len(parts))):
+                    block[k] = parts.pop()[1]
                 self._packed.append((index, block))
                 self._parts[i] = [(int(k), row) for k, row in zip(index, block, strict=True)]
-                del parts
             self._inner = []
         return self._packed
 
@@ -191,7 +192,8 @@ class Ledger:
 
     def scores(self, basis: Sequence[Array], residual: Sequence[Array]) -> list[Score]:
         """The score of every suspect. basis: Q by channel, (n, q); residual: whitened, by channel, (n,)."""
-        A, UQ = self.inner(project(basis, residual)), self.inner(basis)
+        both = self.inner([np.column_stack([r, Q]) for r, Q in zip(project(basis, residual), basis, strict=True)])
+        A, UQ = both[:, 0], both[:, 1:]
         found = []
         for suspect, start, inner in zip(self.suspects, self.starts, self._own(), strict=True):
             part = slice(start, start + len(suspect.names))
@@ -212,12 +214,12 @@ def cosines(column: Array) -> Array:
 
 def basis_of(columns: Sequence[Columns], lengths: Sequence[int]) -> list[Array]:
     """An orthonormal basis of some whitened columns, split by channel, (n, q) each."""
-    stacked = np.zeros((sum(lengths), len(columns)))
+    stacked = np.zeros((len(columns), sum(lengths)))
     starts = np.concatenate([[0], np.cumsum(lengths)])
     for k, column in enumerate(columns):
         for i, part in column.items():
-            stacked[starts[i] : starts[i + 1], k] = part
-    return np.split(column_space(stacked), starts[1:-1])
+            stacked[k, starts[i] : starts[i + 1]] = part
+    return np.split(column_space(stacked.T), starts[1:-1])
 
 
 def project(basis: Sequence[Array], vectors: Sequence[Array]) -> list[Array]:

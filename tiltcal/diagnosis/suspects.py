@@ -400,7 +400,7 @@ def span_of(observations: Observations, lines: Lines) -> Span:
         ranges["since_move"] = (0.0, max(_longest_rest(r.time, s) for r, s in zip(observations.recordings, stops, strict=True)))
         ranges["moves"] = (0.0, float(max(stop.max() for stop in stops)) + 1)
     ranges |= {f"force_{a}": (-g, g) for a in "xyz"}
-    if (top := _fastest(observations)) > 0:
+    if (top := fastest(observations)) > 0:
         ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
     rate = max(s.rate_hz for s in observations.scenario.sensor)
     return Span(duration, rate, lines, ranges)
@@ -411,7 +411,7 @@ def _longest_rest(time: Array, stop: Index) -> float:
     return max((float(np.ptp(time[stop == k])) for k in range(int(stop.max(initial=-1)) + 1)), default=0.0)
 
 
-def _fastest(observations: Observations) -> float:
+def fastest(observations: Observations) -> float:
     """The largest rate, rad/s: as gyros read it, or as the table turned."""
     rates = [c.values for c in observations.channels if observations.scenario.named(c.sensor).quantity == "rate"]
     if rates:

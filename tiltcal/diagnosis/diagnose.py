@@ -36,7 +36,8 @@ from tiltcal.scenario import Scenario, parse_scenario
 Progress = Callable[[str], None]
 MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 ROWS = 6500  # what is left of them
-BEATS = 0.25  # periods of a line in a block, while there are no more than MOST_ROWS: nine tenths of its power are left
+SURVIVES = 0.8  # share of a line's power that a block should leave, while there are no more than MOST_ROWS
+HALF = 0.5  # period
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
@@ -130,10 +131,19 @@ def block_of(observations: Observations, lines: Lines) -> int:
     if longest <= MOST_ROWS:
         return 1
     step = max(float(np.median(np.diff(r.time))) for r in observations.recordings)
-    ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
-    top = max((*lines.tones, *lines.shakes, *lines.echoes, *ripples), default=0.0)
-    slow = int(BEATS / (top * step)) if top else longest
-    return max(min(-(-longest // ROWS), slow), -(-longest // MOST_ROWS))
+    least, most = -(-longest // MOST_ROWS), -(-longest // ROWS)
+    ripples = [
+        n * fastest(observations) / (2 * np.pi) for n in lines.ripples
+    ]  # Hz; what a quick turn blurs anyway asks for nothing
+    beats = [*lines.tones, *lines.shakes, *lines.echoes, *(f for f in ripples if f * step * least < HALF)]
+    left = {block: min((_survives(f * step, block) for f in beats), default=1.0) for block in range(least, most + 1)}
+    return max((b for b in left if left[b] > SURVIVES), default=max(left, key=lambda b: left[b]))
+
+
+def _survives(turns: float, block: int) -> float:
+    """Share of a line's power that is left in means over blocks. turns: periods between samples."""
+    one = np.sin(np.pi * turns)
+    return float((np.sin(np.pi * turns * block) / (block * one)) ** 2) if abs(one) > 1e-9 else 1.0
 
 
 def thinned(bench: Bench, lines: Lines) -> Bench:

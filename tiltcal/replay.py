@@ -65,7 +65,12 @@ class Replay:
     def _rates(self) -> dict[str, tuple[Array, Array]]:
         """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for many times."""
         time, resting = self.time.tobytes(), (self.stop >= 0).tobytes()
-        return {name: _differentiated(time, angle.tobytes(), resting) for name, angle in self.angles.items()}
+        found = {}
+        for name, angle in self.angles.items():
+            sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0  # counted the other way it has the same rates, turned
+            v, a = _differentiated(time, (sign * angle).tobytes(), resting)
+            found[name] = (sign * v, sign * a)
+        return found
 
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
         """A drive at these times whose axes are known already: nothing is differentiated."""

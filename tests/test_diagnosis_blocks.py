@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders import ACCEL, GYRO, setup_of
 
-from tiltcal.diagnosis.diagnose import MOST_ROWS, ROWS, block_of
+from tiltcal.diagnosis.blocks import MOST_ROWS, ROWS, block_of
 from tiltcal.diagnosis.observations import TableObservations
 from tiltcal.diagnosis.suspects import Lines
 from tiltcal.effects import make_effect

@@ -5,7 +5,9 @@ import pytest
 from dossier import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import prepare
+from tiltcal.diagnosis.meaning import meaning
 from tiltcal.recording import Recording
+from tiltcal.scenario import parse_scenario
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +122,40 @@ def test_what_was_mended_leaves_the_rest_as_it_was(truth, sound):
     first, second = (prepare(honest(truth), [r]).start for r in (sound, flipped))
     for a, b in zip(first.nuisance, second.nuisance, strict=True):
         np.testing.assert_allclose(a.values, b.values, atol=1e-9)
+
+
+def test_a_readout_cut_to_a_few_decimals(truth, sound):
+    cut = {n: np.floor(sound.column(n) / 0.05) * 0.05 for n in ("table_outer_deg", "table_inner_deg")}
+    found = prepare(honest(truth), [rewritten(sound, **cut)])
+    assert {f.effect.id for f in found.faults} == {"data_truncation"}
+    assert {f.effect.axis: f.effect.value("step") for f in found.faults} == pytest.approx(
+        {"outer": np.radians(0.05), "inner": np.radians(0.05)}, rel=1e-6
+    )
+    assert found.floors["accel"] == pytest.approx(9.81 * np.radians(0.05), rel=1e-6)
+
+
+BY_HAND = parse_scenario({
+    "schema": 1, "name": "turned by hand", "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0}, "rig": {"table": "handheld"},
+    "sensor": [
+        {"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale", "cross_axis"]},
+        {
+            "name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [0.6, 0.0, 0.8], "rate_hz": 50.0,
+            "adjustable": ["bias", "scale"],
+        },
+    ],
+})  # fmt: skip
+
+
+@pytest.mark.parametrize(("factor", "id", "values"), [
+    (1.0, None, {}), (np.radians(1), "data_unit", {"factor": np.radians(1)}), (-1.0, "data_sign", {"flip_a": 1.0}),
+])  # fmt: skip
+def test_a_fog_turned_by_hand_with_a_gyro_tells_its_unit_and_its_sign(factor, id, values, rng):
+    time = np.arange(0, 60, 0.02)
+    rate = np.column_stack([np.sin(time * w + k) * (np.sin(time / 7) > 0) for k, w in enumerate((1.1, 0.7, 1.7))])
+    columns = {f"gyro_{a}_rad_s": r + rng.normal(0, 1e-3, len(time)) for a, r in zip("xyz", rate.T, strict=True)}
+    columns["fog_a_rad_s"] = factor * (rate @ [0.6, 0.0, 0.8]) + rng.normal(0, 1e-5, len(time))
+    found = meaning(BY_HAND, Recording.from_columns(time, columns))
+    assert [f.effect.id for f in found] == ([] if id is None else [id])
+    for fault in found:
+        assert fault.effect.sensor == "fog"
+        assert dict(fault.effect.values) == pytest.approx(values)

@@ -1,5 +1,7 @@
 """Curves that no name fits: their equation, one face in algebra and mechanics, files, and what they refuse."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, drive_of, effect_of, read_poses, setup_of
@@ -175,3 +177,34 @@ def test_without_coefficients_it_is_nothing():
     assert learned("accel", "x", coordinate="table_outer").is_identity
     assert not added(learned("accel", "x", coordinate="table_outer")).any()
     assert effect_of("acc_bias", SETUP, sensor="accel", bias_x_ug=1).value("bias_x") == pytest.approx(1e-6 * G0)
+
+
+def test_a_learned_reading_may_follow_the_number_of_moves_with_a_period():
+    """Two columns of period 3 over moves 0, 1, 2, ...: cos and sin of a third of a turn a move."""
+    stop = np.repeat([0, -1, 1, -1, 2, -1, 3, -1], N // 8)
+    moves = np.repeat([0, 1, 1, 2, 2, 3, 3, 4], N // 8)
+    effect = learned("accel", "z", coordinate="moves", period=3.0, coefficients=[1e-3, 2e-3])
+    drive = replace(lively(), stop=stop)
+    change = read_poses(SETUP, drive, effect)["accel"] - read_poses(SETUP, drive)["accel"]
+    turn = 2 * np.pi * moves / 3
+    np.testing.assert_allclose(change[:, 2], 1e-3 * np.cos(turn) + 2e-3 * np.sin(turn), atol=1e-14)
+
+
+def test_a_learned_reading_may_be_a_product_of_two_angles():
+    """The last of the first four coefficients is sin(outer) sin(middle); of the next four, orders 1 and 2, the first is cos cos."""
+    effect = learned("accel", "y", coordinate="table_outer", beside="table_middle", coefficients=[0.0, 0.0, 0.0, 2e-3, 1e-3])
+    a, b = 0.3 * T, np.sin(T / 5)
+    np.testing.assert_allclose(added(effect)[:, 1], 2e-3 * np.sin(a) * np.sin(b) + 1e-3 * np.cos(a) * np.cos(2 * b), atol=1e-14)
+
+
+def test_a_force_is_forgotten_with_its_lag():
+    effect = learned("accel", "x", coordinate="force_z", knots=[-10.0, 10.0], coefficients=[-1e-3, 1e-3], lag_s=5.0)
+    force = read_poses(SETUP, lively())["accel"][:, 2]
+    np.testing.assert_allclose(added(effect)[:, 0], 1e-4 * first_order_lag(T, force, 5.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("words", [{"on": "readout"}, {"coordinate": "time"}])
+def test_a_product_needs_two_angles_on_a_reading(words):
+    table = {"coordinate": "table_outer", "beside": "table_middle", "coefficients": [1e-3], **words}
+    with pytest.raises(TiltcalError, match="two angles of this table, on a reading"):
+        make_effect("learned", table, SETUP, sensor="accel", axis="x" if "on" not in words else "outer")

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tiltcal.effects.memory import first_order_lag, last_direction, play, rounded_play
+from tiltcal.effects.memory import first_order_lag, last_direction, motion_direction, onset, play, rounded_play
+from tiltcal.motion import Jet
 
 WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda k: k / 2))
 
@@ -140,3 +141,18 @@ def test_further_stamps_on_the_same_lines_change_nothing(rng):
 def test_without_a_time_constant_or_a_past_nothing_lags(tau, n):
     u = np.arange(float(n))
     np.testing.assert_array_equal(first_order_lag(np.arange(float(n)), u, tau), u)
+
+
+def test_the_direction_of_a_motion_is_not_that_of_its_ringing_end():
+    """A differentiated readout swings back by a few per cent where a move ends; the axis did not."""
+    rate = np.concatenate([np.zeros(5), np.full(20, 0.3), [0.05, -0.008, 0.003], np.zeros(10), np.full(20, -0.01), np.zeros(5)])
+    direction = motion_direction(Jet(np.cumsum(rate), rate, np.zeros_like(rate)))
+    np.testing.assert_array_equal(direction[:5], 0)
+    np.testing.assert_array_equal(direction[5:38], 1)
+    np.testing.assert_array_equal(direction[38:], -1)
+
+
+def test_a_step_sets_in_at_its_instant_or_creeps_there():
+    elapsed = np.array([0.0, 4.9, 5.0, 15.0, 1e9])
+    np.testing.assert_allclose(onset(elapsed, 5.0, 0.0), [0, 0, 1, 1, 1])
+    np.testing.assert_allclose(onset(elapsed, 5.0, 10.0), [0, 0, 0, 1 - np.exp(-1), 1])

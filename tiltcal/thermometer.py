@@ -1,5 +1,7 @@
 """What a thermometer that rounds, and is read now and then, saw: a smooth course that its codes allow."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tiltcal.codes import code_width
@@ -7,7 +9,6 @@ from tiltcal.frames import Array
 
 KNOTS = 600  # readings are averaged to about so many: temperature is slow
 EXACT = 1e-6  # of the span: a course known better than that was computed
-LAST = 24  # halvings of the logarithm of the smoothness
 
 
 def smooth_temperature(time: Array, values: Array) -> Array:
@@ -23,39 +24,52 @@ def smooth_temperature(time: Array, values: Array) -> Array:
     """
     known = ~np.isnan(values)
     t, T = time[known], values[known]
-    level = _level(T)
+    block = -(-len(t) // KNOTS)
+    level = _level(T, block)
     if len(t) < 16 or np.any(np.diff(t) <= 0) or not 4 * level < np.ptp(T) < level / EXACT:
         return np.interp(time, t, T) if len(t) else values
-    block = -(-len(t) // KNOTS)
     starts = np.arange(0, len(t), block)
     count = np.diff(starts, append=len(t))
     spline = _smoothest(np.add.reduceat(t, starts) / count, np.add.reduceat(T, starts) / count, level)
-    return np.asarray(spline(np.clip(time, t[0], t[-1])))
+    return spline(np.clip(time, t[0], t[-1]))
 
 
-def _level(T: Array) -> float:
-    """Standard deviation of rounding and noise together; 0 for a course that was computed."""
+def _level(T: Array, block: int) -> float:
+    """Standard deviation of rounding and noise in a mean of ``block`` readings; 0 for a course that was computed.
+
+    Rounding does not average: the temperature stays on one code for long.
+    """
     if len(T) < 16:
         return 0.0
     second = np.diff(T, 2)
     code, noise = code_width(T), float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
     rounded = float(np.sqrt(np.mean(second**2))) > 1e-3 * code  # the steps of a computed ramp are all alike
-    return float(np.hypot(code / np.sqrt(12) if rounded else 0.0, noise))
+    return float(np.hypot(code / np.sqrt(12) if rounded else 0.0, noise / np.sqrt(block)))
 
 
-def _smoothest(t: Array, T: Array, level: float):  # type: ignore[no-untyped-def]
-    """The smoothest spline within ``level`` rms of the readings."""
+def _smoothest(t: Array, T: Array, level: float) -> Callable[[Array], Array]:
+    """The smoothest course within ``level`` rms of the readings, at both ends as well as all along.
+
+    A cubic is taken off first: the spline is straight at its ends, which no room is.
+    """
     from scipy.interpolate import make_smoothing_spline
 
+    trend = np.polynomial.Polynomial.fit(t, T, 3)
+    rest = T - trend(t)
     low, high = -12.0, 16.0  # decades
-    best = make_smoothing_spline(t, T, lam=10.0**low)
-    for _ in range(LAST):
+    best = make_smoothing_spline(t, rest, lam=10.0**low)
+    while high - low > 0.1:
         middle = (low + high) / 2
-        trial = make_smoothing_spline(t, T, lam=10.0**middle)
-        if float(np.sqrt(np.mean((trial(t) - T) ** 2))) <= level:
+        trial = make_smoothing_spline(t, rest, lam=10.0**middle)
+        if _within(trial(t) - rest, level):
             best, low = trial, middle
         else:
             high = middle
-        if high - low < 0.1:
-            break
-    return best
+    return lambda time: np.asarray(trend(time) + best(time))
+
+
+def _within(left: Array, level: float) -> bool:
+    """Whether a residual is no larger than ``level`` rms, nor in its ends by more than chance makes of so few."""
+    end = max(len(left) // 20, 8)
+    rms = [float(np.sqrt(np.mean(part**2))) for part in (left, left[:end], left[-end:])]
+    return rms[0] <= level and max(rms[1:]) <= level * (1 + 2 / np.sqrt(2 * end))

@@ -74,6 +74,8 @@ def measure(folder: Path, rows: int, moving: bool, hidden: bool) -> dict[str, An
         words = process.stdout.read()
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
     return {
         "rows": len(recording), "wall_s": time.perf_counter() - start, "cpu_s": used.ru_utime + used.ru_stime,
         "peak_MiB": used.ru_maxrss / 1024, "verdict": words.split(":")[0],

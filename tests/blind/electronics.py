@@ -94,7 +94,7 @@ def _timing(lab: Lab) -> list[Spec]:
         return Physics(delay=lambda: dict.fromkeys(names, p[0]))
 
     def skew(p: np.ndarray, shape: Shape) -> Physics:
-        return Physics(delay=lambda: {s.name: -p[0] * np.arange(len(s.axes)) for s in lab.sensors if len(s.axes) > 1})
+        return Physics(delay=lambda: {s.name: p[0] * np.arange(len(s.axes)) for s in lab.sensors if len(s.axes) > 1})
 
     def slow(sensor: str) -> Any:
         def physics(p: np.ndarray, shape: Shape) -> Physics:

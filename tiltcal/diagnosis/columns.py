@@ -95,6 +95,8 @@ def _matrix(effect: Effect, sensor: Sensor) -> Array:
     if effect.id == "data_unit":
         return (effect.value("factor") or 1.0) * np.eye(len(sensor.axes))
     P = np.eye(len(sensor.axes))
+    if sensor.axes == ("a",):
+        return np.array([[1 - 2 * effect.value("flip_a")]]) if effect.id == "data_sign" else P
     if effect.id == "data_hand" and "y" in sensor.axes:
         P[sensor.axes.index("y")] *= 1 - 2 * effect.value("mirror")
     for k, axis in enumerate(sensor.axes):

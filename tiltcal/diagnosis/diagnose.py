@@ -1,16 +1,17 @@
 """From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who is to blame."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, as_it_began, noise_under, settle
+from tiltcal.diagnosis.blocks import block_of
 from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
 from tiltcal.diagnosis.conclude import amended_of, findings_of, fitness_of, undetectable_of
 from tiltcal.diagnosis.evidence import Ledger, cosines
-from tiltcal.diagnosis.faults import Fault, inspect
+from tiltcal.diagnosis.faults import Fault, code_floors, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
@@ -19,8 +20,8 @@ from tiltcal.diagnosis.observations import Observations, TableObservations, obse
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.select import Gate, select
-from tiltcal.diagnosis.suspects import Lines, Suspect, adjustable, curves, fastest, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.select import Gate, findings, select
+from tiltcal.diagnosis.suspects import OF_LINES, Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.diagnosis.views import views_of
@@ -34,10 +35,6 @@ from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, parse_scenario
 
 Progress = Callable[[str], None]
-MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
-ROWS = 6500  # what is left of them
-SURVIVES = 0.8  # share of a line's power that a block should leave, while there are no more than MOST_ROWS
-HALF = 0.5  # period
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
@@ -74,10 +71,16 @@ def diagnose(
     progress("who is to blame")
     account = select(bench.start, ledger, gate, _textbook)
     account = plainer(account, bench.start, ledger, gate, _textbook)
+    if account.terms and refill(ledger, account, lines):
+        account = select(account, ledger, gate, _textbook)
     progress("what no name fits")
     account = nameless(account, ledger, gate)
     progress("rivals")
-    account, chance = _by_chance(account, bench.start, ledger, gate)
+    chance: list[Fault] = []
+    if bench.floors:
+        account = above(account, ledger, bench.floors, any(f.effect.id == "data_truncation" for f in bench.faults))
+    else:
+        account, chance = _by_chance(account, bench.start, ledger, gate)
     progress("re-simulating")
     answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)
@@ -93,6 +96,7 @@ class Bench:
 
     Args:
         faults: found in the data; notes: what is no mismatch.
+        floors: size, SI, of what coarse codes do to a sensor's misfit, by sensor.
     """
 
     observations: Observations
@@ -100,6 +104,7 @@ class Bench:
     start: Account
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
+    floors: Mapping[str, float] = field(default_factory=dict)
 
 
 def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
@@ -109,12 +114,13 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     observations = observe(scenario, sound, known)
     ledger = Ledger(observations)
     start = calibrated(observations, ledger)
-    wild, mended = gross_errors(observations, start)
+    floors = code_floors(scenario, faults)
+    wild, mended = gross_errors(observations, start, floors)
     if any(a is not b for a, b in zip(mended, observations.recordings, strict=True)):
         observations = observe(scenario, mended, known)
         ledger = Ledger(observations)
         start = calibrated(observations, ledger)
-    slip = wrong_stop(observations, start)
+    slip = None if floors else wrong_stop(observations, start)
     if slip is not None:
         spoiled, observations = observations, observe(scenario, slip[1], known)
         ledger = Ledger(observations)
@@ -122,28 +128,7 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
         slip = wrong_stop(spoiled, start) or slip  # sized again, by a calibration that it has not spoiled
         if not any(e.id == "data_pose_label" for e in scenario.effects):
             wild = [*wild, slip[0]]
-    return Bench(observations, ledger, start, (*faults, *wild), tuple(notes))
-
-
-def block_of(observations: Observations, lines: Lines) -> int:
-    """How many samples are averaged into one: few where something beats."""
-    longest = max(len(c.values) for c in observations.channels)
-    if longest <= MOST_ROWS:
-        return 1
-    step = max(float(np.median(np.diff(r.time))) for r in observations.recordings)
-    least, most = -(-longest // MOST_ROWS), -(-longest // ROWS)
-    ripples = [
-        n * fastest(observations) / (2 * np.pi) for n in lines.ripples
-    ]  # Hz; what a quick turn blurs anyway asks for nothing
-    beats = [*lines.tones, *lines.shakes, *lines.echoes, *(f for f in ripples if f * step * least < HALF)]
-    left = {block: min((_survives(f * step, block) for f in beats), default=1.0) for block in range(least, most + 1)}
-    return max((b for b in left if left[b] > SURVIVES), default=max(left, key=lambda b: left[b]))
-
-
-def _survives(turns: float, block: int) -> float:
-    """Share of a line's power that is left in means over blocks. turns: periods between samples."""
-    one = np.sin(np.pi * turns)
-    return float((np.sin(np.pi * turns * block) / (block * one)) ** 2) if abs(one) > 1e-9 else 1.0
+    return Bench(observations, ledger, start, (*faults, *wild), tuple(notes), floors)
 
 
 def thinned(bench: Bench, lines: Lines) -> Bench:
@@ -178,9 +163,42 @@ def _sound(scenario: Scenario, recordings: Sequence[Recording]) -> tuple[tuple[R
     inspected = inspect(scenario, recordings)
     faults = list(inspected.faults)
     meant = meaning(scenario, inspected.recordings[0])
+    other_unit = {f.effect.sensor for f in meant if f.effect.id == "data_unit"}  # its digits were meant for another size
+    faults = [f for f in faults if f.effect.id not in ("adc_quantisation", "gyr_quantisation") or f.effect.sensor not in other_unit]
     effects = [*scenario.effects, *(f.effect for f in meant)]
     sound = tuple(as_meant(r, scenario, effects) for r in inspected.recordings)
     return sound, [*meant, *faults], list(inspected.notes)
+
+
+def above(account: Account, ledger: Ledger, floors: Mapping[str, float], blurred: bool = False) -> Account:
+    """The account without findings that are nowhere larger than what coarse codes do.
+
+    Args:
+        blurred: whether the table's angles are cut: rates and accelerations derived from them say nothing.
+    """
+    observations = ledger.observations
+    kept: list[Term] = []
+    for places in findings(account):
+        inside = [account.terms[k] for k in places]
+        largest: dict[str, float] = {}
+        for i, change in _summed(observations, inside, account).items():
+            name = observations.channels[i].sensor
+            largest[name] = max(largest.get(name, 0.0), float(np.abs(change).max()))
+        smooth = not (blurred and inside[0].effect.needs == "motion")
+        seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(largest) & set(floors)
+        if smooth and seen:
+            kept += inside
+    return settle(replace(account, terms=tuple(kept)), ledger)
+
+
+def _summed(observations: Observations, terms: Sequence[Term], account: Account) -> dict[int, Array]:
+    """What some terms do to the readings together, SI, by channel."""
+    total: dict[int, Array] = {}
+    for term in terms:
+        for name, value in zip(term.names, term.values, strict=True):
+            for i, column in observations.changes(term.suspect.alone(name), account.effects).items():
+                total[i] = total.get(i, 0.0) + column * (value / term.suspect.size(name))
+    return total
 
 
 def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> tuple[Account, list[Fault]]:
@@ -244,6 +262,18 @@ def fill(ledger: Ledger, account: Account, lines: Lines) -> None:
         ledger.add(suspect, effects)
     for suspect in curves(observations, span):
         ledger.add(suspect, effects)
+
+
+def refill(ledger: Ledger, account: Account, known: Lines) -> bool:
+    """Put on the ledger what beats in what an account leaves and did not stand out before; whether there is any."""
+    observations = ledger.observations
+    new = lines_of(ledger, account).beside(known, 1 / float(np.ptp(observations.recordings[0].time)))
+    before = len(ledger.suspects)
+    for suspect in listed_suspects(observations.scenario, span_of(observations, new), [t.suspect for t in account.nuisance]):
+        lines = suspect.effect.values.get("lines")
+        if suspect.id in OF_LINES and (lines is None or lines in new.ripples):
+            ledger.add(suspect, account.effects)
+    return len(ledger.suspects) > before
 
 
 def instants(observations: Observations) -> list[float]:

@@ -18,7 +18,7 @@ READING: dict[str, tuple[str, ...]] = {
     "gyr_gsens": ("force_x", "force_y", "force_z"), "gyr_g2sens": ("force_x", "force_y", "force_z"),
 }  # fmt: skip
 SCALE: dict[str, str] = {"acc_temp_scale": "temperature", "reference_drift": "temperature"}
-READOUT = {"table_encoder_eccentricity", "table_encoder_2rev", "table_encoder_sde", "table_sag", "cable_torque", "table_backlash"}
+READOUT = {"table_encoder_eccentricity", "table_encoder_2rev", "table_encoder_sde", "table_sag", "cable_torque"}
 TILT: dict[str, tuple[str, str]] = {
     "floor_tilt_drift": ("base", "time"), "mount_slip": ("mount", "time"), "mount_thermal_tilt": ("mount", "temperature"),
 }  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tiltcal.codes import code_width
+from tiltcal.codes import code_grid, code_width
 from tiltcal.diagnosis.columns import changed, column_values, repeat_chance
 from tiltcal.diagnosis.finding import Finding, Where
 from tiltcal.effects import CATALOGUE
@@ -84,11 +84,15 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
     for recording in recordings:
         recording, words = in_order(recording)
         notes += words
+        faults += [f for f in _cut(recording, scenario) if (f.effect.id, None) not in known]
         for sensor in scenario.sensor:
             if not recording.has(sensor):
                 continue
-            for look in (_stuck, _clipped, _repeated, _coarse):
-                recording, found = look(recording, sensor)
+            recording, found = _coarse(recording, sensor)
+            faults += [f for f in found if (f.effect.id, f.effect.sensor) not in known]
+            fine = [a for a in sensor.axes if all(a not in f.axes for f in found)]  # a coarse code stands still, and ends flat
+            for look in (_stuck, _clipped, _repeated):
+                recording, found = look(recording, sensor, fine)
                 faults += [f for f in found if (f.effect.id, f.effect.sensor) not in known]
         repaired.append(recording)
     return Inspected(tuple(repaired), tuple(_once(faults)), tuple(notes))
@@ -96,9 +100,9 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
 
 def _once(faults: Sequence[Fault]) -> list[Fault]:
     """One fault of a kind and place, though several recordings show it."""
-    kept: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Fault] = {}
+    kept: dict[tuple[str, str | None, tuple[str, ...], tuple[str, ...]], Fault] = {}
     for f in faults:
-        kept.setdefault((f.effect.id, f.sensors, f.axes), f)
+        kept.setdefault((f.effect.id, f.effect.axis, f.sensors, f.axes), f)
     return list(kept.values())
 
 
@@ -124,10 +128,10 @@ def _runs(same: Mask) -> tuple[Index, Index]:
     return edges[::2], edges[1::2]
 
 
-def _stuck(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
+def _stuck(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
     """A channel that repeats one value for longer than chance and its codes allow."""
     found = []
-    for axis in sensor.axes:
+    for axis in fine:
         rows, time, values = column_values(recording, sensor, axis)
         if len(values) < 32:
             continue
@@ -158,11 +162,11 @@ def _at_end(values: Array, value: float) -> bool:
     return bool(value in (values.max(), values.min()))
 
 
-def _clipped(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
+def _clipped(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
     """A channel whose noise ends at its largest or smallest value."""
     found = []
     id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
-    for axis in sensor.axes:
+    for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
         if len(values) < 32 or repeat_chance(values) > FLAT:
             continue
@@ -205,11 +209,11 @@ def _at_least(k: int, n: int, p: float) -> float:
     return float(betainc(k, n - k + 1, p)) if k > 0 else 1.0
 
 
-def _repeated(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
+def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
     """Samples that repeat the one before more often than their codes explain."""
 
     again, expected, columns = [], [], []
-    for axis in sensor.axes:
+    for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
         columns.append((axis, rows, values))
         again.append(np.concatenate([[False], np.diff(values) == 0]))
@@ -242,23 +246,55 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
     found = []
     for axis in sensor.axes:
         _, _, values = column_values(recording, sensor, axis)
-        width = code_width(values)
-        if len(values) < 64 or width <= 0:
-            continue
-        steps = np.diff(values) / width
-        on_grid = np.abs(steps - np.rint(steps)).max() < 0.02 * max(1.0, 1e-6 * np.abs(steps).max())
+        width = code_grid(values) if len(values) >= 64 else None
         spread = _spread_at_rest(values)
-        if on_grid and width > COARSE * spread and len(np.unique(np.rint(values / width))) > 2:
+        if width is not None and width > COARSE * spread:
             id = "adc_quantisation" if sensor.is_accelerometer else "gyr_quantisation"
             found.append((axis, CATALOGUE[id]({"lsb": width}, sensor.name, None, "found"), width, spread))
     if not found:
         return recording, []
-    axes = tuple(axis for axis, *_ in found)
+    still = [a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3]  # one code all along
+    axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
     _, effect, width, spread = max(found, key=lambda item: item[2])
     words = f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside its noise."
     other = "gyr_quantisation" if effect.id == "adc_quantisation" else "adc_quantisation"
     names = (effect.id,) if sensor.is_accelerometer else (effect.id, other)
     return recording, [Fault(effect, (sensor.name,), axes, words, names=names[:1], sigma={"lsb": 1e-3 * width})]
+
+
+CUT = 0.002  # deg: no encoder that is worth a calibration has coarser steps, and no noise hides them
+
+
+def _cut(recording: Recording, scenario: Scenario) -> list[Fault]:
+    """A readout of the table that was written with too few decimals."""
+    found = []
+    for axis in scenario.rig.axis_names:
+        angle = recording.table(axis)
+        if angle is None:
+            continue
+        angle = angle[~np.isnan(angle)]
+        step = code_grid(angle) if len(angle) >= 64 else None
+        if step is not None and step > np.radians(CUT) and len(np.unique(np.rint(angle / step))) > 64:
+            effect = CATALOGUE["data_truncation"]({"step": step}, None, axis, "found")
+            names = tuple(s.name for s in scenario.sensor)
+            words = f"The {axis} angle is written in steps of {np.degrees(step):.4g} deg."
+            found.append(Fault(effect, names[:1], tuple(scenario.sensor[0].axes), words, sigma={"step": 1e-3 * step}))
+    return found
+
+
+def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]:
+    """Size, SI, below which the codes of a sensor, or of the table's readout, make whatever they like; by sensor."""
+    floors: dict[str, float] = {}
+    for fault in faults:
+        if fault.effect.id in ("adc_quantisation", "gyr_quantisation"):
+            for name in fault.sensors:
+                floors[name] = max(floors.get(name, 0.0), fault.effect.value("lsb"))
+        if fault.effect.id == "data_truncation":
+            for sensor in scenario.sensor:
+                size = scenario.site.gravity if sensor.kind == "accelerometer" else 1.0
+                size = sensor.rate_hz if sensor.quantity == "rate" else size
+                floors[sensor.name] = max(floors.get(sensor.name, 0.0), size * fault.effect.value("step"))
+    return floors
 
 
 def _spread_at_rest(values: Array) -> float:

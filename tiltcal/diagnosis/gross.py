@@ -1,6 +1,6 @@
 """Gross errors: single values far off their neighbours, in what the table's motion leaves over or in the columns themselves."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -17,12 +17,19 @@ GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
 ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
-def gross_errors(observations: Observations, account: Account) -> tuple[list[Fault], tuple[Recording, ...]]:
-    """Values far off their neighbours, more of them than the tail of the others lets expect; and the recordings without them."""
+def gross_errors(
+    observations: Observations, account: Account, coarse: Collection[str] = ()
+) -> tuple[list[Fault], tuple[Recording, ...]]:  # fmt: skip
+    """Values far off their neighbours, more of them than the tail of the others lets expect; and the recordings without them.
+
+    Sensors whose codes, or whose model's angles, are ``coarse`` are left alone: a step of theirs stands off its neighbours.
+    """
     scenario = observations.scenario
     repaired = list(observations.recordings)
     seen: dict[str, list[tuple[str, float, float, int]]] = {}
     for number, sensor, axis, rows, values in _signals(observations, account):
+        if sensor in coarse:
+            continue
         off = off_neighbours(values)
         far, tail = off > GROSS, (off > 4) & (off <= GROSS)
         if far.sum() > 3 + 0.1 * tail.sum() and np.median(off[far]) > GROSS + 2:

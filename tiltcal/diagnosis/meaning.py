@@ -32,8 +32,10 @@ ROWS = 4000  # compared
 def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
     """Faults of what the columns mean, on a table whose angles were read."""
     known = {e.id for e in scenario.effects}
-    if known & {"data_unit", "data_sign", "data_axis_swap", "data_hand", "data_rotation_sense"} or not scenario.rig.axes:
+    if known & {"data_unit", "data_sign", "data_axis_swap", "data_hand", "data_rotation_sense"}:
         return []
+    if not scenario.rig.axes:
+        return _by_hand(scenario, recording)
     try:
         course = restored(replay(recording, scenario, scenario.climate.reference_degC), scenario.effects)
     except TiltcalError:
@@ -49,6 +51,44 @@ def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
     for sensor in scenario.sensor:
         if recording.has(sensor):
             faults += _of_sensor(scenario, recording, course, sensor, known_effects)
+    return faults
+
+
+def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
+    """A FOG against a gyro triad turned together: one factor between them, which should be one."""
+    faults: list[Fault] = []
+    gyros = [s for s in scenario.sensors("gyro") if recording.has(s) and len(s.axes) == 3]
+    for fog in scenario.sensors("fog") if gyros else ():
+        if not recording.has(fog):
+            continue
+        samples, triad = recording.sensor(fog), recording.sensor(gyros[0])
+        whole = ~np.isnan(triad.values).any(axis=1)
+        there = ~np.isnan(samples.values[:, 0])
+        if whole.sum() < 16 or there.sum() < 16:
+            continue
+        rate = np.column_stack([np.interp(samples.time[there], triad.time[whole], v[whole]) for v in triad.values.T])
+        f, y = rate @ fog.input_vector, samples.values[there, 0]
+        f, y = f - f.mean(), y - y.mean()
+        k = float(f @ y / max(f @ f, 1e-300))
+        if float(np.sum((y - k * f) ** 2)) * FAR > float(y @ y):
+            continue  # they do not turn together
+        faults += _of_factor(k, fog, gyros[0], float(np.abs(y).max()), float(np.abs(f).max()))
+    return faults
+
+
+def _of_factor(k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float) -> list[Fault]:
+    """Unit and sign behind a FOG's readings that are k times what the gyros say; largest rates rad/s."""
+    faults = []
+    factor = next((s for c in FACTORS for s in (c, 1 / c) if abs(np.log(abs(k) / s)) < LIKELY), None)
+    if factor is not None and (abs(k) > 2 or abs(k) < 0.5):
+        wrong = fog if abs(np.log(fastest)) > abs(np.log(gyros)) else gyro  # a hand turns by about a radian a second
+        own = factor if wrong is fog else 1 / factor
+        effect = CATALOGUE["data_unit"]({"factor": own}, wrong.name, None, "found")
+        words = f"{wrong.name} reads {own:.6g} times what its unit says."
+        faults.append(Fault(effect, (wrong.name,), wrong.axes, words, sigma={"factor": 1e-3 * own}))
+    if k < 0:
+        effect = CATALOGUE["data_sign"]({"flip_a": 1.0}, fog.name, None, "found")
+        faults.append(Fault(effect, (fog.name,), fog.axes, f"{fog.name} has the opposite sign."))
     return faults
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from tiltcal.diagnosis.account import Account, models, settle
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.rivals import EQUAL, LOOSE, case_of, explanations, price_of
-from tiltcal.diagnosis.select import MOST, Gate, at_its_instant, backward, best_explanation, findings, refined
+from tiltcal.diagnosis.select import MOST, Gate, at_its_instant, backward, best_explanation, findings, joined, refined
 from tiltcal.diagnosis.suspects import Suspect
 
 FINDING = 10.0  # of deviance: one cause is likelier than two
@@ -46,7 +46,7 @@ def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Susp
         terms = at_its_instant(refined(rivals[0].terms, account, ledger), account, ledger)
         account = exchanged(settle(replace(account, terms=account.terms + terms), ledger), ledger, wanted)
     account = backward(account, ledger, gate)
-    return backward(exchanged(account, ledger, wanted), ledger, gate)
+    return backward(joined(exchanged(account, ledger, wanted)), ledger, gate)
 
 
 def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> Account:

@@ -13,6 +13,7 @@ from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
 from tiltcal.diagnosis.whitening import NoiseFit
 from tiltcal.frames import Array
 
+NEARLY = 0.7  # of the worth of the best: a name in its own form goes before one that needs curves for more
 REST = 0.2  # share of a free form that its first curve may leave
 ALPHA = 0.01  # family-wise, over everything that was tried
 MOST = 4  # findings a recording may be given
@@ -118,12 +119,12 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
             ledger.under(models(gate.noise(settle(account, ledger), ledger)))
             account = settle(account, ledger)
             continue
-        own = [r for r in rivals if r.own >= OWN]
+        own = [r for r in rivals if r.own >= OWN and r.worth > NEARLY * rivals[0].worth]
         pick = preferred(own or rivals, trial.residual if not own else _signal_of(own[0], trial, ledger))
         terms = _hosted(at_its_instant(refined(pick.terms, trial, ledger), trial, ledger), pick.gain, trial, ledger)
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
         if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
-            account, waiting, banned = settle(_joined(trial), ledger), (), set()
+            account, waiting, banned = settle(joined(trial), ledger), (), set()
             continue
         patience -= 1
         banned.add(id(pick.suspect))
@@ -148,7 +149,7 @@ def _hosted(terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledg
     return terms
 
 
-def _joined(account: Account) -> Account:
+def joined(account: Account) -> Account:
     """The account with a second finding of one name at one place made a part of the first: a law at a further shape."""
     groups = findings(account)
     order: list[list[Term]] = []
@@ -199,6 +200,7 @@ def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
 
 
 GRAIN = 4  # halvings of the step between shapes
+FINE = 8  # of an instant, and of a line: strong ones show a hundredth of their width
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {"time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3)}  # s, or relative
 
@@ -214,7 +216,7 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
             continue
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
-        for _ in range(GRAIN if name != "time" else 7):
+        for _ in range(GRAIN if name != "time" and not line else FINE):
             trials = [(x + d if line or name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
             scored = [(_gain_at(term, name, value, account, ledger), value) for value in trials]
             x = max(scored)[1]

@@ -129,6 +129,19 @@ class Lines:
     echoes: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
 
+    def beside(self, known: "Lines", width: float) -> "Lines":
+        """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a line."""
+
+        def new(mine: Sequence[float], theirs: Sequence[float]) -> tuple[float, ...]:
+            return tuple(f for f in mine if all(abs(f - g) > 2 * width for g in theirs))
+
+        ripples = tuple(n for n in self.ripples if n not in known.ripples)
+        return Lines(new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples)
+
+
+OF_LINES = ("mains_pickup", "base_vibration", "table_encoder_sde")
+"""Effects whose shape is a line's frequency."""
+
 
 @dataclass(frozen=True)
 class Span:
@@ -204,7 +217,7 @@ def _eligible(id: str, scenario: Scenario) -> bool:
         return False
     if (cls.stage == "table" or cls.on_table or (cls.stage == "mount" and not cls.kinds)) and not scenario.rig.axes:
         return False
-    if id == "acc_angle_bias" and scenario.rig.table != "placing":  # a bias of the placing angle needs a placing table
+    if id == "acc_angle_bias":  # no form is its own: a curve over the placing angle stands for it
         return False
     if id == "clock_skew" and not scenario.rig.axes:  # one clock, and no table's beside it
         return False
@@ -296,16 +309,8 @@ def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> 
                 yield _curve(LearnedReading, f"table_{name}", basis, **where)
     for one, other in combinations(names, 2):
         yield _curve(LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where)
-    if sensor.is_accelerometer and crosses(scenario, axis):  # its form is nobody's law, its place is
+    if sensor.is_accelerometer and scenario.rig.table == "placing":  # its form is nobody's law, its place is
         yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias")
-
-
-def crosses(scenario: Scenario, axis: str) -> bool:
-    """Whether a channel lies along the axis of a placing table, which turns no gravity into it."""
-    if scenario.rig.table != "placing":
-        return False
-    along = scenario.rig.mount_rotation[1]  # the table's North in the body frame
-    return bool(abs(along["xyz".index(axis)]) > np.sqrt(0.5))
 
 
 def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:

@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.observations import TableObservations
-from tiltcal.diagnosis.suspects import Lines
+from tiltcal.diagnosis.suspects import Lines, fastest
 from tiltcal.diagnosis.whitening import robust_white
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
@@ -16,7 +16,7 @@ LINES = 1100  # a turn, of the finest scale that is looked for
 CIRCLE = 2**17  # angles of a turn: a hundredth of a radian of the finest line, rms
 FIRST = 6  # fewer are curves of the angle
 CHANCE = 1e-4  # of a line in any recording without one
-MOST = 3
+MOST = 5
 
 
 def lines_of(ledger: Ledger, account: Account) -> Lines:
@@ -57,7 +57,9 @@ def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
                 world[rows] += r[:, None] * np.column_stack([np.cross(north, up)[rows, k], north[rows, k], up[rows, k]])
             for column in world.T:
                 found += _lines(watch.time, column)
-    return _apart(found, lambda _: 2 / float(np.ptp(observations.recordings[0].time)))
+    duration = float(np.ptp(observations.recordings[0].time))
+    slowest = max(20 / duration, 4 * fastest(observations) / (2 * np.pi))  # slower than that the table's own turns look like lines
+    return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
 
 
 def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:

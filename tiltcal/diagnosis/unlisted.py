@@ -11,9 +11,10 @@ from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, ex
 from tiltcal.diagnosis.select import ALPHA, Gate, findings, log_tail, log_tries
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects.learned import ANGLES, Learned, LearnedReading
+from tiltcal.frames import Array
 
 MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
-SHARE = 0.03  # and this share of the gain: a law that is a few per cent off its textbook form keeps its name
+SHARE = 1 - OWN  # and this share of the gain: a law that is some per cent off its textbook form keeps its name
 
 
 def is_curve(suspect: Suspect) -> bool:
@@ -74,15 +75,26 @@ def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
     trial = settle(replace(account, terms=account.terms + curve.terms), ledger)
     if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA):
         return settle(account, ledger)
-    gains = [sum(float(s @ s) for s in case_of(account, ledger, places).signal) for places in findings(account)]
-    if gains and curve.gain < SHARE * max(gains):
-        k = int(np.argmax(gains))
+    shares = [_power(case_of(account, ledger, places).signal) for places in findings(account)]
+    gains = [float(p.sum()) for p in shares]
+    if gains and curve.gain < SHARE * max(gains) and _alike(shares[k := int(np.argmax(gains))], curve, trial, ledger):
         places = findings(account)[k]
         host = account.terms[places[0]].suspect
         rest = tuple(replace(t, host=host) for t in curve.terms)
         terms = account.terms[: places[-1] + 1] + rest + account.terms[places[-1] + 1 :]
         return settle(replace(account, terms=terms), ledger)
     return trial
+
+
+def _power(signal: Sequence[Array]) -> Array:
+    """Energy of a signal in each channel, (channels,)."""
+    return np.array([float(s @ s) for s in signal])
+
+
+def _alike(power: Array, curve: Rival, trial: Account, ledger: Ledger) -> bool:
+    """Whether a curve shows in the channels that a finding shows in."""
+    other = _power(case_of(trial, ledger, list(range(len(trial.terms) - len(curve.terms), len(trial.terms)))).signal)
+    return float(other[power > SHARE * power.sum()].sum()) > OWN * float(other.sum())
 
 
 def best_curve(case: Case, ledger: Ledger) -> Rival | None:

@@ -55,13 +55,20 @@ def _held(sign: Array) -> Array:
     return np.where(last >= 0, sign[np.maximum(last, 0)], 0.0)
 
 
+RINGS = 0.05  # of the largest rate of a motion: what a local polynomial makes of its ends
+
+
 def motion_direction(angle: Jet) -> Array:
     """Sign of the last motion of an axis at each sample, (n,): from its rate, which is zero at rest where a readout is noisy;
     from its steps when only poses are known."""
     rate = np.broadcast_to(angle.v, np.shape(angle.x))
-    limit = 1e-4 * np.abs(rate).max(initial=0.0)
-    if limit == 0:
+    if not rate.any():
         return last_direction(np.asarray(angle.x))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rate != 0, [False]]).astype(int)))
+    limit = np.zeros_like(rate)  # of each motion by itself: a readout differentiated rings where a fast one stops
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        limit[start:end] = RINGS * np.abs(rate[start:end]).max()
+    limit = np.maximum(limit, 1e-4 * np.abs(rate).max())
     return _held(np.where(np.abs(rate) > limit, np.sign(rate), 0.0))
 
 

@@ -6,7 +6,8 @@ from itertools import chain
 from typing import Any
 
 from tiltcal.diagnosis.account import Account, Term, models, noise_under, settle
-from tiltcal.diagnosis.diagnose import block_of, instants, prepare
+from tiltcal.diagnosis.blocks import block_of
+from tiltcal.diagnosis.diagnose import instants, prepare
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.families import completes
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe

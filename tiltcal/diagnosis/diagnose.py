@@ -18,7 +18,7 @@ from tiltcal.diagnosis.hand import HandObservations
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.plain import plainer
-from tiltcal.diagnosis.randoms import random_stamps, setting_error, wrong_stop
+from tiltcal.diagnosis.randoms import at_rest_only, random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, findings, select
 from tiltcal.diagnosis.suspects import OF_LINES, Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
@@ -115,6 +115,12 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     ledger = Ledger(observations)
     start = calibrated(observations, ledger)
     floors = code_floors(scenario, faults)
+    jittered = None if any(e.id == "data_jitter" for e in scenario.effects) else random_stamps(start, observations)
+    if jittered is not None:  # whatever moves fast is spoiled by it
+        observations = observe(scenario, at_rest_only(observations, start, jittered.effect.value("jitter")), known)
+        faults = [*faults, jittered]
+        ledger = Ledger(observations)
+        start = calibrated(observations, ledger)
     wild, mended = gross_errors(observations, start, floors)
     if any(a is not b for a, b in zip(mended, observations.recordings, strict=True)):
         observations = observe(scenario, mended, known)
@@ -202,7 +208,7 @@ def _summed(observations: Observations, terms: Sequence[Term], account: Account)
 
 
 def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> tuple[Account, list[Fault]]:
-    """Random effects last: they explain anything that varies from stop to stop, so nothing smooth may do so."""
+    """A random effect last: it explains anything that varies from stop to stop, so nothing smooth may do so."""
     known = {e.id for e in ledger.observations.scenario.effects}
     found: list[Fault] = []
     if "table_index_error" not in known:
@@ -210,8 +216,6 @@ def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> 
         if setting is not None:
             account = settle(replace(account, terms=()), ledger)
             found.append(setting[0])
-    if "data_jitter" not in known and (stamps := random_stamps(account, ledger.observations)) is not None:
-        found.append(stamps)
     return account, found
 
 

@@ -23,8 +23,11 @@ def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: C
     Args:
         start: without findings; the search begins under the noise that is left when ``rich`` is taken away.
     """
-    if len(rich.terms) < 2:
+    if not rich.terms:
         return rich
+    if len(rich.terms) == 1:  # found while the noise was not known yet
+        other = backward(exchanged(rich, ledger, wanted), ledger, gate)
+        return other if other.terms else backward(rich, ledger, gate)
     after = ledger.roots
     plain = plainly(start, ledger, gate, wanted)
     ledger.weigh(after)
@@ -52,7 +55,7 @@ def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Susp
 def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> Account:
     """The account with each finding replaced by what explains more in its place."""
     for _ in range(EXCHANGES):
-        for places in findings(account) if len(findings(account)) > 1 else ():
+        for places in findings(account):
             case = case_of(account, ledger, places)
             whole = sum(float(t @ t) for t in case.target)
             left = sum(float((t - s) @ (t - s)) for t, s in zip(case.target, case.signal, strict=True))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.account import Account
-from tiltcal.diagnosis.columns import without_readout
+from tiltcal.diagnosis.columns import changed, without_readout
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.observations import Columns, Observations, TableObservations
@@ -14,6 +14,7 @@ from tiltcal.diagnosis.select import ALPHA, log_tail
 from tiltcal.diagnosis.whitening import robust_white
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 from tiltcal.recording import Recording
 
 MARGIN = 4  # rows beside a stop that its wrong readout spoils
@@ -170,14 +171,14 @@ def random_stamps(account: Account, observations: Observations) -> Fault | None:
         return None
     late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
     slopes = observations.changes(late, account.effects)
+    noises = [_quiet_noise(r, c.stop) for r, c in zip(observations.residuals(account.effects), observations.channels, strict=True)]
     top = bottom = smooth = 0.0
     energy: dict[tuple[str, str], float] = {}
     for i, r in enumerate(observations.residuals(account.effects)):
         if i not in slopes:
             continue
         channel = observations.channels[i]
-        still = channel.stop >= 0
-        noise = float(np.std(r[still])) if still.sum() > 32 else robust_white(r)
+        noise = noises[i]
         s2 = (slopes[i] / 1e-3 / noise) ** 2
         excess = np.minimum((r / noise) ** 2, 400.0) - 1
         top += float(excess @ s2)
@@ -197,3 +198,27 @@ def random_stamps(account: Account, observations: Observations) -> Fault | None:
         effect, tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong)), words,
         sigma={"jitter": float(sigma / (2 * np.sqrt(value)))},
     )  # fmt: skip
+
+
+def _quiet_noise(residual: Array, stop: Index) -> float:
+    """Standard deviation of a residual at rest; of its second differences where it never rests."""
+    still = stop >= 0
+    return float(np.std(residual[still])) if still.sum() > 32 else robust_white(residual)
+
+
+SPOILS = 0.3  # of the noise: a sample that a random stamp moves by more is left out
+
+
+def at_rest_only(observations: Observations, account: Account, jitter: float) -> tuple[Recording, ...]:
+    """The recordings without the samples that random stamps (s, rms) spoil."""
+    late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
+    recordings = list(observations.recordings)
+    residuals = observations.residuals(account.effects)
+    for i, slope in observations.changes(late, account.effects).items():
+        channel = observations.channels[i]
+        spoiled = np.abs(slope) / 1e-3 * jitter > SPOILS * _quiet_noise(residuals[i], channel.stop)
+        sensor = observations.scenario.named(channel.sensor)
+        recordings[channel.recording] = changed(
+            recordings[channel.recording], sensor, channel.axis, channel.rows[spoiled], np.nan
+        )  # fmt: skip
+    return tuple(recordings)

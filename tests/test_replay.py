@@ -104,3 +104,14 @@ def test_a_recording_without_the_tables_readout_is_refused():
     backwards = Recording.from_columns(recording.time[::-1], {})
     with pytest.raises(TiltcalError, match="time goes back"):
         replay(backwards, scenario())
+
+
+def test_a_table_that_never_rests_has_no_stops_at_its_turning_points():
+    """The quietest tenth of a record that only oscillates is no dwell: its rates are those of the motion."""
+    swing = [{"action": "oscillate", "axis": "inner", "amplitude_deg": 60, "frequency_hz": 0.2, "cycles": 10}]
+    setup = setup_of("dual", GYRO.model_copy(update={"rate_hz": 100}))
+    recording = LABORATORY.record(parse_scenario({"schema": 1, **setup.model_dump(exclude_none=True), "sequence": swing}), 1)
+    course = replay(recording, setup)
+    assert not (course.stop >= 0).any()
+    axis = course.drive(recording.time).axes["inner"]
+    assert np.abs(np.gradient(course.angles["inner"], recording.time) - axis.v)[20:-20].max() < 1e-3

@@ -1,7 +1,7 @@
 """A recorded readout played again: the Course that a model needs to predict what a recording should read."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tiltcal.segments import resting_rows
 from tiltcal.setup import Setup
 
 EDGE = 2  # samples beside a move that are left to the polynomial
+WANDER = 2e-3  # rad: what a readout covers within a stop; more is a slow move, or the turning point of an oscillation
 WIDTHS = (5, 9, 15, 25, 41)  # samples of the local quartics: the longest that leaves no more than the readout's own noise
 
 
@@ -63,7 +64,13 @@ class Replay:
     @cached_property
     def _rates(self) -> dict[str, tuple[Array, Array]]:
         """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for many times."""
-        return {name: differentiate(self.time, angle, self.stop >= 0) for name, angle in self.angles.items()}
+        time, resting = self.time.tobytes(), (self.stop >= 0).tobytes()
+        found = {}
+        for name, angle in self.angles.items():
+            sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0  # counted the other way it has the same rates, turned
+            v, a = _differentiated(time, (sign * angle).tobytes(), resting)
+            found[name] = (sign * v, sign * a)
+        return found
 
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
         """A drive at these times whose axes are known already: nothing is differentiated."""
@@ -129,7 +136,8 @@ def still_rows(
 ) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
     """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one code, of the dwell's level.
 
-    The search for dwells takes the very start and end of a move for rest; a rate of zero there would be wrong.
+    The search for dwells takes the very start and end of a move for rest, and the slow parts of a table that never rests; a
+    rate of zero there would be wrong.
     """
     still = resting.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
@@ -144,7 +152,7 @@ def still_rows(
             quiet[1:-1] &= quiet[:-2] & quiet[2:]
             quiet[0] &= first == 0
             quiet[-1] &= last == len(angles)
-        still[first:last] = quiet
+        still[first:last] = quiet & bool((np.ptp(part[quiet], axis=0) <= WANDER).all() if quiet.any() else False)
     return still
 
 
@@ -179,6 +187,12 @@ def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np
         a = np.where(good, _local_quartic(uniform, width, 2) / step**2, a)
     v, a = np.interp(time, grid, v), np.interp(time, grid, a)
     return np.where(resting, 0.0, v), np.where(resting, 0.0, a)
+
+
+@lru_cache(maxsize=24)
+def _differentiated(time: bytes, angle: bytes, resting: bytes) -> tuple[Array, Array]:
+    """The same of the contents of arrays: one recording is replayed many times, under every reading of its columns."""
+    return differentiate(np.frombuffer(time), np.frombuffer(angle), np.frombuffer(resting, dtype=bool))
 
 
 def _readout_noise(angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> float:

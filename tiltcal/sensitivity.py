@@ -5,6 +5,7 @@ size as the step. Dwells of a schedule are compressed to one row with its number
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeVar
@@ -159,7 +160,13 @@ class Watch:
         self.sense = {s.name: make_sense(s, setup, motion, self.drive) for s in setup.sensor}
         self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
         self.responses = Responses(setup, self.drive)
-        self._slopes: dict[str, Array] | None = None
+        self._slopes: tuple[Array, Array] | None = None
+
+    def through(self, matrices: Mapping[str, Array]) -> "Watch":
+        """The same motion through other sensor matrices."""
+        other = copy(self)
+        other.matrices = matrices
+        return other
 
     def changes(self, effect: Effect) -> dict[str, Array]:
         """Change of the readings of each sensor that changes, SI, (n, k)."""
@@ -239,8 +246,8 @@ class Watch:
         if self._slopes is None:
             step = 5e-4
             ahead, behind = (force_and_rate(self.setup, self.course.drive(self.time + sign * step)) for sign in (1, -1))
-            self._slopes = self._read((ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step))
-        slopes = self._slopes
+            self._slopes = (ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step)
+        slopes = self._read(*self._slopes)
         names = [effect.sensor] if effect.sensor else list(slopes)
         return {
             name: np.column_stack([-effect.delay(self.drive.elapsed, k, None) * column for k, column in enumerate(slopes[name].T)])

@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-ROOMS = ("simulation", "reading", "information", "placing", "designing", "accuracy", "allan", "investigating")
+ROOMS = ("simulation", "reading", "information", "placing", "designing", "accuracy", "allan", "investigating", "diagnosing")
 
 
 def main(names: list[str]) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, as_it_began, noise_under, settle
+from tiltcal.diagnosis.blocks import block_of
 from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
 from tiltcal.diagnosis.conclude import amended_of, findings_of, fitness_of, undetectable_of
 from tiltcal.diagnosis.evidence import Ledger, cosines
@@ -15,7 +16,7 @@ from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
 from tiltcal.diagnosis.meaning import meaning
-from tiltcal.diagnosis.observations import Observations, observe
+from tiltcal.diagnosis.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import at_rest_only, random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
@@ -34,7 +35,6 @@ from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, parse_scenario
 
 Progress = Callable[[str], None]
-MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
@@ -64,7 +64,7 @@ def diagnose(
         return _answer(bench, bench.start, (), (), False)
     progress("what every effect would do")
     lines = lines_of(bench.ledger, bench.start)
-    full, bench = bench.observations, thinned(bench)
+    full, bench = bench.observations, thinned(bench, lines)
     ledger = bench.ledger
     fill(ledger, bench.start, lines)
     gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
@@ -138,14 +138,13 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     return Bench(observations, ledger, start, (*faults, *wild), tuple(notes), floors)
 
 
-def thinned(bench: Bench) -> Bench:
+def thinned(bench: Bench, lines: Lines) -> Bench:
     """The same with a long record's samples averaged in short blocks."""
-    longest = max(len(c.values) for c in bench.observations.channels)
-    block = -(-longest // MOST_ROWS)
     old = bench.observations
-    if block < 2 or not old.scenario.rig.axes:
+    block = block_of(old, lines)
+    if block < 2 or not isinstance(old, TableObservations):
         return bench
-    observations = observe(old.scenario, old.recordings, old.known, block)
+    observations = old.averaged(block)
     ledger = Ledger(observations)
     return replace(bench, observations=observations, ledger=ledger, start=calibrated(observations, ledger))
 

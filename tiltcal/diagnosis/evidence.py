@@ -43,6 +43,10 @@ class Score:
     def gain(self, keep: Sequence[int] | None = None) -> tuple[float, int]:
         """Fall of the deviance with these columns (all), and its degrees of freedom."""
         index = self._index(keep)
+        if len(index) == 1:
+            i = index[0]
+            there = self.B[i, i] > SURVIVES * max(self.raw[i], 1e-300)
+            return (float(self.A[i] ** 2 / self.B[i, i]), 1) if there else (0.0, 0)
         values, vectors, size = self._directions(index)
         return float((((vectors.T @ (self.A[index] / size)) ** 2) / values).sum()), len(values)
 
@@ -71,16 +75,22 @@ class Score:
 
     def best(self, price: float) -> tuple[float, list[int]]:
         """Largest gain less ``price`` a column over subsets, built up one column at a time."""
+        A, B, size = self.A.astype(float), self.B.astype(float), SURVIVES * self.raw
         chosen: list[int] = []
         top = 0.0
-        left = [i for i in range(len(self.names)) if self.B[i, i] > SURVIVES * self.raw[i]]
-        while left:
-            value, i = max((self.gain([*chosen, i])[0] - price * (len(chosen) + 1), i) for i in left)
-            if value <= top:
+        free = np.diag(B) > size
+        while free.any():
+            rest = np.diag(B)
+            free &= rest > size
+            gains = np.where(free, A * A / np.where(free, rest, 1.0), 0.0)
+            i = int(np.argmax(gains))
+            if gains[i] <= price:
                 break
-            top = value
+            top += float(gains[i]) - price
             chosen.append(i)
-            left.remove(i)
+            free[i] = False
+            part = B[i] / B[i, i]
+            A, B = A - part * A[i], B - np.outer(part, B[i])
         return top, sorted(chosen)
 
 
@@ -126,14 +136,15 @@ class Ledger:
     def packed(self) -> list[tuple[Array, Array]]:
         """Of each channel the numbers of its columns, (p,), and their coefficients, (p, n)."""
         if self._packed is None:
-            self._packed = [
-                (
-                    np.array([k for k, _ in parts], dtype=int),
-                    np.array([c for _, c in parts]).reshape(len(parts), len(channel.values)),
-                )
-                for parts, channel in zip(self._parts, self.observations.channels, strict=True)
-            ]
-            self._parts = [[(int(k), row) for k, row in zip(index, block, strict=True)] for index, block in self._packed]
+            self._packed = []
+            for i, channel in enumerate(self.observations.channels):  # one at a time: no two copies of all of them
+                parts, self._parts[i] = self._parts[i], []
+                index = np.array([k for k, _ in parts], dtype=int)
+                block: Array = np.empty((len(parts), len(channel.values)), np.float32)
+                for k in reversed(range(len(parts))):
+                    block[k] = parts.pop()[1]
+                self._packed.append((index, block))
+                self._parts[i] = [(int(k), row) for k, row in zip(index, block, strict=True)]
             self._inner = []
         return self._packed
 
@@ -181,7 +192,8 @@ class Ledger:
 
     def scores(self, basis: Sequence[Array], residual: Sequence[Array]) -> list[Score]:
         """The score of every suspect. basis: Q by channel, (n, q); residual: whitened, by channel, (n,)."""
-        A, UQ = self.inner(project(basis, residual)), self.inner(basis)
+        both = self.inner([np.column_stack([r, Q]) for r, Q in zip(project(basis, residual), basis, strict=True)])
+        A, UQ = both[:, 0], both[:, 1:]
         found = []
         for suspect, start, inner in zip(self.suspects, self.starts, self._own(), strict=True):
             part = slice(start, start + len(suspect.names))
@@ -202,12 +214,12 @@ def cosines(column: Array) -> Array:
 
 def basis_of(columns: Sequence[Columns], lengths: Sequence[int]) -> list[Array]:
     """An orthonormal basis of some whitened columns, split by channel, (n, q) each."""
-    stacked = np.zeros((sum(lengths), len(columns)))
+    stacked = np.zeros((len(columns), sum(lengths)))
     starts = np.concatenate([[0], np.cumsum(lengths)])
     for k, column in enumerate(columns):
         for i, part in column.items():
-            stacked[starts[i] : starts[i + 1], k] = part
-    return np.split(column_space(stacked), starts[1:-1])
+            stacked[k, starts[i] : starts[i + 1]] = part
+    return np.split(column_space(stacked.T), starts[1:-1])
 
 
 def project(basis: Sequence[Array], vectors: Sequence[Array]) -> list[Array]:

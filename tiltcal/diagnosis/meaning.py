@@ -123,11 +123,11 @@ def _pair(
 ) -> tuple[Array, Array]:  # fmt: skip
     samples = recording.sensor(sensor)
     turned = restored(course, [e for e in effects if e not in scenario.effects])  # type: ignore[arg-type]
+    there = np.flatnonzero(~np.isnan(samples.values).any(axis=1) & turned.known[samples.rows])
+    some = there[:: max(1, len(there) // ROWS)]
     met = as_met(effects, recording.fingerprint)
-    predicted = readings(scenario, turned, {sensor.name: recording.time}, met)[sensor.name][samples.rows]
-    there = ~np.isnan(samples.values).any(axis=1) & turned.known[samples.rows]
-    step = max(1, int(there.sum()) // ROWS)
-    return samples.values[there][::step], predicted[there][::step]
+    predicted = readings(scenario, turned, {sensor.name: recording.time[samples.rows[some]]}, met)[sensor.name]
+    return samples.values[some], predicted
 
 
 def _misfit(y: Array, f: Array, P: Array) -> float:

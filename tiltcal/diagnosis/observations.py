@@ -2,7 +2,9 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from tiltcal.replay import Replay, replay
 from tiltcal.scenario import Scenario
 from tiltcal.sensitivity import Watch
 
+QUICK = 0.1  # periods within a block, at most, that its middle may stand for
 Columns = dict[int, Array]
 """Change of each channel that changes, by the channel's number, (n,) each, SI."""
 
@@ -96,13 +99,12 @@ class Observations(ABC):
 class TableObservations(Observations):
     """Recordings on a table whose angles were read.
 
-    Args:
-        block: samples that are averaged into one, of readings and predictions alike: a long record needs no more to tell
-            what physics it holds, and noise stays what it was, white, flicker and walk.
+    ``averaged`` has blocks of samples in place of samples, of readings and predictions alike: a long record needs no more to
+    tell what physics it holds, and noise stays what it was, white, flicker and walk.
     """
 
-    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect], block: int = 1) -> None:
-        self.block = block
+    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
+        self.block = 1
         self._rows: list[Index] = []
         self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
         reference = scenario.climate.reference_degC
@@ -114,6 +116,15 @@ class TableObservations(Observations):
         self.stops = [course.stop for course in self.courses]
         self.channels = tuple(self._channels())
         self._watches: dict[bytes, list[Watch]] = {}
+        self._bent: list[Array] = []
+        self._whole: TableObservations | None = None
+
+    def averaged(self, block: int) -> "TableObservations":
+        """The same with so many samples averaged into one."""
+        other = copy(self)
+        other.block, other._rows, other._watches, other._bent, other._whole = block, [], {}, [], self
+        other.channels = tuple(other._channels())
+        return other
 
     def _channels(self) -> list[Channel]:
         found = []
@@ -141,7 +152,54 @@ class TableObservations(Observations):
         return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
-        """What each channel should have read."""
+        """What each channel should have read.
+
+        Of blocks: the prediction at their middles, and how far the mean over a block was from that at first, of the motion's
+        bend within it; what is quick beside a block is predicted at every sample.
+        """
+        if self._whole is None:
+            return self._everywhere(effects)
+        if any(self.quick(e) and not e.is_identity for e in effects):
+            return self._blocks(self._whole.predict(effects))
+        if not self._bent:
+            whole = self._blocks(self._whole.predict(effects))
+            self._bent = [w - m for w, m in zip(whole, self._middles(effects), strict=True)]
+        return [m + b for m, b in zip(self._middles(effects), self._bent, strict=True)]
+
+    def quick(self, effect: Effect) -> bool:
+        """Whether an effect may change within a block."""
+        if "lines" in effect.values:
+            return self.block > 1
+        period = getattr(effect, "period", 0.0) if getattr(effect, "coordinate", "") == "since_move" else 0.0
+        frequency = effect.values.get("frequency", 1 / period if period else 0.0)
+        return self.block > 1 and frequency * self.block * self._step > QUICK
+
+    @cached_property
+    def _step(self) -> float:
+        """Between samples, s."""
+        return max(float(np.median(np.diff(r.time))) for r in self.recordings)
+
+    def _blocks(self, columns: Sequence[Array]) -> list[Array]:
+        """Means of blocks of every channel's samples."""
+        return [self._mean(column) for column in columns]
+
+    def _middles(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read at the middles of the blocks."""
+        found = []
+        for number, (recording, course) in enumerate(zip(self.recordings, self.courses, strict=True)):
+            mine = [c for c in self.channels if c.recording == number]
+            time = self._grid(recording)
+            values = readings(
+                self.scenario, course, dict.fromkeys(sorted({c.sensor for c in mine}), time), as_met(effects, recording.fingerprint)
+            )
+            found += [values[c.sensor][np.minimum(c.rows // self.block, len(time) - 1), c.column] for c in mine]
+        return found
+
+    def _grid(self, recording: Recording) -> Array:
+        """Stamps in the middle of blocks, s, (n,)."""
+        return recording.time[self.block // 2 :: self.block]
+
+    def _everywhere(self, effects: Sequence[Effect]) -> list[Array]:
         found = []
         for number, (recording, course) in enumerate(zip(self.recordings, self.courses, strict=True)):
             names = {c.sensor for c in self.channels if c.recording == number}
@@ -156,6 +214,8 @@ class TableObservations(Observations):
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect: by the closed form at the nominal table, through the fitted sensor matrix."""
         found: Columns = {}
+        if self._whole is not None and self.quick(effect):
+            return {i: self._mean(column) for i, column in self._whole.changes(effect, around).items()}
         for number, watch in enumerate(self.watches(around)):
             changes = watch.changes(effect)
             for i, c in enumerate(self.channels):
@@ -167,7 +227,7 @@ class TableObservations(Observations):
 
     def columns(self, effect: Effect, names: Sequence[str], around: Sequence[Effect]) -> dict[int, tuple[list[int], Array]]:
         """Change of each channel by each size alone; those of a curve all at once."""
-        if not isinstance(effect, Learned):
+        if not isinstance(effect, Learned) or self.quick(effect):
             return super().columns(effect, names, around)
         which = [int(name[1:]) for name in names]
         sizes = np.array([effect.values[name] for name in names])
@@ -188,11 +248,11 @@ class TableObservations(Observations):
         matrices = {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
         key = b"".join(m.tobytes() for m in matrices.values())
         if key not in self._watches:
-            self._watches.clear()
-            self._watches[key] = [
-                Watch(self.scenario, course, recording.time[self.block // 2 :: self.block], matrices)
+            known = next(iter(self._watches.values()), None) or [
+                Watch(self.scenario, course, self._grid(recording))
                 for recording, course in zip(self.recordings, self.courses, strict=True)
             ]
+            self._watches = {key: [watch.through(matrices) for watch in known]}
         return self._watches[key]
 
 
@@ -224,8 +284,7 @@ def observe(
     """
     from tiltcal.diagnosis.hand import HandObservations
 
-    return (
-        TableObservations(scenario, recordings, known, block)
-        if scenario.rig.axes
-        else HandObservations(scenario, recordings, known)
-    )
+    if scenario.rig.axes:
+        whole = TableObservations(scenario, recordings, known)
+        return whole.averaged(block) if block > 1 else whole
+    return HandObservations(scenario, recordings, known)

@@ -8,8 +8,9 @@ import numpy as np
 
 from tiltcal.confusion import SEPARABLE
 from tiltcal.diagnosis.account import Account, Term, columns_of
-from tiltcal.diagnosis.evidence import SURVIVES, Ledger, basis_of, project
+from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, completes
+from tiltcal.diagnosis.normal import Normal, normal_equations
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
@@ -97,7 +98,7 @@ def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], 
     seen: dict[Any, tuple[float, Suspect]] = {}
     price = price_of(ledger)
     for score in ledger.scores(case.basis, case.target):
-        if not wanted(score.suspect) or score.gain()[0] < NEAR**2 * energy:
+        if not wanted(score.suspect) or (energy > 0 and score.gain()[0] < NEAR**2 * energy):
             continue
         worth = score.best(price)[0] - 2 * np.log(score.suspect.variants)
         key = score.suspect.place if score.suspect.listed else id(score.suspect)
@@ -113,23 +114,22 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -
     near = [] if alone else ledger.near(suspect)
     family = [k for k in near if ledger.suspects[k] is not suspect and completes(ledger.suspects[k], suspect)]
     members = [ledger.suspects.index(suspect), *family]
-    columns, owner, names = _dense(members, case, ledger)
-    target = np.concatenate(case.target)
+    normal = normal_equations(members, case.basis, case.target, case.signal, ledger)
+    owner = normal.owner
     price = price_of(ledger)
     own = [i for i, who in enumerate(owner) if who == members[0]]
     lawful = [i for i, who in enumerate(owner) if who == members[0] or _same_kind(ledger.suspects[who], suspect)]
-    chosen = _greedy(columns, target, own, price, [])
+    chosen = normal.greedy(own, price)
     if not chosen:
         return None
     dear = price + 2 * np.log(1 + len(family))
-    chosen = _greedy(columns, target, lawful, dear, chosen)
-    lawful_gain = _gain(columns, target, chosen)
-    whole = _greedy(columns, target, range(len(owner)), dear, chosen)
-    gain = _gain(columns, target, whole)
-    signal = np.concatenate(case.signal)
-    energy = float(signal @ signal)
-    explained = _gain(columns, signal, own)
-    terms = _terms(columns, target, whole, owner, names, ledger, suspect)
+    chosen = normal.greedy(lawful, dear, chosen)
+    lawful_gain = normal.gain(normal.target, chosen)
+    whole = normal.greedy(range(len(owner)), dear, chosen)
+    gain = normal.gain(normal.target, whole)
+    energy = sum(float(s @ s) for s in case.signal)
+    explained = normal.gain(normal.signal, own)
+    terms = _terms(normal, whole, ledger, suspect)
     form = lawful_gain / gain
     share = form if suspect.id not in FREE_FORM else 1.0
     return Rival(
@@ -143,62 +143,9 @@ def _same_kind(other: Suspect, suspect: Suspect) -> bool:
     return other.listed and (other.alias is None) == (suspect.alias is None)
 
 
-def _dense(members: Sequence[int], case: Case, ledger: Ledger) -> tuple[Array, list[int], list[str]]:
-    """Projected whitened columns of some suspects, (N, k), whose each is, and its name."""
-    lengths = [len(t) for t in case.target]
-    owner = [m for m in members for _ in ledger.suspects[m].names]
-    names = [n for m in members for n in ledger.suspects[m].names]
-    columns = np.zeros((sum(lengths), len(owner)))
-    where = {
-        ledger.starts[m] + j: k for k, (m, j) in enumerate((m, j) for m in members for j in range(len(ledger.suspects[m].names)))
-    }
-    starts = np.concatenate([[0], np.cumsum(lengths)])
-    for i, ((index, block), root) in enumerate(zip(ledger.packed, ledger.roots, strict=True)):
-        for row in np.flatnonzero(np.isin(index, list(where))):
-            columns[starts[i] : starts[i + 1], where[int(index[row])]] = block[row] / root
-    Q = np.concatenate(case.basis)
-    raw = np.linalg.norm(columns, axis=0)
-    columns -= Q @ (Q.T @ columns)
-    left = np.linalg.norm(columns, axis=0)
-    columns[:, left**2 < SURVIVES * raw**2] = 0.0
-    return columns, owner, names
-
-
-def _gain(columns: Array, target: Array, chosen: Sequence[int]) -> float:
-    basis = basis_of([{0: columns[:, i]} for i in chosen], [len(target)])[0] if len(chosen) else np.zeros((len(target), 0))
-    along = basis.T @ target
-    return float(along @ along)
-
-
-def _greedy(columns: Array, target: Array, allowed: Sequence[int], price: float, start: Sequence[int]) -> list[int]:
-    """Columns added one by one while each brings more than its price."""
-    chosen = list(start)
-    size = np.linalg.norm(columns, axis=0)
-    left = [i for i in allowed if size[i] > 0 and i not in chosen]
-    basis = [columns[:, i] for i in chosen]
-    Q = basis_of([{0: b} for b in basis], [len(target)])[0] if basis else np.zeros((len(target), 0))
-    rest = target - Q @ (Q.T @ target)
-    work = columns[:, left] - Q @ (Q.T @ columns[:, left])
-    while left:
-        norms = np.linalg.norm(work, axis=0)
-        good = norms > 0.03 * size[left]
-        gains = np.where(good, (work.T @ rest) ** 2 / np.where(good, norms, 1.0) ** 2, 0.0)
-        j = int(np.argmax(gains))
-        if gains[j] <= price:
-            break
-        q = work[:, j] / norms[j]
-        rest = rest - q * (q @ rest)
-        work = np.delete(work - np.outer(q, q @ work), j, axis=1)
-        chosen.append(left.pop(j))
-    return chosen
-
-
-def _terms(
-    columns: Array, target: Array, chosen: Sequence[int], owner: Sequence[int], names: Sequence[str], ledger: Ledger, host: Suspect
-) -> tuple[Term, ...]:  # fmt: skip
-    part = columns[:, list(chosen)]
-    size = np.linalg.norm(part, axis=0)
-    values = np.linalg.lstsq(part / size, target, rcond=1e-6)[0] / size
+def _terms(normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect) -> tuple[Term, ...]:
+    values = normal.solve(normal.target, chosen)
+    owner, names = normal.owner, normal.names
     found = []
     for member in dict.fromkeys(owner[i] for i in chosen):
         suspect = ledger.suspects[member]

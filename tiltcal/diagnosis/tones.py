@@ -13,6 +13,7 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 
 LINES = 1100  # a turn, of the finest scale that is looked for
+CIRCLE = 2**17  # angles of a turn: a hundredth of a radian of the finest line, rms
 FIRST = 6  # fewer are curves of the angle
 CHANCE = 1e-4  # of a line in any recording without one
 MOST = 5
@@ -88,12 +89,9 @@ def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
 
 
 def _harmonics(angle: Array, signal: Array) -> Array:
-    """|sum signal exp(i n angle)|^2 for n = 0 .. LINES - 1."""
-    step, turn, power = np.exp(1j * angle), signal.astype(complex), np.empty(LINES)
-    for n in range(LINES):
-        power[n] = abs(turn.sum()) ** 2
-        turn *= step
-    return power
+    """|sum signal exp(i n angle)|^2 for n = 0 .. LINES - 1: of angles rounded to a share of the finest line, so by one FFT."""
+    place = np.rint(angle / (2 * np.pi) * CIRCLE).astype(np.int64) % CIRCLE
+    return np.asarray(np.abs(np.fft.rfft(np.bincount(place, signal, CIRCLE))[:LINES]) ** 2)
 
 
 def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:

@@ -57,14 +57,15 @@ def robust_white(residual: Array) -> float:
 
 def column_space(columns: Array, tolerance: float = 1e-9) -> Array:
     """An orthonormal basis of the space of some columns, (n, rank)."""
-    size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 0] / size[size > 0]
-    if columns.shape[1] == 0:
-        return columns
-    values, vectors = np.linalg.eigh(columns.T @ columns)
-    keep = values > tolerance * len(values)
-    Q = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
-    return np.asarray(np.linalg.qr(Q)[0])
+    size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    if not size.any():
+        return columns[:, :0]
+    size = np.where(size > 0, size, np.inf)
+    values, vectors = np.linalg.eigh(columns.T @ columns / np.outer(size, size))
+    keep = values > tolerance * np.isfinite(size).sum()
+    Q = columns @ (vectors[:, keep] / np.sqrt(values[keep]) / size[:, None])
+    values, vectors = np.linalg.eigh(Q.T @ Q)  # once more: what rounding left of the small directions, at the cost of a product
+    return np.asarray(Q @ (vectors / np.sqrt(values)))
 
 
 def estimate_noise(residual: Array, mean: Array, start: NoiseModel | None = None, rounds: int = 2) -> "NoiseFit":

@@ -6,7 +6,8 @@ from itertools import chain
 from typing import Any
 
 from tiltcal.diagnosis.account import Account, Term, models, noise_under, settle
-from tiltcal.diagnosis.diagnose import MOST_ROWS, instants, prepare
+from tiltcal.diagnosis.blocks import block_of
+from tiltcal.diagnosis.diagnose import instants, prepare
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.families import completes
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
@@ -69,12 +70,12 @@ def questions(
         return []
     bench = prepare(scenario, recordings)
     old = bench.observations
-    block = -(-max(len(c.values) for c in old.channels) // MOST_ROWS)
+    lines = lines_of(bench.ledger, bench.start)
+    block = block_of(old, lines)
     thin = observe(scenario, old.recordings, old.known, block)
     terms = [_term(e) for e in found]
     stated = {(e.id, e.sensor, e.axis) for e in old.known}
     terms = [t for t in terms if (t.suspect.effect.id, t.suspect.effect.sensor, t.suspect.effect.axis) not in stated]
-    lines = lines_of(bench.ledger, bench.start)
     asked = []
     for finding in open_:
         names = tuple(finding["class"])

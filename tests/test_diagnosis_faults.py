@@ -159,3 +159,27 @@ def test_a_fog_turned_by_hand_with_a_gyro_tells_its_unit_and_its_sign(factor, id
     for fault in found:
         assert fault.effect.sensor == "fog"
         assert dict(fault.effect.values) == pytest.approx(values)
+
+
+def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound):
+    lost, at = 7, 600
+    columns = {}
+    for axis in "xyz":
+        values = sound.column(f"accel_{axis}_m_s2")
+        columns[f"accel_{axis}_m_s2"] = np.concatenate([values[:at], values[at + lost :], np.full(lost, np.nan)])
+    found = prepare(honest(truth), [rewritten(sound, **columns)])
+    (fault,) = found.faults
+    assert fault.effect.id == "data_drop"
+    assert fault.effect.value("samples") == lost
+    assert fault.interval[0] == pytest.approx(sound.time[at] - sound.time[0], abs=10)  # somewhere in that rest
+    repaired = found.observations.recordings[0].column("accel_x_m_s2")
+    later = slice(at + 150, len(repaired) - lost)
+    np.testing.assert_array_equal(repaired[later], x_of(sound)[later])
+
+
+def test_random_stamps_are_found_first_and_what_they_spoil_is_left_out(truth, sound, rng):
+    late = rng.normal(0, 0.03, len(sound.time))
+    columns = {f"accel_{a}_m_s2": np.interp(sound.time + late, sound.time, sound.column(f"accel_{a}_m_s2")) for a in "xyz"}
+    found = prepare(honest(truth), [rewritten(sound, **columns)])
+    assert [f.effect.id for f in found.faults] == ["data_jitter"]
+    assert found.observations.samples < 3 * len(sound.time)

@@ -39,6 +39,19 @@ def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value:
     return _rewritten(recording, columns)
 
 
+def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Recording:
+    """A copy whose readings of a sensor are moved on by ``lost`` samples from a time (s) on, none where they were lost."""
+    rows = recording.sensor(sensor).rows
+    start = int(np.searchsorted(recording.time[rows], time))
+    columns = {n: recording.column(n).copy() for n in recording.column_names}
+    for axis in sensor.axes:
+        values = columns[str(recording.channel(f"{sensor.name}_{axis}"))]
+        later = values[rows[start : len(rows) - lost]].copy()
+        values[rows[start : start + lost]] = np.nan
+        values[rows[start + lost :]] = later
+    return _rewritten(recording, columns)
+
+
 def without_readout(recording: Recording, rows: Index) -> Recording:
     """A copy whose table was not read on some rows."""
     columns = {n: recording.column(n).copy() for n in recording.column_names}

@@ -15,12 +15,13 @@ from tiltcal.diagnosis.faults import Fault, code_floors, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
+from tiltcal.diagnosis.lost import lost_samples
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import at_rest_only, random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.select import Gate, absorbed, findings, select
+from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
 from tiltcal.diagnosis.suspects import OF_LINES, Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
@@ -75,7 +76,7 @@ def diagnose(
         account = select(account, ledger, gate, _textbook)
     account = absorbed(account, ledger)
     progress("what no name fits")
-    account = nameless(account, ledger, gate)
+    account = plausible(nameless(account, ledger, gate), ledger)
     progress("rivals")
     chance: list[Fault] = []
     if bench.floors:
@@ -116,6 +117,12 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     ledger = Ledger(observations)
     start = calibrated(observations, ledger)
     floors = code_floors(scenario, faults)
+    if not floors and not any(e.id == "data_drop" for e in scenario.effects):
+        losses, moved = lost_samples(observations, start)
+        if losses:
+            faults, observations = [*faults, *losses], observe(scenario, moved, known)
+            ledger = Ledger(observations)
+            start = calibrated(observations, ledger)
     jittered = None if any(e.id == "data_jitter" for e in scenario.effects) else random_stamps(start, observations)
     if jittered is not None:  # whatever moves fast is spoiled by it
         observations = observe(scenario, at_rest_only(observations, start, jittered.effect.value("jitter")), known)
@@ -316,11 +323,13 @@ def _answer(
 
 def _simulated(answer: Diagnosis, laboratory: Laboratory, full: Observations, account: Account) -> Diagnosis:
     """The answer with the simulator's word on it."""
-    again = resimulate(laboratory, _as_read(answer.amended, full.scenario), full, full.predict(account.effects))
+    lost = any(e.id == "data_drop" for e in account.effects)  # found by the scan, not mended in the columns
+    amended = _as_read(answer.amended, full.scenario, () if lost else ("data_drop",))
+    again = resimulate(laboratory, amended, full, full.predict(account.effects))
     return answer if again is None else replace(answer, notes=(*answer.notes, again.words))
 
 
-def _as_read(amended: Mapping[str, Any], scenario: Scenario) -> Scenario:
+def _as_read(amended: Mapping[str, Any], scenario: Scenario, more: Sequence[str]) -> Scenario:
     """The amended scenario without the data faults that were mended in the columns."""
-    mended = (*MEANINGS, *MASKED, "data_outlier", "table_index_error", "data_jitter")
+    mended = (*MEANINGS, *MASKED, "data_outlier", "table_index_error", "data_jitter", *more)
     return parse_scenario({**amended, "effect": [e for e in amended["effect"] if e["id"] not in mended]}, scenario.name)

@@ -134,7 +134,7 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -
     share = form if suspect.id not in FREE_FORM else 1.0
     return Rival(
         terms, gain, gain - price * len(whole) - 2 * np.log(suspect.variants), share,
-        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained, _fair(terms[0]), form,
+        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained, fair(terms[0]), form,
     )  # fmt: skip
 
 
@@ -154,7 +154,7 @@ def _terms(normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect)
     return tuple(found)
 
 
-def _fair(term: Term) -> bool:
+def fair(term: Term) -> bool:
     """Whether the sizes are ones that an instrument of some grade may have."""
     for parameter in term.suspect.effect.parameters:
         limit = FAIR * max(parameter.plausible) * parameter.factor

@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, preferred
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, fair, preferred
 from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
 from tiltcal.diagnosis.whitening import NoiseFit
 from tiltcal.frames import Array
@@ -218,7 +218,9 @@ def findings(account: Account) -> list[list[int]]:
 def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
     """Drop findings one by one that do not stand out once the others are there."""
     while account.terms:
-        account = settle(account, ledger)
+        account = plausible(settle(account, ledger), ledger)
+        if not account.terms:
+            break
         values = gate.log_p(account, ledger)
         groups = findings(account)
         worst = max(range(len(groups)), key=lambda j: values[j])
@@ -227,6 +229,15 @@ def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
         account = replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in groups[worst]))
     ledger.under(models(gate.noise(account, ledger)))
     return settle(account, ledger)
+
+
+def plausible(account: Account, ledger: Ledger) -> Account:
+    """The account without findings whose sizes, once all others are there, are those of no instrument."""
+    groups = findings(account)
+    good = [places for places in groups if fair(account.terms[places[0]])]
+    if len(good) == len(groups):
+        return account
+    return settle(replace(account, terms=tuple(account.terms[k] for places in good for k in places)), ledger)
 
 
 GRAIN = 4  # halvings of the step between shapes

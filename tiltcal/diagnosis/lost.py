@@ -1,0 +1,96 @@
+"""Samples that were lost while the stamps went on: from an instant on every move comes early, by a whole number of samples."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account
+from tiltcal.diagnosis.columns import shifted
+from tiltcal.diagnosis.faults import Fault
+from tiltcal.diagnosis.observations import Channel, Observations, TableObservations
+from tiltcal.diagnosis.whitening import robust_white
+from tiltcal.effects import CATALOGUE
+from tiltcal.frames import Array
+from tiltcal.recording import Recording
+
+MOST = 80  # samples
+FAR = 8.0  # times the noise: a smaller misfit in moves is left to the scan of small effects
+BESIDE = 1.0  # s of rest beside a move
+
+
+def lost_samples(observations: Observations, account: Account) -> tuple[list[Fault], tuple[Recording, ...]]:
+    """Losses of two samples and more, sensor by sensor, and the recordings with the rest moved back to its time."""
+    repaired = list(observations.recordings)
+    faults: list[Fault] = []
+    if not isinstance(observations, TableObservations):
+        return faults, tuple(repaired)
+    predicted = observations.predict(account.effects)
+    for number, recording in enumerate(observations.recordings):
+        for sensor in observations.scenario.sensor:
+            own = [
+                (c, p) for c, p in zip(observations.channels, predicted, strict=True)
+                if c.recording == number and c.sensor == sensor.name
+            ]  # fmt: skip
+            loss = _loss(own) if own and _disturbed(own) else None
+            if loss is None:
+                continue
+            time, lost = loss
+            repaired[number] = shifted(repaired[number], sensor, time, lost)
+            start = time - float(recording.time[0])
+            effect = CATALOGUE["data_drop"](
+                {"samples": float(lost), "time": start}, sensor.name, None, "found", seen_in=recording.fingerprint
+            )  # fmt: skip
+            words = f"{lost} samples of {sensor.name} are lost at about {start:.1f} s: all later moves come early."
+            faults.append(Fault(effect, (sensor.name,), sensor.axes, words, (start, None), sigma={"samples": 0.3}))
+    return faults, tuple(repaired)
+
+
+def _disturbed(own: Sequence[tuple[Channel, Array]]) -> bool:
+    """Whether the model misses moves by far more than noise."""
+    for channel, p in own:
+        r = np.nan_to_num(channel.values - p)
+        moving = channel.stop < 0
+        if moving.sum() > 32 and np.sqrt(np.mean(r[moving] ** 2)) > FAR * robust_white(r):
+            return True
+    return False
+
+
+def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
+    """Instant, s, and number of samples of a loss; None when moves are not late from one of them on."""
+    lags = [found for span in _moves(own[0][0]) if (found := _lag(own, *span)) is not None]
+    if len(lags) < 6:
+        return None
+    early = np.array([lag for *_, lag in lags])
+    best: tuple[float, int, int] | None = None
+    for k in range(2, len(lags) - 1):
+        lost = int(np.median(early[k:]))
+        agree = float(np.mean(np.concatenate([np.abs(early[:k]) <= 1, np.abs(early[k:] - lost) <= 1])))
+        if lost >= 2 and (best is None or agree > best[0]):
+            best = (agree, k, lost)
+    if best is None or best[0] < 0.9:
+        return None
+    _, k, lost = best
+    return (lags[k - 1][1] + lags[k][0]) / 2, lost
+
+
+def _moves(channel: Channel) -> list[tuple[float, float]]:
+    """Start and end of each move, s."""
+    moving = np.concatenate([[False], channel.stop < 0, [False]])
+    edges = np.flatnonzero(np.diff(moving.astype(int)))
+    time = channel.time
+    return [(float(time[a]), float(time[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 4]
+
+
+def _lag(own: Sequence[tuple[Channel, Array]], start: float, end: float) -> tuple[float, float, int] | None:
+    """A move and by how many samples the readings come early in it; None where too little is read of it."""
+    cost = np.zeros(MOST)
+    for channel, p in own:
+        step = float(np.median(np.diff(channel.time)))
+        rows = np.flatnonzero((channel.time > start - BESIDE - MOST * step) & (channel.time < end + BESIDE))
+        rows = rows[rows + MOST < len(p)]
+        if len(rows) < 8:
+            return None
+        ahead = p[rows[:, None] + np.arange(MOST)]
+        off = channel.values[rows, None] - ahead
+        cost += np.nanmean((off - np.nanmedian(off, axis=0)) ** 2, axis=0) / robust_white(channel.values - p) ** 2
+    return start, end, int(np.argmin(cost))

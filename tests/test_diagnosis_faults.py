@@ -178,7 +178,7 @@ def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound
 
 
 def test_random_stamps_are_found_first_and_what_they_spoil_is_left_out(truth, sound, rng):
-    late = rng.normal(0, 0.03, len(sound.time))
+    late = rng.normal(0, 0.005, len(sound.time))
     columns = {f"accel_{a}_m_s2": np.interp(sound.time + late, sound.time, sound.column(f"accel_{a}_m_s2")) for a in "xyz"}
     found = prepare(honest(truth), [rewritten(sound, **columns)])
     assert [f.effect.id for f in found.faults] == ["data_jitter"]

@@ -4,6 +4,8 @@ import numpy as np
 
 from tiltcal.frames import Array
 
+LEAST = 16  # different steps that tell a grid
+
 
 def code_width(column: Array) -> float:
     """The smallest step between successive samples, in the column's unit; 0 when it never changes. (n,)"""
@@ -19,6 +21,8 @@ def code_grid(column: Array) -> float | None:
     """
     steps = np.abs(np.diff(column))
     steps = steps[steps > 0]
+    if len(np.unique(steps)) < LEAST and len(np.unique(column)) > 2 * LEAST:
+        return None  # a computed course repeats its few steps
     if len(steps) < 8:
         return None
     width = float(steps.min())
@@ -27,4 +31,4 @@ def code_grid(column: Array) -> float | None:
         counts = np.rint(near / width)
         width = float(near @ counts / (counts @ counts))
     off = np.abs(steps / width - np.rint(steps / width))
-    return width if float(off.max()) < 0.1 else None  # without a grid it is up to a half
+    return width if float(off.max()) < 0.03 else None  # without a grid it is up to a half

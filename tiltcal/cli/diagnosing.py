@@ -25,7 +25,7 @@ def diagnose(args: argparse.Namespace) -> int:
     if args.output:
         write_answer(found, Path(args.output), args.recording)
     if args.json:
-        print_json(found.to_json())
+        print_json(_as_json(found, args.recording))
     else:
         print(f"{found.verdict}: {found.statement}")
     return 1 if args.check and found.verdict != "match" else 0
@@ -53,4 +53,8 @@ def write_answer(found: Diagnosis, folder: Path, recordings: Sequence[str]) -> N
     make_folder(folder)
     write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
     write_diagnosis(found, folder / "report.html", ", ".join(Path(path).name for path in recordings))
-    write_json(folder / "diagnosis.json", found.to_json() | {"recordings": [str(Path(p).absolute()) for p in recordings]})
+    write_json(folder / "diagnosis.json", _as_json(found, recordings))
+
+
+def _as_json(found: Diagnosis, recordings: Sequence[str]) -> dict[str, object]:
+    return found.to_json() | {"recordings": [str(Path(path).absolute()) for path in recordings]}

@@ -123,7 +123,8 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
             faults, observations = [*faults, *losses], observe(scenario, moved, known)
             ledger = Ledger(observations)
             start = calibrated(observations, ledger)
-    jittered = None if any(e.id == "data_jitter" for e in scenario.effects) else random_stamps(start, observations)
+    known_jitter = floors or any(e.id == "data_jitter" for e in scenario.effects)
+    jittered = None if known_jitter else random_stamps(start, observations)
     if jittered is not None:  # whatever moves fast is spoiled by it
         observations = observe(scenario, at_rest_only(observations, start, jittered.effect.value("jitter")), known)
         faults = [*faults, jittered]

@@ -274,7 +274,10 @@ def _cut(recording: Recording, scenario: Scenario) -> list[Fault]:
             continue
         angle = angle[~np.isnan(angle)]
         step = code_grid(angle) if len(angle) >= 64 else None
-        if step is not None and step > np.radians(CUT) and len(np.unique(np.rint(angle / step))) > 64:
+        if step is None or step < np.radians(CUT):
+            continue
+        counts = angle / step
+        if np.abs(counts - np.rint(counts)).max() < 0.03 and len(np.unique(np.rint(counts))) > 64:
             effect = CATALOGUE["data_truncation"]({"step": step}, None, axis, "found")
             names = tuple(s.name for s in scenario.sensor)
             words = f"The {axis} angle is written in steps of {np.degrees(step):.4g} deg."
@@ -306,7 +309,8 @@ def _spread_at_rest(values: Array) -> float:
     first, last = _runs(np.diff(values) == 0)
     if len(first):
         k = int(np.argmax(last - first))
-        values = np.concatenate([values[: first[k]], values[last[k] + 1 :]])
+        rest = np.concatenate([values[: first[k]], values[last[k] + 1 :]])
+        values = rest if len(rest) > len(values) // 4 else values
     inside = values[(values < values.max()) & (values > values.min())]
     values = inside if len(inside) > max(len(values) // 4, 32) else values
     blocks = values[: len(values) // 16 * 16].reshape(-1, 16)

@@ -296,7 +296,8 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
         if knots := _knots(coordinate, span, 5):
             yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)
     yield from _late_laws(sensor, axis, span)
-    yield from _histories(sensor, axis, inputs, span)
+    if scenario.rig.axes or not sensor.is_accelerometer:  # by hand only the length of its reading is known
+        yield from _histories(sensor, axis, inputs, span)
 
 
 def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:

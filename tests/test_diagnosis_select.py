@@ -1,0 +1,68 @@
+"""What belongs to one finding, and which suspects are looked at for a set-up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dossier import bench, honest
+
+from tiltcal.diagnosis.account import Account, Term
+from tiltcal.diagnosis.rivals import fair
+from tiltcal.diagnosis.select import findings, joined
+from tiltcal.diagnosis.suspects import CREEPS, Lines, Span, Suspect, listed_suspects, steps_at
+from tiltcal.effects import CATALOGUE
+
+SPAN = Span(200.0, 10.0, Lines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)})
+
+
+def term(id, values, names, sensor="accel", sizes=(1e-4,)):
+    return Term(Suspect(CATALOGUE[id](values, sensor), names), names, sizes)
+
+
+def shake(frequency):
+    return term("base_vibration", {"ec": 1e-3, "frequency": frequency}, ("ec",), None)
+
+
+def step(time):
+    return term("acc_bias_step", {"bias_step_x": 1e-3, "time": time}, ("bias_step_x",))
+
+
+def test_one_name_at_one_place_is_one_finding():
+    k2 = term("acc_K2", {"k2_x": 1e-4}, ("k2_x",))
+    account = joined(Account((), (), (shake(3.40), k2, shake(3.41))))
+    assert [[account.terms[k].suspect.id for k in places] for places in findings(account)] == [
+        ["base_vibration", "base_vibration"], ["acc_K2"],
+    ]  # fmt: skip
+
+
+def test_two_steps_at_two_instants_are_two_findings():
+    assert len(findings(joined(Account((), (), (step(20.0), step(90.0)))))) == 2
+
+
+@pytest.mark.parametrize(("value", "good"), [(5e-3, True), (-5e-3, False), (700.0, False)])
+def test_a_time_constant_below_nothing_or_of_minutes_is_no_bandwidth(value, good):
+    bandwidth = term("acc_bandwidth", {"tau": 0.01}, ("tau",))
+    assert fair(replace(bandwidth, values=(value,))) is good
+
+
+def test_every_step_may_set_in_at_once_or_creep():
+    found = [s for s in steps_at(honest(bench()), 50.0, 60) if s.id == "acc_bias_step"]
+    assert sorted(s.effect.values.get("creep", 0.0) for s in found) == [0.0, *CREEPS]
+    assert all(s.effect.values["time"] == 50.0 for s in found)
+
+
+def test_what_shakes_the_base_is_a_suspect_at_the_lines_of_the_world():
+    found = [s for s in listed_suspects(honest(bench()), SPAN) if s.id == "base_vibration"]
+    assert [s.effect.values["frequency"] for s in found] == [3.4]
+
+
+def test_ripples_and_widths_come_from_the_recording():
+    suspects = list(listed_suspects(honest(bench()), SPAN))
+    assert any(s.id == "table_encoder_sde" and s.effect.values["lines"] == 12 for s in suspects)
+    widths = [s.effect.values["width"] for s in suspects if s.id == "acc_thermal_hysteresis"]
+    np.testing.assert_allclose(sorted(widths), [0.5, 1.0, 1.75, 2.5, 4.0])
+
+
+def test_known_lines_are_not_looked_at_again():
+    new = Lines(tones=(1.0, 5.0), ripples=(12, 36)).beside(Lines(tones=(5.001,), ripples=(36,)), 0.005)
+    assert new == Lines(tones=(1.0,), ripples=(12,))

@@ -32,6 +32,7 @@ from tiltcal.scenario import Scenario
 from tiltcal.setup import Sensor
 
 LONG = 60.0  # s: a rest that long tells drifts from noise
+WILD = 1e3  # rad/s: beyond it a trial of sizes is absurd, and its rotation would not be a number
 EDGE = 0.5  # s at the edge of a rest over which gravity's direction is averaged
 Predictor = Callable[["_State"], Array]
 
@@ -262,7 +263,7 @@ def closures(time: Array, spans: Sequence[tuple[int, int]], state: _State) -> Ar
     for k, (first, last) in enumerate(spans):
         start, end = max(first - reach, 0), min(last + reach, len(time) - 1)
         step = np.diff(time[start : end + 1])[:, None]
-        w = (state.rate[start:end] + state.rate[start + 1 : end + 1]) / 2
+        w = np.clip(np.nan_to_num((state.rate[start:end] + state.rate[start + 1 : end + 1]) / 2), -WILD, WILD)
         turned = _running(Rotation.from_rotvec(w * step).as_quat())
         f = state.force[start : end + 1] / np.linalg.norm(state.force[start : end + 1], axis=1)[:, None]
         carried = Rotation.from_quat(turned).apply(f)

@@ -125,6 +125,8 @@ class NoiseFit:
         power = np.asarray(np.bincount(which, e[1:] ** 2), dtype=float)
         inverse = np.exp(-np.bincount(which, np.log(_sines(n)[1:])) / np.bincount(which))
         keep = weight > 1e-6
+        if keep.sum() < 3:  # the mean model takes all there is: its rms is all that is known
+            return cls.whole(NoiseModel(max(float(np.sqrt(np.mean(e**2))), ARITHMETIC)))
         scale = max(float(power[keep].sum() / weight[keep].sum()), ARITHMETIC**2)
         fit = cls(NoiseModel(0.0), weight[keep], power[keep] / scale, inverse[keep], scale)
         low = 1 / float(fit.inverse.max())
@@ -155,6 +157,8 @@ class NoiseFit:
     def bounds(self, drop: float = 3.84) -> tuple[NoiseModel, NoiseModel]:
         """Models with as much flicker, and as much random walk, as the record allows: the cost rises by ``drop``."""
         model = self.model
+        if not len(self.weight):
+            return model, model
         best = np.log(np.maximum(np.array([model.white, model.flicker, model.walk]) ** 2 / self.scale, 1e-26))
         return self._bound(best, 1, drop), self._bound(best, 2, drop)
 

@@ -13,6 +13,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 
 PRIOR = 5.0  # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
+RUNAWAY = 4.0  # times the least deviance so far
 ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
 
 
@@ -96,8 +97,12 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     size[size == 0] = 1.0
     prior = np.array([1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names])
     inverse = _pseudo_inverse(J / size, prior / size**2)
+    sane, least = (terms, effects), np.inf
     for _ in range(rounds if len(units) else 0):
         left = np.concatenate(ledger.residual(effects))
+        if not left @ left < RUNAWAY * least:
+            break
+        sane, least = (terms, effects), min(least, float(left @ left))
         at = np.array([v for t in terms for v in t.values]) / units
         step = inverse @ ((J / size).T @ left - prior * at / size) / size
         if not np.isfinite(step).all():  # the model has no reading there: stay
@@ -107,6 +112,9 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
         if np.abs(step * size).max(initial=0.0) < 1e-3:
             break
     residual = ledger.residual(effects)
+    if not sum(float(r @ r) for r in residual) < RUNAWAY * least:  # the last step went where the model is another: back
+        terms, effects = sane
+        residual = ledger.residual(effects)
     basis = basis_of(columns, lengths) if len(units) else [np.zeros((n, 0)) for n in lengths]
     along = sum((Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1]))
     residual = [r - Q @ along for Q, r in zip(basis, residual, strict=True)]

@@ -241,6 +241,10 @@ def calibrated(observations: Observations, ledger: Ledger) -> Account:
             terms[k] = replace(terms[k], values=tuple(effect.value(n) for n in terms[k].names))
     account = Account(tuple(known), tuple(terms))
     ledger.under([NoiseModel(robust_white(r)) for r in observations.residuals(account.effects)])
+    account = settle(account, ledger)
+    if not isinstance(observations, TableObservations) or observations.block < 2:
+        return account
+    observations.bend_at(account.effects)
     return settle(account, ledger)
 
 

@@ -162,9 +162,14 @@ class TableObservations(Observations):
         if any(self.quick(e) and not e.is_identity for e in effects):
             return self._blocks(self._whole.predict(effects))
         if not self._bent:
+            self.bend_at(effects)
+        return [m + b for m, b in zip(self._middles(effects), self._bent, strict=True)]
+
+    def bend_at(self, effects: Sequence[Effect]) -> None:
+        """Take the bend within blocks from a model with these effects: a scale factor of some per mille turns it with the rest."""
+        if self._whole is not None:
             whole = self._blocks(self._whole.predict(effects))
             self._bent = [w - m for w, m in zip(whole, self._middles(effects), strict=True)]
-        return [m + b for m, b in zip(self._middles(effects), self._bent, strict=True)]
 
     def quick(self, effect: Effect) -> bool:
         """Whether an effect may change within a block."""

@@ -6,7 +6,7 @@ from builders import ACCEL, GYRO, setup_of
 
 from tiltcal.diagnosis.blocks import MOST_ROWS, ROWS, block_of
 from tiltcal.diagnosis.observations import TableObservations
-from tiltcal.diagnosis.suspects import Lines
+from tiltcal.diagnosis.span import Lines
 from tiltcal.effects import make_effect
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.scenario import parse_scenario

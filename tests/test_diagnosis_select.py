@@ -9,7 +9,8 @@ from dossier import bench, honest
 from tiltcal.diagnosis.account import Account, Term
 from tiltcal.diagnosis.rivals import fair
 from tiltcal.diagnosis.select import findings, joined
-from tiltcal.diagnosis.suspects import CREEPS, Lines, Span, Suspect, listed_suspects, steps_at
+from tiltcal.diagnosis.span import Lines, Span
+from tiltcal.diagnosis.suspects import CREEPS, Suspect, listed_suspects, steps_at
 from tiltcal.effects import CATALOGUE
 
 SPAN = Span(200.0, 10.0, Lines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)})

@@ -97,24 +97,7 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     size[size == 0] = 1.0
     prior = np.array([1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names])
     inverse = _pseudo_inverse(J / size, prior / size**2)
-    sane, least = (terms, effects), np.inf
-    for _ in range(rounds if len(units) else 0):
-        left = np.concatenate(ledger.residual(effects))
-        if not left @ left < RUNAWAY * least:
-            break
-        sane, least = (terms, effects), min(least, float(left @ left))
-        at = np.array([v for t in terms for v in t.values]) / units
-        step = inverse @ ((J / size).T @ left - prior * at / size) / size
-        if not np.isfinite(step).all():  # the model has no reading there: stay
-            break
-        terms = _moved(terms, step * units)
-        effects = [*account.known, *(t.effect for t in terms)]
-        if np.abs(step * size).max(initial=0.0) < 1e-3:
-            break
-    residual = ledger.residual(effects)
-    if not sum(float(r @ r) for r in residual) < RUNAWAY * least:  # the last step went where the model is another: back
-        terms, effects = sane
-        residual = ledger.residual(effects)
+    terms, residual = _descended(account.known, terms, ledger, J / size, inverse, prior, size, rounds)
     basis = basis_of(columns, lengths) if len(units) else [np.zeros((n, 0)) for n in lengths]
     along = sum((Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1]))
     residual = [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
@@ -123,6 +106,32 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
         account, nuisance=tuple(terms[:split]), terms=tuple(terms[split:]), residual=tuple(residual), basis=tuple(basis),
         covariance=covariance,
     )  # fmt: skip
+
+
+def _descended(
+    known: Sequence[Effect], terms: list[Term], ledger: Ledger, J: Array, inverse: Array, prior: Array, size: Array, rounds: int
+) -> tuple[list[Term], list[Array]]:  # fmt: skip
+    """Gauss-Newton steps with the columns kept, and the whitened residual where they end.
+
+    A step to where the model has no reading, or leaves far more than before, is taken back, and is the last.
+    """
+    units = np.array([t.suspect.size(n) for t in terms for n in t.names])
+    residual = ledger.residual([*known, *(t.effect for t in terms)])
+    least = sum(float(r @ r) for r in residual)
+    for _ in range(rounds if len(units) else 0):
+        at = np.array([v for t in terms for v in t.values]) / units
+        step = inverse @ (J.T @ np.concatenate(residual) - prior * at / size) / size
+        if not np.isfinite(step).all():
+            break
+        moved = _moved(terms, step * units)
+        left = ledger.residual([*known, *(t.effect for t in moved)])
+        deviance = sum(float(r @ r) for r in left)
+        if not deviance < RUNAWAY * least:
+            break
+        terms, residual, least = moved, left, min(least, deviance)
+        if np.abs(step * size).max(initial=0.0) < 1e-3:
+            break
+    return terms, residual
 
 
 def _stacked(columns: Sequence[Columns], lengths: Sequence[int]) -> Array:

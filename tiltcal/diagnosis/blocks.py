@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.diagnosis.observations import Observations
-from tiltcal.diagnosis.suspects import Lines, fastest
+from tiltcal.diagnosis.span import Lines, fastest
 
 MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 ROWS = 6500  # what is left of them

@@ -10,6 +10,7 @@ from tiltcal.confusion import POWER, SEPARABLE
 from tiltcal.diagnosis.account import Account, Term
 from tiltcal.diagnosis.amend import amended_table
 from tiltcal.diagnosis.columns import MASKED, MEANINGS
+from tiltcal.diagnosis.curves import LAGS
 from tiltcal.diagnosis.evidence import SURVIVES, Ledger, project
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.finding import Finding, Fitness, Undetectable, Where
@@ -17,7 +18,7 @@ from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.rivals import LOOSE, OWN, Case, Rival, case_of, explanations, inseparable, price_of
 from tiltcal.diagnosis.select import Gate, findings
-from tiltcal.diagnosis.suspects import LAGS, Suspect
+from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.views import UNITS
 from tiltcal.diagnosis.whitening import column_space
 from tiltcal.diagnosis.wording import coordinate_of_effect, harmonic_of, learned_name, next_step, shown, stage_of

@@ -10,6 +10,7 @@ from tiltcal.diagnosis.account import Account, Term, as_it_began, noise_under, s
 from tiltcal.diagnosis.blocks import block_of
 from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
 from tiltcal.diagnosis.conclude import amended_of, findings_of, fitness_of, undetectable_of
+from tiltcal.diagnosis.curves import curves
 from tiltcal.diagnosis.evidence import Ledger, cosines
 from tiltcal.diagnosis.faults import Fault, code_floors, inspect
 from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
@@ -22,7 +23,8 @@ from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import at_rest_only, random_stamps, setting_error, wrong_stop
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
-from tiltcal.diagnosis.suspects import OF_LINES, Lines, Suspect, adjustable, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.span import Lines, span_of
+from tiltcal.diagnosis.suspects import OF_LINES, Suspect, adjustable, listed_suspects, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.diagnosis.views import views_of

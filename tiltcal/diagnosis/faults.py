@@ -211,7 +211,6 @@ def _at_least(k: int, n: int, p: float) -> float:
 
 def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
     """Samples that repeat the one before more often than their codes explain."""
-
     again, expected, columns = [], [], []
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
@@ -257,9 +256,7 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
     axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
     _, effect, width, spread = max(found, key=lambda item: item[2])
     words = f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside its noise."
-    other = "gyr_quantisation" if effect.id == "adc_quantisation" else "adc_quantisation"
-    names = (effect.id,) if sensor.is_accelerometer else (effect.id, other)
-    return recording, [Fault(effect, (sensor.name,), axes, words, names=names[:1], sigma={"lsb": 1e-3 * width})]
+    return recording, [Fault(effect, (sensor.name,), axes, words, sigma={"lsb": 1e-3 * width})]
 
 
 CUT = 0.002  # deg: no encoder that is worth a calibration has coarser steps, and no noise hides them

@@ -7,7 +7,7 @@ import numpy as np
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.observations import TableObservations
-from tiltcal.diagnosis.suspects import Lines, fastest
+from tiltcal.diagnosis.span import Lines, fastest
 from tiltcal.diagnosis.whitening import robust_white
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array

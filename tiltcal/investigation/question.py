@@ -7,12 +7,14 @@ from typing import Any
 
 from tiltcal.diagnosis.account import Account, Term, models, noise_under, settle
 from tiltcal.diagnosis.blocks import block_of
+from tiltcal.diagnosis.curves import curves
 from tiltcal.diagnosis.diagnose import instants, prepare
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.families import completes
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.rivals import Rival, case_of, explanations
-from tiltcal.diagnosis.suspects import Lines, Suspect, curves, listed_suspects, span_of, step_suspects
+from tiltcal.diagnosis.span import Lines, span_of
+from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.whitening import NoiseModel
 from tiltcal.effects import CATALOGUE

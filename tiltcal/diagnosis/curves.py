@@ -1,0 +1,153 @@
+"""Curves that no name fits, and names without a form: over every coordinate, at every place of the chain."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from tiltcal.diagnosis.observations import Observations
+from tiltcal.diagnosis.span import Span
+from tiltcal.diagnosis.suspects import Suspect, with_values
+from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.scenario import Scenario
+from tiltcal.setup import Sensor
+
+LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
+MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
+
+
+def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
+    """Curves over every coordinate at every place of the chain: the open world."""
+    scenario = observations.scenario
+    for sensor in scenario.sensor:
+        for axis in sensor.axes:
+            if any(c.sensor == sensor.name for c in observations.channels):
+                yield from _reading_curves(scenario, sensor, axis, span)
+    for axis in scenario.rig.axis_names:
+        for other in scenario.rig.axis_names:
+            for basis in (_waves(4), _knots(f"table_{other}", span, 10)):
+                if not basis:
+                    continue
+                yield _curve(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
+                for turn in _across(dict(scenario.rig.axes)[axis]):
+                    yield _curve(LearnedTilt, f"table_{other}", basis, slot=f"{axis}_bearing", turn=turn, place="table")
+    if scenario.rig.axes:
+        for slot, turns in (("base", "xy"), ("mount", "xyz")):
+            for turn, coordinate in product(turns, ("time", "temperature")):
+                if knots := _knots(coordinate, span, 5):
+                    place = "environment" if slot == "base" else "mount"
+                    yield _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
+        for turn, axis in product("xyz", scenario.rig.axis_names):
+            for basis in (_waves(4), _knots(f"table_{axis}", span, 10)):
+                if basis:
+                    yield _curve(LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount")
+        for turn, lag in product("xyz", LAGS):
+            if knots := _knots("temperature", span, 3):
+                tilt = _curve(LearnedTilt, "temperature", knots, lag=lag, slot="mount", turn=turn, place="mount")
+                yield _late(tilt, "mount_thermal_tilt")
+
+
+def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    yield from _angle_curves(scenario, sensor, axis, span)
+    for count in (9, 17, 33) if sensor.is_accelerometer else ():
+        if knots := _knots(f"{sensor.name}_input", span, count):
+            yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
+    inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
+    own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
+    across = ["transverse"] if sensor.kind == "fog" else []
+    for coordinate in ("input", "time", "temperature", "warming", *inputs, *across):
+        if coordinate == own or (sensor.is_accelerometer and coordinate.startswith("rate")):
+            continue
+        if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):
+            yield _curve(LearnedReading, coordinate, knots, **where)
+    for coordinate in ("time", "temperature"):
+        if knots := _knots(coordinate, span, 5):
+            yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+    yield from _late_laws(sensor, axis, span)
+    if scenario.rig.axes or not sensor.is_accelerometer:  # by hand only the length of its reading is known
+        yield from _histories(sensor, axis, inputs, span)
+
+
+def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    """Of the table's angles, one by one and in products of two."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    names = scenario.rig.axis_names
+    for name in names:
+        for basis in (_waves(4), _waves(10), _knots(f"table_{name}", span, 10)):
+            if basis:
+                yield _curve(LearnedReading, f"table_{name}", basis, **where)
+    for one, other in combinations(names, 2):
+        yield _curve(LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where)
+    if sensor.is_accelerometer and scenario.rig.table == "placing":  # its form is nobody's law, its place is
+        yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias")
+
+
+def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    """Laws of temperature where the thermometer and the sensor are not of one temperature."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    name = "acc_temp_bias" if sensor.is_accelerometer else "gyr_temp"
+    for lag in LAGS:
+        if knots := _knots("temperature", span, 3):
+            yield _late(_curve(LearnedReading, "temperature", knots, lag=lag, **where), name)
+            if sensor.is_accelerometer:
+                scale = _curve(LearnedReading, "temperature", knots, lag=lag, per_input=True, **where)
+                yield _late(scale, "acc_temp_scale")
+
+
+def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> Iterator[Suspect]:
+    """What went before: the number of moves, the time since the last one, forces and rates that leak away."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    if knots := _spread("since_move", span):
+        yield _curve(LearnedReading, "since_move", knots, **where)
+        for frequency in span.lines.echoes:
+            yield _curve(LearnedReading, "since_move", 2, period=1 / frequency, **where)
+        yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
+        for period in (2, 3, 4, 5):
+            yield _curve(LearnedReading, "moves", 2 * (period // 2) - (period % 2 == 0), period=float(period), **where)
+    for coordinate, lag in product(inputs, MEMORIES):
+        if knots := _knots(coordinate, span, 3):
+            curve = _curve(LearnedReading, coordinate, knots, lag=lag, **where)
+            yield replace(_odd(curve), variants=len(MEMORIES))
+
+
+def _odd(curve: Suspect) -> Suspect:
+    """A curve through nothing at the middle of its range."""
+    names = (curve.names[0], curve.names[-1])
+    return Suspect(with_values(curve.effect, {n: curve.effect.values[n] for n in names}), names)
+
+
+def _spread(coordinate: str, span: Span) -> tuple[float, ...]:
+    """Knots ever further apart: what follows a move is quick at first."""
+    high = span.ranges.get(coordinate, (0.0, 0.0))[1]
+    knots = (0.0, *np.geomspace(0.4, high, 7)) if high > 2.0 else ()
+    return tuple(float(k) for k in knots)
+
+
+def _late(curve: Suspect, alias: str) -> Suspect:
+    """A law of temperature that is felt late and may bend: nothing at the middle of the range, as the law has nothing at T0."""
+    return replace(_odd(curve), variants=len(LAGS), alias=alias)
+
+
+def _knots(coordinate: str, span: Span, count: int) -> tuple[float, ...]:
+    low, high = span.ranges.get(coordinate, (0.0, 0.0))
+    return tuple(np.linspace(low, high, count)) if high > low else ()
+
+
+def _waves(harmonics: int) -> int:
+    return 2 * harmonics
+
+
+def _across(axis: str) -> tuple[str, str]:
+    i = "xyz".index(axis)
+    return "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]
+
+
+def _curve(cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any) -> Suspect:
+    knots = () if isinstance(basis, int) else basis
+    names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
+    effect = cls(dict.fromkeys(names, 1e-6), where.pop("sensor", None), where.pop("axis", None), "found",
+                 coordinate=coordinate, knots=knots, **where)  # fmt: skip
+    return Suspect(effect, names)

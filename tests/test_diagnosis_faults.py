@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dossier import bench, honest, recorded, rewritten
 
-from tiltcal.diagnosis.diagnose import prepare
+from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.recording import Recording
 from tiltcal.scenario import parse_scenario

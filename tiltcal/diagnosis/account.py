@@ -84,6 +84,16 @@ def columns_of(observations: Observations, terms: Sequence[Term], effects: Seque
     return [observations.changes(t.suspect.alone(name), effects) for t in terms for name in t.names]
 
 
+def summed(terms: Sequence[Term], observations: Observations, effects: Sequence[Effect]) -> Columns:
+    """What some terms do to the readings together, the effects being there, SI, by channel."""
+    total: Columns = {}
+    for term in terms:
+        for name, value in zip(term.names, term.values, strict=True):
+            for i, column in observations.changes(term.suspect.alone(name), effects).items():
+                total[i] = total.get(i, 0.0) + column * (value / term.suspect.size(name))
+    return total
+
+
 def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     """Fit all values of an account to the readings, under the ledger's noise."""
     terms = [*account.nuisance, *account.terms]

@@ -282,21 +282,6 @@ def _cut(recording: Recording, scenario: Scenario) -> list[Fault]:
     return found
 
 
-def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]:
-    """Size, SI, below which the codes of a sensor, or of the table's readout, make whatever they like; by sensor."""
-    floors: dict[str, float] = {}
-    for fault in faults:
-        if fault.effect.id in ("adc_quantisation", "gyr_quantisation"):
-            for name in fault.sensors:
-                floors[name] = max(floors.get(name, 0.0), fault.effect.value("lsb"))
-        if fault.effect.id == "data_truncation":
-            for sensor in scenario.sensor:
-                size = scenario.site.gravity if sensor.kind == "accelerometer" else 1.0
-                size = sensor.rate_hz if sensor.quantity == "rate" else size
-                floors[sensor.name] = max(floors.get(sensor.name, 0.0), size * fault.effect.value("step"))
-    return floors
-
-
 def _spread_at_rest(values: Array) -> float:
     """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table rests a fifth of the time.
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle
+from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle, summed
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, fair, preferred
@@ -196,11 +196,8 @@ def joined(account: Account) -> Account:
 
 def _signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:
     """What a rival would put into the readings, without the part that is re-tuned away."""
-    total = [np.zeros_like(r) for r in account.residual]
-    for term in rival.terms:
-        for name, value in zip(term.names, term.values, strict=True):
-            for i, part in ledger.whitened(ledger.observations.changes(term.suspect.alone(name), account.effects)).items():
-                total[i] += part * (value / term.suspect.size(name))
+    whole = ledger.whitened(summed(rival.terms, ledger.observations, account.effects))
+    total = [whole.get(i, np.zeros_like(r)) for i, r in enumerate(account.residual)]
     return project(account.basis, total)
 
 

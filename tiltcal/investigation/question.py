@@ -6,11 +6,12 @@ from itertools import chain
 from typing import Any
 
 from tiltcal.diagnosis.account import Account, Term, models, noise_under, settle
+from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.blocks import block_of
 from tiltcal.diagnosis.curves import curves
-from tiltcal.diagnosis.diagnose import instants, prepare
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.families import completes
+from tiltcal.diagnosis.filling import instants
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.rivals import Rival, case_of, explanations
 from tiltcal.diagnosis.span import Lines, span_of

@@ -1,0 +1,50 @@
+"""Putting suspects on the ledger: all of them at first, then those whose lines stand out once the first findings are away."""
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account
+from tiltcal.diagnosis.curves import curves
+from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.observations import Observations
+from tiltcal.diagnosis.span import Lines, span_of
+from tiltcal.diagnosis.suspects import OF_LINES, listed_suspects, step_suspects
+from tiltcal.diagnosis.tones import lines_of
+
+MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
+
+
+def fill(ledger: Ledger, account: Account, lines: Lines) -> None:
+    """Put every suspect on the ledger."""
+    observations = ledger.observations
+    effects = account.effects
+    span = span_of(observations, lines)
+    nuisance = [t.suspect for t in account.nuisance]
+    for suspect in listed_suspects(observations.scenario, span, nuisance):
+        ledger.add(suspect, effects)
+    for suspect in step_suspects(observations.scenario, instants(observations)):
+        ledger.add(suspect, effects)
+    for suspect in curves(observations, span):
+        ledger.add(suspect, effects)
+
+
+def refill(ledger: Ledger, account: Account, known: Lines) -> bool:
+    """Put on the ledger what beats in what an account leaves and did not stand out before; whether there is any."""
+    observations = ledger.observations
+    new = lines_of(ledger, account).beside(known, 1 / float(np.ptp(observations.recordings[0].time)))
+    before = len(ledger.suspects)
+    for suspect in listed_suspects(observations.scenario, span_of(observations, new), [t.suspect for t in account.nuisance]):
+        lines = suspect.effect.values.get("lines")
+        if suspect.id in OF_LINES and (lines is None or lines in new.ripples):
+            ledger.add(suspect, account.effects)
+    return len(ledger.suspects) > before
+
+
+def instants(observations: Observations) -> list[float]:
+    """When a step may have been: at the ends of moves, and all along, s from the first stamp."""
+    first = observations.recordings[0]
+    span = float(first.time[-1] - first.time[0])
+    channel = observations.channels[0]
+    edges = channel.time[np.flatnonzero(np.diff((channel.stop >= 0).astype(int)) != 0)] - first.time[0]
+    if not 8 <= len(edges) <= MOST_STEPS:
+        edges = np.linspace(0, span, 62)[1:-1]
+    return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]

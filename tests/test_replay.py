@@ -115,3 +115,17 @@ def test_a_table_that_never_rests_has_no_stops_at_its_turning_points():
     assert not (course.stop >= 0).any()
     axis = course.drive(recording.time).axes["inner"]
     assert np.abs(np.gradient(course.angles["inner"], recording.time) - axis.v)[20:-20].max() < 1e-3
+
+
+@pytest.mark.parametrize("noise_codes", [0.0, 0.2, 0.4, 0.6, 0.9, 2.0, 5.0])
+def test_every_dwell_is_one_stop_however_coarse_the_readout_is(noise_codes, rng):
+    time = np.arange(0, 60, 0.04)
+    edges = np.clip((time % 6.0 - 4.0) / 2.0, 0, 1)  # 4 s at rest, 2 s moving
+    angle = 10.0 * (np.floor(time / 6.0) + 3 * edges**2 - 2 * edges**3)
+    code = 1e-5
+    angle = np.round((angle + noise_codes * code * rng.standard_normal(len(time))) / code) * code
+    stop = replay(Recording.from_columns(time, {"table_outer_deg": angle}), setup_of("placing", ACCEL)).stop
+    lengths = np.bincount(stop[stop >= 0])
+    assert len(lengths) == 10
+    assert lengths.min() > 90
+    assert lengths.max() < 103

@@ -140,14 +140,15 @@ def still_rows(
     rate of zero there would be wrong.
     """
     still = resting.copy()
+    codes = 1.01 * np.array([code_width(column) for column in angles.T])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         part = angles[first:last]
         level = np.median(part, axis=0)
         off = np.abs(part - level)
-        spread = np.maximum(6 * 1.4826 * np.median(off, axis=0), 1e-12)
-        codes = np.array([code_width(part[:, i]) if np.median(off[:, i]) > 0 else 0.0 for i in range(part.shape[1])])
-        quiet = np.asarray((off <= np.maximum(spread, 1.01 * codes)).all(axis=1))
+        half, most = np.quantile(off, (0.5, 0.8), axis=0)  # where half of the readings have one code the rest tell the spread
+        spread = 6 * np.maximum(1.4826 * half, most / 1.2816)
+        quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
         for _ in range(EDGE):  # the first samples of a move hide in the noise
             quiet[1:-1] &= quiet[:-2] & quiet[2:]
             quiet[0] &= first == 0

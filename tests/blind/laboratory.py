@@ -197,7 +197,7 @@ def _sweep(rng: np.random.Generator, quarter: bool, steep: float = 360.0) -> Tra
     plan = Plan([start * DEG])
     dwell, rate = rng.uniform(2.5, 3.5), rng.uniform(12, 28) * DEG
     up = np.arange(start, top + 1e-6, step)
-    for angle in [*up, *up[::-1]]:
+    for angle in [*up, *up[::-1][1:]]:  # at the top nothing moves
         plan.go({0: angle * DEG}, rate)
         plan.dwell(dwell)
     return plan.track()

@@ -14,6 +14,7 @@ from tiltcal.frames import Array
 
 PRIOR = 5.0  # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
 RUNAWAY = 4.0  # times the least deviance so far
+ENOUGH = 100  # coefficients to fit three variances to
 ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
 
 
@@ -180,6 +181,18 @@ def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | N
         if extra is not None and i in extra:
             mean = np.column_stack([mean, extra[i]])
         found.append(estimate_noise(cosines(r), mean))
+    return found
+
+
+def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseModel] | None:
+    """The noise of each channel from what is left within its stops, each at a level of its own; None where one has no stops."""
+    found = []
+    for channel, r in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
+        cuts = np.flatnonzero(np.diff(channel.stop)) + 1
+        parts = [cosines(r[rows]) for rows in np.split(np.arange(len(r)), cuts) if channel.stop[rows[0]] >= 0 and len(rows) > 2]
+        if sum(len(part) - 1 for part in parts) < ENOUGH:
+            return None
+        found.append(NoiseFit.within(parts).model)
     return found
 
 

@@ -5,16 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, settle
+from tiltcal.diagnosis.account import Account, Term, noise_within_stops, settle
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, explain, explanations, preferred, price_of
-from tiltcal.diagnosis.select import ALPHA, Gate, findings, log_tail, log_tries
+from tiltcal.diagnosis.select import ALPHA, Gate, backward, findings, log_tail, log_tries
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects.learned import ANGLES, Learned, LearnedReading
 from tiltcal.frames import Array
 
 MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
+SHARPER = 4  # times three
 SHARE = 1 - OWN  # and this share of the gain: a law that is some per cent off its textbook form keeps its name
+
+Shape = tuple[tuple[float, ...], tuple[int, ...]]
+"""Knots of a curve, and those of them that are free."""
+
+STEP = (0, 2)  # knots of a step: the middle one has nothing, so that a step has two numbers, one of them an offset
 
 
 def is_curve(suspect: Suspect) -> bool:
@@ -51,7 +57,8 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger) -> Rival | None:
     if curve is None:
         return None
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
-        return curve if curve.worth > joint - MARGIN * (several - 1) else None  # one cause is likelier than several
+        one_cause = curve.worth > joint - MARGIN * (several - 1) - LOOSE * curve.gain  # is likelier than several
+        return curve if one_cause else None
     level = 0.0 if single is None else max(single.worth, joint if several == 1 else 0.0)
     return curve if curve.worth > level + MARGIN + SHARE * curve.gain else None
 
@@ -64,7 +71,22 @@ def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:
 
 
 def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
-    """What is left over and significant: the rest of a finding's own form when it is small beside it, else a finding."""
+    """What is left over and significant, looked for in the noise within the stops too: what differs from stop to stop by any
+    law of its own is a random walk to the spectrum of the whole record, and within the stops it is not there.
+    """
+    if gate.static is None and (still := noise_within_stops(account, ledger)) is not None:
+        usual = ledger.roots
+        ledger.under(still)
+        found = _leftover(settle(account, ledger), ledger, gate)
+        if len(found.terms) > len(account.terms):
+            return backward(found, ledger, gate)
+        ledger.weigh(usual)
+        account = settle(account, ledger)
+    return _leftover(account, ledger, gate)
+
+
+def _leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
+    """The rest of a finding's own form when it is small beside it, else a finding."""
     case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
     curve = best_curve(case, ledger)
     if curve is None:
@@ -102,7 +124,8 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
     found = explanations(case, ledger, is_curve)
     if not found:
         return None
-    trials = [*found, *_local(found[0], case, ledger)]
+    of_angle = next((r for r in found if _angle_of(r) is not None), None)
+    trials = [*found, *(_local(of_angle, case, ledger) if of_angle else [])]
     top = max(r.worth for r in trials)
     equal = [r for r in trials if r.worth > top - EQUAL - LOOSE * r.gain]
 
@@ -114,13 +137,31 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
 
 def _local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
     """Bumps and steps over the coordinate of a curve, in its place, on all the axes that it may act on."""
-    effect = rival.suspect.effect
-    if not isinstance(effect, Learned) or effect.coordinate not in ANGLES or effect.beside:
-        return []
-    angles = [a for r in ledger.observations.recordings if (a := r.table(ANGLES[effect.coordinate])) is not None]
+    column = ANGLES[_angle_of(rival) or ""]
+    angles = [a for r in ledger.observations.recordings if (a := r.table(column)) is not None]
     low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
+    found = _best_of(local_shapes(low, high), rival, case, ledger)
+    steps = _best_of([s for s in local_shapes(low, high) if s[1] == STEP], rival, case, ledger)
+    for _ in range(SHARPER if steps else 0):  # as sharp as it is crossed
+        left, middle, right = _knots_of(steps[0].suspect)
+        reach = (right - left) / 2
+        near = [step_at(middle + reach * k / 4, reach / 3) for k in range(-4, 5)]
+        steps = max(steps, _best_of(near, rival, case, ledger), key=lambda f: f[0].worth if f else -np.inf)
+        if _knots_of(steps[0].suspect) == (left, middle, right):
+            break
+    return [*found[:2], *steps[:1]]
+
+
+def _angle_of(rival: Rival) -> str | None:
+    """The one table angle that a curve goes over."""
+    effect = rival.suspect.effect
+    return effect.coordinate if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside else None
+
+
+def _best_of(shapes: Sequence[Shape], rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+    """The best two of some shapes, each on all axes that the rival acts on; all that were tried are paid for."""
     own = Ledger(ledger.observations)
-    for suspect in local_curves(rival, low, high):
+    for suspect in shaped(rival, shapes):
         own.add(suspect, ())
     own.roots = ledger.roots
     best: dict[tuple[float, ...], float] = {}
@@ -140,16 +181,25 @@ def _knots_of(suspect: Suspect) -> tuple[float, ...]:
     return getattr(suspect.effect, "knots", ())
 
 
-def local_curves(rival: Rival, low: float, high: float) -> Iterator[Suspect]:
+def local_shapes(low: float, high: float) -> list[Shape]:
     """Bumps and steps at every position and width over an angle from ``low`` to ``high``."""
-    effects = [t.suspect.effect for t in rival.terms if isinstance(t.suspect.effect, Learned)]
+    found: list[Shape] = []
     for width in (0.15, 0.3, 0.6):
         for middle in np.arange(low, high, width):
-            shapes: list[tuple[tuple[float, ...], tuple[int, ...]]] = [
-                (tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3)), (2, 3, 4))
-            ]
-            shapes.append((tuple(float(middle + 1.5 * width * k) for k in (-1, 0, 1)), (0, 2)))
-            for knots, free in shapes:
-                values = {f"c{k}": 1e-6 for k in free}
-                for effect in effects:
-                    yield Suspect(replace(effect, values=values, knots=knots), tuple(values))
+            found.append((tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3)), (2, 3, 4)))
+            found.append(step_at(middle, 1.5 * width))
+    return found
+
+
+def step_at(middle: float, reach: float) -> Shape:
+    """From one level to another within ``reach`` to both sides of an angle."""
+    return tuple(float(middle + reach * k) for k in (-1, 0, 1)), STEP
+
+
+def shaped(rival: Rival, shapes: Sequence[Shape]) -> Iterator[Suspect]:
+    """The curves of a rival in other shapes."""
+    for knots, free in shapes:
+        values = {f"c{k}": 1e-6 for k in free}
+        for term in rival.terms:
+            if isinstance(term.suspect.effect, Learned):
+                yield Suspect(replace(term.suspect.effect, values=values, knots=knots), tuple(values))

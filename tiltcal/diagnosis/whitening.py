@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 from tiltcal.noise import ARITHMETIC
 
 BINS = 160  # of the logarithmic frequency axis: S is smooth
@@ -121,9 +122,23 @@ class NoiseFit:
         n = len(e)
         edges = np.unique(np.concatenate([np.arange(1, 24), np.geomspace(24, n, BINS).astype(int)]))
         which = np.searchsorted(edges, np.arange(1, n), side="right") - 1
-        weight = np.asarray(np.bincount(which, dof[1:]), dtype=float)
-        power = np.asarray(np.bincount(which, e[1:] ** 2), dtype=float)
-        inverse = np.exp(-np.bincount(which, np.log(_sines(n)[1:])) / np.bincount(which))
+        return cls._binned(e[1:], dof[1:], _sines(n)[1:], which)
+
+    @classmethod
+    def within(cls, parts: Sequence[Array]) -> "NoiseFit":
+        """Largest Whittle likelihood for the cosine coefficients of parts of a record, (n_k,) each, whose levels are free."""
+        e = np.concatenate([part[1:] for part in parts])
+        s = np.concatenate([_sines(len(part))[1:] for part in parts])
+        which = np.floor(BINS * np.log(s / 2.0) / np.log(s.min() / 2.0)).astype(int)
+        _, which = np.unique(which, return_inverse=True)
+        return cls._binned(e, np.ones(len(e)), s, which)
+
+    @classmethod
+    def _binned(cls, e: Array, dof: Array, s: Array, which: Index) -> "NoiseFit":
+        """Of coefficients at s, (n,), in bins of these numbers."""
+        weight = np.asarray(np.bincount(which, dof), dtype=float)
+        power = np.asarray(np.bincount(which, e**2), dtype=float)
+        inverse = np.exp(-np.bincount(which, np.log(s)) / np.bincount(which))
         keep = weight > 1e-6
         if keep.sum() < 3:  # the mean model takes all there is: its rms is all that is known
             return cls.whole(NoiseModel(max(float(np.sqrt(np.mean(e**2))), ARITHMETIC)))

@@ -15,7 +15,8 @@ from tiltcal.setup import Setup
 
 EDGE = 2  # samples beside a move that are left to the polynomial
 WANDER = 2e-3  # rad: what a readout covers within a stop; more is a slow move, or the turning point of an oscillation
-WIDTHS = (5, 9, 15, 25, 41)  # samples of the local quartics: the longest that leaves no more than the readout's own noise
+WIDTHS = (5, 7, 9, 11, 15, 19, 25, 33, 41)  # samples of the local quartics: those that leave no more than the readout's own noise
+PLACES = (0.0, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)  # in a window, of the sample whose rate it tells
 
 
 @dataclass(frozen=True)
@@ -160,8 +161,8 @@ def still_rows(
 def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> tuple[Array, Array]:
     """Rate and acceleration of a readout by local quartics on a uniform grid; exactly zero at rest. All (n,).
 
-    Each sample has the longest window whose quartic leaves no more than the readout's noise: long in steady turns, short at
-    the corners of moves, which a long one would blur.
+    Each sample has the window, around it or to one side of it, whose quartic leaves no more than the readout's noise and tells
+    the rate best: long in steady turns, short where moves bend, and on its own side of a corner.
     """
     from scipy.interpolate import CubicSpline
 
@@ -175,17 +176,8 @@ def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np
     grid = np.linspace(time[0], time[-1], n)
     uniform = CubicSpline(time, angle)(grid)
     step = grid[1] - grid[0]
-    level = _readout_noise(angle, resting)
-    v, a = np.zeros(n), np.zeros(n)
-    good = np.ones(n, bool)
-    for width in WIDTHS:
-        if width >= n or not good.any():
-            break
-        if width > WIDTHS[0]:
-            allowed = level * (1 + 3 / np.sqrt(2 * (width - 5)))
-            good = good & (_misfit_of_quartics(uniform, width) <= allowed)
-        v = np.where(good, _local_quartic(uniform, width, 1) / step, v)
-        a = np.where(good, _local_quartic(uniform, width, 2) / step**2, a)
+    v, a = _by_best_windows(uniform, _readout_noise(angle, resting))
+    v, a = v / step, a / step**2
     v, a = np.interp(time, grid, v), np.interp(time, grid, a)
     return np.where(resting, 0.0, v), np.where(resting, 0.0, a)
 
@@ -196,25 +188,46 @@ def _differentiated(time: bytes, angle: bytes, resting: bytes) -> tuple[Array, A
     return differentiate(np.frombuffer(time), np.frombuffer(angle), np.frombuffer(resting, dtype=bool))
 
 
+def _by_best_windows(u: Array, level: float) -> tuple[Array, Array]:
+    """First and second derivative, per sample, of the quartics of the best windows, (n,): the narrowest one when none fits."""
+    n = len(u)
+    first, second = _weights(WIDTHS[0], WIDTHS[0] // 2)
+    v, a = _centred(u, first), _centred(u, second)
+    best = np.full(n, first @ first)
+    for width in (w for w in WIDTHS[1:] if w < n):
+        fits = _misfit_of_quartics(u, width) <= level * (1 + 1 / np.sqrt(2 * (width - 5)))
+        for place in sorted({round(share * (width - 1)) for share in PLACES}):
+            first, second = _weights(width, place)
+            rows = slice(place, n - width + 1 + place)
+            better = fits & (first @ first < best[rows])
+            v[rows] = np.where(better, np.convolve(u, first[::-1], mode="valid"), v[rows])
+            a[rows] = np.where(better, np.convolve(u, second[::-1], mode="valid"), a[rows])
+            best[rows] = np.where(better, first @ first, best[rows])
+    return v, a
+
+
+def _weights(width: int, place: int) -> tuple[Array, Array]:
+    """What takes the first and the second derivative at one sample of a window from its quartic, (width,) each."""
+    fitted = np.linalg.pinv(np.vander(np.arange(width) - float(place), 5, increasing=True))
+    return fitted[1], 2 * fitted[2]
+
+
 def _readout_noise(angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> float:
-    """Standard deviation of a readout from row to row where it rests; 0 when it never rests, rad."""
-    still = resting[1:] & resting[:-1]
-    return float(1.4826 * np.median(np.abs(np.diff(angle)[still])) / np.sqrt(2)) if still.sum() > 32 else 0.0
+    """Standard deviation of a readout from row to row where it rests, at least that of its codes; 0 when it never rests, rad."""
+    steps = np.diff(angle)[resting[1:] & resting[:-1]]
+    return float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12))) if len(steps) > 32 else 0.0
 
 
 def _misfit_of_quartics(u: Array, width: int) -> Array:
-    """What the quartic fitted to each window leaves, rms per degree of freedom, (n,)."""
+    """What the quartic fitted to each full window leaves, rms per degree of freedom, (n - width + 1,)."""
     k = np.arange(width) - width // 2
     basis = np.linalg.qr(np.vander(k / width, 5, increasing=True))[0]
-    padded = np.pad(u, width // 2, mode="reflect", reflect_type="odd")
-    windows = np.lib.stride_tricks.sliding_window_view(padded - u.mean(), width)
+    windows = np.lib.stride_tricks.sliding_window_view(u - u.mean(), width)
     centred = windows - windows[:, width // 2 : width // 2 + 1]  # of the angle itself nothing is left to cancel
     left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
-    return np.sqrt(np.maximum(left, 0.0) / (width - 5))
+    return np.asarray(np.sqrt(np.maximum(left, 0.0) / (width - 5)))
 
 
-def _local_quartic(u: Array, width: int, derivative: int) -> Array:
-    """First or second derivative, per sample, of the quartic fitted to each window (Savitzky and Golay 1964); ends held."""
-    k = np.arange(width) - width // 2
-    weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[derivative] * derivative
-    return np.convolve(np.pad(u, width // 2, mode="reflect", reflect_type="odd"), weights[::-1], mode="valid")
+def _centred(u: Array, weights: Array) -> Array:
+    """Weighted sums of the windows around every sample, (n,); the ends held (Savitzky and Golay 1964)."""
+    return np.convolve(np.pad(u, len(weights) // 2, mode="reflect", reflect_type="odd"), weights[::-1], mode="valid")

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tiltcal.effects.memory import first_order_lag, last_direction, motion_direction, onset, play, rounded_play
+from tiltcal.effects.memory import first_order_lag, last_direction, motion_direction, onset, play, rounded_play, smooth_lag
 from tiltcal.motion import Jet
 
 WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda k: k / 2))
@@ -156,3 +156,24 @@ def test_a_step_sets_in_at_its_instant_or_creeps_there():
     elapsed = np.array([0.0, 4.9, 5.0, 15.0, 1e9])
     np.testing.assert_allclose(onset(elapsed, 5.0, 0.0), [0, 0, 1, 1, 1])
     np.testing.assert_allclose(onset(elapsed, 5.0, 10.0), [0, 0, 0, 1 - np.exp(-1), 1])
+
+
+@pytest.mark.parametrize("tau", [0.0005, 0.003, 0.02, 0.1, 0.6])
+def test_a_lag_of_a_smooth_input_is_that_of_a_fine_grid(tau):
+    """Against the lag that is linear between samples, on a grid so fine that it does not matter."""
+    coarse, fine = np.arange(0, 10, 0.04), np.arange(0, 10, 0.0001)
+
+    def motion(t):
+        u = np.clip((t - 2) / 3, 0, 1)
+        return u - np.sin(2 * np.pi * u) / (2 * np.pi) + 0.1 * np.sin(3 * t)
+
+    expected = np.interp(coarse, fine, first_order_lag(fine, motion(fine), tau))
+    done = motion(coarse) - expected  # what the lag does
+    assert np.abs(smooth_lag(coarse, motion(coarse), tau) - expected)[10:].max() < 0.01 * np.abs(done).max()
+
+
+def test_a_lag_of_a_straight_line_is_late_by_its_time_constant():
+    time = np.sort(np.random.default_rng(1).uniform(0, 10, 400))
+    late = smooth_lag(time, 2.0 + 3.0 * time, 0.05)
+    np.testing.assert_allclose(late[time > 2], (2.0 + 3.0 * (time - 0.05))[time > 2], atol=1e-9)
+    np.testing.assert_array_equal(smooth_lag(time, time, 0.0), time)

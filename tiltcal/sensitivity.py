@@ -206,10 +206,11 @@ class Watch:
         if effect.order >= CONVERSION and sensor.kind == "inclinometer":
             start = tilt_of_force(start, self.setup.site.gravity)
         sense = self.sense[sensor.name]
-        up = np.nan_to_num(effect.apply(start.copy(), sense, None) - start)  # the last samples of a loss have no reading
+        small = replace(effect, values={**effect.values, **{n: effect.straight * v for n, v in effect.sizes.items()}})
+        up = np.nan_to_num(small.apply(start.copy(), sense, None) - start) / effect.straight  # the last samples of a loss have none
         if one_sided(effect):
             return up
-        return (up - effect_down(effect).apply(start.copy(), sense, None) + start) / 2
+        return (up - (effect_down(small).apply(start.copy(), sense, None) - start) / effect.straight) / 2
 
     def _moved(self, effect: Effect) -> dict[str, Array]:
         """Change of every sensor's reading by what moves differently."""

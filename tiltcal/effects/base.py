@@ -302,9 +302,13 @@ class Sense:
 
 
 class SignalEffect(Effect):
-    """What does the reading become? ``order`` sorts the effects inside the chain (CONTRACT: order of the chain)."""
+    """What does the reading become? ``order`` sorts the effects inside the chain (CONTRACT: order of the chain).
+
+    ``straight`` is the share of a plausible size up to which the change of the reading is in proportion to it.
+    """
 
     order: ClassVar[int]
+    straight: ClassVar[float] = 1.0
 
     @abstractmethod
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:

@@ -93,6 +93,25 @@ def first_order_lag(time: Array, u: Array, tau: float) -> Array:
     return recursion(decay, drive)
 
 
+def smooth_lag(time: Array, u: Array, tau: float) -> Array:
+    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting settled. time, u: (n,).
+
+    On each interval of the cubic spline through the samples y = p + (y0 - p0) exp(-t / tau), where p is u less tau times its
+    slope and so on to the third derivative. A lag much shorter than the interval needs the slope at the sample, which an input
+    that is linear between samples has half an interval too early.
+    """
+    if tau <= 0 or len(u) < 4:
+        return first_order_lag(time, u, tau)
+    from scipy.interpolate import CubicSpline
+
+    third, second, slope, _ = CubicSpline(time, u).c  # of u = slope h + second h^2 + third h^3
+    h = np.diff(time)
+    start = u[:-1] - tau * slope + 2 * tau**2 * second - 6 * tau**3 * third
+    end = u[1:] - tau * (slope + (2 * second + 3 * third * h) * h) + tau**2 * (2 * second + 6 * third * h) - 6 * tau**3 * third
+    decay = np.exp(-h / tau)
+    return recursion(decay, np.concatenate([u[:1], end - decay * start]))
+
+
 def recursion(decay: Array | float, drive: Array) -> Array:
     """y_0 = drive_0, y_k = decay_k y_(k-1) + drive_k, (n,), as a bidiagonal system. decay: (n - 1,) or a number."""
     from scipy.linalg import solve_banded

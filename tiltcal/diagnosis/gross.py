@@ -14,6 +14,7 @@ from tiltcal.motion import Index
 from tiltcal.recording import Recording
 
 GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
+ENDS = 3  # samples to either side of where a stop begins or ends
 ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
@@ -30,13 +31,22 @@ def gross_errors(
     for number, sensor, axis, rows, values in _signals(observations, account):
         if sensor in coarse:
             continue
-        off = off_neighbours(values)
+        off = np.where(_at_an_end(observations.stops_at(number), rows), 0.0, off_neighbours(values))
         far, tail = off > GROSS, (off > 4) & (off <= GROSS)
         if far.sum() > 3 + 0.1 * tail.sum() and np.median(off[far]) > GROSS + 2:
             seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
             repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[far], np.nan)
     known = {(e.id, e.sensor) for e in scenario.effects}
     return [_fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known], tuple(repaired)
+
+
+def _at_an_end(stop: Index, rows: Index) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Rows where a move begins or ends, (n,): a jerk there is the table's, or the body's."""
+    changes = np.flatnonzero(np.diff(stop) != 0)
+    near = np.zeros(len(stop) + 2 * ENDS, bool)
+    for shift in range(2 * ENDS):
+        near[changes + shift + 1] = True
+    return near[ENDS:-ENDS][rows]
 
 
 def _signals(observations: Observations, account: Account) -> Iterator[tuple[int, str, str, Index, Array]]:

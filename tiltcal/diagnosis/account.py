@@ -184,7 +184,7 @@ def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | N
     return found
 
 
-def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseModel] | None:
+def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseFit] | None:
     """The noise of each channel from what is left within its stops, each at a level of its own; None where one has no stops."""
     found = []
     for channel, r in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
@@ -192,7 +192,7 @@ def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseModel] | N
         parts = [cosines(r[rows]) for rows in np.split(np.arange(len(r)), cuts) if channel.stop[rows[0]] >= 0 and len(rows) > 2]
         if sum(len(part) - 1 for part in parts) < ENOUGH:
             return None
-        found.append(NoiseFit.within(parts).model)
+        found.append(NoiseFit.within(parts))
     return found
 
 

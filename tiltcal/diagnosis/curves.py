@@ -103,7 +103,7 @@ def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> 
     if knots := _spread("since_move", span):
         yield _curve(LearnedReading, "since_move", knots, **where)
         for frequency in span.lines.echoes:
-            yield _curve(LearnedReading, "since_move", 2, period=1 / frequency, **where)
+            yield _curve(LearnedReading, "since_move", _waves(3), period=1 / frequency, **where)
         yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
         for period in (2, 3, 4, 5):
             yield _curve(LearnedReading, "moves", 2 * (period // 2) - (period % 2 == 0), period=float(period), **where)

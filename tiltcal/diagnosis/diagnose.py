@@ -16,7 +16,7 @@ from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.floors import above
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.plain import plainer
-from tiltcal.diagnosis.randoms import setting_error
+from tiltcal.diagnosis.randoms import beside_stops, setting_error
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, absorbed, plausible, select
 from tiltcal.diagnosis.suspects import Suspect
@@ -85,13 +85,13 @@ def _textbook(suspect: Suspect) -> bool:
 
 
 def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> tuple[Account, list[Fault]]:
-    """A random effect last: it explains anything that varies from stop to stop, so nothing smooth may do so."""
+    """A random effect last: it explains anything that varies from stop to stop; what else was found stands beside it, or falls."""
     known = {e.id for e in ledger.observations.scenario.effects}
     found: list[Fault] = []
     if "table_index_error" not in known:
         setting = setting_error(account, start, ledger, gate.total)
         if setting is not None:
-            account = settle(replace(account, terms=()), ledger)
+            account = beside_stops(account, setting[1], ledger, gate.total)
             found.append(setting[0])
     return account, found
 

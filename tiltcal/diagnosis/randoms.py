@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account
+from tiltcal.diagnosis.account import Account, models, noise_under, noise_within_stops, settle
 from tiltcal.diagnosis.columns import changed, without_readout
-from tiltcal.diagnosis.evidence import Ledger, basis_of, project
+from tiltcal.diagnosis.evidence import Ledger, basis_of, cosines, project
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.observations import Columns, Observations, TableObservations
-from tiltcal.diagnosis.select import ALPHA, log_tail
-from tiltcal.diagnosis.whitening import robust_white
+from tiltcal.diagnosis.select import ALPHA, findings, log_tail, standing
+from tiltcal.diagnosis.whitening import NoiseFit, robust_white
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 from tiltcal.motion import Index
@@ -100,32 +100,37 @@ def _misfit(observations: TableObservations, account: Account, number: int, stop
     return total
 
 
-def setting_error(account: Account, start: Account, ledger: Ledger, total: int) -> tuple[Fault, float] | None:
+def setting_error(account: Account, start: Account, ledger: Ledger, total: int) -> tuple[Fault, list[Columns]] | None:
     """Random setting of an axis: every stop is off by a rotation of its own, and nothing smooth takes half of it away.
 
     Returns:
-        The fault and the logarithm of its chance; None when the stops agree.
+        The fault, and the change of the readings by each stop's own rotation; None when the stops agree.
     """
     observations = ledger.observations
-    if not isinstance(observations, TableObservations):
+    noise = noise_within_stops(account, ledger)
+    if not isinstance(observations, TableObservations) or noise is None:
         return None
-    best = None
-    for axis in observations.scenario.rig.axis_names:
-        columns = _stop_columns(observations, axis, account)
-        if len(columns) < 8:
-            continue
-        gain, values, variances = _stops(columns, account, ledger)
-        log_p = log_tail(gain, len(columns)) + np.log(max(total, 1))
-        if best is None or log_p < best[0]:
-            best = (log_p, axis, gain, values, variances, columns)
-    if best is None or best[0] > np.log(ALPHA):
-        return None
-    log_p, axis, gain, values, variances, columns = best
-    first = _stops(columns, start, ledger)[0]
+    trials = {axis: _stop_columns(observations, axis, account) for axis in observations.scenario.rig.axis_names}
+    trials = {axis: columns for axis, columns in trials.items() if len(columns) >= 8}
+    usual = ledger.roots
+    try:
+        chances = {axis: _chance(columns, account, ledger, noise) + np.log(max(total, 1)) for axis, columns in trials.items()}
+        axis = min(chances, key=lambda a: chances[a], default=None)
+        if axis is None or chances[axis] > np.log(ALPHA):
+            return None
+        columns = trials[axis]
+        ledger.under(models(noise))
+        gain, values, variances = _stops(columns, settle(account, ledger), ledger)
+        first = _stops(columns, settle(start, ledger), ledger)[0]
+    finally:
+        ledger.weigh(usual)
     free = max(len(columns) - sum(len(t.names) for t in account.terms), 1)  # so many sizes take their share of chance as well
     if gain / free < 0.5 * first / len(columns):
         return None
-    sigma = float(np.sqrt(max(float(np.mean(values**2 - variances)), 0.0)))
+    spread = float(np.mean(values**2 - variances))
+    if spread <= 0:
+        return None
+    sigma = float(np.sqrt(spread))
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
     effect = CATALOGUE["table_index_error"]({"sigma": sigma}, None, axis, "found")
@@ -133,18 +138,57 @@ def setting_error(account: Account, start: Account, ledger: Ledger, total: int) 
         f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms: each stop is a rotation of its own."
     )
     error = sigma / np.sqrt(2 * len(values))
-    return Fault(effect, names, axes, words, sigma={"sigma": error}), log_p
+    return Fault(effect, names, axes, words, sigma={"sigma": error}), columns
+
+
+def _chance(stops: Sequence[Columns], account: Account, ledger: Ledger, noise: Sequence[NoiseFit]) -> float:
+    """Logarithm of the chance of what the stops' own rotations explain, in the noisiest way that the stops allow.
+
+    What differs from stop to stop but is no rotation about the axis tells how much noise there is that the stops by themselves
+    do not show: the rotations have to stand out of that too.
+    """
+    levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
+    worst = -np.inf
+    for side in (0, 1):
+        ledger.under([fit.bounds()[side] for fit in noise])
+        at_this = settle(account, ledger)
+        gain, _, _ = _stops(stops, at_this, ledger)
+        other = _stops([*stops, *levels], at_this, ledger)[0] - gain
+        free = len(levels) - len(stops) - at_this.basis[0].shape[1]
+        worst = max(worst, log_tail(gain, len(stops)), log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
+    return worst
+
+
+def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
+    """Logarithm of the chance that a ratio of mean squares exceeds that of ``gain`` over ``other``."""
+    from scipy.special import fdtrc
+
+    return float(np.log(max(float(fdtrc(dof, free, gain / dof / max(other / free, 1.0))), 1e-300)))
+
+
+def beside_stops(account: Account, stops: Sequence[Columns], ledger: Ledger, total: int) -> Account:
+    """The account without the findings that rotations of every stop explain as well."""
+    lengths = [len(c.values) for c in ledger.observations.channels]
+    extra = {i: np.column_stack([cosines(c.get(i, np.zeros(n))) for c in stops]) for i, n in enumerate(lengths)}
+    usual = ledger.roots
+    ledger.under([fit.model for fit in noise_under(account, ledger, extra)])
+    values = standing(account, ledger, total, stops)
+    ledger.weigh(usual)
+    kept = [k for places, value in zip(findings(account), values, strict=True) if value < np.log(ALPHA) for k in places]
+    return settle(replace(account, terms=tuple(account.terms[k] for k in kept)), ledger)
 
 
 def _stop_columns(observations: TableObservations, axis: str, account: Account) -> list[Columns]:
-    """Change of the readings per radian of one axis at one stop, for each stop."""
+    """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes over into the next."""
     zero = CATALOGUE["table_encoder_zero"]({f"{axis}_zero": 1e-4}, None, None, "found")
     whole = observations.changes(zero, account.effects)
     found = []
-    for number in range(len(observations.recordings)):
-        for stop in range(int(observations.courses[number].stop.max(initial=-1)) + 1):
+    for number, course in enumerate(observations.courses):
+        resting = np.flatnonzero(course.stop >= 0)
+        for stop in range(int(course.stop.max(initial=-1)) + 1):
+            weight = np.interp(np.arange(len(course.stop)), resting, (course.stop[resting] == stop).astype(float))
             part = {
-                i: column * (observations.channels[i].stop == stop) / -1e-4
+                i: column * weight[observations.channels[i].rows] / -1e-4
                 for i, column in whole.items() if observations.channels[i].recording == number
             }  # fmt: skip
             if any(np.any(c) for c in part.values()):

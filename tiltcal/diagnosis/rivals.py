@@ -11,6 +11,7 @@ from tiltcal.diagnosis.account import Account, Term, columns_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, completes
 from tiltcal.diagnosis.normal import Normal, normal_equations
+from tiltcal.diagnosis.observations import Columns
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
@@ -75,12 +76,13 @@ class Case:
     signal: list[Array]
 
 
-def case_of(account: Account, ledger: Ledger, places: Sequence[int]) -> Case:
-    """What the terms at these places explain, and the account without them."""
+def case_of(account: Account, ledger: Ledger, places: Sequence[int], beside: Sequence[Columns] = ()) -> Case:
+    """What the terms at these places explain, and the account without them; ``beside``: further columns of any size."""
     effects, lengths = account.effects, [len(c.values) for c in ledger.observations.channels]
     inside = [account.terms[k] for k in places]
     others = [*account.nuisance, *(t for k, t in enumerate(account.terms) if k not in places)]
-    basis = basis_of([ledger.whitened(c) for c in columns_of(ledger.observations, others, effects)], lengths)
+    columns = [*columns_of(ledger.observations, others, effects), *beside]
+    basis = basis_of([ledger.whitened(c) for c in columns], lengths)
     signal = [np.zeros(n) for n in lengths]
     values = [v / t.suspect.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)]
     for value, column in zip(values, columns_of(ledger.observations, inside, effects), strict=True):

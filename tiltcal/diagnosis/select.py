@@ -8,6 +8,7 @@ import numpy as np
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle, summed
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
+from tiltcal.diagnosis.observations import Columns
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, fair, preferred
 from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
 from tiltcal.diagnosis.whitening import NoiseFit
@@ -80,11 +81,11 @@ class Gate:
         return [float(w) for w in worst]
 
 
-def standing(account: Account, ledger: Ledger, total: int) -> list[float]:
-    """Corrected log p-value of each finding given all others, under the ledger's noise."""
+def standing(account: Account, ledger: Ledger, total: int, beside: Sequence[Columns] = ()) -> list[float]:
+    """Corrected log p-value of each finding given all others, and columns ``beside`` them, under the ledger's noise."""
     found = []
     for places in findings(account):
-        case = case_of(account, ledger, places)
+        case = case_of(account, ledger, places, beside)
         lengths = [len(t) for t in case.target]
         inside = [account.terms[k] for k in places]
         columns = [ledger.whitened(c) for c in columns_of(ledger.observations, inside, account.effects)]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, noise_within_stops, settle
+from tiltcal.diagnosis.account import Account, Term, models, noise_within_stops, settle
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, explain, explanations, preferred, price_of
 from tiltcal.diagnosis.select import ALPHA, Gate, backward, findings, log_tail, log_tries
@@ -76,7 +76,7 @@ def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
     """
     if gate.static is None and (still := noise_within_stops(account, ledger)) is not None:
         usual = ledger.roots
-        ledger.under(still)
+        ledger.under(models(still))
         found = _leftover(settle(account, ledger), ledger, gate)
         if len(found.terms) > len(account.terms):
             return backward(found, ledger, gate)

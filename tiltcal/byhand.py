@@ -186,7 +186,8 @@ def at_rest(
     length = np.linalg.norm(means, axis=1)
     full = np.where(length[:, None] > 0, means * setup.site.gravity / np.where(length > 0, length, 1.0)[:, None], np.nan)
     known = ~np.isnan(full[:, 0])
-    sense = sense_of(sensor, setup, motion, np.where(known[:, None], full, 0.0), np.zeros_like(full))
+    felt = np.where(known[:, None], full, np.nan_to_num(force))  # what is felt late comes out of the move before
+    sense = sense_of(sensor, setup, motion, felt, np.zeros_like(full))
     predicted = forward(sensor, effects, sense)
     predicted[~known] = np.nan
     return predicted

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.diagnosis.evidence import Ledger, basis_of, cosines
-from tiltcal.diagnosis.observations import Columns, Observations
+from tiltcal.diagnosis.observations import Columns, Observations, TableObservations
 from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise
+from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, column_space, estimate_noise
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 
@@ -177,15 +177,23 @@ def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | N
     found = []
     for i, r in enumerate(observations.residuals(account.effects)):
         mine = [cosines(c[i]) for c in columns if i in c]
-        mean = np.column_stack(mine) if mine else np.zeros((len(r), 0))
+        if least := observations.channels[i].white:
+            found.append(NoiseFit.whole(NoiseModel(max(least, _spread(r, [c[i] for c in columns if i in c])))))
+            continue
+        mean = np.column_stack([*mine, *(cosines(c) for c in observations.saturating(i))] or [np.zeros((len(r), 0))])
         if extra is not None and i in extra:
             mean = np.column_stack([mean, extra[i]])
-        found.append(estimate_noise(cosines(r), mean))
+        found.append(observations.as_unsteady(i, r, mean, estimate_noise(cosines(r), mean)))
     return found
 
 
 def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseFit] | None:
-    """The noise of each channel from what is left within its stops, each at a level of its own; None where one has no stops."""
+    """The noise of each channel from what is left within its stops, each at a level of its own; None where one has no stops.
+
+    By hand a stop is no level of a sensor's own: None.
+    """
+    if not isinstance(ledger.observations, TableObservations):
+        return None
     found = []
     for channel, r in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
         cuts = np.flatnonzero(np.diff(channel.stop)) + 1
@@ -194,6 +202,14 @@ def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseFit] | Non
             return None
         found.append(NoiseFit.within(parts))
     return found
+
+
+def _spread(residual: Array, columns: Sequence[Array]) -> float:
+    """Standard deviation of white noise behind a residual with these columns in its mean; of all there is where they take it."""
+    Q = column_space(np.column_stack(columns)) if columns else np.zeros((len(residual), 0))
+    left = residual - Q @ (Q.T @ residual)
+    dof = len(residual) - Q.shape[1]
+    return float(np.linalg.norm(left) / np.sqrt(dof)) if dof > 0 else float(np.std(residual))
 
 
 def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> Account:
@@ -207,7 +223,7 @@ def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> A
     observations = ledger.observations
     shift: dict[tuple[str, str], float] = {}
     for channel, r, fit in zip(observations.channels, observations.residuals(account.effects), fits, strict=True):
-        if channel.recording == 0 and channel.axis != "norm":
+        if channel.recording == 0 and not channel.derived:
             S = fit.model.spectrum(len(r))
             level = idct(cosines(r) * (1 - fit.model.white**2 / S), norm="ortho")
             shift.setdefault((channel.sensor, channel.axis), float(level[0]))

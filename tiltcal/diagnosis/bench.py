@@ -65,7 +65,7 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
         quiet = at_rest_only(bench.observations, bench.start, stamps.effect.value("jitter"))
         bench = bench.over(observe(scenario, quiet, known), stamps)
     wild, mended = gross_errors(bench.observations, bench.start, floors)
-    if any(a is not b for a, b in zip(mended, bench.observations.recordings, strict=True)):
+    if any(a is not b for a, b in zip(mended, bench.observations.sources, strict=True)):
         bench = bench.over(observe(scenario, mended, known), *wild)
     return bench if floors else _with_right_stops(bench, known, "data_pose_label" in stated)
 
@@ -107,6 +107,9 @@ def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFi
     found = []
     for channel in observations.channels:
         sensor = observations.scenario.named(channel.sensor)
+        if channel.white:  # no record at rest holds a turn
+            found.append(NoiseFit.whole(NoiseModel(max(channel.white, robust_white(channel.values)))))
+            continue
         samples = static.sensor(sensor)
         values = samples.values[:, channel.column] if channel.axis != "norm" else np.linalg.norm(samples.values, axis=1)
         values = values[~np.isnan(values)]

@@ -15,11 +15,12 @@ from tiltcal.diagnosis.evidence import SURVIVES, Ledger, project
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.finding import Finding, Fitness, Undetectable, Where
 from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
+from tiltcal.diagnosis.lateness import lateness
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.rivals import LOOSE, OWN, Case, Rival, case_of, explanations, inseparable, price_of
 from tiltcal.diagnosis.select import Gate, findings
 from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.diagnosis.views import UNITS
+from tiltcal.diagnosis.views import unit_of
 from tiltcal.diagnosis.whitening import column_space
 from tiltcal.diagnosis.wording import coordinate_of_effect, harmonic_of, learned_name, next_step, shown, stage_of
 from tiltcal.effects import CATALOGUE
@@ -59,11 +60,13 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
     id = term.suspect.id
     if "reference_drift" not in names and _of_the_reference([account.terms[k] for k in places], case, account, ledger):
         names = (*names, "reference_drift")
+    late, same = lateness([account.terms[k] for k in places], case, account, ledger)
+    names = (*names, *(n for n in same if n not in names))
     parameters = {} if isinstance(effect, Learned) else _parameters(term, account.sigmas(places[0]))
     cls = CATALOGUE[id]
     other = f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)" if len(names) > 1 else ""
     size = shown(parameters) if parameters else f"as a curve over {where.coordinate}"
-    words = f"{cls.title.capitalize()} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}."
+    words = f"{cls.title.capitalize()} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}.{late}"
     return Finding(
         id, names, cls.stage, sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
         held, rivals_, words, next_step(names, effect),
@@ -152,8 +155,7 @@ def fitness_of(account: Account, ledger: Ledger) -> Fitness:
     used = account.basis[0].shape[1]
     rms: dict[str, float] = {}
     for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
-        unit = UNITS[observations.scenario.named(channel.sensor).kind]
-        rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit}", float(np.sqrt(np.mean(r * r))))
+        rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit_of(channel, observations)}", float(np.sqrt(np.mean(r * r))))
     return Fitness(account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger))
 
 

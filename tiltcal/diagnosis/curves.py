@@ -15,6 +15,8 @@ from tiltcal.scenario import Scenario
 from tiltcal.setup import Sensor
 
 LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
+PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
+SHOWS = 7.0  # times a lag that a recording has to last
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 
 
@@ -85,11 +87,19 @@ def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> 
         yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias")
 
 
+def lags_of(duration: float) -> tuple[float, ...]:
+    """Lags of a temperature that a recording of some duration may show, s: a heavy case is late by many minutes."""
+    found = list(LAGS)
+    while PACE * found[-1] * SHOWS < duration:
+        found.append(PACE * found[-1])
+    return tuple(found)
+
+
 def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
     """Laws of temperature where the thermometer and the sensor are not of one temperature."""
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     name = "acc_temp_bias" if sensor.is_accelerometer else "gyr_temp"
-    for lag in LAGS:
+    for lag in lags_of(span.duration):
         if knots := _knots("temperature", span, 3):
             yield _late(_curve(LearnedReading, "temperature", knots, lag=lag, **where), name)
             if sensor.is_accelerometer:

@@ -235,7 +235,7 @@ def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tupl
 
 
 FLAT = 0.3  # chance of a repeat above which a coarse code is flat everywhere
-COARSE = 0.5  # code over noise: below it rounding is one more small white noise
+COARSE = 1.5  # code over noise: below it what rounding does is white to exp(-2 (pi / 1.5)^2), a part in 6000
 
 
 def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:

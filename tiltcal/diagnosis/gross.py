@@ -4,10 +4,12 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from tiltcal.codes import code_width
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.columns import changed, column_values
 from tiltcal.diagnosis.faults import Fault, noise_of
 from tiltcal.diagnosis.observations import Observations, TableObservations
+from tiltcal.diagnosis.rests import inner, known_stops
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 from tiltcal.motion import Index
@@ -15,6 +17,8 @@ from tiltcal.recording import Recording
 
 GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
 ENDS = 3  # samples to either side of where a stop begins or ends
+TAIL = 0.1  # share of the number between 4 and GROSS sigma that a heavy tail has beyond
+TOUCHED = 1.0  # the same in a hand, where no model tells a touch from noise
 ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
@@ -26,14 +30,15 @@ def gross_errors(
     Sensors whose codes, or whose model's angles, are ``coarse`` are left alone: a step of theirs stands off its neighbours.
     """
     scenario = observations.scenario
-    repaired = list(observations.recordings)
+    heavy = TAIL if scenario.rig.axes or scenario.sensors("fog") else TOUCHED
+    repaired = list(observations.sources)
     seen: dict[str, list[tuple[str, float, float, int]]] = {}
     for number, sensor, axis, rows, values in _signals(observations, account):
         if sensor in coarse:
             continue
         off = np.where(_at_an_end(observations.stops_at(number), rows), 0.0, off_neighbours(values))
         far, tail = off > GROSS, (off > 4) & (off <= GROSS)
-        if far.sum() > 3 + 0.1 * tail.sum() and np.median(off[far]) > GROSS + 2:
+        if far.sum() > 3 + heavy * tail.sum() and np.median(off[far]) > GROSS + 2:
             seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
             repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[far], np.nan)
     known = {(e.id, e.sensor) for e in scenario.effects}
@@ -59,13 +64,13 @@ def _signals(observations: Observations, account: Account) -> Iterator[tuple[int
         if observations.scenario.named(channel.sensor).kind == "fog":
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r
     predicted = {s.name for s in observations.scenario.sensors("fog")}
-    for number, recording in enumerate(observations.recordings):
+    for number, recording in enumerate(observations.sources):
         for sensor in observations.scenario.sensor:
             if recording.has(sensor) and sensor.name not in predicted:
                 for axis in sensor.axes:
                     rows, _, values = column_values(recording, sensor, axis)
-                    if sensor.is_accelerometer:  # a hand that moves it shakes it
-                        still = observations.stops_at(number)[rows] >= 0
+                    if sensor.is_accelerometer or not predicted:  # a hand that moves it shakes and knocks it; a FOG tells
+                        still = inner(recording.time, known_stops(recording))[rows]
                         rows, values = rows[still], values[still]
                     yield number, sensor.name, axis, rows, values
 
@@ -88,7 +93,14 @@ def off_neighbours(values: Array) -> Array:
     if len(values) < 64:
         return np.zeros(len(values))
     off = np.abs(values - median_filter(values, 5, mode="nearest"))
+    bent = np.zeros(len(values))  # off the cubic through two neighbours on each side
+    bent[2:-2] = values[2:-2] - (4 * (values[1:-3] + values[3:-1]) - (values[:-4] + values[4:])) / 6
+    off[2:-2] = np.minimum(off, np.abs(bent))[2:-2]  # the crest of a quick turn is where its flanks say
     local = 1.4826 * median_filter(off, 51, mode="nearest")
     beside = np.maximum(np.concatenate([[0.0], off[:-1]]), np.concatenate([off[1:], [0.0]]))
     alone = beside < ISOLATED * off  # the corner of a move drags its neighbours along
-    return np.asarray(np.where(alone, off / np.maximum(local, noise_of(values)), 0.0))
+    mended = np.zeros(len(values))  # how far the neighbours are off theirs once a value is put where they say
+    mended[1:-1] = np.maximum(np.abs(bent[:-2] + bent[1:-1] / 1.5), np.abs(bent[2:] + bent[1:-1] / 1.5))
+    alone &= mended < np.maximum(ISOLATED * off, 4 * local)  # a knock is quick, and still some samples wide
+    least = max(noise_of(values), code_width(values))  # of coarse codes most differences are none
+    return np.asarray(np.where(alone, off / np.maximum(local, least), 0.0))

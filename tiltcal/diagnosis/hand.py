@@ -5,7 +5,7 @@ in a long rest, how each accelerometer axis wanders; gravity's direction after a
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,11 +19,14 @@ from tiltcal.byhand import (
     quiet_readings,
     rate_known,
     sense_of,
-    stops_of,
     whole,
 )
-from tiltcal.diagnosis.observations import Channel, Columns, Observations
-from tiltcal.effects.base import Effect
+from tiltcal.diagnosis.carrying import Carried, Windows, turns_between
+from tiltcal.diagnosis.observations import Channel, Columns, Observations, sensor_matrix
+from tiltcal.diagnosis.pushes import Hand, Push
+from tiltcal.diagnosis.rests import Mask, condensed, inner, known_stops, no_less, of_direction, rest_steps, undisturbed
+from tiltcal.diagnosis.whitening import NoiseFit, robust_white
+from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
 from tiltcal.effects.events import as_met
 from tiltcal.frames import Array
 from tiltcal.motion import Index
@@ -31,10 +34,16 @@ from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario
 from tiltcal.setup import Sensor
 
+SHAKEN = ("acc_hysteresis",)
+"""What a memory of the force holds when a rest begins, the hand's shaking has set: no pose says what it should be."""
+GAUGE = {("acc_cross_axis", f"cross_{pair}") for pair in ("xy", "xz", "yz")}
+"""Nothing tells the body's axes but the sensors: x is the accelerometer's own x, and its y has no part along z."""
+FEW = 12  # turns: fewer are no channel
 LONG = 60.0  # s: a rest that long tells drifts from noise
-WILD = 1e3  # rad/s: beyond it a trial of sizes is absurd, and its rotation would not be a number
-EDGE = 0.5  # s at the edge of a rest over which gravity's direction is averaged
 Predictor = Callable[["_State"], Array]
+Answer = Callable[[Push], Array | None]
+"""Change of a channel by each size of a push, (p, n); None where it does not see that sensor."""
+Part = tuple[Channel, Predictor, Answer]
 
 
 @dataclass(frozen=True)
@@ -50,14 +59,25 @@ class HandObservations(Observations):
     """Recordings turned by hand."""
 
     def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
-        self.scenario, self.known = scenario, tuple(known)
-        self.recordings = tuple(recordings if scenario.sensors("fog") else (condensed(r, stops_of(r)) for r in recordings))
-        self.stops = [stops_of(r) for r in self.recordings]
+        self.scenario, self.known, self._sources = scenario, tuple(known), tuple(recordings)
+        self.recordings = tuple(recordings if scenario.sensors("fog") else (condensed(r) for r in recordings))
+        self.stops = [known_stops(r) for r in self.recordings]
         self._quiet = [self._readings(number) for number in range(len(recordings))]
-        pairs = [pair for number in range(len(recordings)) for pair in self._parts(number)]
-        self.channels = tuple(channel for channel, _ in pairs)
-        self._predictors = tuple(predictor for _, predictor in pairs)
+        self._read = [self._forces(number) for number in range(len(recordings))]
+        self._calm = [self._calm_rows(number) for number in range(len(recordings))]
+        self._windows = [self._turn_windows(number) for number in range(len(recordings))]
+        parts = [part for number in range(len(recordings)) for part in self._parts(number)]
+        self.channels = tuple(channel for channel, _, _ in parts)
+        self._predictors = tuple(predictor for _, predictor, _ in parts)
+        self._answers = tuple(answer for _, _, answer in parts)
+        self._steps: dict[int, Array] = {}
         self._last: tuple[tuple[Effect, ...] | None, list[Array]] = (None, [])
+        self._hands: tuple[tuple[Effect, ...] | None, list[Hand]] = (None, [])
+
+    @property
+    def sources(self) -> tuple[Recording, ...]:
+        """The recordings as they came, their rests not averaged."""
+        return self._sources
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read."""
@@ -65,25 +85,114 @@ class HandObservations(Observations):
         return [predictor(states[channel.recording]) for channel, predictor in zip(self.channels, self._predictors, strict=True)]
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
-        """How readings change with a small effect: difference of predictions.
+        """How readings change with a small effect.
 
         What was found is left out of the others: in second order it would lend its shape to the calibration terms, of which
         only some combinations can be seen here.
         """
-        other = tuple(e for e in around if e.address != effect.address and e.role != "found")
+        names = list(effect.sizes)
+        found = self.columns(effect, names, around)
+        return {i: block.sum(axis=0) for i, (_, block) in found.items() if np.any(block.sum(axis=0))}
+
+    def columns(self, effect: Effect, names: Sequence[str], around: Sequence[Effect]) -> dict[int, tuple[list[int], Array]]:
+        """Change of each channel by each size alone, all at once; only delays are differences of predictions."""
+        other = tuple(e for e in around if e.role != "found")
+        if isinstance(effect, DelayEffect):
+            return self._delayed(effect, names, other) if self.scenario.sensors("fog") else {}
+        if not isinstance(effect, SignalEffect) or effect.sensor is None or not names or effect.id in SHAKEN:
+            return {}
+        found: dict[int, tuple[list[int], Array]] = {}
+        pushes: list[Push | None] = [
+            hand.push(effect, names) if hand.recording.has(self.scenario.named(effect.sensor)) else None
+            for hand in self._hands_under(other)
+        ]
+        for i, (channel, answer) in enumerate(zip(self.channels, self._answers, strict=True)):
+            push = pushes[channel.recording]
+            block = None if push is None else answer(push)
+            told = [k for k, name in enumerate(names) if (effect.id, name) not in GAUGE]
+            if block is not None and len(some := np.intersect1d(np.flatnonzero(block.any(axis=1)), told)):
+                found[i] = ([int(k) for k in some], block[some])
+        return found
+
+    def saturating(self, number: int) -> list[Array]:
+        """Of what is read at rest, polynomials of the direction of up, as far as there are poses for them.
+
+        Else the scatter from pose to pose, which is physics, makes a flicker that hides it.
+        """
+        channel = self.channels[number]
+        if channel.axis == "turn" or channel.stop.min() < 0:
+            return []
+        return of_direction(self._read[channel.recording][channel.rows], channel.stop)
+
+    def as_unsteady(self, number: int, residual: Array, mean: Array, fit: NoiseFit) -> NoiseFit:
+        """The noise of what is read at rest, no less than the rests are apart: biases that wander turn with the pose."""
+        channel = self.channels[number]
+        if (channel.derived and channel.axis != "norm") or channel.stop.min() < 0:
+            return fit
+        if number not in self._steps:
+            self._steps[number] = rest_steps(channel.stop)
+        return no_less(fit, self._steps[number], residual, mean)
+
+    def _delayed(self, effect: Effect, names: Sequence[str], other: tuple[Effect, ...]) -> dict[int, tuple[list[int], Array]]:
         if self._last[0] != other:
             self._last = (other, self.predict(other))
-        pairs = zip(self.predict([*other, effect]), self._last[1], strict=True)
-        return {i: new - old for i, (new, old) in enumerate(pairs) if np.any(new != old)}
+        found: dict[int, tuple[list[int], Array]] = {}
+        for k, name in enumerate(names):
+            alone = replace(effect, values={n: v for n, v in effect.values.items() if n not in names or n == name})
+            for i, (new, old) in enumerate(zip(self.predict([*other, alone]), self._last[1], strict=True)):
+                if np.any(new != old):
+                    numbers, rows = found.get(i, ([], np.zeros((0, len(old)))))
+                    found[i] = ([*numbers, k], np.vstack([rows, new - old]))
+        return found
+
+    def _hands_under(self, effects: tuple[Effect, ...]) -> list[Hand]:
+        """The motion of each recording as its sensors say it under these effects."""
+        if self._hands[0] != effects:
+            self._hands = (effects, [self._hand(k, as_met(effects, r.fingerprint)) for k, r in enumerate(self.recordings)])
+        return self._hands[1]
+
+    def _hand(self, number: int, effects: Sequence[Effect]) -> Hand:
+        recording, windows, state = self.recordings[number], self._windows[number], self._state(number, effects)
+        triads = [*self._triads(recording, "accelerometer"), *self._triads(recording, "gyro")]
+        matrices = {s.name: sensor_matrix(s.name, self.scenario, effects) for s in triads}
+        carried = None if windows is None else Carried(windows, state.force, state.rate)
+        return Hand(self.scenario, recording, self.stops[number], effects, state.force, state.rate, matrices, carried)
+
+    def _turn_windows(self, number: int) -> Windows | None:
+        """The windows of the turns of a recording whose gyro triad carries gravity across enough of them."""
+        recording, quiet = self.recordings[number], self._quiet[number]
+        gyros = self._triads(recording, "gyro")
+        spans = turns_between(recording.time, self.stops[number])
+        if not self._triads(recording, "accelerometer") or not gyros or len(spans) < FEW or np.isnan(quiet[gyros[0].name]).any():
+            return None
+        return Windows.around(recording.time, spans)
 
     def _triads(self, recording: Recording, kind: str) -> list[Sensor]:
         return [s for s in self.scenario.sensors(kind) if recording.has(s) and len(s.axes) == 3][:1]
 
     def _readings(self, number: int) -> dict[str, Array]:
-        """Readings of the triads that the motion is taken from; they do not depend on any effect."""
-        recording = self.recordings[number]
+        """Readings of the triads that the motion is taken from; they do not depend on any effect.
+
+        What a FOG is compared with sample by sample is without most of its noise; what is integrated needs no smoothing, and
+        a hand that trembles at the edge of a rest does turn it.
+        """
+        recording, fog = self.recordings[number], self.scenario.sensors("fog")
         triads = [*self._triads(recording, "accelerometer"), *self._triads(recording, "gyro")]
-        return {s.name: quiet_readings(s, recording, self.stops[number]) for s in triads}
+        return {s.name: quiet_readings(s, recording, self.stops[number]) if fog else bridged(s, recording) for s in triads}
+
+    def _calm_rows(self, number: int) -> Mask:
+        """Rows well inside the rests, while nobody touched it."""
+        recording, stop = self.recordings[number], self.stops[number]
+        read = [np.linalg.norm(self._read[number], axis=1, keepdims=True)]
+        read += [whole(recording, gyro, bridged(gyro, recording)) for gyro in self._triads(recording, "gyro")]
+        return undisturbed(inner(recording.time, stop), stop, recording.time, np.hstack(read))
+
+    def _forces(self, number: int) -> Array:
+        """What the accelerometer triad read, whole, at all rows, (n, 3)."""
+        recording = self.recordings[number]
+        for triad in self._triads(recording, "accelerometer"):
+            return whole(recording, triad, bridged(triad, recording))
+        return np.zeros((len(recording), 3))
 
     def _state(self, number: int, effects: Sequence[Effect]) -> _State:
         recording, quiet = self.recordings[number], self._quiet[number]
@@ -95,7 +204,7 @@ class HandObservations(Observations):
             rate = whole(recording, gyro, inverted(gyro, self.scenario, recording, effects, force, quiet[gyro.name]))
         return _State(effects, force, rate)
 
-    def _parts(self, number: int) -> Iterator[tuple[Channel, Predictor]]:
+    def _parts(self, number: int) -> Iterator[Part]:
         """Every channel of a recording with what predicts it."""
         recording = self.recordings[number]
         gyros, triads = self._triads(recording, "gyro"), self._triads(recording, "accelerometer")
@@ -113,7 +222,7 @@ class HandObservations(Observations):
         recording = self.recordings[number]
         return Channel(number, sensor.name, axis, column, rows, recording.time[rows], values, self.stops[number][rows])
 
-    def _fog(self, number: int, fog: Sensor, gyro: Sensor) -> tuple[Channel, Predictor]:
+    def _fog(self, number: int, fog: Sensor, gyro: Sensor) -> Part:
         """A FOG against the gyro triad.
 
         Effects act on the smoothed rate, else one that averages would gain by averaging noise; what the smoothing took off is
@@ -130,12 +239,16 @@ class HandObservations(Observations):
             rate = earlier(state.rate, recording.time, state.effects, fog, gyro)
             return forward(fog, state.effects, sense_of(fog, self.scenario, recording, force, rate))[rows, 0] + rough
 
-        return self._channel(number, fog, "a", 0, rows, samples.values[there, 0]), predict
+        def answer(push: Push) -> Array | None:
+            change = push.fog(fog)
+            return None if change is None else change[rows].T
 
-    def _norm(self, number: int, triad: Sensor) -> Iterator[tuple[Channel, Predictor]]:
+        return self._channel(number, fog, "a", 0, rows, samples.values[there, 0]), predict, answer
+
+    def _norm(self, number: int, triad: Sensor) -> Iterator[Part]:
         recording, stop = self.recordings[number], self.stops[number]
         samples = recording.sensor(triad)
-        there = (stop[samples.rows] >= 0) & ~np.isnan(samples.values).any(axis=1)
+        there = self._calm[number][samples.rows] & ~np.isnan(samples.values).any(axis=1)
         rows, read = samples.rows[there], samples.values[there]
         if len(rows) < 16:
             return
@@ -145,9 +258,12 @@ class HandObservations(Observations):
             predicted = at_rest(triad, self.scenario, recording, state.effects, state.force, stop)[rows]
             return np.asarray((predicted * read).sum(axis=1) / length)  # it differs from the reading along it only
 
-        yield self._channel(number, triad, "norm", 0, rows, length), predict
+        def answer(push: Push) -> Array | None:
+            return np.einsum("nip,ni->pn", push.resting[rows], read / length[:, None]) if push.sensor == triad else None
 
-    def _long_rests(self, number: int, triad: Sensor) -> Iterator[tuple[Channel, Predictor]]:
+        yield replace(self._channel(number, triad, "norm", 0, rows, length), derived=True), predict, answer
+
+    def _long_rests(self, number: int, triad: Sensor) -> Iterator[Part]:
         """Each axis in rests of a minute and more, without its mean: the attitude is unknown, but it stays."""
         recording, stop = self.recordings[number], self.stops[number]
         samples = recording.sensor(triad)
@@ -163,13 +279,20 @@ class HandObservations(Observations):
                     predicted = at_rest(triad, self.scenario, recording, state.effects, state.force, stop)[rows, column]
                     return np.asarray(predicted - predicted.mean())
 
-                yield self._channel(number, triad, axis, column, rows, values - values.mean()), predict
+                def answer(push: Push, rows: Index = rows, column: int = column) -> Array | None:
+                    if push.sensor != triad:
+                        return None
+                    change = push.resting[rows, column].T
+                    return np.asarray(change - change.mean(axis=1, keepdims=True))
 
-    def _still_gyro(self, number: int, gyro: Sensor) -> Iterator[tuple[Channel, Predictor]]:
+                channel = self._channel(number, triad, axis, column, rows, values - values.mean())
+                yield replace(channel, derived=True), predict, answer
+
+    def _still_gyro(self, number: int, gyro: Sensor) -> Iterator[Part]:
         """The gyro at rest: its bias, and what the force does to it. The Earth's rate is part of it: the heading is unknown."""
         recording, stop = self.recordings[number], self.stops[number]
         samples = recording.sensor(gyro)
-        there = (stop[samples.rows] >= 0) & ~np.isnan(samples.values).any(axis=1)
+        there = self._calm[number][samples.rows] & ~np.isnan(samples.values).any(axis=1)
         rows = samples.rows[there]
         if len(rows) < 64:
             return
@@ -187,102 +310,34 @@ class HandObservations(Observations):
             def predict(state: _State, column: int = column) -> Array:
                 return still(state)[:, column]
 
-            yield self._channel(number, gyro, axis, column, rows, samples.values[there, column]), predict
+            def answer(push: Push, column: int = column) -> Array | None:
+                return push.still[np.searchsorted(push.at, rows), column].T if push.sensor == gyro else None
 
-    def _turns(self, number: int, gyro: Sensor) -> Iterator[tuple[Channel, Predictor]]:
-        """Gravity's direction after each turn minus the one carried there by the gyro, across it, rad."""
-        recording, stop = self.recordings[number], self.stops[number]
-        spans = _turns_between(recording.time, stop)
-        if len(spans) < 12 or np.isnan(self._quiet[number][gyro.name]).any():
+            yield self._channel(number, gyro, axis, column, rows, samples.values[there, column]), predict, answer
+
+    def _turns(self, number: int, gyro: Sensor) -> Iterator[Part]:
+        """Gravity's direction after each turn minus the one carried there by the gyro, rad: three components a turn, in turn.
+
+        One channel of all three: few turns have to tell their noise beside many terms.
+        """
+        windows = self._windows[number]
+        if windows is None:
             return
-        rows = np.array([(a + b) // 2 for a, b in spans])
-        kept: dict[str, tuple[_State, Array]] = {}
+        rows = np.repeat(windows.middle, 3)
 
-        def errors(state: _State) -> Array:
-            if "last" not in kept or kept["last"][0] is not state:
-                kept["last"] = (state, closures(recording.time, spans, state))
-            return kept["last"][1]
+        def predict(state: _State) -> Array:
+            return -Carried(windows, state.force, state.rate).errors.ravel()
 
-        for column, axis in enumerate("xyz"):
+        def answer(push: Push) -> Array | None:
+            return None if push.sensor.kind == "fog" else -push.turns.reshape(-1, push.turns.shape[2]).T
 
-            def predict(state: _State, column: int = column) -> Array:
-                return -errors(state)[:, column]
+        channel = self._channel(number, gyro, "turn", 0, rows, np.zeros(len(rows)))
+        triad = self._triads(self.recordings[number], "accelerometer")[0]
+        yield replace(channel, derived=True, white=self._least(number, triad, windows)), predict, answer
 
-            yield self._channel(number, gyro, axis, column, rows, np.zeros(len(rows))), predict
-
-
-KEPT_AT_REST = 6000  # rows: a longer log is averaged in its rests
-
-
-def condensed(recording: Recording, stop: Index) -> Recording:
-    """A long log with its rests averaged over short blocks; what happens between them is left alone."""
-    resting = int((stop >= 0).sum())
-    block = -(-resting // KEPT_AT_REST)
-    if block < 2:
-        return recording
-    group = np.arange(len(recording))
-    for k in range(int(stop.max()) + 1):
-        rows = np.flatnonzero(stop == k)
-        edge = int(EDGE / np.median(np.diff(recording.time)))
-        inner = rows[edge : len(rows) - edge]  # the edges are needed sample by sample
-        group[inner] = inner[0] + (np.arange(len(inner)) // block) * block if len(inner) else inner
-    _, which, count = np.unique(group, return_inverse=True, return_counts=True)
-    columns = {n: _averaged(recording.column(n), which, len(count)) for n in recording.column_names}
-    time = np.bincount(which, recording.time) / count
-    return Recording.from_columns(time, columns, metadata=recording.metadata, source=recording.source)
-
-
-def _averaged(values: Array, which: Index, n: int) -> Array:
-    """Mean of what was sampled in each group, (n,); NaN where nothing was."""
-    there = ~np.isnan(values)
-    count = np.bincount(which[there], minlength=n)
-    total = np.bincount(which[there], values[there], n)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def _turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
-    """Last row of each dwell and first row of the next, where both are long enough to know gravity's direction."""
-    edges = []
-    for k in range(int(stop.max(initial=-1))):
-        before, after = np.flatnonzero(stop == k), np.flatnonzero(stop == k + 1)
-        if len(before) > 8 and len(after) > 8 and time[after[0]] - time[before[-1]] < 20:
-            edges.append((int(before[-1]), int(after[0])))
-    return edges
-
-
-def closures(time: Array, spans: Sequence[tuple[int, int]], state: _State) -> Array:
-    """Direction of the force after each turn minus that before, both in the frame before it, (m, 3).
-
-    Every sample at the edges of the rests is carried by the gyro: a hand never holds quite still there.
-    """
-    from scipy.spatial.transform import Rotation
-
-    rate = float(1 / np.median(np.diff(time)))
-    reach = max(round(EDGE * rate), 4)
-    found = np.zeros((len(spans), 3))
-    for k, (first, last) in enumerate(spans):
-        start, end = max(first - reach, 0), min(last + reach, len(time) - 1)
-        step = np.diff(time[start : end + 1])[:, None]
-        w = np.clip(np.nan_to_num((state.rate[start:end] + state.rate[start + 1 : end + 1]) / 2), -WILD, WILD)
-        turned = _running(Rotation.from_rotvec(w * step).as_quat())
-        f = state.force[start : end + 1] / np.linalg.norm(state.force[start : end + 1], axis=1)[:, None]
-        carried = Rotation.from_quat(turned).apply(f)
-        before, after = carried[: first - start + 1].mean(axis=0), carried[last - start :].mean(axis=0)
-        found[k] = after / np.linalg.norm(after) - before / np.linalg.norm(before)
-    return found
-
-
-def _running(q: Array) -> Array:
-    """Running products 1, q1, q1 q2, ... of quaternions (x, y, z, w), (n + 1, 4), by doubling."""
-    total = np.vstack([[0.0, 0.0, 0.0, 1.0], q])
-    shift = 1
-    while shift < len(total):
-        total[shift:] = _times(total[:-shift], total[shift:])
-        shift *= 2
-    return total / np.linalg.norm(total, axis=1)[:, None]
-
-
-def _times(a: Array, b: Array) -> Array:
-    """Products of quaternions, row by row, (n, 4)."""
-    v = a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3] + np.cross(a[:, :3], b[:, :3])
-    return np.column_stack([v, a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1)])
+    def _least(self, number: int, triad: Sensor, windows: Windows) -> float:
+        """Standard deviation, rad, of a turn's closure by the accelerometer's white noise alone: it cannot be less."""
+        values = bridged(triad, self.recordings[number])
+        noise = float(np.sqrt(np.mean([robust_white(v) ** 2 for v in values.T])))
+        both = np.median((windows.before**2).sum(axis=1) + (windows.after**2).sum(axis=1))
+        return noise / self.scenario.site.gravity * float(np.sqrt(both))

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.chain import readings
+from tiltcal.diagnosis.whitening import NoiseFit
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
 from tiltcal.effects.learned import Learned
@@ -31,12 +32,15 @@ class Channel:
 
     Args:
         recording: number of the recording.
-        sensor, axis: whose; the axis ``norm`` is the length of an accelerometer's reading at rest.
+        sensor, axis: whose; the axis ``norm`` is the length of an accelerometer's reading at rest, ``turn`` gravity's
+            direction after a turn against the one carried there.
         column: of the sensor's readings.
         rows: of the recording, (n,).
         time: s, (n,).
         values: SI, (n,).
         stop: number of the stop of each row, -1 while moving, (n,).
+        derived: whether it was worked out from several readings, and no column of a recording is like it.
+        white: standard deviation, SI, that its noise has at least, where that is white and known to be; 0 elsewhere.
     """
 
     recording: int
@@ -47,6 +51,8 @@ class Channel:
     time: Array
     values: Array
     stop: Index
+    derived: bool = False
+    white: float = 0.0
 
     @property
     def name(self) -> str:
@@ -81,6 +87,26 @@ class Observations(ABC):
                 numbers.append(k)
                 rows.append(column)
         return {i: (numbers, np.array(rows)) for i, (numbers, rows) in found.items()}
+
+    @property
+    def sources(self) -> tuple[Recording, ...]:
+        """The recordings sample by sample, as they came."""
+        return self.recordings
+
+    def saturating(self, number: int) -> list[Array]:
+        """Columns that no noise of a channel is estimated from, (n,) each: what may follow the pose, and is no drift."""
+        return []
+
+    def as_unsteady(self, number: int, residual: Array, mean: Array, fit: NoiseFit) -> NoiseFit:
+        """The noise of a channel, no less than its rests are apart.
+
+        Args:
+            number: of the channel.
+            residual: SI, (n,).
+            mean: cosine coefficients of what may be in it at any size, (n, p).
+            fit: white, flicker and walk as its spectrum has them.
+        """
+        return fit
 
     def stops_at(self, number: int) -> Index:
         """Number of the stop of each row of a recording, -1 while moving, (n,)."""

@@ -51,7 +51,7 @@ def resimulate(
         return None
     left, apart, count = 0.0, 0.0, 0
     for channel, algebra in zip(observations.channels, fitted, strict=True):
-        if channel.recording or channel.axis == "norm":
+        if channel.recording or channel.derived:
             continue
         sensor = amended.named(channel.sensor)
         samples = predicted.sensor(sensor)

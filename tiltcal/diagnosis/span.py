@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tiltcal.diagnosis.observations import Observations
+from tiltcal.diagnosis.observations import Channel, Observations
 from tiltcal.frames import Array
 from tiltcal.motion import Index
 
@@ -64,7 +64,8 @@ def span_of(observations: Observations, lines: Lines) -> Span:
         turned = np.concatenate([a[~np.isnan(a)] for r in observations.recordings if (a := r.table(axis)) is not None])
         ranges[f"table_{axis}"] = (float(turned.min()), float(turned.max()))
     for channel in observations.channels:
-        low, high = float(channel.values.min()), float(channel.values.max())
+        values = _readings(channel, observations)
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
         known = ranges.get(f"{channel.sensor}_input", (low, high))
         ranges[f"{channel.sensor}_input"] = (min(low, known[0]), max(high, known[1]))
     g = observations.scenario.site.gravity
@@ -79,6 +80,13 @@ def span_of(observations: Observations, lines: Lines) -> Span:
     return Span(duration, rate, lines, ranges)
 
 
+def _readings(channel: Channel, observations: Observations) -> Array:
+    """What the sensor of a channel read; by hand on all rows and axes: the channel holds a part of it only, or its length."""
+    if observations.scenario.rig.axes:
+        return channel.values
+    return observations.recordings[channel.recording].sensor(observations.scenario.named(channel.sensor)).values
+
+
 def _longest_rest(time: Array, stop: Index) -> float:
     """Duration of the longest stop, s."""
     return max((float(np.ptp(time[stop == k])) for k in range(int(stop.max(initial=-1)) + 1)), default=0.0)
@@ -86,7 +94,12 @@ def _longest_rest(time: Array, stop: Index) -> float:
 
 def fastest(observations: Observations) -> float:
     """The largest rate, rad/s: as gyros read it, or as the table turned."""
-    rates = [c.values for c in observations.channels if observations.scenario.named(c.sensor).quantity == "rate"]
+    scenario = observations.scenario
+    if not scenario.rig.axes:  # across a FOG's axis a hand turns as quickly as along it
+        sensors = [(r, s) for r in observations.recordings for s in scenario.sensors("gyro", "fog") if r.has(s)]
+        read = [np.linalg.norm(np.nan_to_num(r.sensor(s).values), axis=1).max() for r, s in sensors]
+        return float(max(read, default=0.0))
+    rates = [c.values for c in observations.channels if scenario.named(c.sensor).quantity == "rate"]
     if rates:
         return max(float(np.abs(r).max()) for r in rates)
     found = [0.0]

@@ -95,7 +95,7 @@ def _leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
     if chance > np.log(ALPHA):
         return account
     trial = settle(replace(account, terms=account.terms + curve.terms), ledger)
-    if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA):
+    if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA) or _dear(trial, len(account.terms), ledger):
         return settle(account, ledger)
     shares = [_power(case_of(account, ledger, places).signal) for places in findings(account)]
     gains = [float(p.sum()) for p in shares]
@@ -106,6 +106,13 @@ def _leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
         terms = account.terms[: places[-1] + 1] + rest + account.terms[places[-1] + 1 :]
         return settle(replace(account, terms=terms), ledger)
     return trial
+
+
+def _dear(trial: Account, start: int, ledger: Ledger) -> bool:
+    """Whether the terms from ``start`` on bring less than their sizes cost, once the noise and all others are fitted anew."""
+    places = list(range(start, len(trial.terms)))
+    gain = sum(float(t @ t) for t in case_of(trial, ledger, places).target) - trial.deviance
+    return gain < price_of(ledger) * sum(len(trial.terms[k].names) for k in places)
 
 
 def _power(signal: Sequence[Array]) -> Array:

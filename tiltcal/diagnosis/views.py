@@ -42,6 +42,11 @@ def views_of(observations: Observations, before: list[Array], after: list[Array]
     return tuple(_view(observations, channel, b, a) for channel, b, a in zip(observations.channels, before, after, strict=True))
 
 
+def unit_of(channel: Channel, observations: Observations) -> str:
+    """Unit of a channel's residual; an angle where that is a direction's."""
+    return "rad" if channel.axis == "turn" else UNITS[observations.scenario.named(channel.sensor).kind]
+
+
 def _view(observations: Observations, channel: Channel, before: Array, after: Array) -> View:
     coordinates, means, left, sigmas = {}, {}, {}, {}
     for name, u in _coordinates(observations, channel).items():
@@ -57,7 +62,7 @@ def _view(observations: Observations, channel: Channel, before: Array, after: Ar
         sigmas[name] = float(np.std(after)) / np.sqrt(count[used])
     frequency, first = _spectrum(channel.time, before)
     _, last = _spectrum(channel.time, after)
-    unit = UNITS[observations.scenario.named(channel.sensor).kind]
+    unit = unit_of(channel, observations)
     return View(channel.name, unit, coordinates, means, left, sigmas, frequency, first, last)
 
 

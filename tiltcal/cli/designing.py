@@ -8,7 +8,6 @@ import numpy as np
 from tiltcal.cli.output import print_json, print_table, progress_line
 from tiltcal.design.ascent import Problem
 from tiltcal.design.clock import Clock
-from tiltcal.design.criteria import known_criterion
 from tiltcal.design.plan import Plan, design
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.steps import designed_table, printable, segments_csv, steps_csv, steps_of
@@ -40,7 +39,6 @@ def design_(args: argparse.Namespace) -> int:
             do="name a scenario (`tiltcal init -o bench.toml` writes one)",
         )  # fmt: skip
     scenario = load_scenario(args.scenario) if args.scenario else parse_scenario(TEXTBOOK)
-    known_criterion(args.criterion)
     clock = clock_of(args, scenario)
     if args.blind_to_nothing is not None:
         from tiltcal.cli.maxmin import blind_to_nothing_

@@ -43,9 +43,12 @@ WISHES = {
     "a negative rate": (["--rate-deg-s", "-1"], ("rate",)),
     "a negative settling": (["--settle-s", "-1"], ("settling",)),
     "dwells exchanged": (["--dwell-s", "60", "5"], ("longest 5 s, shortest 60 s",)),
-    "few poses blind to nothing": (["--blind-to-nothing", "5"], ("5 poses", "K3")),
+    "few poses blind to nothing": (["--blind-to-nothing", "4"], ("4 poses", "scale and cross-axis terms take up all")),
+    "blind to nothing of what nobody knows": (["--blind-to-nothing", "24", "--terms", "acc_K9"], ("effect: found 'acc_K9'",)),
+    "blind to nothing where all is ordinary": (
+        ["--blind-to-nothing", "24", "--terms", "mount_misalignment"], ("no effect that these poses show beside bias",),
+    ),
     "blind to nothing in no time": (["--blind-to-nothing", "24", "--budget-s", "200"], ("200 s", "24 poses")),
-    "blind to nothing within limits": (["--blind-to-nothing", "24", "--angles", "outer=0:90"], ("with limits",)),
     "only nuisances": (["--terms", "drift"], ("acc_drift",)),
 }  # fmt: skip
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tiltcal.effects.memory import first_order_lag, last_direction, motion_direction, onset, play, rounded_play
+from tiltcal.effects.memory import first_order_lag, last_direction, motion_direction, onset, play, rounded_play, smooth_lag
 from tiltcal.motion import Jet
 
 WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda k: k / 2))
@@ -156,3 +156,20 @@ def test_a_step_sets_in_at_its_instant_or_creeps_there():
     elapsed = np.array([0.0, 4.9, 5.0, 15.0, 1e9])
     np.testing.assert_allclose(onset(elapsed, 5.0, 0.0), [0, 0, 1, 1, 1])
     np.testing.assert_allclose(onset(elapsed, 5.0, 10.0), [0, 0, 0, 1 - np.exp(-1), 1])
+
+
+@pytest.mark.parametrize("tau", [0.002, 0.02, 0.15])
+def test_a_short_lag_of_a_smooth_motion_is_right_between_coarse_samples(tau):
+    """sin(w t) behind 1/(1 + tau s): sin(w t - atan(w tau)) / sqrt(1 + (w tau)^2); a chord's slope is half a sample late, 6 %."""
+    time, w = np.arange(0, 20, 0.04), 3.0
+    u = np.sin(w * time)
+    late = np.sin(w * time - np.arctan(w * tau)) / np.hypot(1, w * tau) - u
+    settled = slice(int(20 * tau / 0.04) + 2, -2)
+    found, chord = ((law(time, u, tau) - u - late)[settled] for law in (smooth_lag, first_order_lag))
+    assert np.abs(found).max() < 0.005 * np.abs(late).max()
+    assert tau > 0.1 or np.abs(chord).max() > 3 * np.abs(found).max()
+
+
+def test_a_lag_of_many_samples_takes_the_input_as_straight_between_them():
+    time = np.arange(0, 5, 0.01)
+    np.testing.assert_array_equal(smooth_lag(time, np.sin(40 * time), 0.4), first_order_lag(time, np.sin(40 * time), 0.4))

@@ -93,6 +93,27 @@ def first_order_lag(time: Array, u: Array, tau: float) -> Array:
     return recursion(decay, drive)
 
 
+LONG = 5.0  # intervals of samples: a longer lag does not see what a smooth input does between them
+
+
+def smooth_lag(time: Array, u: Array, tau: float) -> Array:
+    """The same for an input that is smooth between samples: a cubic with the slopes of the parabolas through its neighbours.
+
+    Where the lag is short beside the sampling, its effect is tau du/dt, and a chord has the slope of half an interval earlier.
+    """
+    if tau <= 0 or len(u) < 3 or tau > LONG * float(np.median(np.diff(time))):
+        return first_order_lag(time, u, tau)
+    dt, rise = np.diff(time), np.diff(u)
+    slope = np.gradient(u, time, edge_order=2)
+    # u = u0 + b s + c s^2 + d s^3 from one sample on; u - tau Du + tau^2 D2u - tau^3 D3u solves tau y' + y = u
+    c = (3 * rise / dt - 2 * slope[:-1] - slope[1:]) / dt
+    d = (slope[:-1] + slope[1:] - 2 * rise / dt) / dt**2
+    before = u[:-1] - tau * slope[:-1] + 2 * tau**2 * c - 6 * tau**3 * d
+    after = u[1:] - tau * slope[1:] + tau**2 * (2 * c + 6 * d * dt) - 6 * tau**3 * d
+    decay = np.exp(-dt / tau)
+    return recursion(decay, np.concatenate([u[:1], after - decay * before]))
+
+
 def recursion(decay: Array | float, drive: Array) -> Array:
     """y_0 = drive_0, y_k = decay_k y_(k-1) + drive_k, (n,), as a bidiagonal system. decay: (n - 1,) or a number."""
     from scipy.linalg import solve_banded

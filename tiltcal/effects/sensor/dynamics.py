@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
-from tiltcal.effects.memory import first_order_lag, vibration_power
+from tiltcal.effects.memory import smooth_lag, vibration_power
 from tiltcal.effects.sensor.environmental import GYROS
 from tiltcal.frames import Array
 from tiltcal.units import G0
@@ -25,7 +25,7 @@ class AccBandwidth(SignalEffect):
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         tau = self.value("tau")
-        return np.column_stack([first_order_lag(sense.time, reading[:, i], tau) for i in range(reading.shape[1])])
+        return np.column_stack([smooth_lag(sense.time, reading[:, i], tau) for i in range(reading.shape[1])])
 
 
 class GyrBandwidth(AccBandwidth):

@@ -69,8 +69,8 @@ def _table_time(group: Group) -> None:
 def _instead(group: Group) -> None:
     group.add_argument(
         "--blind-to-nothing", type=int, metavar="POSES",
-        help="instead: so many poses whose least visible effect (of second and third order, kinks, table harmonics, drifts) "
-        "is seen best; the bound that no design can pass is printed beside it",
+        help="instead: so many poses whose least visible effect (of all that this table and sensor can have, or of --terms) "
+        "is seen best; the bounds that no design can pass are printed beside it",
     )  # fmt: skip
     group.add_argument(
         "--split", metavar="DIAGNOSIS.json", help="propose the block that tells the rivals of a diagnosis apart instead"

@@ -299,6 +299,7 @@ def test_the_command_writes_what_a_laboratory_a_calibration_and_a_person_can_fol
     out = tmp_path / "out"
     assert main(["design", "--textbook", "linear", "--budget-s", "120", "-o", str(out)]) == 0
     printed = capsys.readouterr().out
+    assert "the sigmas hold for a fit of all these terms" in printed
     assert "this design" in printed
     assert "x.bias" in printed
     plan = json.loads((out / "design.json").read_text())

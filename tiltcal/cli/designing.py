@@ -131,5 +131,7 @@ def show(plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", un
     rows = [["this design", f"{what.nats:.2f}", f"{what.tilt_arcsec:.3f}", str(what.poses)]]
     rows += [[name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)] for name, f in plan.baselines.items()]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
+    if not plan.problem.model.interest.all():
+        print("the sigmas hold for a fit of all these terms, nuisances too: calibrate with terms that name the drift as well")
     if unseen:
         print("no pose can see: " + ", ".join(unseen))

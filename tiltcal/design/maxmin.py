@@ -25,7 +25,7 @@ REQUIRED = 0.985  # and that a design has to have
 PENALTY = 3000.0
 DIFF = 1e-5  # rad
 CLOSE = 1.002  # upper over lower bound of a reference at which it is good enough
-CUTS = 5  # planes of a bound
+CUTS = 4  # planes of a bound
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,11 @@ class Goal:
         return float(self.shares(angles).min() - 10 * max(REQUIRED - self.efficiency(angles), 0.0))
 
 
-def blind_to_nothing(seen: Signatures, clock: Clock, poses: int = 24, seed: int = 0, starts: int = 6) -> MaxMin:
+def blind_to_nothing(seen: Signatures, clock: Clock, poses: int = 24, seed: int = 0, starts: int = 4) -> MaxMin:
     """The max-min design of some poses."""
     grid = grid_of_poses(clock)
-    goal, gap = goal_of(seen, grid)
     field = Field(seen, grid)
+    goal, gap = goal_of(seen, field)
     weights = best_weights(field, goal.references)
     rng = np.random.default_rng(seed)
     drafts = []
@@ -84,7 +84,7 @@ def blind_to_nothing(seen: Signatures, clock: Clock, poses: int = 24, seed: int 
         chosen = grid[rng.choice(len(grid), poses, replace=k > starts // 2, p=weights)]
         drafts.append(climbed(chosen + rng.normal(0, 0.03, chosen.shape), goal, clock, 60))
     ranked = sorted(drafts, key=goal.merit)
-    best = max((climbed(a, goal, clock, 300) for a in ranked[-3:]), key=goal.merit)
+    best = max((climbed(a, goal, clock, 300) for a in ranked[-2:]), key=goal.merit)
     ordered, in_order = visiting_order(seen, best, clock, rng)
     both = Field(seen, np.vstack([grid, best]))
     of_grid, of_design = np.append(weights, np.zeros(poses)), np.append(np.zeros(len(grid)), _even(best))
@@ -109,11 +109,11 @@ def grid_of_poses(clock: Clock) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def goal_of(seen: Signatures, grid: Array) -> tuple[Goal, float]:
+def goal_of(seen: Signatures, field: Field) -> tuple[Goal, float]:
     """The most energy of each effect and the most log determinant, and how far off the former are at most."""
-    found = [most_visible(Field(seen, grid, k)) for k in range(len(seen.names))]
+    found = [most_visible(field.only(k)) for k in range(len(seen.names))]
     references = np.array([upper for _, upper in found])
-    return Goal(seen, references, most_log_det(Field(seen, grid))), max(upper / lower - 1 for lower, upper in found)
+    return Goal(seen, references, most_log_det(field)), max(upper / lower - 1 for lower, upper in found)
 
 
 def most_visible(field: Field, rounds: int = 600) -> tuple[float, float]:

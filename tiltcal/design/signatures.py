@@ -7,6 +7,7 @@ apart is no pose.
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,13 +91,17 @@ class Field:
     Args:
         seen: the effects.
         angles: of the poses, rad, (n, axes).
-        only: index of the one effect to look at; all unless given.
     """
 
-    def __init__(self, seen: Signatures, angles: Array, only: int | None = None) -> None:
-        used = slice(None) if only is None else seen.member[:, only] > 0
-        self.F, self.E = seen.linear(angles), seen.columns(angles)[:, :, used]
-        self.member = seen.member if only is None else seen.member[used][:, [only]]
+    def __init__(self, seen: Signatures, angles: Array) -> None:
+        self.F, self.E, self.member = seen.linear(angles), seen.columns(angles), seen.member
+
+    def only(self, effect: int) -> "Field":
+        """The same of one effect alone."""
+        one = copy(self)
+        used = self.member[:, effect] > 0
+        one.E, one.member = self.E[:, :, used], self.member[used][:, [effect]]
+        return one
 
     def fitted(self, weight: Array) -> list[Array]:
         """Linear terms that take up each column in each channel, fitted with these weights, [(terms, columns)]."""

@@ -17,7 +17,6 @@ from tiltcal.design.descent import minimise
 from tiltcal.design.plan import design, forecast
 from tiltcal.design.polynomial import KINDS, dual_up, regressors, textbook_model
 from tiltcal.design.search import Effort, folded, search
-from tiltcal.design.signatures import efficiency
 from tiltcal.design.steps import designed_table, steps_of
 from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.frames import sphere
@@ -35,6 +34,12 @@ TWENTY_FOUR = {
     ("K2K3", True, 300): 6.30, ("K2K3", True, 900): 3.27, ("quadratic", True, 300): 8.54, ("quadratic", True, 900): 3.98,
 }  # fmt: skip
 """arcsec of 24 positions, the dwell the best of 5, 10, 20 s, cut where the budget ends."""
+
+
+def efficiency(angles):
+    """det(F'F / n)^(1/4) of 1, x, y, z over the bound 27^(-1/4), which six positions reach."""
+    F = np.column_stack([np.ones(len(angles)), dual_up(angles)])
+    return float(max(np.linalg.det(F.T @ F / len(F)), 0.0) ** 0.25 * 27**0.25)
 
 
 def problem_of(kind, drift, budget, criterion="both", **clock):
@@ -294,6 +299,7 @@ def test_the_command_writes_what_a_laboratory_a_calibration_and_a_person_can_fol
     out = tmp_path / "out"
     assert main(["design", "--textbook", "linear", "--budget-s", "120", "-o", str(out)]) == 0
     printed = capsys.readouterr().out
+    assert "the sigmas hold for a fit of all these terms" in printed
     assert "this design" in printed
     assert "x.bias" in printed
     plan = json.loads((out / "design.json").read_text())

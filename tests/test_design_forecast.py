@@ -5,14 +5,17 @@ import pytest
 from scipy.stats import chi2
 from statistics_helpers import FALSE_ALARM, rng_of, seed_of
 
+from tiltcal.cli.calibrating import read_segments
 from tiltcal.design.ascent import Problem
 from tiltcal.design.clock import Clock
 from tiltcal.design.plan import Plan, design
 from tiltcal.design.search import Effort
-from tiltcal.design.steps import designed_table, steps_of
+from tiltcal.design.steps import designed_table, segments_csv, steps_of
 from tiltcal.design.still import Still
 from tiltcal.design.terms import Wanted, scenario_model
+from tiltcal.methods.registry import calibrate
 from tiltcal.scenario import Scenario, parse_scenario
+from tiltcal.units import G0
 from tiltsim.laboratory import MujocoLaboratory
 
 TRIALS, WHITE = 40, 200.0
@@ -99,3 +102,44 @@ def test_the_forecast_covariance_is_the_one_that_instruments_in_mujoco_scatter_w
     tail /= p
     assert separate.min() >= chi2.ppf(tail, TRIALS)
     assert separate.max() <= chi2.isf(tail, TRIALS)
+
+
+def test_a_calibration_that_fits_a_drift_reaches_what_a_design_with_drift_promises(tmp_path):
+    scenario = scenario_of()
+    model, _ = scenario_model(
+        scenario, scenario.sensor[0], Wanted(("bias", "scale", "cross_axis"), ("drift",), prior=0.03, floor=0.0), 120.0
+    )
+    plan = design(Problem(model, Clock(120.0, settle=2.0, shortest=2.0)), effort=Effort(starts=6, rounds=1, trials=10))
+    designed = parse_scenario(designed_table(scenario, steps_of(plan, Still(scenario, 120.0).up(plan.angles)), "designed"))
+    rng = rng_of("a calibration that fits a drift")
+    squares, trials, sigma = (
+        0.0,
+        6,
+        dict(zip(model.names, plan.forecast.sigma * np.array([_SI[u] for u in model.units]), strict=True)),
+    )
+    for k in range(trials):
+        truth = np.where(model.interest, 0.1 * rng.standard_normal(len(model.names)), 0.02)  # 600 ug of drift
+        recording = MujocoLaboratory().record(drawn(plan, truth, designed), seed_of(f"fitted drift {k}"))
+        windows = tmp_path / "segments.csv"
+        windows.write_text(segments_csv(plan))
+        found = calibrate(
+            "six_position",
+            recording,
+            scenario,
+            segments=read_segments(windows, recording),
+            terms=["bias", "scale", "cross_axis", "drift"],
+        )
+        assert found.verdict == "good"
+        true = {n: t * p * _SI[u] for n, t, p, u in zip(model.names, truth, model.prior, model.units, strict=True)}
+        error = np.array([e.value - true[n] for n, e in found.parameters.items()])
+        squares += float(error @ np.linalg.solve(found.covariance, error))
+        assert not any("drift" in n for n in found.parameters)
+        for name, estimate in found.parameters.items():
+            assert estimate.sigma == pytest.approx(sigma[name], rel=0.15), name
+    tail, p = FALSE_ALARM / 2, len(found.parameters)
+    assert chi2.ppf(tail, trials * p) <= squares <= chi2.isf(tail, trials * p)
+    without = calibrate("six_position", recording, scenario, segments=read_segments(windows, recording))
+    assert without.verdict == "suspect"
+
+
+_SI = {"ug": 1e-6 * G0, "ppm": 1e-6}

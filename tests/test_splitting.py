@@ -7,16 +7,17 @@ import pytest
 
 from tests.bench import refusal
 from tests.statistics_helpers import seed_of
-from tiltcal.blocks import Table, candidates, said
+from tiltcal.blocks import Block, Table, candidates, said
 from tiltcal.effects import to_file
 from tiltcal.errors import TiltcalError
 from tiltcal.investigation.next_block import Limits, next_block, table_of
 from tiltcal.investigation.question import Question, questions
-from tiltcal.investigation.splitting import ENOUGH, Pair, blank, imagined, judged, propose, separations
+from tiltcal.investigation.splitting import ENOUGH, Pair, blank, come_to, imagined, judged, last_sides, propose, separations
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, fresh, parse_scenario
 from tiltcal.schedule import build_schedule
+from tiltcal.sequence import Step
 from tiltcal.units import G0
 
 UP = [{"action": "move", "outer_deg": float(a), "dwell_s": 2.0} for a in range(0, 91, 10)]
@@ -201,3 +202,35 @@ def test_every_block_rests_long_enough_for_its_moves_to_be_seen(table: str) -> N
         moving = np.max([np.abs(np.asarray(jet.v)) for jet in drive.axes.values()], axis=0) > np.radians(0.5)
         wrong = moving & (replay(recording, scenario).stop >= 0)
         assert wrong.sum() <= 0.05 * len(recording), block.name
+
+
+def test_a_block_does_not_promise_to_come_from_another_side_than_the_table_came_so_far() -> None:
+    """A play met from one side only looks like a zero error; an axis that a block leaves alone stands as it was come to."""
+    rising = [{"action": "move", "outer_deg": 10.0 + 55 * k, "inner_deg": 10.0 + 45 * k, "dwell_s": 2.0} for k in range(6)]
+    dual = {**PLACING, "rig": {"table": "dual"}, "sequence": rising}
+    play = {"id": "table_backlash", "axis": "outer", "width_arcsec": 40.0}
+    recording = SimulatedLaboratory().record(parse_scenario({**dual, "effect": [*dual["effect"], play]}), seed=3)
+    known = fresh(parse_scenario(dual), effect=(), sequence=())
+    told = {"verdict": "ambiguous", "findings": [{"effect": "table_backlash", "class": ["table_backlash", "table_encoder_zero"]}]}
+    amended = {**dual, "effect": [{**play, "role": "found"}]}
+    (question,) = questions(known, [recording], told, amended)
+    assert last_sides(recording, known) == {"outer": 1.0, "inner": 1.0}
+    blocks = {b.name: b for b in candidates(Table(known.rig, dict.fromkeys(known.rig.axis_names, (0.0, 360.0))))}
+    for name, block in blocks.items():
+        (pair,) = (p for p in judged(block, [question], known) if p.truth == "table_backlash")
+        if name.startswith(("reverse outer", "spin outer")) and name.endswith("90"):
+            assert pair.chance > ENOUGH, name
+        if name == "rest" or name.startswith(("spin inner", "reverse inner")):
+            assert pair.chance < 0.05, name
+
+
+def test_the_first_pose_of_an_imagined_block_is_come_to_as_the_table_moved_last() -> None:
+    scenario = parse_scenario({**PLACING, "rig": {"table": "dual"}})
+    block = Block("x", "x", (Step(action="rest", dwell_s=1.0), Step(action="move", inner_deg=30.0, dwell_s=2.0)))
+    recording = come_to(block, scenario, {"outer": -1.0, "inner": 1.0})
+    outer, inner = (np.degrees(np.asarray(recording.table(axis))) for axis in ("outer", "inner"))
+    assert (outer[0], inner[0]) == (pytest.approx(5.0, abs=0.01), pytest.approx(25.0, abs=0.01))
+    assert (outer[-1], inner[-1]) == (pytest.approx(0.0, abs=0.01), pytest.approx(30.0, abs=0.01))
+    assert last_sides(recording, scenario) == {"outer": -1.0, "inner": 1.0}
+    away = Block("x", "x", (Step(action="remount", mount="Rz(90)"), Step(action="move", outer_deg=30.0, dwell_s=2.0)))
+    assert np.asarray(come_to(away, scenario, {"outer": 1.0, "inner": 1.0}).table("outer"))[0] == pytest.approx(0.0, abs=1e-4)

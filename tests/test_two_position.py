@@ -251,7 +251,7 @@ def test_a_turn_that_is_no_half_turn_is_named():
 def test_wrong_tables_options_and_missing_angles_are_refused_in_words():
     with pytest.raises(TiltcalError, match="need table vertical"):
         calibrate("two_position", log(0.0, 0.0), setup_of("dual", ACCEL))
-    with pytest.raises(TiltcalError, match="found mode, need one of mean, median, huber, tukey, inliers"):
+    with pytest.raises(TiltcalError, match="found 'mode', need one of mean, median, huber, tukey, inliers"):
         calibrate("two_position", log(0.0, 0.0), SETUP, estimator="mode")
     with pytest.raises(TiltcalError, match="need two positions half a turn apart"):
         calibrate("two_position", log(0.0, 0.0, angles=(0.0, 5.0)), SETUP)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tiltcal.errors import TiltcalError
+from tiltcal.errors import TiltcalError, one_of
 from tiltcal.files import require_file, write_json
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.placing import PlacingCorrector, tables_of
@@ -97,11 +97,7 @@ class Calibration:
                 f"calibration by {self.method}", found=f"a covariance of shape {np.shape(self.covariance)}",
                 need=f"({p}, {p}), one row a parameter", do="return it in the order of the parameters",
             )  # fmt: skip
-        if self.verdict not in VERDICTS:
-            raise TiltcalError(
-                f"calibration by {self.method}", found=f"verdict '{self.verdict}'", need="one of " + ", ".join(VERDICTS),
-                do="correct it",
-            )  # fmt: skip
+        one_of(self.verdict, VERDICTS, f"calibration by {self.method}", "verdict")
 
     def value(self, name: str, default: float = 0.0) -> float:
         """Value of a parameter, or the default where it was not estimated."""

@@ -1,5 +1,7 @@
 """The one error that users see: what was found, what is needed, what to do."""
 
+from collections.abc import Collection
+
 
 class TiltcalError(Exception):
     """Unusable input. The message names the subject, what was found, what is needed and what to do.
@@ -16,13 +18,35 @@ class TiltcalError(Exception):
         super().__init__(f"{subject}: found {found}, need {need}; {do}")
 
 
+def one_of(word: str, valid: Collection[str], subject: str, what: str = "") -> str:
+    """``word`` when it is valid.
+
+    Args:
+        word: as the user wrote it.
+        valid: what may stand there.
+        subject: where it stands.
+        what: what kind of word it is, when the subject does not say so.
+
+    Raises:
+        TiltcalError: it is none of them.
+    """
+    if word not in valid:
+        close = _near(word, list(valid))
+        raise TiltcalError(
+            subject, found=f"{what} '{word}'".strip(), need="one of " + ", ".join(valid),
+            do=f"did you mean '{close[0]}'?" if close else "correct it",
+        )  # fmt: skip
+    return word
+
+
 def nearest(word: str, valid: list[str]) -> str:
     """A hint ``did you mean ...`` with the nearest valid word, or the list of all when none is near."""
+    close = _near(word, valid)
+    return f"did you mean '{close[0]}'?" if close else "valid are " + ", ".join(sorted(valid))
+
+
+def _near(word: str, valid: list[str]) -> list[str]:
     import difflib
 
     close = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
-    if not close:  # the beginning of a word often survives where the rest does not
-        close = [v for v in valid if v.startswith(word[:4])][:1]
-    if close:
-        return f"did you mean '{close[0]}'?"
-    return "valid are " + ", ".join(sorted(valid))
+    return close or [v for v in valid if word[:4] and v.startswith(word[:4])][:1]  # a word's beginning often survives

@@ -16,7 +16,7 @@ from tiltcal.chain import CONVERSION, make_sense
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import ACCELEROMETERS, DelayEffect, Effect, Parameter, SignalEffect, WritingEffect
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
-from tiltcal.errors import TiltcalError
+from tiltcal.errors import one_of
 from tiltcal.frames import Array, tilt_of_force
 from tiltcal.grades import GRADES
 from tiltcal.kinematics import closed_form, force_and_rate
@@ -121,8 +121,7 @@ def sensitivity(
         known: effects that are there anyway; their noise whitens.
         only: ids to keep.
     """
-    if grade not in GRADES:
-        raise TiltcalError(f"grade '{grade}'", found="no such grade", need="one of " + ", ".join(GRADES), do="correct it")
+    one_of(grade, GRADES, "grade")
     watch = Watch(setup, course, rows.time)
     weight = {s.name: np.sqrt(rows.weight) / white_noise(s, known) for s in setup.sensor}
     middle = (course.times[1] - course.times[0]) / 2

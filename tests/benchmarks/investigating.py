@@ -11,7 +11,7 @@ TESTS = Path(__file__).parents[1]
 
 def main() -> None:
     """Print the rates."""
-    seed, n = secrets.randbelow(2**31), os.environ.get("LOOP_N", "5")
+    seed, n = secrets.randbelow(2**31), os.environ.get("LOOP_N", "15")
     print(f"investigations, {n} of each kind, seed {seed}", flush=True)
     command = [sys.executable, "-m", "blind.loop", "--n", n, "--seed", str(seed)]
     subprocess.run(command, env=os.environ | {"PYTHONPATH": str(TESTS)}, check=False)

@@ -30,6 +30,8 @@ KINDS = ("dual_tumble", "placing_sweep")
 TRIES = 400
 LEAST, MOST = 100.0, 5e4  # non-centrality in the first recording
 CLEAR = 50.0  # separated non-centrality on a rich sequence: nobody could miss it
+UNLIKE = 0.005  # and this share of the signal: no law has its textbook form to a thousandth, and no diagnosis should count on it
+CONTAINED = {"mount_thermal_tilt"}  # any small tilt is three of the six numbers of acc_temp_misalign, which is not drawn here
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,8 @@ def drawn(kind: str, key: Sequence[int], judge: type[Oracle]) -> Concealed | Non
 
 def _clear(case: Concealed) -> bool:
     """Whether a rich sequence leaves one name only of those that the first one leaves."""
+    if case.hidden.spec.id in CONTAINED:
+        return False
     rng, lab, hidden = np.random.default_rng(case.key), case.lab, case.hidden
     up = [[a] for a in np.arange(0, 361, 15.0)]
     track = rich() if len(lab.axes) > 1 else _through([*up, *up[::-1], [360.0], [0.0]], 30 * DEG, 3.0)
@@ -132,7 +136,7 @@ def _clear(case: Concealed) -> bool:
         if rival.id in hidden.found.inseparable:
             grid = oracle.shapes(rival)
             columns = [oracle.residual(oracle.columns(rival, s)) for s in grid] + oracle.alike(rival, grid, shape)
-            if oracle.left_by(columns, signal) < CLEAR:
+            if oracle.left_by(columns, signal) < max(CLEAR, UNLIKE * float(signal @ signal)):
                 return False
     return True
 

@@ -8,7 +8,6 @@ import numpy as np
 from tiltcal.cli.output import print_json, print_table, progress_line
 from tiltcal.design.ascent import Problem
 from tiltcal.design.clock import Clock
-from tiltcal.design.criteria import known_criterion
 from tiltcal.design.plan import Plan, design
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.steps import designed_table, printable, segments_csv, steps_csv, steps_of
@@ -40,7 +39,6 @@ def design_(args: argparse.Namespace) -> int:
             do="name a scenario (`tiltcal init -o bench.toml` writes one)",
         )  # fmt: skip
     scenario = load_scenario(args.scenario) if args.scenario else parse_scenario(TEXTBOOK)
-    known_criterion(args.criterion)
     clock = clock_of(args, scenario)
     if args.blind_to_nothing is not None:
         from tiltcal.cli.maxmin import blind_to_nothing_
@@ -133,5 +131,7 @@ def show(plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", un
     rows = [["this design", f"{what.nats:.2f}", f"{what.tilt_arcsec:.3f}", str(what.poses)]]
     rows += [[name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)] for name, f in plan.baselines.items()]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
+    if not plan.problem.model.interest.all():
+        print("the sigmas hold for a fit of all these terms, nuisances too: calibrate with terms that name the drift as well")
     if unseen:
         print("no pose can see: " + ", ".join(unseen))

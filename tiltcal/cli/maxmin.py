@@ -5,65 +5,88 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.cli.designing import write_plan
+from tiltcal.cli.designing import problem_of, sensor_of, write_plan
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.design.ascent import Problem
-from tiltcal.design.clock import Clock, unwound
-from tiltcal.design.maxmin import MaxMin, blind_to_nothing
+from tiltcal.design.clock import Clock
+from tiltcal.design.maxmin import REQUIRED, MaxMin, blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import Plan
-from tiltcal.design.polynomial import textbook_model
-from tiltcal.design.signatures import EFFECTS
+from tiltcal.design.signatures import catalogue_signatures
 from tiltcal.design.steps import printable
 from tiltcal.design.still import Still
+from tiltcal.effects import CATALOGUE
 from tiltcal.errors import TiltcalError
 from tiltcal.files import make_folder
 from tiltcal.scenario import Scenario
 
-FEWEST = 13  # poses: the linear terms take four of each channel, and eleven effects share what is left
+SEEN = 0.002  # least share from which an effect counts as seen
 
 
 def blind_to_nothing_(args: argparse.Namespace, scenario: Scenario, clock: Clock) -> int:
     """Poses that leave no effect unseen."""
     count = args.blind_to_nothing
-    if scenario.rig.table != "dual" or any(pair is not None for pair in clock.limits):
-        raise TiltcalError(
-            "design --blind-to-nothing", found=f"table {scenario.rig.table}{' with limits' if any(clock.limits) else ''}",
-            need="a dual table that turns freely", do="use --terms with the effects that matter instead",
-        )  # fmt: skip
-    if count < FEWEST:
-        raise TiltcalError(
-            "design --blind-to-nothing", found=f"{count} poses", need=f"{FEWEST} or more: fewer leave {EFFECTS[1]} or another "
-            "effect unseen", do="allow more",
-        )  # fmt: skip
     _hold(clock, count * (clock.settle + clock.shortest), count)
-    found = blind_to_nothing(count, args.seed)
-    plan = timed(found, clock)
-    up = Still(scenario, clock.budget).up(plan.angles)
+    still = Still(scenario, clock.budget)
+    wanted = [] if "all" in args.terms else args.terms
+    seen = catalogue_signatures(still, sensor_of(args, scenario), grid_of_poses(clock), args.grade, wanted)
+    terms = 1 + seen.spanned.shape[1]
+    if count <= terms:
+        _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms take up all of them")
+    found = blind_to_nothing(seen, clock, count, args.seed)
+    if found.shares.min() < SEEN:
+        _refuse(count, "more", f"they leave {seen.names[int(found.shares.argmin())]} unseen")
+    args.terms = []
+    plan = timed(found, problem_of(args, scenario, clock)[0], still.axes)
+    up = still.up(plan.angles)
     if args.output:
         write_plan(plan, scenario, up, make_folder(Path(args.output)))
     if args.json:
         print_json(plan.to_json() | summary(found))
-        return 0
-    print(printable(plan, up))
-    seen = [*zip(EFFECTS, found.shares, strict=True), ("linear drift", found.drift), ("warm-up", found.warmup)]
-    print_table(["effect", "share of the most any design sees"], [[name, f"{share:.3f}"] for name, share in seen])
-    print(
-        f"least share {found.shares.min():.4f}; no design can pass {found.bound:.4f} (convex bound on a 10 deg grid; references "
-        f"within {100 * found.reference_gap:.2f} %); D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
-    )
+    else:
+        print(printable(plan, up))
+        show(found)
     return 0
 
 
-def timed(found: MaxMin, clock: Clock) -> Plan:
+def show(found: MaxMin) -> None:
+    """The shares for people, and what they are shares of."""
+    seen = found.seen
+    rows = [[name, f"{share:.3f}", "poses"] for name, share in zip(seen.names, found.shares, strict=True)]
+    rows += [[name, f"{share:.3f}", "order"] for name, share in found.in_order.items()]
+    print_table(["effect", "share of the most any design sees", "told by"], rows)
+    print(
+        f"least share {found.shares.min():.4f}; no design can pass {found.bounds[0]:.4f}, none that keeps {100 * REQUIRED:g} % of "
+        f"the linear D-efficiency {found.bounds[1]:.4f} (convex bounds over all poses of a grid; references within "
+        f"{100 * found.reference_gap:.2f} %); D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
+    )
+    print("taken up by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
+    print("no sequence of dwells shows here:")
+    excited: dict[str, list[str]] = {}
+    for name in unseen(found):
+        excited.setdefault(CATALOGUE[name.split()[0]].excited_by, []).append(name)
+    for needs, names in excited.items():
+        print(f"  {', '.join(names)}: needs {needs}")
+
+
+def unseen(found: MaxMin) -> list[str]:
+    """Effects that neither the poses nor their order show here."""
+    seen = found.seen
+    return sorted({*seen.unseen, *seen.in_order} - {*found.in_order, *seen.names, *seen.ordinary})
+
+
+def timed(found: MaxMin, problem: Problem, axes: tuple[str, ...]) -> Plan:
     """The poses with equal dwells that fill the budget.
 
     Raises:
         TiltcalError: it does not hold them.
     """
-    angles = unwound(found.angles, clock.limits)
-    problem = Problem(textbook_model("linear", True, clock.budget), clock)
-    _hold(clock, clock.budget - float(clock.spare(angles)), len(angles))
-    return Plan(problem, angles, problem.dwells(angles, np.zeros(len(angles))), ("outer", "inner"), {})
+    clock = problem.clock
+    _hold(clock, clock.budget - float(clock.spare(found.angles)), len(found.angles))
+    return Plan(problem, found.angles, problem.dwells(found.angles, np.zeros(len(found.angles))), axes, {})
+
+
+def _refuse(count: int, need: str, why: str) -> None:
+    raise TiltcalError("design --blind-to-nothing", found=f"{count} poses", need=f"{need}: {why}", do="allow more poses")
 
 
 def _hold(clock: Clock, needed: float, count: int) -> None:
@@ -77,7 +100,8 @@ def _hold(clock: Clock, needed: float, count: int) -> None:
 def summary(found: MaxMin) -> dict[str, object]:
     """The shares for machines."""
     return {
-        "shares": dict(zip(EFFECTS, map(float, found.shares), strict=True)) | {"drift": found.drift, "warm-up": found.warmup},
-        "least_share": float(found.shares.min()), "bound": found.bound, "reference_gap": found.reference_gap,
-        "d_efficiency": found.efficiency,
+        "shares": dict(zip(found.seen.names, map(float, found.shares), strict=True)), "in_order": found.in_order,
+        "least_share": float(found.shares.min()), "bound": found.bounds[0], "bound_at_d_efficiency": found.bounds[1],
+        "reference_gap": found.reference_gap, "d_efficiency": found.efficiency,
+        "taken_up": list(found.seen.ordinary), "unseen": unseen(found),
     }  # fmt: skip

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.design.clock import Clock
-from tiltcal.design.criteria import value_and_slope
+from tiltcal.design.criteria import CRITERIA, value_and_slope
 from tiltcal.design.descent import minimise
 from tiltcal.design.model import Model
+from tiltcal.errors import one_of
 from tiltcal.frames import Array
 
 POWER = 8  # of the norm that stands for the largest axis
@@ -45,6 +46,9 @@ class Problem:
     model: Model
     clock: Clock
     criterion: str = "both"
+
+    def __post_init__(self) -> None:
+        one_of(self.criterion, CRITERIA, "criterion")
 
     def dwells(self, angles: Array, z: Array) -> Array:
         """Seconds of each dwell: the free time shared out, none beyond the longest, (n,)."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.design.ascent import Draft, Problem
 from tiltcal.design.clock import unwound
-from tiltcal.errors import TiltcalError, nearest
+from tiltcal.errors import one_of
 from tiltcal.frames import Array, sphere
 from tiltcal.schemes import directions, table_angles
 from tiltcal.setup import Rig
@@ -27,10 +27,7 @@ def classic(name: str, table: str = "dual") -> Array:
     Raises:
         TiltcalError: there is no such sequence.
     """
-    if name not in CLASSIC:
-        raise TiltcalError(
-            f"sequence '{name}'", found="no such sequence", need="one of " + ", ".join(CLASSIC), do=nearest(name, list(CLASSIC))
-        )
+    one_of(name, CLASSIC, "classic sequence")
     axes = 1 if table == "placing" else 2
     if name in ("sweep", "two_position"):
         up = np.arange(0, 91, 10.0)

@@ -11,23 +11,9 @@
 import numpy as np
 
 from tiltcal.design.model import Mask, Model
-from tiltcal.errors import TiltcalError, nearest
 from tiltcal.frames import Array
 
 CRITERIA = ("both", "tilt", "D", "A", "I")
-
-
-def known_criterion(name: str) -> str:
-    """``name`` when it is a criterion.
-
-    Raises:
-        TiltcalError: it is none.
-    """
-    if name not in CRITERIA:
-        raise TiltcalError(
-            f"criterion '{name}'", found="no such criterion", need="one of " + ", ".join(CRITERIA), do=nearest(name, list(CRITERIA))
-        )
-    return name
 
 
 def gain(information: Array, interest: Mask) -> float:

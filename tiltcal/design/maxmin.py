@@ -11,17 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tiltcal.design.clock import Clock
 from tiltcal.design.descent import minimise
-from tiltcal.design.polynomial import dual_up
-from tiltcal.design.signatures import EFFECTS, GROUP, efficiency, left_over, linear_part, signatures
+from tiltcal.design.signatures import Field, Signatures
+from tiltcal.design.visiting import visiting_order
 from tiltcal.frames import Array
 from tiltcal.units import DEG
 
-GRID = 10 * DEG
-SHARP = 80.0  # of the soft minimum
-KEPT = 0.987  # D-efficiency that ascent aims at
-PENALTY = 400.0
+GRID = {1: 2 * DEG, 2: 10 * DEG}  # by the number of axes
+SHARP = 300.0  # of the soft minimum
+KEPT = 0.9853  # D-efficiency that ascent aims at
+REQUIRED = 0.985  # and that a design has to have
+PENALTY = 3000.0
 DIFF = 1e-5  # rad
+CLOSE = 1.002  # upper over lower bound of a reference at which it is good enough
+CUTS = 4  # planes of a bound
 
 
 @dataclass(frozen=True)
@@ -29,180 +33,226 @@ class MaxMin:
     """A design that is blind to nothing.
 
     Args:
-        angles: rad, (n, 2), in the order of visiting.
-        shares: of each effect in ``EFFECTS``; efficiency: D, of the linear terms.
-        bound: on the least share of any design; references: most energy a pose of each effect, and how far off at most.
-        drift, warmup: share of a linear and of an exponential drift that the order leaves visible.
+        seen: the effects.
+        angles: rad, (n, axes), in the order of visiting.
+        shares: of each effect of ``seen``; efficiency: D, of the linear terms, over the most on the grid.
+        bounds: on the least share of any design, and of those that keep the ``REQUIRED`` share of the D-efficiency.
+        references: most energy a pose of each effect; reference_gap: how far off they are at most.
+        in_order: share of each effect that only the order shows.
     """
 
+    seen: Signatures
     angles: Array
     shares: Array
     efficiency: float
-    bound: float
+    bounds: tuple[float, float]
     references: Array
     reference_gap: float
-    drift: float
-    warmup: float
+    in_order: dict[str, float]
 
 
-def blind_to_nothing(poses: int = 24, seed: int = 0, starts: int = 10) -> MaxMin:
-    """The max-min design of some poses on the dual table."""
-    grid = grid_of_poses()
-    found = [most_visible(grid, np.eye(len(EFFECTS))[k]) for k in range(len(EFFECTS))]
-    references = np.array([upper for _, _, upper in found])
-    gap = max(upper / lower - 1 for _, lower, upper in found)
-    weights, bound = best_weights(grid, references)
+@dataclass(frozen=True)
+class Goal:
+    """What poses are judged by: the most of each effect, and the most log determinant, that any could have."""
+
+    seen: Signatures
+    references: Array
+    log_det: float
+
+    def shares(self, angles: Array) -> Array:
+        """Share of each effect, (effects,)."""
+        return np.asarray(Field(self.seen, angles).left_over(_even(angles)).mean(axis=0) / self.references)
+
+    def efficiency(self, angles: Array) -> float:
+        """D-efficiency of the linear terms: det(F'F / n)^(1/q) over the most."""
+        return float(np.exp(Field(self.seen, angles).spread(_even(angles))[0] - self.log_det))
+
+    def merit(self, angles: Array) -> float:
+        """Least share, lessened where the linear terms lose too much."""
+        return float(self.shares(angles).min() - 10 * max(REQUIRED - self.efficiency(angles), 0.0))
+
+
+def blind_to_nothing(seen: Signatures, clock: Clock, poses: int = 24, seed: int = 0, starts: int = 4) -> MaxMin:
+    """The max-min design of some poses."""
+    grid = grid_of_poses(clock)
+    field = Field(seen, grid)
+    goal, gap = goal_of(seen, field)
+    weights = best_weights(field, goal.references)
     rng = np.random.default_rng(seed)
     drafts = []
     for k in range(starts):
-        chosen = grid[rng.choice(len(grid), poses, replace=k > starts // 2, p=weights)] + rng.normal(0, 0.03, (poses, 2))
-        drafts.append(climbed(chosen, references, 60))
-    ranked = sorted(drafts, key=lambda a: merit(a, references))
-    best = max((climbed(a, references, 250) for a in ranked[-3:]), key=lambda a: merit(a, references))
-    ordered, drift, warmup = visiting_order(best, rng)
-    return MaxMin(ordered, shares(ordered, references), efficiency(ordered), bound, references, gap, drift, warmup)
+        chosen = grid[rng.choice(len(grid), poses, replace=k > starts // 2, p=weights)]
+        drafts.append(climbed(chosen + rng.normal(0, 0.03, chosen.shape), goal, clock, 60))
+    ranked = sorted(drafts, key=goal.merit)
+    best = max((climbed(a, goal, clock, 300) for a in ranked[-2:]), key=goal.merit)
+    ordered, in_order = visiting_order(seen, best, clock, rng)
+    both = Field(seen, np.vstack([grid, best]))
+    of_grid, of_design = np.append(weights, np.zeros(poses)), np.append(np.zeros(len(grid)), _even(best))
+    kept = goal.log_det + float(np.log(REQUIRED))
+    bounds = (certified(both, goal.references, of_grid)[1], certified(both, goal.references, of_design, log_det=kept)[1])
+    return MaxMin(seen, ordered, goal.shares(ordered), goal.efficiency(ordered), bounds, goal.references, gap, in_order)
 
 
-def grid_of_poses() -> Array:
-    """All poses on the grid, rad, (n, 2)."""
-    turn = np.arange(-np.pi, np.pi - 1e-9, GRID)
-    return np.stack(np.meshgrid(turn, turn, indexing="ij"), axis=-1).reshape(-1, 2)
+def _even(angles: Array) -> Array:
+    return np.full(len(angles), 1 / len(angles))
 
 
-def shares(angles: Array, references: Array) -> Array:
-    """Share of each effect, (effects,)."""
-    n = len(angles)
-    return np.asarray(left_over(angles, np.full(n, 1 / n))[0].mean(axis=0) / references)
+def grid_of_poses(clock: Clock) -> Array:
+    """All allowed poses on the grid, rad, (n, axes)."""
+    step = GRID[len(clock.limits)]
+    axes = []
+    for pair in clock.limits:
+        if pair is None:
+            axes.append(np.arange(-np.pi, np.pi - 1e-9, step))
+        else:
+            axes.append(np.linspace(*pair, max(2, round((pair[1] - pair[0]) / step) + 1)))
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def merit(angles: Array, references: Array) -> float:
-    """Least share, lessened where the linear terms lose too much."""
-    return float(shares(angles, references).min() - 10 * max(KEPT - 0.001 - efficiency(angles), 0.0))
+def goal_of(seen: Signatures, field: Field) -> tuple[Goal, float]:
+    """The most energy of each effect and the most log determinant, and how far off the former are at most."""
+    found = [most_visible(field.only(k)) for k in range(len(seen.names))]
+    references = np.array([upper for _, upper in found])
+    return Goal(seen, references, most_log_det(field)), max(upper / lower - 1 for lower, upper in found)
 
 
-def most_visible(grid: Array, mix: Array, rounds: int = 400) -> tuple[Array, float, float]:
-    """Weights that leave most of a mix of effects, what they leave, and what no weights can pass.
+def most_visible(field: Field, rounds: int = 600) -> tuple[float, float]:
+    """What the best weights found leave of an effect, and what no weights can pass.
 
-    Multiplicative ascent; the largest energy at any pose is the bound (equivalence theorem).
+    Multiplicative ascent; the largest energy at any pose is the bound (equivalence theorem). Where it creeps, cutting planes.
     """
-    w = np.full(len(grid), 1 / len(grid))
-    best, upper = (w, -np.inf), np.inf
+    n = len(field.F)
+    w = best = np.full(n, 1 / n)
+    least, upper = 0.0, np.inf
     for k in range(rounds):
-        r = left_over(grid, w)[0] @ mix
+        r = field.left_over(w)[:, 0]
         mean = float(w @ r)
-        best = (w, mean) if mean > best[1] else best
+        best, least = (w, mean) if mean > least else (best, least)
         upper = min(upper, float(r.max()))
-        if upper / best[1] < 1.004:
-            break
+        if upper < CLOSE * least:
+            return least, upper
         w = w * np.exp((1.0 + 4.0 * k / rounds) * (r / mean - 1).clip(-1, 1))
         w /= w.sum()
-    return best[0], best[1], upper
+    least, below = certified(field, np.ones(1), best, planes=60)
+    return least, min(upper, below)
 
 
-def best_weights(grid: Array, references: Array, rounds: int = 1500) -> tuple[Array, float]:
-    """Weights with the greatest least share, and the bound on it: any mix of effects gives one, the softest the best."""
-    w = np.full(len(grid), 1 / len(grid))
-    best, upper, calm = (w, -np.inf), np.inf, np.empty(0)
-    for k in range(rounds):
-        r = left_over(grid, w)[0] / references
-        seen = w @ r
-        best = (w, float(seen.min())) if seen.min() > best[1] else best
-        mix = np.exp(-SHARP * (0.2 + 2.0 * k / rounds) * (seen - seen.min()))
-        mix /= mix.sum()
-        pull = r @ mix
-        calm = mix if k == 0 else 0.98 * calm + 0.02 * mix  # the mix swings about the best one
-        upper = min(upper, float(pull.max()), float((r @ calm).max()))
-        if upper / best[1] < 1.01:
+def most_log_det(field: Field, rounds: int = 200) -> float:
+    """What no weights can pass of the log determinant per term, mean of the channels (D-optimality, equivalence theorem)."""
+    n = len(field.F)
+    w, upper = np.full(n, 1 / n), np.inf
+    for _ in range(rounds):
+        value, slope = field.spread(w)
+        upper = min(upper, value + float(np.log(slope.max())))
+        if slope.max() < 1.0005:
             break
+        w = w * slope
+        w /= w.sum()
+    return upper
+
+
+def best_weights(field: Field, references: Array, rounds: int = 300) -> Array:
+    """Weights with the greatest least share.
+
+    Multiplicative ascent of the mix of effects that a soft minimum picks, ever sharper.
+    """
+    n = len(field.F)
+    w = np.full(n, 1 / n)
+    best, least = w, -np.inf
+    for k in range(rounds):
+        r = field.left_over(w) / references
+        seen = w @ r
+        if seen.min() > least:
+            best, least = w, float(seen.min())
+        mix = np.exp(-80 * (0.2 + 2.0 * k / rounds) * (seen - seen.min()))
+        pull = r @ (mix / mix.sum())
         w = w * np.exp(0.8 * (pull / float(w @ pull) - 1).clip(-1, 1))
         w /= w.sum()
-    return best[0], upper
+    return best
 
 
-def climbed(angles: Array, references: Array, iterations: int) -> Array:
+def certified(
+    field: Field, references: Array, best: Array, planes: int = CUTS, log_det: float | None = None
+) -> tuple[float, float]:
+    """The greatest least share found, and what no weights can pass, by cutting planes (Kelley 1960).
+
+    The energies that the terms fitted with any weights v leave are at least those that the best terms leave, so that
+    share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave: a linear programme over w, with some v
+    between its solution and the best weights so far.
+
+    Args:
+        field: of all poses; references: most of each effect.
+        best: weights to start from.
+        planes: how many v.
+        log_det: of the linear terms, which the weights have to keep; any unless given.
+    """
+    from scipy.optimize import linprog
+
+    n = len(best)
+    rows: list[Array] = []
+    right: list[float] = []
+    v, least, upper = best, -np.inf, np.inf
+    for _ in range(planes):
+        left = field.left_over(v) / references
+        value, slope = field.spread(v)
+        if (v @ left).min() > least and (log_det is None or value >= log_det):
+            best, least = v, float((v @ left).min())
+        rows += [np.append(-share, 1.0) for share in left.T]
+        right += [0.0] * len(references)
+        if log_det is not None:
+            rows.append(np.append(-slope, 0.0))
+            right.append(value - 1 - log_det)
+        found = linprog(
+            np.append(np.zeros(n), -1.0), A_ub=np.array(rows), b_ub=np.array(right),
+            A_eq=np.append(np.ones(n), 0.0)[None, :], b_eq=[1.0], bounds=[(0, None)] * n + [(None, None)], method="highs",
+        )  # fmt: skip
+        upper = min(upper, -float(found["fun"]))
+        if upper < CLOSE * least:
+            break
+        v = (found["x"][:-1].clip(0) / found["x"][:-1].clip(0).sum() + 3 * best) / 4
+    return least, upper
+
+
+def climbed(angles: Array, goal: Goal, clock: Clock, iterations: int) -> Array:
     """The poses after ascent of the soft minimum of the shares, the linear terms kept."""
-    n = len(angles)
-    free = np.full(2 * n, np.inf)
+    n, axes = angles.shape
+    low, high = (np.tile([pair[side] if pair else free for pair in clock.limits], n) for side, free in ((0, -np.inf), (1, np.inf)))
 
     def fall(x: Array) -> tuple[float, Array]:
-        return _falling(x.reshape(n, 2), references)
+        return _falling(x.reshape(n, axes), goal)
 
-    return minimise(fall, angles.ravel(), -free, free, iterations).reshape(n, 2)
+    return clock.inside(minimise(fall, angles.ravel(), low, high, iterations).reshape(n, axes))
 
 
-def _falling(angles: Array, references: Array) -> tuple[float, Array]:
-    """Minus the soft minimum, with a penalty on lost D-efficiency, and its gradient by the angles, (2 n,).
+def _falling(angles: Array, goal: Goal) -> tuple[float, Array]:
+    """Minus the soft minimum, with a penalty on lost D-efficiency, and its gradient by the angles, (axes n,).
 
     The fitted linear terms are at their optimum, so only the poses' own energies move with the poses.
     """
-    n = len(angles)
-    even = np.full(n, 1 / n)
-    energy, _ = left_over(angles, even)
-    seen = energy.mean(axis=0) / references
+    n, axes = angles.shape
+    even = _even(angles)
+    here = Field(goal.seen, angles)
+    terms = here.fitted(even)
+    energy = here.energy(terms)
+    seen = energy.mean(axis=0) / goal.references
     mix = np.exp(-SHARP * (seen - seen.min()))
     value = float(seen.min() - np.log(mix.sum()) / SHARP)
-    mix /= mix.sum()
-    F = linear_part(dual_up(angles))
-    kept = efficiency(angles)
+    mix /= mix.sum() * goal.references
+    kept = float(np.exp(here.spread(even)[0] - goal.log_det))
     lost = max(KEPT - kept, 0.0)
-    inverse = np.linalg.inv(F.T @ F / n + 1e-9 * np.eye(4))
-    slope = np.empty((n, 2))
-    for axis in range(2):
-        ahead = angles + DIFF * np.eye(2)[axis]
-        moved = energies_with(angles, ahead) @ (mix / references) - energy @ (mix / references)
-        of_kept = kept / (2 * n) * np.einsum("ni,ij,nj->n", F, inverse, (linear_part(dual_up(ahead)) - F) / DIFF)
-        slope[:, axis] = moved / (n * DIFF) + 2 * PENALTY * lost * of_kept
+    slope = np.empty((n, axes))
+    for axis in range(axes):
+        ahead = Field(goal.seen, angles + DIFF * np.eye(axes)[axis])
+        moved = (ahead.energy(terms) - energy) @ mix
+        slope[:, axis] = moved / (n * DIFF) + 2 * PENALTY * lost * kept * _spread_slope(here.F, (ahead.F - here.F) / DIFF)
     return -value + PENALTY * lost**2, -slope.ravel()
 
 
-def energies_with(fitted: Array, angles: Array) -> Array:
-    """Energy at ``angles`` with the linear terms fitted at the poses ``fitted``, (n, effects)."""
-    F, G = linear_part(dual_up(fitted)), linear_part(dual_up(angles))
-    E, H = signatures(fitted), signatures(angles)
-    M = F.T @ F / len(F) + 1e-9 * np.eye(4)
-    rest = H.reshape(len(H), -1) - G @ np.linalg.solve(M, F.T @ E.reshape(len(E), -1) / len(F))
-    return (rest**2).reshape(H.shape).sum(axis=1) @ np.eye(len(EFFECTS))[GROUP]
-
-
-def visiting_order(angles: Array, rng: np.random.Generator) -> tuple[Array, float, float]:
-    """The poses in an order that hides neither a linear drift nor a warm-up, at little travel.
-
-    Starting from the nearest of those left, pairs are exchanged while the visible shares, or the travel, improve.
-    """
-    n = len(angles)
-    left, order = list(range(1, n)), [0]
-    while left:
-        k = min(left, key=lambda i: float(np.abs(_wrapped(angles[i] - angles[order[-1]])).max()))
-        left.remove(k)
-        order.append(k)
-    best = np.array(order)
-    for _ in range(3):
-        for first, second in rng.permutation([(i, j) for i in range(n) for j in range(i)]):
-            trial = best.copy()
-            trial[[first, second]] = trial[[second, first]]
-            if _worth(angles[trial]) > _worth(angles[best]):
-                best = trial
-    drift, warmup = visible_in_time(angles[best])
-    return angles[best], drift, warmup
-
-
-def _wrapped(turn: Array) -> Array:
-    return np.asarray((turn + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _worth(angles: Array) -> float:
-    """Least visible share in time, less the travel: a turn of the table costs a hundredth."""
-    travel = np.abs(_wrapped(np.diff(angles, axis=0))).max(axis=1).sum() / (2 * np.pi)
-    return min(*visible_in_time(angles), 0.97) - 0.01 * float(travel)
-
-
-def visible_in_time(angles: Array) -> tuple[float, float]:
-    """Share of a linear drift and of a warm-up (time constant a third of the sequence) that the linear terms leave."""
-    Q, _ = np.linalg.qr(linear_part(dual_up(angles)))
-    t = np.linspace(0, 1, len(angles))
-    found = []
-    for course in (t, np.exp(-3 * t)):
-        centred = course - course.mean()
-        rest = course - Q @ (Q.T @ course)
-        found.append(float(rest @ rest / (centred @ centred)))
-    return found[0], found[1]
+def _spread_slope(F: Array, dF: Array) -> Array:
+    """Derivative of the log determinant per term, mean of the channels, by each pose, (n,)."""
+    n, channels, terms = F.shape
+    found = np.zeros(n)
+    for k in range(channels):
+        inverse = np.linalg.inv(F[:, k].T @ F[:, k] / n + 1e-12 * np.eye(terms))
+        found += 2 * np.einsum("ni,ij,nj->n", F[:, k], inverse, dF[:, k]) / (n * terms * channels)
+    return found

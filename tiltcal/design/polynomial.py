@@ -14,7 +14,7 @@ cubic           48          and seven independent products of third degree
 import numpy as np
 
 from tiltcal.design.model import Model
-from tiltcal.errors import TiltcalError, nearest
+from tiltcal.errors import one_of
 from tiltcal.frames import Array, sphere
 
 KINDS = ("linear", "K2", "K2K3", "quadratic", "cubic")
@@ -25,19 +25,6 @@ _NAMES = {
     "linear": (), "K2": ("K2",), "K2K3": ("K2", "K3"), "quadratic": ("xx-yy", "3zz-1", "xy", "xz", "yz"),
     "cubic": ("xx-yy", "3zz-1", "xy", "xz", "yz", "x3", "y3", "z3", "xxy", "yyz", "zzx", "xyz"),
 }  # fmt: skip
-
-
-def known_kind(kind: str) -> str:
-    """``kind`` when it is a textbook model.
-
-    Raises:
-        TiltcalError: it is none.
-    """
-    if kind not in KINDS:
-        raise TiltcalError(
-            f"textbook model '{kind}'", found="no such model", need="one of " + ", ".join(KINDS), do=nearest(kind, list(KINDS))
-        )
-    return kind
 
 
 def regressors(up: Array, kind: str) -> Array:
@@ -70,7 +57,7 @@ def spread_out(blocks: Array) -> Array:
 
 def textbook_model(kind: str, drift: bool, horizon: float) -> Model:
     """A textbook model on the dual table, with a linear bias drift over ``horizon`` seconds as a nuisance if asked for."""
-    known_kind(kind)
+    one_of(kind, KINDS, "textbook model")
 
     def rows(angles: Array, time: Array) -> Array:
         blocks = regressors(dual_up(angles), kind)

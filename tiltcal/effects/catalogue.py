@@ -9,7 +9,7 @@ from typing import Any
 
 from tiltcal.effects.base import STAGES, Effect, Parameter
 from tiltcal.effects.learned import Learned, learned_table, make_learned
-from tiltcal.errors import TiltcalError, nearest
+from tiltcal.errors import TiltcalError, nearest, one_of
 from tiltcal.setup import Sensor, Setup
 from tiltcal.units import PARAMETER_UNITS, split_unit
 
@@ -62,8 +62,7 @@ def make_effect(
         have = ", ".join(setup.rig.axis_names) or "none"
         raise TiltcalError(subject, found=f"axis '{axis}'", need=f"an axis of this table: {have}", do="correct it")
     if axis is not None and cls.channel_wise and bound is not None:
-        if axis not in bound.axes:
-            raise TiltcalError(subject, found=f"axis '{axis}'", need="one of " + ", ".join(bound.axes), do="correct it")
+        one_of(axis, bound.axes, subject, "axis")
     elif axis is not None and not cls.axis_wise:
         raise TiltcalError(subject, found="axis", need="no axis: it acts on the whole", do="remove that key")
     known = {name: p for p in cls.parameters for name in p.expand(bound.axes if bound else ())}

@@ -4,7 +4,7 @@
 held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
@@ -14,7 +14,7 @@ import numpy as np
 from tiltcal.effects.base import STAGES, AngleEffect, Effect, FrameEffect, Parameter, Sense, SignalEffect, Stage
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.memory import first_order_lag
-from tiltcal.errors import TiltcalError, nearest
+from tiltcal.errors import TiltcalError, nearest, one_of
 from tiltcal.frames import AXES, Array
 from tiltcal.motion import Drive, Jet
 from tiltcal.setup import Setup
@@ -258,19 +258,15 @@ def _where(
     if coordinate in ANGLES and ANGLES[coordinate] not in setup.rig.axis_names:
         raise TiltcalError(subject, found=f"coordinate '{coordinate}'", need="an axis of this table", do="correct it")
     axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
-    if on != "tilt" and axis not in axes:
-        raise TiltcalError(subject, found=f"axis '{axis}'", need="one of " + ", ".join(axes), do="correct it")
     if on != "tilt":
+        one_of(str(axis), axes, subject, "axis")
         return "", ""
     slots = ("base", *(f"{name}_bearing" for name in setup.rig.axis_names), "mount")
     return _word(table, "slot", "", slots, subject), _word(table, "turn", "", AXES, subject)
 
 
-def _word(table: Mapping[str, Any], key: str, default: str, valid: Iterable[str], subject: str) -> str:
-    word = str(table.get(key, default))
-    if word not in valid:
-        raise TiltcalError(f"{subject}, key {key}", found=f"'{word}'", need="one of " + ", ".join(valid), do="correct it")
-    return word
+def _word(table: Mapping[str, Any], key: str, default: str, valid: Collection[str], subject: str) -> str:
+    return one_of(str(table.get(key, default)), valid, f"{subject}, key {key}")
 
 
 def _numbers(values: Any, subject: str) -> list[float]:

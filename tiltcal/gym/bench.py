@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tiltcal.design.clock import Clock
-from tiltcal.design.polynomial import FLOOR, PRIOR, WHITE, dual_up, known_kind, regressors
-from tiltcal.errors import TiltcalError
+from tiltcal.design.polynomial import FLOOR, KINDS, PRIOR, WHITE, dual_up, regressors
+from tiltcal.errors import TiltcalError, one_of
 from tiltcal.frames import Array
 from tiltcal.units import DEG
 
@@ -40,7 +40,7 @@ class Task:
     longest_s: float = 60.0
 
     def __post_init__(self) -> None:
-        known_kind(self.model)
+        one_of(self.model, KINDS, "textbook model")
         clock = self.clock
         least = HALF_TURN / self.rate_deg_s + 2 * self.settle_s + self.longest_s + self.shortest_s
         if clock.budget < least:

@@ -8,7 +8,7 @@ Source: Atkinson and Fedorov, "The design of experiments for discriminating betw
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import erf, sqrt
 
 import numpy as np
@@ -25,12 +25,16 @@ from tiltcal.investigation.question import Question
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, fresh
+from tiltcal.schedule import build_schedule
+from tiltcal.sequence import Step
 from tiltcal.units import ARCSEC, DEG
 
 Progress = Callable[[str], None]
 ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
 READOUT = 0.05 * ARCSEC / DEG  # deg, noise of an imagined readout
 HOPELESS = 0.2  # best chance of any block below which a pair is said to be out of this table's reach
+COMING = 5.0  # deg before the first pose of an imagined block
+MOVED = 0.1  # of the largest step between samples: what is no noise of the readout
 SHORT_LIST = 3  # blocks that are tried together when none is enough by itself
 
 
@@ -156,8 +160,8 @@ def judged(block: Block, asked: Sequence[Question], scenario: Scenario) -> list[
 
 def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
     """What a block would read if nothing were wrong, in a room that goes back the way it came."""
-    recording = blank(block, scenario)
     last = question.observations.recordings[-1]
+    recording = come_to(block, scenario, last_sides(last, scenario))
     temperature = last.temperature()
     if temperature is None:
         return recording
@@ -165,6 +169,36 @@ def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
     columns = {n: recording.column(n) for n in recording.column_names}
     columns["temperature_degC"] = np.interp(last.time[-1] - age, last.time, temperature)
     return Recording.from_columns(recording.time, columns, metadata=recording.metadata, source="imagined block")
+
+
+def last_sides(recording: Recording, scenario: Scenario) -> dict[str, float]:
+    """Which way each axis of the table moved last, +1 or -1."""
+    found = {}
+    for axis in scenario.rig.axis_names:
+        readout = recording.table(axis)
+        steps = np.diff(readout[~np.isnan(readout)]) if readout is not None else np.zeros(0)
+        moved = steps[np.abs(steps) > MOVED * np.abs(steps).max(initial=0.0)]
+        found[axis] = float(np.sign(moved[-1])) if len(moved) else 1.0
+    return found
+
+
+def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Recording:
+    """What a block would read without effects, its first pose come to as the table moved last.
+
+    From which side a table will come to it nobody has said: a block must not promise what it would tell if that were new.
+    After remounting the table has moved anyhow.
+    """
+    if block.remounts or not sides:
+        return blank(block, scenario)
+    first = {f"{axis}_deg": 0.0 for axis in sides}
+    for step in reversed(block.steps):
+        first |= {key: angle for key in first if (angle := getattr(step, key)) is not None}
+    away = Step(action="move", **{f"{axis}_deg": first[f"{axis}_deg"] - side * COMING for axis, side in sides.items()})
+    steps = (away, Step(action="move", **first, dwell_s=1.0), *block.steps)
+    recording = blank(replace(block, steps=steps), scenario)
+    known = recording.time >= build_schedule((away,), scenario.rig).times[1]  # how it got away is no part of the block
+    columns = {n: recording.column(n)[known] for n in recording.column_names}
+    return Recording.from_columns(recording.time[known], columns, metadata=recording.metadata, source=recording.source)
 
 
 def blank(block: Block, scenario: Scenario) -> Recording:

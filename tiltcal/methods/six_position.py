@@ -1,6 +1,7 @@
 """S1: known attitudes. Six positions and every other set of labelled or table-read poses (8, 12, 24, tumble)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,10 +17,11 @@ from tiltcal.poses import Poses, find_poses, group_directions
 from tiltcal.recording import Recording
 from tiltcal.segments import Segment
 from tiltcal.setup import Sensor, Setup
-from tiltcal.units import ARCSEC, DEG
+from tiltcal.units import ARCSEC, DEG, G0
 
 NAME = "six_position"
 LINEAR = ("bias", "scale", "cross_axis")
+DRIFT = "drift"
 
 
 def six_position(
@@ -29,7 +31,8 @@ def six_position(
     """Bias, scale factor and cross-axis terms from poses whose attitude is known.
 
     Model: ``reading_i = b_i + (1 + S_i) f_i + sum_j C_ij f_j`` with f = g up; further linear effects of the catalogue
-    can be named in ``terms``. Weighted least squares on pose means.
+    can be named in ``terms``. Weighted least squares on pose means. With ``drift`` among the terms each bias may run off
+    linearly over the recording, ``+ d_i t / T``: a nuisance that is fitted and said, not kept; the bias is that of the first stamp.
 
     Args:
         recording: a continuous log; the dwells are found, or given as ``segments``.
@@ -62,8 +65,9 @@ def six_position(
         )  # fmt: skip
     warnings = [] if known.all() else [f"{np.sum(~known)} of {len(known)} dwells have no known attitude and are not used"]
     poses = poses.subset(known)
-    fit, units = solve(poses, setup, terms)
-    tests = [*_fit_tests(poses, setup, fit, terms), *_attitude_tests(poses)]
+    over = (float(recording.time[0]), float(recording.time[-1] - recording.time[0]))
+    fit, units = solve(poses, setup, terms, over)
+    tests = [*_fit_tests(poses, setup, fit, terms, over), *_attitude_tests(poses)]
     warnings.append(_gauge(fit, used))
     if fit.dropped or fit.dof == 0:
         tests.append(
@@ -76,7 +80,10 @@ def six_position(
                 f"{len(poses)} poses do not determine the model",
             )
         )
-    heldout = _heldout(poses, setup, terms) if not fit.dropped else {}
+    heldout = _heldout(poses, setup, terms, over) if not fit.dropped else {}
+    if DRIFT in terms:
+        fit, units, said = _without_drift(fit, units, used)
+        warnings.append(said)
     return wrap_up(
         NAME, verdict_of(tests, determined=not fit.dropped and fit.dof > 0), fit, units, tests, warnings, poses, recording,
         equation=f"{used.name}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j", inverse="f = M^-1 (reading - bias)",
@@ -84,10 +91,10 @@ def six_position(
     )  # fmt: skip
 
 
-def solve(poses: Poses, setup: Setup, terms: Sequence[str]) -> tuple[Fit, list[str]]:
-    """Weighted least squares on pose means; the fit and the units of its parameters."""
+def solve(poses: Poses, setup: Setup, terms: Sequence[str], over: tuple[float, float]) -> tuple[Fit, list[str]]:
+    """Weighted least squares on pose means; the fit and the units of its parameters. over: first stamp and length, s."""
     force = setup.site.gravity * poses.up
-    names, units, columns = term_columns(terms, poses.sensor, setup, force)
+    names, units, columns = _columns(poses, setup, terms, over)
     ideal = force[:, list(poses.sensor.axis_indices)]
     design, target = [], []
     for k in range(len(poses)):
@@ -98,12 +105,39 @@ def solve(poses: Poses, setup: Setup, terms: Sequence[str]) -> tuple[Fit, list[s
     return fit, [u for n, u in zip(names, units, strict=True) if n in fit.names]
 
 
-def _fit_tests(poses: Poses, setup: Setup, fit: Fit, terms: Sequence[str]) -> list[Test]:
+def _columns(poses: Poses, setup: Setup, terms: Sequence[str], over: tuple[float, float]) -> tuple[list[str], list[str], Array]:
+    """Names, units and columns of all parameters, (p, m, k): of the terms, and of a drift of each channel."""
+    names, units, columns = term_columns([t for t in terms if t != DRIFT], poses.sensor, setup, setup.site.gravity * poses.up)
+    if DRIFT not in terms:
+        return names, units, columns
+    start, length = over
+    along = np.array([((s.start_s + s.end_s) / 2 - start) / length for s in poses.spans])
+    axes = poses.sensor.axes
+    drifts = np.eye(len(axes))[:, None, :] * along[None, :, None]
+    names += [f"{poses.sensor.name}.{DRIFT}_{axis}" for axis in axes]
+    return names, units + ["m_s2"] * len(axes), np.concatenate([columns.reshape(-1, *drifts.shape[1:]), drifts])
+
+
+def _without_drift(fit: Fit, units: Sequence[str], sensor: Sensor) -> tuple[Fit, list[str], str]:
+    """The fit with the drift fitted but not kept, its units, and the drift in words."""
+    keep = np.array([f".{DRIFT}_" not in n for n in fit.names], dtype=bool)
+    said = ", ".join(
+        f"{n[-1]} {v / G0 * 1e6:.4g} +- {s / G0 * 1e6:.2g}"
+        for n, v, s, kept in zip(fit.names, fit.values, fit.sigmas, keep, strict=True) if not kept
+    )  # fmt: skip
+    kept = replace(
+        fit, names=tuple(np.array(fit.names)[keep].tolist()), values=fit.values[keep], covariance=fit.covariance[np.ix_(keep, keep)]
+    )
+    words = f"a linear drift of {sensor.name} over the recording was fitted beside: {said} ug; the bias is that of the first stamp"
+    return kept, [u for u, k in zip(units, keep, strict=True) if k], words
+
+
+def _fit_tests(poses: Poses, setup: Setup, fit: Fit, terms: Sequence[str], over: tuple[float, float]) -> list[Test]:
     """The spare equations: do they close, and if not, does a second-order term close them?"""
     tests = [chi2_test("fit", fit.chi2, fit.dof, f"residuals of {fit.dof} spare equations against the noise of the means")]
     if "K2" in terms or fit.dof < 3 or fit.dropped or "bias" not in terms:
         return tests
-    wider, _ = solve(poses, setup, [*terms, "K2"])
+    wider, _ = solve(poses, setup, [*terms, "K2"], over)
     gained = len(wider.names) - len(fit.names)
     if gained > 0 and set(fit.names) <= set(wider.names):  # else these poses do not tell K2 from the linear terms
         drop = fit.chi2 - wider.chi2
@@ -183,7 +217,7 @@ def _face(direction: Array) -> str:
     return ("+" if direction[i] > 0 else "-") + AXES[i]
 
 
-def _heldout(poses: Poses, setup: Setup, terms: Sequence[str]) -> dict[str, float]:
+def _heldout(poses: Poses, setup: Setup, terms: Sequence[str], over: tuple[float, float]) -> dict[str, float]:
     """Residuals of directions left out of the fit, SI."""
     group = group_directions(poses.up)
     residuals = []
@@ -191,16 +225,16 @@ def _heldout(poses: Poses, setup: Setup, terms: Sequence[str]) -> dict[str, floa
         rest, out = poses.subset(group != k), poses.subset(group == k)
         if len(rest) == 0:
             return {}
-        fit, _ = solve(rest, setup, terms)
+        fit, _ = solve(rest, setup, terms, over)
         if fit.dropped:
             continue
-        residuals.append(out.means - predicted(out, setup, fit, terms))
+        residuals.append(out.means - predicted(out, setup, fit, terms, over))
     return {poses.sensor.name: leave_out_rms(residuals)} if residuals else {}
 
 
-def predicted(poses: Poses, setup: Setup, fit: Fit, terms: Sequence[str]) -> Array:
+def predicted(poses: Poses, setup: Setup, fit: Fit, terms: Sequence[str], over: tuple[float, float]) -> Array:
     """What the fitted model says the poses read, (m, k)."""
     force = setup.site.gravity * poses.up
-    names, _, columns = term_columns(terms, poses.sensor, setup, force)
+    names, _, columns = _columns(poses, setup, terms, over)
     values = np.array([fit.value(n) for n in names])
     return np.asarray(force[:, list(poses.sensor.axis_indices)] + np.tensordot(values, columns, axes=1))

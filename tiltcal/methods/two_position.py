@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.calibration import Calibration, Test, chi2_test, verdict_of
 from tiltcal.codes import code_width
-from tiltcal.errors import TiltcalError
+from tiltcal.errors import TiltcalError, one_of
 from tiltcal.fit import Fit
 from tiltcal.frames import Array, base_tilt, force_of_tilt
 from tiltcal.methods.common import pick_sensor, wrap_up
@@ -53,10 +53,7 @@ def two_position(
     Source: seed S4 (Transducer and Microsystem Technologies 2009 28(12) p. 86); PHYSICS 6 (4).
     """
     require_vertical(setup, NAME, "use six_position")
-    if estimator not in ESTIMATORS:
-        raise TiltcalError(
-            f"method {NAME}, option estimator", found=estimator, need="one of " + ", ".join(ESTIMATORS), do="correct it"
-        )
+    one_of(estimator, ESTIMATORS, f"method {NAME}, option estimator")
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     if not {"x", "y"} <= set(used.axes):
         raise TiltcalError(f"method {NAME}", found=f"axes {', '.join(used.axes)}", need="x and y", do="add the other channel")

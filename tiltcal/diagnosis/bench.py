@@ -15,7 +15,7 @@ from tiltcal.diagnosis.hand import HandObservations
 from tiltcal.diagnosis.lost import lost_samples
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
-from tiltcal.diagnosis.randoms import at_rest_only, random_stamps, wrong_stop
+from tiltcal.diagnosis.randoms import at_rest_only, random_stamps, stands_alone, wrong_stop
 from tiltcal.diagnosis.suspects import adjustable
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise, robust_white
 from tiltcal.effects.base import Effect
@@ -76,6 +76,8 @@ def _with_right_stops(bench: Bench, known: Sequence[Effect], stated: bool) -> Be
     if slip is None:
         return bench
     mended = bench.over(observe(bench.observations.scenario, slip[1], known))
+    if not stands_alone(bench.observations, mended.observations, mended.start):  # a law that is strongest there
+        return bench
     fault, _ = wrong_stop(bench.observations, mended.start) or slip  # sized again, by a calibration that it has not spoiled
     return mended if stated else replace(mended, faults=(*mended.faults, fault))
 

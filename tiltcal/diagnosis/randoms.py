@@ -17,6 +17,7 @@ from tiltcal.frames import Array
 from tiltcal.motion import Index
 from tiltcal.recording import Recording
 
+APART = 25.0  # times the misfit of others: five times as far off
 MARGIN = 4  # rows beside a stop that its wrong readout spoils
 
 
@@ -24,6 +25,18 @@ def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tup
     """One stop whose written angle is wrong: it is far off where the others are not, and one other angle takes that away."""
     if not isinstance(observations, TableObservations):
         return None
+    worst = stop_misfits(observations, account)
+    if not worst:
+        return None
+    (number, stop), largest = max(worst.items(), key=lambda item: item[1])
+    others = sorted(v for k, v in worst.items() if k != (number, stop))
+    if largest < 400 or not others or largest < APART * max(float(np.median(others)), 1.0):
+        return None
+    return _rewritten(observations, account, number, stop)
+
+
+def stop_misfits(observations: Observations, account: Account) -> dict[tuple[int, int], float]:
+    """Misfit of each stop of each recording, in squares of the noise."""
     worst: dict[tuple[int, int], float] = {}
     for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
         noise = robust_white(r)
@@ -32,13 +45,13 @@ def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tup
             if there.sum() >= 4:
                 z = float(np.median(r[there]) ** 2 * there.sum()) / noise**2
                 worst[channel.recording, stop] = worst.get((channel.recording, stop), 0.0) + z
-    if not worst:
-        return None
-    (number, stop), largest = max(worst.items(), key=lambda item: item[1])
-    others = sorted(v for k, v in worst.items() if k != (number, stop))
-    if largest < 400 or not others or largest < 25 * max(float(np.median(others)), 1.0):
-        return None
-    return _rewritten(observations, account, number, stop)
+    return worst
+
+
+def stands_alone(observations: Observations, mended: Observations, account: Account) -> bool:
+    """Whether a stop is far off what all others are, once one that was wrong no longer spoils the account."""
+    rest = stop_misfits(mended, account)
+    return max(stop_misfits(observations, account).values()) > APART * max(rest.values(), default=1.0)
 
 
 def _rewritten(

@@ -18,7 +18,7 @@ from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import beside_stops, setting_error
 from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.select import Gate, absorbed, plausible, select
+from tiltcal.diagnosis.select import Gate, absorbed, backward, select
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
@@ -68,7 +68,7 @@ def diagnose(
         account = select(account, ledger, gate, _textbook)
     account = absorbed(account, ledger)
     progress("what no name fits")
-    account = plausible(nameless(account, ledger, gate), ledger)
+    account = backward(nameless(account, ledger, gate), ledger, gate)
     progress("rivals")
     chance: list[Fault] = []
     if bench.floors:

@@ -1,0 +1,141 @@
+"""Fitting and pruning an account: steps that run away, what belongs to a larger finding, what codes hide, plainer words."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import FOG, GYRO
+from dossier import bench, honest, recorded, rewritten
+
+from tiltcal.byhand import earlier
+from tiltcal.diagnosis.account import Term, settle
+from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.conclude import findings_of
+from tiltcal.diagnosis.filling import fill
+from tiltcal.diagnosis.floors import above
+from tiltcal.diagnosis.plain import plainer
+from tiltcal.diagnosis.select import Gate, absorbed, findings, select
+from tiltcal.diagnosis.span import Lines, Span
+from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
+from tiltcal.effects import CATALOGUE
+
+K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
+
+
+def prepared(*left_out, seed=8, **how):
+    truth = bench(*left_out, **how)
+    return prepare(honest(truth), [recorded(truth, seed)])
+
+
+def suspect(id, names, sensor="accel", axis=None, **values):
+    return Suspect(CATALOGUE[id](dict.fromkeys(names, 1e-4) | values, sensor, axis), names)
+
+
+def with_terms(found, *suspects):
+    return settle(replace(found.start, terms=tuple(Term.start(s) for s in suspects)), found.ledger)
+
+
+def test_sizes_are_fitted_to_what_was_left_out():
+    found = prepared(K2)
+    account = with_terms(found, suspect("acc_K2", ("k2_x",)))
+    (term,) = account.terms
+    (sigma,) = account.sigmas(0)
+    assert abs(term.values[0] - 800e-6) < 4 * sigma
+
+
+def test_a_step_to_where_the_model_has_no_reading_is_taken_back(monkeypatch):
+    """The residual of the second evaluation is made absurd: the fit ends where it was sane, with the deviance it had."""
+    found = prepared(K2)
+    sane = found.start.deviance
+    usual, calls = found.ledger.residual, []
+
+    def absurd(effects):
+        calls.append(1)
+        left = usual(effects)
+        return left if len(calls) == 1 else [np.full_like(r, np.nan) for r in left]
+
+    monkeypatch.setattr(found.ledger, "residual", absurd)
+    account = settle(replace(found.start, terms=(Term.start(suspect("acc_K2", ("k2_x",))),)), found.ledger)
+    assert account.terms[0].values == (0.0,)
+    assert account.deviance <= sane * 1.001
+
+
+def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
+    found = prepared(
+        {"id": "settling_transient", "axis": "outer", "amplitude_arcsec": 300.0, "frequency_hz": 1.5, "tau_s": 2.0}
+    )  # fmt: skip
+    ring = {"frequency": 1.5, "tau": 2.0}
+    large = suspect("settling_transient", ("amplitude",), None, "outer", **ring)
+    small = suspect("settling_transient", ("amplitude",), None, "inner", **ring)
+    both = with_terms(found, large, small)
+    assert len(findings(both)) == 2
+    assert [len(places) for places in findings(absorbed(both, found.ledger))] == [2]
+    other = with_terms(found, large, suspect("acc_K2", ("k2_y",)))
+    assert len(findings(absorbed(other, found.ledger))) == 2  # a pose does not excite what a move does
+
+
+@pytest.mark.parametrize(("code", "kept"), [(1e-3, 1), (0.1, 0)])
+def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
+    found = prepared(K2)
+    account = with_terms(found, suspect("acc_K2", ("k2_x",)))  # 800 ug at 1 g: 8e-3 m/s2
+    assert len(above(account, found.ledger, {"accel": code}).terms) == kept
+    assert len(above(account, found.ledger, {"gyro": code}).terms) == 1  # another sensor's codes hide nothing here
+
+
+def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
+    found = prepared(
+        {"id": "settling_transient", "axis": "outer", "amplitude_arcsec": 300.0, "frequency_hz": 1.5, "tau_s": 2.0}
+    )  # fmt: skip
+    ring = suspect("settling_transient", ("amplitude",), None, "outer", frequency=1.5, tau=2.0)
+    account = with_terms(found, ring)
+    assert len(above(account, found.ledger, {"accel": 1e-6}).terms) == 1
+    assert above(account, found.ledger, {"accel": 1e-6}, blurred=True).terms == ()
+
+
+def test_an_account_with_many_numbers_gives_way_to_a_plain_one():
+    """A K2 that two wrong laws with curves stand for is exchanged for itself."""
+    found = prepared(K2)
+    fill(found.ledger, found.start, Lines())
+    gate = Gate(None, len(found.ledger.suspects))
+    wrong = with_terms(found, suspect("acc_scale_asym", ("asym_x",)), suspect("acc_K3", ("k3_x",)))
+    found_again = plainer(wrong, found.start, found.ledger, gate, lambda s: s.textbook)
+    assert [t.suspect.id for t in found_again.terms] == ["acc_K2"]
+    assert plainer(found.start, found.start, found.ledger, gate, lambda s: s.textbook).terms == ()
+
+
+def test_a_loss_is_weighed_by_one_sample():
+    (drop,) = (s for s in step_suspects(honest(bench()), [50.0]) if s.id == "data_drop")
+    assert drop.effect.values["samples"] == 1.0
+
+
+@pytest.mark.parametrize(("range_degC", "widths"), [((-2.0, 3.0), 5), ((0.0, 0.0), 1)])
+def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_through(range_degC, widths):
+    span = Span(100.0, 10.0, ranges={"temperature": range_degC})
+    found = [s for s in listed_suspects(honest(bench()), span) if s.id == "acc_thermal_hysteresis"]
+    assert len({s.effect.values.get("width", 0.0) for s in found}) == widths
+
+
+def test_a_reference_that_is_felt_late_stays_in_the_class_of_scale_factors():
+    """One drift of the reference changes the scale of all axes alike: late, only curves on each axis are on the ledger."""
+    truth = bench({"id": "reference_drift", "sensor": "accel", "gain_ppm_degC": 60.0}, swing_degC=6.0, period_s=150.0)
+    sound = recorded(truth, 8)
+    felt = sound.column("temperature_degC")
+    ahead = felt + 16.0 * np.gradient(felt, sound.time)  # what the reference feels is this, 16 s late
+    found = prepare(honest(truth), [rewritten(sound, temperature_degC=ahead)])
+    fill(found.ledger, found.start, Lines())
+    gate = Gate(None, len(found.ledger.suspects))
+    account = select(found.start, found.ledger, gate, lambda s: s.textbook)
+    first = findings_of(account, found.ledger, gate)[0]
+    assert (first.effect, "reference_drift" in first.names) == ("acc_temp_scale", True)
+
+
+@pytest.mark.parametrize(("late", "ahead"), [(0.02, 0.0), (0.0, 0.03)])
+def test_a_fog_and_a_gyro_that_are_late_see_the_rate_of_another_time(late, ahead):
+    """A gyro that is late says now what was: a FOG that is in time has it from later; hand-worked for a rate t^2."""
+    time = np.arange(0.0, 2.0, 0.01)
+    rate = np.column_stack([time**2, time, np.ones_like(time)])
+    effects = [CATALOGUE["data_latency"]({"latency": late}, "gyro"), CATALOGUE["data_latency"]({"latency": ahead}, "fog")]
+    found = earlier(rate, time, effects, FOG, GYRO)
+    at = time + late - ahead
+    np.testing.assert_allclose(found[10:-10], np.column_stack([at**2, at, np.ones_like(at)])[10:-10], atol=1e-9)
+    assert earlier(rate, time, [], FOG, GYRO) is rate

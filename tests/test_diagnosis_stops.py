@@ -1,0 +1,104 @@
+"""What differs from stop to stop: the noise within them, angles of their own, wrong labels, curves with a jump."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dossier import bench, honest, recorded, rewritten
+
+from tiltcal.diagnosis.account import Term, noise_under, noise_within_stops, settle
+from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.evidence import cosines
+from tiltcal.diagnosis.gross import off_neighbours
+from tiltcal.diagnosis.randoms import beside_stops, setting_error
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.whitening import NoiseFit
+from tiltcal.effects import CATALOGUE
+
+INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}
+HYSTERESIS = {"id": "acc_hysteresis", "sensor": "accel", "hysteresis_z_ug": 600.0, "width_unitless": 0.2}
+
+
+def prepared(truth, seed=4):
+    return prepare(honest(truth), [recorded(truth, seed)])
+
+
+@pytest.mark.parametrize("walk", [0.0, 0.3])
+def test_noise_within_parts_of_a_record_is_that_of_the_record(walk, rng):
+    parts = [rng.standard_normal(n) + walk * np.cumsum(rng.standard_normal(n)) + 100 * rng.standard_normal() for n in [80, 60] * 40]
+    model = NoiseFit.within([cosines(part) for part in parts]).model
+    assert model.white == pytest.approx(1.0, rel=0.06)  # 5600 samples: 1 %; what a walk takes of the white noise is less sure
+    assert model.walk == pytest.approx(walk, abs=0.06)
+
+
+def test_levels_of_stops_are_a_walk_to_the_whole_record_and_nothing_within_them():
+    found = prepared(bench(INDEX))
+    whole = noise_under(found.start, found.ledger)
+    within = noise_within_stops(found.start, found.ledger)
+    assert within is not None
+    slow, rest = (max(fit.model.walk for fit in fits) for fits in (whole, within))
+    assert slow > 5 * rest  # within 4 s a walk hides below white noise up to a few 1e-5 a sample
+
+
+def test_a_setting_error_is_told_beside_what_else_is_there():
+    found = prepared(bench(INDEX, HYSTERESIS))
+    names = ("hysteresis_z",)
+    suspect = Suspect(CATALOGUE["acc_hysteresis"]({"hysteresis_z": 1e-4, "width": 0.2}, "accel"), names)
+    account = settle(replace(found.start, terms=(Term.start(suspect),)), found.ledger)
+    setting = setting_error(account, found.start, found.ledger, 300)
+    assert setting is not None
+    fault, stops = setting
+    assert fault.effect.axis == "outer"
+    assert fault.effect.value("sigma") == pytest.approx(np.radians(60 / 3600), rel=0.5)  # 31 draws: 13 %, four times that
+    kept = beside_stops(account, stops, found.ledger, 300)
+    assert [t.suspect.id for t in kept.terms] == ["acc_hysteresis"]
+
+
+def test_a_finding_that_the_stops_explain_as_well_falls():
+    found = prepared(bench(INDEX))
+    suspect = Suspect(CATALOGUE["table_encoder_2rev"]({"cos2": 1e-4, "sin2": 1e-4}, None, "outer"), ("cos2", "sin2"))
+    account = settle(replace(found.start, terms=(Term.start(suspect),)), found.ledger)
+    setting = setting_error(account, found.start, found.ledger, 300)
+    assert setting is not None
+    assert beside_stops(account, setting[1], found.ledger, 300).terms == ()
+
+
+def test_stops_that_agree_have_no_setting_error():
+    found = prepared(bench())
+    assert setting_error(found.start, found.start, found.ledger, 300) is None
+
+
+@pytest.mark.parametrize(("power", "alone"), [(9, False), (400, True)])
+def test_a_law_that_is_strongest_at_one_stop_is_no_wrong_label(power, alone):
+    """One other angle would mend the stop that is furthest off, but its neighbours are off as well."""
+    truth = bench()
+    sound = recorded(truth, 4)
+    angle = sound.column("table_outer_deg")
+    bent = angle + 5.0 * (angle / np.abs(angle).max()) ** power
+    faults = prepare(honest(truth), [rewritten(sound, table_outer_deg=bent)]).faults
+    assert any(f.effect.id == "data_pose_label" for f in faults) is alone
+
+
+def test_a_jerk_where_a_move_ends_is_no_gross_error():
+    truth = bench()
+    sound = recorded(truth, 4)
+    found = prepare(honest(truth), [sound])
+    stop = found.observations.stops_at(0)
+    begins = np.flatnonzero((stop[1:] >= 0) & (stop[:-1] < 0)) + 1
+    x = sound.column("accel_x_m_s2").copy()
+    x[begins[::3]] += 0.05
+    assert np.sum(off_neighbours(x - sound.column("accel_x_m_s2") + 1e-3 * np.sin(np.arange(len(x)))) > 8) >= len(begins[::3]) - 1
+    assert prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)]).faults == ()
+
+
+def test_a_jump_over_an_angle_is_one_curve_and_not_two_steps_in_time():
+    """Passed on the way there and on the way back: two steps of opposite signs would say the same with more."""
+    truth = bench(table="vertical", sensor="incl")
+    sound = recorded(truth, 6)
+    angle = sound.column("table_outer_deg")
+    steps = sound.column("incl_x_deg") + np.where(angle > 187.0, 0.1, 0.0)
+    found = diagnose(honest(truth), [rewritten(sound, incl_x_deg=steps)])
+    (finding,) = found.findings
+    assert finding.effect is None
+    assert (finding.axes, finding.where.coordinate) == (("x",), "table_outer")

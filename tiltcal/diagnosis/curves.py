@@ -40,7 +40,9 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
             for turn, coordinate in product(turns, ("time", "temperature")):
                 if knots := _knots(coordinate, span, 5):
                     place = "environment" if slot == "base" else "mount"
-                    yield _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
+                    tilt = _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
+                    floor = (slot, coordinate) == ("base", "time")  # whatever its course, that is what the name says
+                    yield replace(tilt, alias="floor_tilt_drift") if floor else tilt
         for turn, axis in product("xyz", scenario.rig.axis_names):
             for basis in (_waves(4), _knots(f"table_{axis}", span, 10)):
                 if basis:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, settle, summed
+from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, noise_within_stops, settle, summed
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
 from tiltcal.diagnosis.observations import Columns
@@ -105,17 +105,26 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
     """Add what explains the residual best, as long as it stands out of the noise; then drop what is not needed.
 
     The scan weighs by white noise at first, so that no effect is taken for noise; what does not stand out of the noise that
-    is left when it is taken away waits, and may pass together with another.
+    is left when it is taken away waits, and may pass together with another. In the end it weighs by the noise within the stops,
+    where what differs from stop to stop is no random walk.
     """
     waiting: tuple[Term, ...] = ()
     banned: set[int] = set()
-    patience = 6
+    patience, within = 6, gate.static is None
     while len(findings(account)) < MOST and patience:
         trial = settle(replace(account, terms=account.terms + waiting), ledger)
         rivals = best_explanation(trial, ledger, _outside(wanted, frozenset(banned)))
         if not rivals:
-            if not waiting:
+            if not waiting and not within:
                 break
+            if not waiting:
+                within = False
+                still = noise_within_stops(account, ledger)
+                if still is None:
+                    break
+                ledger.under(models(still))
+                account = settle(account, ledger)
+                continue
             waiting = ()
             ledger.under(models(gate.noise(settle(account, ledger), ledger)))
             account = settle(account, ledger)

@@ -36,7 +36,8 @@ def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
         inside = [account.terms[k] for k in places]
         if not all(t.suspect.textbook for t in inside if t.host is None):
             continue
-        better = _better(inside, case_of(account, ledger, places), ledger)
+        weakest = min(float(_power(case_of(account, ledger, own).signal).sum()) for own in groups)
+        better = _better(inside, case_of(account, ledger, places), ledger, weakest)
         if better is None:
             continue
         kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
@@ -46,12 +47,16 @@ def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
     return leftover(account, ledger, gate)
 
 
-def _better(inside: Sequence[Term], case: Case, ledger: Ledger) -> Rival | None:
-    """What should stand in the place of some findings: one name for several, or a curve for names that do not fit."""
+def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float = 0.0) -> Rival | None:
+    """What should stand in the place of some findings: one name for several, or a curve for names that do not fit.
+
+    Args:
+        weakest: energy of the weakest of several findings: one name for all may miss a share of that at most.
+    """
     named = [r for r in explanations(case, ledger, lambda s: s.textbook) if r.fair and r.own >= OWN]
     single = preferred(named, case.signal) if named else None
     joint, several = _worth_of(inside, case, ledger), sum(t.host is None for t in inside)
-    if several > 1 and single is not None and single.worth > joint - EQUAL - LOOSE * single.gain:
+    if several > 1 and single is not None and single.worth > joint - EQUAL - min(LOOSE * single.gain, SHARE * weakest):
         return single
     curve = best_curve(case, ledger)
     if curve is None:

@@ -190,17 +190,21 @@ def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | N
 def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseFit] | None:
     """The noise of each channel from what is left within its stops, each at a level of its own; None where one has no stops.
 
-    By hand a stop is no level of a sensor's own: None.
+    By hand this is known of a FOG beside a gyro triad only: of all else a stop is what makes a level.
     """
-    if not isinstance(ledger.observations, TableObservations):
-        return None
+    observations = ledger.observations
+    by_hand = None if isinstance(observations, TableObservations) else noise_under(account, ledger)
     found = []
-    for channel, r in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
+    for i, (channel, r) in enumerate(zip(observations.channels, observations.residuals(account.effects), strict=True)):
         cuts = np.flatnonzero(np.diff(channel.stop)) + 1
         parts = [cosines(r[rows]) for rows in np.split(np.arange(len(r)), cuts) if channel.stop[rows[0]] >= 0 and len(rows) > 2]
-        if sum(len(part) - 1 for part in parts) < ENOUGH:
+        few = sum(len(part) - 1 for part in parts) < ENOUGH
+        if by_hand is not None and (few or observations.scenario.named(channel.sensor).kind != "fog"):
+            found.append(by_hand[i])
+        elif few:
             return None
-        found.append(NoiseFit.within(parts))
+        else:
+            found.append(NoiseFit.within(parts))
     return found
 
 

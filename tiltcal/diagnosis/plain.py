@@ -12,6 +12,7 @@ from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.rivals import EQUAL, LOOSE, case_of, explanations, price_of
 from tiltcal.diagnosis.select import MOST, Gate, at_its_instant, backward, best_explanation, findings, joined, refined
 from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.whitening import NoiseModel, robust_white
 
 FINDING = 10.0  # of deviance: one cause is likelier than two
 EXCHANGES = 6
@@ -24,7 +25,7 @@ def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: C
         start: without findings; the search begins under the noise that is left when ``rich`` is taken away.
     """
     if not rich.terms:
-        return rich
+        return _several(rich, start, ledger, gate, wanted)
     if len(rich.terms) == 1:  # found while the noise was not known yet
         other = backward(exchanged(rich, ledger, wanted), ledger, gate)
         return other if other.terms else backward(rich, ledger, gate)
@@ -37,6 +38,20 @@ def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: C
         ledger.under(models(gate.noise(one, ledger)))
         return settle(one, ledger)
     return other
+
+
+def _several(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:
+    """What several textbook forms do together, where none by itself stands out; else ``rich``.
+
+    Looked for in white noise: together they are a random walk to the record.
+    """
+    usual = ledger.roots
+    ledger.under([NoiseModel(robust_white(r)) for r in ledger.observations.residuals(start.effects)])
+    several = plainly(start, ledger, gate, wanted)
+    if several.terms:
+        return several
+    ledger.weigh(usual)
+    return rich
 
 
 def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:

@@ -100,7 +100,17 @@ def test_an_account_with_many_numbers_gives_way_to_a_plain_one():
     wrong = with_terms(found, suspect("acc_scale_asym", ("asym_x",)), suspect("acc_K3", ("k3_x",)))
     found_again = plainer(wrong, found.start, found.ledger, gate, lambda s: s.textbook)
     assert [t.suspect.id for t in found_again.terms] == ["acc_K2"]
-    assert plainer(found.start, found.start, found.ledger, gate, lambda s: s.textbook).terms == ()
+
+
+def test_where_no_form_by_itself_stands_out_several_are_tried_together():
+    found = prepared(K2, {"id": "acc_K3", "sensor": "accel", "k3_y_ug_g3": 800.0})
+    fill(found.ledger, found.start, Lines())
+    gate = Gate(None, len(found.ledger.suspects))
+    several = plainer(found.start, found.start, found.ledger, gate, lambda s: s.textbook)
+    assert {t.suspect.id for t in several.terms} == {"acc_K2", "acc_K3"}
+    sound = prepared()
+    fill(sound.ledger, sound.start, Lines())
+    assert plainer(sound.start, sound.start, sound.ledger, gate, lambda s: s.textbook).terms == ()
 
 
 def test_a_loss_is_weighed_by_one_sample():

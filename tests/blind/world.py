@@ -8,6 +8,7 @@ import numpy as np
 
 from blind.laboratory import EARTH_RATE, Lab
 from blind.memory import leaky, play
+from blind.motion import Track
 from blind.rotations import about, by_vector, unskew
 
 H = 1e-3  # s: step of the central differences of attitude and position
@@ -79,9 +80,9 @@ class Past:
         """A curve on the grid, looked up at t."""
         return _smoothly(t / self.STEP_S, self.kept(key, make))
 
-    def angles(self, t: np.ndarray) -> np.ndarray:
+    def angles(self, track: Track, t: np.ndarray) -> np.ndarray:
         """Angles of all axes as commanded; the same few instants are asked for by every column."""
-        return self.kept(("angles", t.tobytes()), lambda: self.lab.track.angles(t))
+        return self.kept(("angles", t.tobytes()), lambda: track.angles(t)) if track is self.lab.track else track.angles(t)
 
     def play(self, t: np.ndarray, what: str, k: int, half_width: float) -> np.ndarray:
         """State in [-1, 1] of the play of a column of the state ('f', 'w', 'angles') or of 'T'."""
@@ -107,7 +108,7 @@ def _smoothly(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _attitude(lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past) -> tuple[np.ndarray, np.ndarray]:
     """R_wb and position of the sensors in the world. t: (n,) -> (n, 3, 3), (n, 3)."""
-    angles = past.angles(t)
+    angles = past.angles(lab.track, t)
     true = angles - sum(h.readout(past, t) for h in hooks if h.readout)
     R, p = np.broadcast_to(np.eye(3), (len(t), 3, 3)), np.zeros((len(t), 3))
     for h in hooks:
@@ -136,7 +137,7 @@ def felt(lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past) -> State
     earth = EARTH_RATE * np.array([0.0, np.cos(np.deg2rad(lab.latitude)), np.sin(np.deg2rad(lab.latitude))])
     turn = unskew(np.swapaxes(R, 1, 2) @ (Rb - Ra)) / (2 * H)
     dw = unskew(np.swapaxes(R, 1, 2) @ (Rb - 2 * R + Ra)) / H**2
-    return State(t, past.angles(t), f, turn + _into_body(R, earth), dw, lab.room.at(t), R)
+    return State(t, past.angles(lab.track, t), f, turn + _into_body(R, earth), dw, lab.room.at(t), R)
 
 
 def _into_body(R: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from tiltcal.setup import Setup
 EDGE = 2  # samples beside a move that are left to the polynomial
 WANDER = 2e-3  # rad: what a readout covers within a stop; more is a slow move, or the turning point of an oscillation
 WIDTHS = (5, 7, 9, 11, 15, 19, 25, 33, 41)  # samples of the local quartics: those that leave no more than the readout's own noise
-PLACES = (0.0, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)  # in a window, of the sample whose rate it tells
+AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
+BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 
 
 @dataclass(frozen=True)
@@ -192,17 +194,18 @@ def _by_best_windows(u: Array, level: float) -> tuple[Array, Array]:
     """First and second derivative, per sample, of the quartics of the best windows, (n,): the narrowest one when none fits."""
     n = len(u)
     first, second = _weights(WIDTHS[0], WIDTHS[0] // 2)
-    v, a = _centred(u, first), _centred(u, second)
-    best = np.full(n, first @ first)
-    for width in (w for w in WIDTHS[1:] if w < n):
-        fits = _misfit_of_quartics(u, width) <= level * (1 + 1 / np.sqrt(2 * (width - 5)))
-        for place in sorted({round(share * (width - 1)) for share in PLACES}):
+    v, a, variance = _centred(u, first), _centred(u, second), np.full(n, first @ first)
+    fits = {w: _misfit_of_quartics(u, w) <= level * (1 + 1 / np.sqrt(2 * (w - 5))) for w in WIDTHS[1:] if w < n}
+    for places in (AROUND, BESIDE):
+        wanted = np.ones(n, bool) if places is AROUND else variance == variance.max()
+        for (width, fit), share in product(fits.items(), places):
+            place = round(share * (width - 1))
             first, second = _weights(width, place)
             rows = slice(place, n - width + 1 + place)
-            better = fits & (first @ first < best[rows])
+            better = fit & wanted[rows] & (first @ first < variance[rows])
             v[rows] = np.where(better, np.convolve(u, first[::-1], mode="valid"), v[rows])
             a[rows] = np.where(better, np.convolve(u, second[::-1], mode="valid"), a[rows])
-            best[rows] = np.where(better, first @ first, best[rows])
+            variance[rows] = np.where(better, first @ first, variance[rows])
     return v, a
 
 

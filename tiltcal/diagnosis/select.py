@@ -114,19 +114,15 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
     while len(findings(account)) < MOST and patience:
         trial = settle(replace(account, terms=account.terms + waiting), ledger)
         rivals = best_explanation(trial, ledger, _outside(wanted, frozenset(banned)))
-        if not rivals:
-            if not waiting and not within:
+        if not rivals:  # look again in another noise: without those who wait, then within the stops
+            if waiting:
+                noise: list[NoiseFit] | None = gate.noise(settle(account, ledger), ledger)
+            else:
+                noise, within = noise_within_stops(account, ledger) if within else None, False
+            if noise is None:
                 break
-            if not waiting:
-                within = False
-                still = noise_within_stops(account, ledger)
-                if still is None:
-                    break
-                ledger.under(models(still))
-                account = settle(account, ledger)
-                continue
             waiting = ()
-            ledger.under(models(gate.noise(settle(account, ledger), ledger)))
+            ledger.under(models(noise))
             account = settle(account, ledger)
             continue
         own = [r for r in rivals if r.own >= OWN and r.worth > NEARLY * rivals[0].worth]

@@ -141,7 +141,7 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
     return [{key[id]: value} for value in grids[id]] if id in grids else [{}]
 
 
-FORMLESS = ("acc_angle_bias", "adc_inl")  # laws of nobody's form
+FORMLESS = ("acc_angle_bias", "adc_inl", "floor_tilt_drift")  # laws of nobody's form, or of any
 STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step", "data_drop")
 
 

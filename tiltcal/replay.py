@@ -194,10 +194,11 @@ def _by_best_windows(u: Array, level: float) -> tuple[Array, Array]:
     """First and second derivative, per sample, of the quartics of the best windows, (n,): the narrowest one when none fits."""
     n = len(u)
     first, second = _weights(WIDTHS[0], WIDTHS[0] // 2)
-    v, a, variance = _centred(u, first), _centred(u, second), np.full(n, first @ first)
+    v, a, narrowest = _centred(u, first), _centred(u, second), float(first @ first)
+    variance = np.full(n, narrowest)
     fits = {w: _misfit_of_quartics(u, w) <= level * (1 + 1 / np.sqrt(2 * (w - 5))) for w in WIDTHS[1:] if w < n}
     for places in (AROUND, BESIDE):
-        wanted = np.ones(n, bool) if places is AROUND else variance == variance.max()
+        wanted = np.ones(n, bool) if places is AROUND else variance == narrowest
         for (width, fit), share in product(fits.items(), places):
             place = round(share * (width - 1))
             first, second = _weights(width, place)

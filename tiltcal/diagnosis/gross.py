@@ -9,7 +9,7 @@ from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.columns import changed, column_values
 from tiltcal.diagnosis.faults import Fault, noise_of
 from tiltcal.diagnosis.observations import Observations, TableObservations
-from tiltcal.diagnosis.rests import inner, known_stops
+from tiltcal.diagnosis.rests import Mask, inner, known_stops
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 from tiltcal.motion import Index
@@ -45,7 +45,7 @@ def gross_errors(
     return [_fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known], tuple(repaired)
 
 
-def _at_an_end(stop: Index, rows: Index) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+def _at_an_end(stop: Index, rows: Index) -> Mask:
     """Rows where a move begins or ends, (n,): a jerk there is the table's, or the body's."""
     changes = np.flatnonzero(np.diff(stop) != 0)
     near = np.zeros(len(stop) + 2 * ENDS, bool)

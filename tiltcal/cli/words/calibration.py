@@ -1,6 +1,6 @@
 """calibrate, correct, export, check, segments, noise: from a recording to a calibration."""
 
-from tiltcal.cli.words.commands import Commands, output_option, scenario_option
+from tiltcal.cli.words.commands import Commands, output_option, scenario_option, segments_option
 
 
 def add(commands: Commands) -> None:
@@ -31,7 +31,7 @@ def _calibrate(commands: Commands) -> None:
         metavar="KEY=VALUE",
         help="of the method; may stand several times",
     )
-    sub.add_argument("--segments", metavar="SEG.csv", help="dwells as `tiltcal segments` writes them, edited")
+    segments_option(sub)
     sub.add_argument(
         "--budget", action="store_true", help="the uncertainty budget as well: sources of [[budget]], or the usual ones"
     )
@@ -70,7 +70,7 @@ def _check(commands: Commands) -> None:
     sub.add_argument("recording", metavar="REC")
     scenario_option(sub)
     sub.add_argument("--limit-arcsec", type=float, metavar="X", help="largest rms error that is good enough")
-    sub.add_argument("--segments", metavar="SEG.csv", help="dwells as `tiltcal segments` writes them, edited")
+    segments_option(sub)
 
 
 def _segments(commands: Commands) -> None:

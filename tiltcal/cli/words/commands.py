@@ -40,3 +40,15 @@ def scenario_option(sub: argparse.ArgumentParser, required: bool = True) -> None
 def output_option(sub: argparse.ArgumentParser, help: str, metavar: str = "FILE", **more: Any) -> None:
     """Where the result goes."""
     sub.add_argument("-o", "--output", metavar=metavar, help=help, **more)
+
+
+def segments_option(sub: argparse.ArgumentParser) -> None:
+    """Dwells in place of those that would be found."""
+    sub.add_argument("--segments", metavar="SEG.csv", help="dwells as `tiltcal segments` writes them, edited")
+
+
+def angles_option(sub: argparse._ActionsContainer) -> None:
+    """Where the axes may go."""
+    sub.add_argument(
+        "--angles", action="append", default=[], metavar="AXIS=LOW:HIGH", help="allowed angles of an axis, deg; may be repeated"
+    )

@@ -2,7 +2,7 @@
 
 import argparse
 
-from tiltcal.cli.words.commands import Commands, output_option
+from tiltcal.cli.words.commands import Commands, angles_option, output_option
 
 Group = argparse._ArgumentGroup
 
@@ -59,9 +59,7 @@ def _table_time(group: Group) -> None:
     group.add_argument(
         "--dwell-s", type=float, nargs=2, default=(5.0, 60.0), metavar=("LEAST", "MOST"), help="of reading (default 5 60)"
     )
-    group.add_argument(
-        "--angles", action="append", default=[], metavar="AXIS=LOW:HIGH", help="allowed angles of an axis, deg; may be repeated"
-    )
+    angles_option(group)
     group.add_argument("--step-deg", type=float, default=0.0, help="angles are multiples of this (default: any)")
     group.add_argument("--floor-ug", type=float, default=20.0, help="what no averaging removes from a pose mean (default 20)")
 

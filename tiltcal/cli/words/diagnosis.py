@@ -2,7 +2,7 @@
 
 import argparse
 
-from tiltcal.cli.words.commands import Commands, output_option, scenario_option
+from tiltcal.cli.words.commands import Commands, angles_option, output_option, scenario_option
 
 
 def add(commands: Commands) -> None:
@@ -61,6 +61,4 @@ def _block_limits(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--block-min", type=float, default=3.0, help="minutes of table time of one block at most (default 3)")
     sub.add_argument("--rate-deg-s", type=float, default=30.0, help="of moves; turns go up to twice of it (default 30)")
     sub.add_argument("--dwell-s", type=float, default=3.0, help="at each pose (default 3)")
-    sub.add_argument(
-        "--angles", action="append", default=[], metavar="AXIS=LOW:HIGH", help="allowed angles of an axis, deg; may be repeated"
-    )
+    angles_option(sub)

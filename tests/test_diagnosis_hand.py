@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dossier import rewritten
 from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
 from tiltcal.assets import folder
+from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.carrying import Carried, Windows, turns_between
 from tiltcal.diagnosis.curves import LAGS, lags_of
 from tiltcal.diagnosis.diagnose import diagnose
@@ -177,6 +179,19 @@ def test_a_long_log_keeps_its_rests_when_they_are_averaged():
     name = "accel_x_m_s2"
     for k in range(stop.max() + 1):
         assert abs(short.column(name)[stop == k].mean() - log.column(name)[before == k].mean()) < 0.005
+
+
+def test_gross_errors_are_looked_for_in_the_log_as_it_came():
+    """Rows and rests of the log itself, not of the shorter one that its averages make."""
+    log = long_log()
+    x = log.column("accel_x_m_s2").copy()
+    hit = 500 * np.arange(40) + 200  # in the middle of each rest
+    x[hit] += 0.5
+    bench = prepare(TRIADS.model_copy(update={"effect": ()}), [rewritten(log, accel_x_m_s2=x)])
+    assert len(bench.observations.recordings[0]) < len(log)
+    (fault,) = [f for f in bench.faults if f.effect.id == "data_outlier"]
+    assert fault.axes == ("x",)
+    assert fault.effect.value("share") == pytest.approx(40 / inner(log.time, known_stops(log)).sum(), rel=0.02)
 
 
 def test_the_edges_of_rests_are_not_at_rest():

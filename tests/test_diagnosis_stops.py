@@ -84,7 +84,7 @@ def test_a_jerk_where_a_move_ends_is_no_gross_error():
     truth = bench()
     sound = recorded(truth, 4)
     found = prepare(honest(truth), [sound])
-    stop = found.observations.stops_at(0)
+    stop = found.observations.stops[0]
     begins = np.flatnonzero((stop[1:] >= 0) & (stop[:-1] < 0)) + 1
     x = sound.column("accel_x_m_s2").copy()
     x[begins[::3]] += 0.05

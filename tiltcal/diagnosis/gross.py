@@ -1,6 +1,6 @@
 """Gross errors: single values far off their neighbours, in what the table's motion leaves over or in the columns themselves."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -32,11 +32,13 @@ def gross_errors(
     scenario = observations.scenario
     heavy = TAIL if scenario.rig.axes or scenario.sensors("fog") else TOUCHED
     repaired = list(observations.sources)
+    together = zip(observations.sources, observations.recordings, observations.stops, strict=True)
+    stops = [stop if used is source else known_stops(source) for source, used, stop in together]
     seen: dict[str, list[tuple[str, float, float, int]]] = {}
-    for number, sensor, axis, rows, values in _signals(observations, account):
+    for number, sensor, axis, rows, values in _signals(observations, stops, account):
         if sensor in coarse:
             continue
-        off = np.where(_at_an_end(observations.stops_at(number), rows), 0.0, off_neighbours(values))
+        off = np.where(_at_an_end(stops[number], rows), 0.0, off_neighbours(values))
         far, tail = off > GROSS, (off > 4) & (off <= GROSS)
         if far.sum() > 3 + heavy * tail.sum() and np.median(off[far]) > GROSS + 2:
             seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
@@ -54,7 +56,7 @@ def _at_an_end(stop: Index, rows: Index) -> Mask:
     return near[ENDS:-ENDS][rows]
 
 
-def _signals(observations: Observations, account: Account) -> Iterator[tuple[int, str, str, Index, Array]]:
+def _signals(observations: Observations, stops: Sequence[Index], account: Account) -> Iterator[tuple[int, str, str, Index, Array]]:
     """Recording, sensor, axis, rows and values of everything that may hold a gross error."""
     if isinstance(observations, TableObservations):
         for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
@@ -70,7 +72,7 @@ def _signals(observations: Observations, account: Account) -> Iterator[tuple[int
                 for axis in sensor.axes:
                     rows, _, values = column_values(recording, sensor, axis)
                     if sensor.is_accelerometer or not predicted:  # a hand that moves it shakes and knocks it; a FOG tells
-                        still = inner(recording.time, known_stops(recording))[rows]
+                        still = inner(recording.time, stops[number])[rows]
                         rows, values = rows[still], values[still]
                     yield number, sensor.name, axis, rows, values
 

@@ -68,6 +68,7 @@ class Observations(ABC):
     known: tuple[Effect, ...]
     channels: tuple[Channel, ...]
     stops: list[Index]
+    """Number of the stop of each row of each recording, -1 while moving, (n,)."""
 
     @abstractmethod
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
@@ -107,10 +108,6 @@ class Observations(ABC):
             fit: white, flicker and walk as its spectrum has them.
         """
         return fit
-
-    def stops_at(self, number: int) -> Index:
-        """Number of the stop of each row of a recording, -1 while moving, (n,)."""
-        return self.stops[number]
 
     def residuals(self, effects: Sequence[Effect]) -> list[Array]:
         """Measured minus predicted, (n,) each; 0 where a loss of samples leaves nothing to predict."""

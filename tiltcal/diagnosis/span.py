@@ -69,7 +69,7 @@ def span_of(observations: Observations, lines: Lines) -> Span:
         known = ranges.get(f"{channel.sensor}_input", (low, high))
         ranges[f"{channel.sensor}_input"] = (min(low, known[0]), max(high, known[1]))
     g = observations.scenario.site.gravity
-    stops = [observations.stops_at(k) for k in range(len(observations.recordings))]
+    stops = observations.stops
     if any((stop >= 0).any() and (stop < 0).any() for stop in stops):
         ranges["since_move"] = (0.0, max(_longest_rest(r.time, s) for r, s in zip(observations.recordings, stops, strict=True)))
         ranges["moves"] = (0.0, float(max(stop.max() for stop in stops)) + 1)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.faults import Fault
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, parse_scenario
@@ -62,3 +64,8 @@ def rewritten(recording: Recording, **columns: np.ndarray) -> Recording:
     """A copy with some columns replaced."""
     kept = {n: columns.get(n, recording.column(n)) for n in recording.column_names}
     return Recording.from_columns(recording.time, kept, labels=recording.labels, metadata=recording.metadata)
+
+
+def faults_of(truth: Scenario, recording: Recording) -> dict[str, Fault]:
+    """Faults of the data that a diagnosis mends before any physics, by id."""
+    return {f.effect.id: f for f in prepare(honest(truth), [recording]).faults}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dossier import bench, honest, recorded, rewritten
+from dossier import bench, faults_of, honest, recorded, rewritten
 
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.meaning import meaning
@@ -18,10 +18,6 @@ def truth():
 @pytest.fixture(scope="module")
 def sound(truth):
     return recorded(truth, 5)
-
-
-def faults_of(truth, recording):
-    return {f.effect.id: f for f in prepare(honest(truth), [recording]).faults}
 
 
 def x_of(recording):

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, settle
-from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant
+from tiltcal.diagnosis.bits import with_bits
+from tiltcal.diagnosis.columns import MASKED, MEANINGS, as_meant, written
 from tiltcal.diagnosis.evidence import Ledger, cosines
 from tiltcal.diagnosis.faults import Fault, inspect
 from tiltcal.diagnosis.floors import code_floors
@@ -23,6 +24,8 @@ from tiltcal.frames import Array
 from tiltcal.poses import group_directions
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario
+
+PASSES = 5  # of putting missing bits back
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     observations = observe(scenario, sound, known)
     ledger = Ledger(observations)
     bench = Bench(observations, ledger, calibrated(observations, ledger), tuple(faults), tuple(notes), floors)
+    bench = _with_bits(bench, known)
     if not floors and "data_drop" not in stated:
         losses, moved = lost_samples(bench.observations, bench.start)
         bench = bench.over(observe(scenario, moved, known), *losses) if losses else bench
@@ -68,6 +72,19 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     if any(a is not b for a, b in zip(mended, bench.observations.sources, strict=True)):
         bench = bench.over(observe(scenario, mended, known), *wild)
     return bench if floors else _with_right_stops(bench, known, "data_pose_label" in stated)
+
+
+def _with_bits(bench: Bench, known: Sequence[Effect]) -> Bench:
+    """Bits that are never set put back, again and again as long as a better fit, which they spoil, moves some."""
+    bits = {(f.sensors[0], f.axes[0]): f.effect.value("bit_value") for f in bench.faults if f.effect.id == "adc_stuck_bit"}
+    as_came, scenario = bench.observations.sources, bench.observations.scenario
+    columns = [(scenario.named(name), axis) for name, axis in bits]
+    for _ in range(PASSES if bits else 0):
+        before, whole = bench.observations.sources, with_bits(as_came, bench.observations, bench.start, bits)
+        if all(np.array_equal(written(a, *c), written(b, *c), True) for a, b in zip(before, whole, strict=True) for c in columns):
+            break
+        bench = bench.over(observe(scenario, whole, known))
+    return bench
 
 
 def _with_right_stops(bench: Bench, known: Sequence[Effect], stated: bool) -> Bench:

@@ -21,6 +21,11 @@ def column_values(recording: Recording, sensor: Sensor, axis: str) -> tuple[Inde
     return samples.rows[there], samples.time[there], values[there]
 
 
+def written(recording: Recording, sensor: Sensor, axis: str) -> Array:
+    """A channel as the file has it, in the file's unit, (n,); NaN where it was not sampled."""
+    return recording.column(str(recording.channel(f"{sensor.name}_{axis}")))
+
+
 def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
     """A copy with these columns in place of its own."""
     return Recording.from_columns(
@@ -29,8 +34,8 @@ def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
     )  # fmt: skip
 
 
-def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float) -> Recording:
-    """A copy with some rows of a channel set to a value as written (NaN: not sampled)."""
+def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float | Array) -> Recording:
+    """A copy with some rows of a channel set to a value, or one each, as written (NaN: not sampled)."""
     if not len(rows):
         return recording
     name = str(recording.channel(f"{sensor.name}_{axis}"))
@@ -61,6 +66,13 @@ def without_readout(recording: Recording, rows: Index) -> Recording:
     return _rewritten(recording, columns)
 
 
+def at_least(k: int, n: int, p: float) -> float:
+    """Chance of k or more of n when each has the chance p."""
+    from scipy.special import betainc
+
+    return float(betainc(k, n - k + 1, p)) if k > 0 else 1.0
+
+
 def repeat_chance(values: Array) -> float:
     """Chance that two independent samples of a noisy column fall on the same code."""
     second = values[2:] - 2 * values[1:-1] + values[:-2]
@@ -73,11 +85,12 @@ def repeat_chance(values: Array) -> float:
     return float(min(width / (2 * noise * np.sqrt(np.pi)), 1.0))
 
 
+CHANCE = 1e-6  # of a fault in a sound recording
 MEANINGS = ("data_unit", "data_sign", "data_hand", "data_axis_swap")
 """What is undone in the columns."""
 MASKED = (
     "data_stuck", "data_outlier", "emi_spike", "data_duplicate", "acc_saturation", "gyr_saturation", "adc_quantisation",
-    "gyr_quantisation", "data_pose_label",
+    "gyr_quantisation", "data_pose_label", "adc_stuck_bit",
 )  # fmt: skip
 """What is taken out of the recording sample by sample: the model need not hold it."""
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tiltcal.codes import code_grid, code_width
-from tiltcal.diagnosis.columns import changed, column_values, repeat_chance
+from tiltcal.diagnosis.bits import stuck_bit
+from tiltcal.diagnosis.columns import CHANCE, at_least, changed, column_values, repeat_chance, written
 from tiltcal.diagnosis.finding import Finding, Where
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -20,8 +21,6 @@ from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario
 from tiltcal.segments import Mask
 from tiltcal.setup import Sensor
-
-CHANCE = 1e-6  # of a fault in a sound recording
 
 
 @dataclass(frozen=True)
@@ -91,6 +90,9 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
             recording, found = _coarse(recording, sensor)
             faults += [f for f in found if (f.effect.id, f.effect.sensor) not in known]
             fine = [a for a in sensor.axes if all(a not in f.axes for f in found)]  # a coarse code stands still, and ends flat
+            if ("adc_stuck_bit", sensor.name) not in known:
+                lacking = _lacking_bits(recording, sensor, fine)
+                faults, fine = faults + lacking, [a for a in fine if all(a not in f.axes for f in lacking)]
             for look in (_stuck, _clipped, _repeated):
                 recording, found = look(recording, sensor, fine)
                 faults += [f for f in found if (f.effect.id, f.effect.sensor) not in known]
@@ -162,6 +164,24 @@ def _at_end(values: Array, value: float) -> bool:
     return bool(value in (values.max(), values.min()))
 
 
+def _lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> list[Fault]:
+    """Channels of a sensor with a bit that is never set, in what the file holds, whatever its zero and unit."""
+    found = []
+    for axis in fine:
+        rows, _, values = column_values(recording, sensor, axis)
+        if repeat_chance(values) > FLAT:
+            continue
+        codes = written(recording, sensor, axis)[rows]
+        if (bit := stuck_bit(codes)) is None:
+            continue
+        span = float(np.ptp(values))
+        bit *= span / float(np.ptp(codes))
+        effect = CATALOGUE["adc_stuck_bit"]({"bit_value": bit}, sensor.name, axis, "found")
+        words = f"In {sensor.name} {axis} the bit worth {bit:.4g} (SI) is never set: half of all codes are missing."
+        found.append(Fault(effect, (sensor.name,), (axis,), words, sigma={"bit_value": bit**2 / span}))
+    return found
+
+
 def _clipped(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
     """A channel whose noise ends at its largest or smallest value."""
     found = []
@@ -202,13 +222,6 @@ def noise_of(values: Array) -> float:
     return float(max(1.4826 * np.median(np.abs(second)) / np.sqrt(6), code_width(values) / np.sqrt(12), 1e-15))
 
 
-def _at_least(k: int, n: int, p: float) -> float:
-    """Chance of k or more of n when each has the chance p."""
-    from scipy.special import betainc
-
-    return float(betainc(k, n - k + 1, p)) if k > 0 else 1.0
-
-
 def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
     """Samples that repeat the one before more often than their codes explain."""
     again, expected, columns = [], [], []
@@ -219,7 +232,7 @@ def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tupl
         expected.append(min(repeat_chance(values), 1.0))
     hit = [
         k for k, (a, p) in enumerate(zip(again, expected, strict=True))
-        if len(a) > 64 and _at_least(int(a.sum()), len(a), min(1.5 * p, 1.0)) < CHANCE and a.mean() > 1.5 * p + 5e-4
+        if len(a) > 64 and at_least(int(a.sum()), len(a), min(1.5 * p, 1.0)) < CHANCE and a.mean() > 1.5 * p + 5e-4
     ]  # fmt: skip
     if not hit:
         return recording, []

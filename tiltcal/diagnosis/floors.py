@@ -19,6 +19,8 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
         if fault.effect.id in ("adc_quantisation", "gyr_quantisation"):
             for name in fault.sensors:
                 floors[name] = max(floors.get(name, 0.0), fault.effect.value("lsb"))
+        if fault.effect.id == "adc_stuck_bit" and not scenario.rig.axes:  # nothing but a table tells which readings lack it
+            floors[fault.sensors[0]] = max(floors.get(fault.sensors[0], 0.0), fault.effect.value("bit_value"))
         if fault.effect.id == "data_truncation":
             for sensor in scenario.sensor:
                 size = scenario.site.gravity if sensor.kind == "accelerometer" else 1.0

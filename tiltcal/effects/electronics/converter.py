@@ -104,6 +104,7 @@ class GyrQuantisation(AdcQuantisation):
 
 class AdcStuckBit(SignalEffect):
     id = "adc_stuck_bit"
+    channel_wise = True
     needs = "any"
     stage = "electronics"
     kinds = ANALOG
@@ -111,14 +112,18 @@ class AdcStuckBit(SignalEffect):
     title = "missing codes, stuck bit"
     parameters = (Parameter("bit_value", "si", (1e-4, 1e-3, 1e-2), positive=True),)
     physics = "A line of the interface or a comparator is stuck: one bit always reads 0."
-    equation = "reading -= bit where floor(reading / bit) is odd"
+    equation = "reading -= bit where floor(reading / bit) is odd, on one axis where one is named"
     source = "effects list; PHYSICS 3.6"
     excited_by = "readings that use the bit"
     look = "half of all codes missing, jumps by one bit"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         bit = self.value("bit_value")
-        return reading - bit * np.mod(np.floor(reading / bit), 2.0) if bit > 0 else reading
+        if bit > 0:
+            reading = reading.copy()
+            channels = slice(None) if self.axis is None else [TermEffect.channel_of(self.axis, sense)]
+            reading[:, channels] -= bit * np.mod(np.floor(reading[:, channels] / bit), 2.0)
+        return reading
 
 
 class AdcCrosstalk(SignalEffect):

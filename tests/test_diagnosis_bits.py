@@ -1,0 +1,61 @@
+"""A bit that always reads 0 is told from the codes alone, and put back by what the table's motion says."""
+
+import numpy as np
+import pytest
+from dossier import bench, faults_of, honest, recorded, rewritten
+from statistics_helpers import rng_of
+
+from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.bits import stuck_bit
+
+LSB = 5e-4  # m/s2
+
+
+def swept(rng, n=6000):
+    """A quarter of a turn and back with rests, in m/s2, noisy."""
+    angle = np.pi / 2 * np.clip(1.4 * np.sin(np.linspace(0, 4 * np.pi, n)), -1, 1)
+    return 9.8 * np.sin(angle) + rng.normal(0, 2 * LSB, n)
+
+
+def in_codes(values, bit=None, magnitude=False):
+    """Codes of values, without the bit of that number: by the converter's own logic."""
+    codes = np.rint(values / LSB).astype(np.int64)
+    if bit is not None:
+        mask = ~np.int64(1 << bit)
+        codes = np.sign(codes) * (np.abs(codes) & mask) if magnitude else codes & mask
+    return codes * LSB
+
+
+@pytest.mark.parametrize("magnitude", [False, True], ids=["two's complement", "magnitude with a sign"])
+@pytest.mark.parametrize("number", [4, 6, 8])
+def test_a_bit_that_is_never_set_is_told_from_the_codes(number, magnitude):
+    values = in_codes(swept(rng_of(f"bit {number} {magnitude}")), number, magnitude)
+    assert stuck_bit(values) == pytest.approx(LSB * 2**number, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_sound_codes_lack_none(seed):
+    rng = rng_of(f"sound {seed}")
+    assert stuck_bit(in_codes(swept(rng))) is None
+    rests = np.repeat(rng.uniform(-9.8, 9.8, 24), 100)  # rests say no more than their number
+    assert stuck_bit(in_codes(rests + rng.normal(0, 2 * LSB, len(rests)))) is None
+
+
+@pytest.mark.parametrize("magnitude", [False, True], ids=["two's complement", "magnitude with a sign"])
+def test_a_missing_bit_is_put_back(magnitude):
+    truth = bench()
+    sound = recorded(truth, 5)
+    x = in_codes(sound.column("accel_x_m_s2"))
+    found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=in_codes(x, 5, magnitude))])
+    (fault,) = found.faults
+    assert (fault.effect.id, fault.axes) == ("adc_stuck_bit", ("x",))
+    assert fault.effect.value("bit_value") == pytest.approx(32 * LSB, abs=3 * fault.sigma["bit_value"])
+    whole = found.observations.sources[0].column("accel_x_m_s2")
+    assert np.mean(np.abs(whole - x) < 0.1 * LSB) > 0.999
+
+
+def test_the_simulated_fault_is_found():
+    truth = bench({"id": "adc_stuck_bit", "sensor": "accel", "axis": "z", "bit_value_si": 0.02})
+    fault = faults_of(truth, recorded(truth, 6))["adc_stuck_bit"]
+    assert fault.axes == ("z",)
+    assert fault.effect.value("bit_value") == pytest.approx(0.02, rel=1e-3)

@@ -1,0 +1,99 @@
+"""A bit that always reads 0: half of all codes never occur, in cycles of twice the bit, wherever the readings go.
+
+Which readings lack the bit only a prediction tells: it is put back where that brings a reading nearer to what the table's
+motion says.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tiltcal.codes import code_width
+from tiltcal.diagnosis.account import Account
+from tiltcal.diagnosis.columns import CHANCE, at_least, changed, written
+from tiltcal.diagnosis.observations import Observations
+from tiltcal.frames import Array
+from tiltcal.recording import Recording
+from tiltcal.segments import Mask
+
+FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
+IN_A_BIT = 4  # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
+CYCLES = 4  # of the bit in the range of the readings, at least
+LIKE_HALF = 0.5  # mean sine of the phase; 2 / pi where only the lower half of each cycle occurs, 0 by chance
+TRIES = 5  # of the most likely bits
+LEAST = 64  # values
+
+
+def stuck_bit(values: Array) -> float | None:
+    """The bit that is never set in these values, (n,), in their unit: codes in two's complement, or magnitudes with a sign."""
+    for codes in (values, np.abs(values)) if values.min() < 0 else (values,):
+        if (bit := _never_set(codes)) is not None:
+            return bit
+    return None
+
+
+def _never_set(values: Array) -> float | None:
+    """The bit, if a bit of floor(values / bit) is 0 in more cycles than chance allows."""
+    from scipy.fft import next_fast_len, rfft
+
+    span, width = float(np.ptp(values)), code_width(values)
+    cell = max(width, FINEST * span / IN_A_BIT)
+    if len(values) < LEAST or width == 0 or span < 2 * CYCLES * IN_A_BIT * cell:
+        return None
+    place = ((values - values.min()) / cell).astype(np.intp)
+    taken = np.zeros(int(place.max()) + 1)
+    taken[place] = 1.0  # each value once: rests say no more than moves
+    n = next_fast_len(4 * len(taken), real=True)
+    frequency = np.arange(n // 2 + 1) / (n * cell)  # 1 / (2 bit)
+    turned = rfft(taken, n) * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))
+    alike = -turned.imag / taken.sum()
+    alike[(frequency < CYCLES / span) | (frequency > 1 / (2 * IN_A_BIT * cell))] = 0.0
+    for k in np.argsort(alike)[::-1][:TRIES]:
+        if alike[k] < LIKE_HALF:
+            break
+        near = frequency[k] + np.linspace(-1, 1, 201) / (n * cell)
+        best = min(near, key=lambda f: int(_set(values, f, width).sum()))
+        cycle = np.floor(values * best)
+        visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
+        if at_least(visited - odd, visited, 0.5) * len(frequency) < CHANCE:
+            return float(1 / (2 * best))
+    return None
+
+
+def _set(values: Array, frequency: float, width: float) -> Mask:
+    """Whether the bit would be set, of codes whose digits a file has rounded, (n,)."""
+    return np.mod((values + width / 4) * frequency, 1.0) >= 0.5
+
+
+def with_bits(
+    recordings: Sequence[Recording], observations: Observations, account: Account, bits: Mapping[tuple[str, str], float]
+) -> tuple[Recording, ...]:
+    """The recordings with each missing bit put back where the account, fitted to ``observations`` of them, says that it was set.
+
+    The first time it is still missing there, and the account goes between the readings with it and those without.
+
+    Args:
+        bits: SI, by sensor and axis.
+    """
+    restored = list(recordings)
+    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        if (bit := bits.get((channel.sensor, channel.axis))) is None:
+            continue
+        k, sensor = channel.recording, observations.scenario.named(channel.sensor)
+        before = written(recordings[k], sensor, channel.axis)[channel.rows]
+        now = written(observations.sources[k], sensor, channel.axis)[channel.rows]
+        unit = float(np.ptp(channel.values) / np.ptp(now))  # SI
+        side = np.ones(len(r))
+        if _with_sign(before, bit / unit):  # what lacks its bit may read nothing, of either sign
+            side = np.sign(np.where(before == 0, channel.values - r, before))
+        lacks = side * (unit * (now - before) - r) / bit  # 0 where the bit was not set, 1 where it was
+        between = 0.5 if np.any(now != before) else float(np.quantile(lacks, [0.05, 0.95]).mean())
+        whole = before + np.where(lacks > between, side * bit / unit, 0.0)
+        restored[k] = changed(restored[k], sensor, channel.axis, channel.rows, whole)
+    return tuple(restored)
+
+
+def _with_sign(codes: Array, bit: float) -> bool:
+    """Whether these codes are magnitudes with a sign: their bit is never set, that of a two's complement is."""
+    width = code_width(codes)
+    return bool(_set(np.abs(codes), 1 / (2 * bit), width).mean() < _set(codes, 1 / (2 * bit), width).mean())

@@ -27,7 +27,7 @@ def in_codes(values, bit=None, magnitude=False):
 
 
 @pytest.mark.parametrize("magnitude", [False, True], ids=["two's complement", "magnitude with a sign"])
-@pytest.mark.parametrize("number", [4, 6, 8])
+@pytest.mark.parametrize("number", [4, 5, 6, 7, 8])
 def test_a_bit_that_is_never_set_is_told_from_the_codes(number, magnitude):
     values = in_codes(swept(rng_of(f"bit {number} {magnitude}")), number, magnitude)
     assert stuck_bit(values) == pytest.approx(LSB * 2**number, rel=1e-3)

@@ -20,6 +20,7 @@ FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
 IN_A_BIT = 4  # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
 CYCLES = 4  # of the bit in the range of the readings, at least
 LIKE_HALF = 0.5  # mean sine of the phase; 2 / pi where only the lower half of each cycle occurs, 0 by chance
+ZOOMS = 4  # of eight times each
 TRIES = 5  # of the most likely bits
 LEAST = 64  # values
 
@@ -51,13 +52,21 @@ def _never_set(values: Array) -> float | None:
     for k in np.argsort(alike)[::-1][:TRIES]:
         if alike[k] < LIKE_HALF:
             break
-        near = frequency[k] + np.linspace(-1, 1, 201) / (n * cell)
-        best = min(near, key=lambda f: int(_set(values, f, width).sum()))
+        best = _least_set(values, float(frequency[k]), 1 / (n * cell), width)
         cycle = np.floor(values * best)
         visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
         if at_least(visited - odd, visited, 0.5) * len(frequency) < CHANCE:
             return float(1 / (2 * best))
     return None
+
+
+def _least_set(values: Array, frequency: float, reach: float, width: float) -> float:
+    """The frequency within reach at which the bit would be set least often, closer and closer: where it never is is narrow."""
+    for _ in range(ZOOMS):
+        near = frequency + np.linspace(-reach, reach, 33)
+        often = np.array([np.count_nonzero(_set(values, f, width)) for f in near])
+        frequency, reach = float(near[often == often.min()].mean()), reach / 8
+    return frequency
 
 
 def _set(values: Array, frequency: float, width: float) -> Mask:

@@ -5,6 +5,7 @@ import pytest
 from dossier import bench, faults_of, honest, recorded, rewritten
 
 from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.faults import inspect
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.recording import Recording
 from tiltcal.scenario import parse_scenario
@@ -179,3 +180,64 @@ def test_random_stamps_are_found_first_and_what_they_spoil_is_left_out(truth, so
     found = prepare(honest(truth), [rewritten(sound, **columns)])
     assert [f.effect.id for f in found.faults] == ["data_jitter"]
     assert found.observations.samples < 3 * len(sound.time)
+
+
+def upright_turns():
+    """Turns of a three-axis table about the upright axis: gravity sees none of it."""
+    steps = [{"action": "move", "outer_deg": a, "middle_deg": 0.0, "inner_deg": 0.0, "rate_deg_s": 40.0, "dwell_s": 3.0}
+             for a in (0, 90, 30, 180, 60, 150, 10, 120)]  # fmt: skip
+    return parse_scenario({
+        "schema": 1, "name": "turns", "site": {"gravity_m_s2": 9.81, "latitude_deg": 40.0},
+        "rig": {"table": "three"},
+        "sensor": [{"name": "s", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale"]}],
+        "effect": [{"id": "gyr_noise", "sensor": "s", "white_deg_rth": 0.2}], "sequence": steps,
+    })  # fmt: skip
+
+
+def test_an_angle_that_jumps_where_the_gyro_does_not_is_a_wrong_label():
+    """About the upright axis no stop is off: only the jump of the readout, and a gyro that reads nothing, tell."""
+    truth = upright_turns()
+    sound = recorded(truth, 5)
+    outer = sound.column("table_outer_deg").copy()
+    stop = prepare(honest(truth), [sound]).observations.courses[0].stop
+    outer[stop == 3] += 0.3
+    (fault,) = prepare(honest(truth), [rewritten(sound, table_outer_deg=outer)]).faults
+    assert (fault.effect.id, fault.effect.axis) == ("data_pose_label", "outer")
+    assert fault.effect.value("error") == pytest.approx(np.radians(0.3), rel=1e-3)
+    assert fault.effect.value("stop") == 3
+    assert prepare(honest(truth), [sound]).faults == ()
+
+
+def test_a_table_that_truly_jumps_is_believed():
+    """Kicked by 0.3 deg for two seconds: the gyro reads both kicks."""
+    truth = upright_turns()
+    sound = recorded(truth, 5)
+    outer, z = sound.column("table_outer_deg").copy(), sound.column("s_z_deg_s").copy()
+    rows = np.flatnonzero(prepare(honest(truth), [sound]).observations.courses[0].stop == 3)
+    outer[rows] += 0.3
+    for row, way in ((rows[0], 1.0), (rows[-1] + 1, -1.0)):
+        z[row - 1 : row + 1] += way * 0.3 * 50.0 / 2
+    found = prepare(honest(truth), [rewritten(sound, table_outer_deg=outer, s_z_deg_s=z)]).faults
+    assert "data_pose_label" not in {f.effect.id for f in found}
+
+
+@pytest.mark.parametrize(("lever", "names"), [(0.0, {"data_sign", "data_rotation_sense"}), (0.08, {"data_sign"})])
+def test_a_sign_that_gravity_cannot_tell_from_a_sense_of_rotation(lever, names):
+    """Of x = g sin(outer) sin(inner) the sign is that of inner; only what the motion adds off the axes knows better."""
+    truth = bench()
+    stated = truth.model_copy(update={"rig": truth.rig.model_copy(update={"lever_arm_m": (lever, 0.0, lever)})})
+    sound = recorded(stated, 5)
+    (fault,) = meaning(honest(stated), rewritten(sound, accel_x_m_s2=-x_of(sound)))
+    assert fault.effect.id == "data_sign"
+    assert set(fault.names) == names
+
+
+def test_coarse_codes_of_a_gyro_may_be_its_own_or_the_converters():
+    truth = upright_turns()
+    sound = recorded(truth, 5)
+    z = np.rint(sound.column("s_z_deg_s"))
+    (fault,) = prepare(honest(truth), [rewritten(sound, s_z_deg_s=z)]).faults
+    assert set(fault.names) == {"adc_quantisation", "gyr_quantisation"}
+    stated = truth.model_dump(exclude={"effect", "sequence"}, exclude_defaults=True, by_alias=True)
+    known = parse_scenario({"schema": 1, **stated, "effect": [{"id": "gyr_quantisation", "sensor": "s", "lsb_deg_s": 1.0}]})
+    assert inspect(known, [rewritten(sound, s_z_deg_s=z)]).faults == ()

@@ -101,6 +101,13 @@ def test_so_are_those_of_a_fog_beside_a_gyro_triad(fog, id):
     assert_alike(observations, one(observations, id, values, sensor), around)
 
 
+def test_a_late_fog_is_a_gyro_that_is_early(fog):
+    """By hand one delay is the other's advance, to its column: of a whole plausible delay it would bend the other way."""
+    observations = fog[0]
+    late, early = (observations.changes(one(observations, "data_latency", {"latency_ms": 5.0}, s), ())[0] for s in ("fog", "gyro"))
+    assert np.linalg.norm(late + early) < 0.02 * np.linalg.norm(late)
+
+
 def test_all_coefficients_of_a_curve_in_one_pass_are_each_by_itself(triads):
     observations, around = triads
     names = tuple(f"c{k}" for k in range(4))

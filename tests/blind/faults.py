@@ -51,10 +51,8 @@ def sign(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
 
 def swap(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
     """Two channels of a triad change places."""
-    first = [
-        c for c, (s, _) in enumerate(lab.channels) if s == int(rng.integers(len([x for x in lab.sensors if len(x.axes) == 3])))
-    ]
-    a, b = rng.choice(first, 2, replace=False)
+    triad = int(rng.choice([s for s, x in enumerate(lab.sensors) if len(x.axes) == 3]))
+    a, b = rng.choice([c for c, (s, _) in enumerate(lab.channels) if s == triad], 2, replace=False)
     rows.y[:, [a, b]] = rows.y[:, [b, a]]
     return {**_axis(lab, int(a)), "with": _axis(lab, int(b))["axis"]}
 

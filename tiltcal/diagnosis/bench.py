@@ -13,6 +13,7 @@ from tiltcal.diagnosis.faults import Fault, inspect
 from tiltcal.diagnosis.floors import code_floors
 from tiltcal.diagnosis.gross import gross_errors
 from tiltcal.diagnosis.hand import HandObservations
+from tiltcal.diagnosis.jumps import jumps
 from tiltcal.diagnosis.lost import lost_samples
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.diagnosis.observations import Observations, TableObservations, observe
@@ -62,6 +63,10 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     ledger = Ledger(observations)
     bench = Bench(observations, ledger, calibrated(observations, ledger), tuple(faults), tuple(notes), floors)
     bench = _with_bits(bench, known)
+    if not floors:  # first: a jump of the readout is a rate that no sensor had
+        slips, level = jumps(bench.observations, bench.start)
+        said = () if "data_pose_label" in stated else slips
+        bench = bench.over(observe(scenario, level, known), *said) if slips else bench
     if not floors and "data_drop" not in stated:
         losses, moved = lost_samples(bench.observations, bench.start)
         bench = bench.over(observe(scenario, moved, known), *losses) if losses else bench

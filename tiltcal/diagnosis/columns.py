@@ -103,7 +103,7 @@ def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> R
             continue
         samples = recording.sensor(sensor)
         n = len(sensor.axes)
-        P = _matrix(effect, sensor)
+        P = meant_matrix(effect, sensor)
         values = samples.values @ np.linalg.inv(P).T if n > 1 else samples.values / P[0, 0]
         columns = {name: recording.column(name).copy() for name in recording.column_names}
         for k, axis in enumerate(sensor.axes):
@@ -116,7 +116,7 @@ def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> R
     return recording
 
 
-def _matrix(effect: Effect, sensor: Sensor) -> Array:
+def meant_matrix(effect: Effect, sensor: Sensor) -> Array:
     """What an effect of meaning does to the channels of a sensor, (k, k): it is linear."""
     if effect.id == "data_unit":
         return (effect.value("factor") or 1.0) * np.eye(len(sensor.axes))

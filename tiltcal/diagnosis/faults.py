@@ -44,6 +44,11 @@ class Fault:
     names: tuple[str, ...] = ()
     sigma: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def ids(self) -> set[str]:
+        """What it may be."""
+        return {self.effect.id, *self.names}
+
     def finding(self) -> Finding:
         """As a finding."""
         cls = CATALOGUE[self.effect.id]
@@ -88,14 +93,14 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
             if not recording.has(sensor):
                 continue
             recording, found = _coarse(recording, sensor)
-            faults += [f for f in found if (f.effect.id, f.effect.sensor) not in known]
+            faults += [f for f in found if not f.ids & {id for id, name in known if name == sensor.name}]
             fine = [a for a in sensor.axes if all(a not in f.axes for f in found)]  # a coarse code stands still, and ends flat
             if ("adc_stuck_bit", sensor.name) not in known:
                 lacking = _lacking_bits(recording, sensor, fine)
                 faults, fine = faults + lacking, [a for a in fine if all(a not in f.axes for f in lacking)]
             for look in (_stuck, _clipped, _repeated):
                 recording, found = look(recording, sensor, fine)
-                faults += [f for f in found if (f.effect.id, f.effect.sensor) not in known]
+                faults += [f for f in found if not f.ids & {id for id, name in known if name == sensor.name}]
         repaired.append(recording)
     return Inspected(tuple(repaired), tuple(_once(faults)), tuple(notes))
 
@@ -261,15 +266,17 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
         width = code_grid(values) if len(values) >= 64 else None
         spread = _spread_at_rest(values)
         if width is not None and width > COARSE * spread:
-            id = "adc_quantisation" if sensor.is_accelerometer else "gyr_quantisation"
-            found.append((axis, CATALOGUE[id]({"lsb": width}, sensor.name, None, "found"), width, spread))
+            found.append((axis, CATALOGUE["adc_quantisation"]({"lsb": width}, sensor.name, None, "found"), width, spread))
     if not found:
         return recording, []
     still = [a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3]  # one code all along
     axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
     _, effect, width, spread = max(found, key=lambda item: item[2])
     words = f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside its noise."
-    return recording, [Fault(effect, (sensor.name,), axes, words, sigma={"lsb": 1e-3 * width})]
+    names: tuple[str, ...] = ("adc_quantisation",)
+    if not sensor.is_accelerometer:
+        names, words = (*names, "gyr_quantisation"), f"{words[:-1]}: by its own output or by the converter behind it."
+    return recording, [Fault(effect, (sensor.name,), axes, words, names=names, sigma={"lsb": 1e-3 * width})]
 
 
 CUT = 0.002  # deg: no encoder that is worth a calibration has coarser steps, and no noise hides them

@@ -39,6 +39,7 @@ SHAKEN = ("acc_hysteresis",)
 GAUGE = {("acc_cross_axis", f"cross_{pair}") for pair in ("xy", "xz", "yz")}
 """Nothing tells the body's axes but the sensors: x is the accelerometer's own x, and its y has no part along z."""
 FEW = 12  # turns: fewer are no channel
+STEP = 0.01  # of a plausible delay: a whole one is several samples, and would differ from a lag by what it bends
 LONG = 60.0  # s: a rest that long tells drifts from noise
 Predictor = Callable[["_State"], Array]
 Answer = Callable[[Push], Array | None]
@@ -138,11 +139,12 @@ class HandObservations(Observations):
             self._last = (other, self.predict(other))
         found: dict[int, tuple[list[int], Array]] = {}
         for k, name in enumerate(names):
-            alone = replace(effect, values={n: v for n, v in effect.values.items() if n not in names or n == name})
+            alone = replace(effect, values={n: v for n, v in effect.values.items() if n not in names})
+            alone = replace(alone, values={**alone.values, name: STEP * effect.values[name]})
             for i, (new, old) in enumerate(zip(self.predict([*other, alone]), self._last[1], strict=True)):
                 if np.any(new != old):
                     numbers, rows = found.get(i, ([], np.zeros((0, len(old)))))
-                    found[i] = ([*numbers, k], np.vstack([rows, new - old]))
+                    found[i] = ([*numbers, k], np.vstack([rows, (new - old) / STEP]))
         return found
 
     def _hands_under(self, effects: tuple[Effect, ...]) -> list[Hand]:

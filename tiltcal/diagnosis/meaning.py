@@ -1,15 +1,19 @@
 """Columns that do not mean what they say: units, signs, exchanged axes, a table counted the other way.
 
 Every reading of the columns (48 signed permutations of a triad, each axis of the table either way) is compared with the
-model; one that fits far better than the words of the scenario is what the file holds.
+model; one that fits far better than the words of the scenario is what the file holds. To gravity an axis that counts the
+other way is often no more than a sign of a column: what the motion adds tells them apart, or nothing does.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
 
 from tiltcal.chain import readings
+from tiltcal.confusion import SEPARABLE
+from tiltcal.diagnosis.columns import meant_matrix
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -27,6 +31,31 @@ LIKELY = 0.1  # relative: how near to such a factor
 FAR = 9.0  # times the misfit, at least, that the words have to be worse by
 LEAST = 1e-3  # of the square of the largest reading: below it the columns mean what they say
 ROWS = 4000  # compared
+EXACT = 1e-9  # of the largest reading: a recording without noise is no nearer than this
+
+
+@dataclass(frozen=True)
+class Version:
+    """One reading of all columns.
+
+    Args:
+        faults: what the file does in it, first the axes that count the other way.
+        signs: number of axes and columns that are turned round or exchanged in it.
+        misfit: what it leaves of all sensors, over the square of the largest prediction.
+        left: mean square that an affine map of each sensor's predictions leaves of its columns, SI, all columns.
+        rows: that each column was compared in.
+    """
+
+    faults: tuple[Fault, ...]
+    signs: int
+    misfit: float
+    left: Array
+    rows: Array
+
+    def others(self, version: "Version") -> list[Fault]:
+        """Faults of the other that this one does not have."""
+        mine = [f.effect for f in self.faults]
+        return [f for f in version.faults if f.effect not in mine]
 
 
 def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
@@ -40,17 +69,31 @@ def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
         course = restored(replay(recording, scenario, scenario.climate.reference_degC), scenario.effects)
     except TiltcalError:
         return []
-    faults: list[Fault] = []
-    best = _best_sense(scenario, recording, course)
-    for axis in best:
-        effect = CATALOGUE["data_rotation_sense"]({"reversed": 1.0}, None, axis, "found")
-        names = tuple(s.name for s in scenario.sensor)
-        words = f"The {axis} axis of the table is counted the other way."
-        faults.append(Fault(effect, names[:1], tuple(scenario.sensor[0].axes), words, names=_sense_names(scenario)))
-    known_effects = [*scenario.effects, *(f.effect for f in faults)]
-    for sensor in scenario.sensor:
-        if recording.has(sensor):
-            faults += _of_sensor(scenario, recording, course, sensor, known_effects)
+    return _likeliest([_version(scenario, recording, course, axes) for axes in _subsets(scenario.rig.axis_names)])
+
+
+def _subsets(axes: Sequence[str]) -> list[tuple[str, ...]]:
+    """Axes that may count the other way: none first."""
+    return [tuple(a for part in parts for a in part) for parts in product(*[((), (axis,)) for axis in axes])]
+
+
+def _likeliest(versions: Sequence[Version]) -> list[Fault]:
+    """The faults of the plainest of the versions that fit best, with the ids of others as plain that fit as well."""
+    near = [v for v in versions if v.misfit <= FAR * min(v.misfit for v in versions)]
+    words = versions[0]
+    if not words.faults and (words in near or words.misfit < LEAST):
+        return []
+    least = np.min([v.left for v in near], axis=0)
+    worse = [float(np.sum(v.rows * (v.left / least - 1))) for v in near]
+    tied = [v for v, w in zip(near, worse, strict=True) if w < min(worse) + SEPARABLE]
+    told = min(tied, key=lambda v: v.signs)
+    faults = list(told.faults)
+    for other in tied:
+        theirs, mine = told.others(other), other.others(told)
+        if len(theirs) == len(mine) == 1:  # one for one
+            k = faults.index(next(f for f in faults if f.effect == mine[0].effect))
+            names = (*(faults[k].names or (faults[k].effect.id,)), *(theirs[0].names or (theirs[0].effect.id,)))
+            faults[k] = replace(faults[k], names=tuple(dict.fromkeys(names)))
     return faults
 
 
@@ -92,30 +135,39 @@ def _of_factor(k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float
     return faults
 
 
-def _sense_names(scenario: Scenario) -> tuple[str, ...]:
-    if scenario.rig.table == "placing":
-        return ("data_rotation_sense", "data_sign")  # turning back and x upside down are the same on one axis
-    return ("data_rotation_sense",)
-
-
-def _best_sense(scenario: Scenario, recording: Recording, course: "object") -> tuple[str, ...]:
-    """Axes that count the other way, all sensors considered; none unless it is far better."""
-    misfit: dict[tuple[str, ...], float] = {}
-    for flipped in product(*[((), (axis,)) for axis in scenario.rig.axis_names]):
-        axes = tuple(a for part in flipped for a in part)
-        effects = [*scenario.effects, *(CATALOGUE["data_rotation_sense"]({"reversed": 1.0}, None, a, "found") for a in axes)]
-        misfit[axes] = sum(_misfit(y, f, np.eye(f.shape[1])) for y, f in _pairs(scenario, recording, course, effects))
-    best = min(misfit, key=lambda a: (misfit[a], len(a)))
-    return best if best and misfit[()] > FAR * misfit[best] and misfit[()] > LEAST else ()
-
-
-def _pairs(scenario: Scenario, recording: Recording, course: "object", effects: Sequence[Effect]) -> Iterator[tuple[Array, Array]]:
-    """Measured and predicted readings of each sensor, thinned, both over the largest prediction."""
+def _version(scenario: Scenario, recording: Recording, course: "object", reversed_: Sequence[str]) -> Version:
+    """The columns read with these axes counted the other way."""
+    faults: list[Fault] = []
+    for axis in reversed_:
+        effect = CATALOGUE["data_rotation_sense"]({"reversed": 1.0}, None, axis, "found")
+        words = f"The {axis} axis of the table is counted the other way."
+        faults.append(Fault(effect, (scenario.sensor[0].name,), tuple(scenario.sensor[0].axes), words))
+    effects = [*scenario.effects, *(f.effect for f in faults)]
+    misfit, left, rows = 0.0, [], []
     for sensor in scenario.sensor:
         if recording.has(sensor):
             y, f = _pair(scenario, recording, course, sensor, effects)
+            own = _of_sensor(y, f, sensor)
+            faults += own
             size = max(float(np.abs(f).max(initial=0.0)), 1e-12)
-            yield y / size, f / size
+            misfit += _misfit(_meant(y, own, sensor) / size, f / size, np.eye(f.shape[1])) if len(y) else 0.0
+            left += [max(float(v), (EXACT * size) ** 2) for v in _affine(y, f)]
+            rows += [len(y)] * y.shape[1]
+    signs = sum(len(f.axes) if f.effect.id != "data_rotation_sense" else 1 for f in faults if f.effect.id != "data_unit")
+    return Version(tuple(faults), signs, misfit, np.array(left), np.array(rows))
+
+
+def _meant(y: Array, faults: Sequence[Fault], sensor: Sensor) -> Array:
+    """Columns with these faults of their meaning undone."""
+    for fault in reversed(faults):
+        y = y @ np.linalg.inv(meant_matrix(fault.effect, sensor)).T
+    return y
+
+
+def _affine(y: Array, f: Array) -> Array:
+    """Mean square that an affine map of the predictions leaves of each column, (k,)."""
+    X = np.column_stack([np.ones(len(f)), f])
+    return np.asarray(((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2).mean(axis=0)) if len(y) else np.ones(y.shape[1])
 
 
 def _pair(
@@ -136,10 +188,8 @@ def _misfit(y: Array, f: Array, P: Array) -> float:
     return float(np.mean((left - left.mean(axis=0)) ** 2))
 
 
-def _of_sensor(
-    scenario: Scenario, recording: Recording, course: "object", sensor: Sensor, effects: Sequence[Effect]
-) -> list[Fault]:  # fmt: skip
-    y, f = _pair(scenario, recording, course, sensor, effects)
+def _of_sensor(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
+    """Unit, exchanged columns and signs of one sensor, by what it read and should have read, (n, k) each."""
     if len(y) < 16 or float(np.abs(f).max()) == 0:
         return []
     faults = []

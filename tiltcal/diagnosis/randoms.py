@@ -10,6 +10,7 @@ from tiltcal.diagnosis.columns import changed, without_readout
 from tiltcal.diagnosis.evidence import Ledger, basis_of, cosines, project
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.observations import Columns, Observations, TableObservations
+from tiltcal.diagnosis.rests import Mask
 from tiltcal.diagnosis.select import ALPHA, findings, log_tail, standing
 from tiltcal.diagnosis.whitening import NoiseFit, robust_white
 from tiltcal.effects import CATALOGUE
@@ -77,19 +78,26 @@ def _rewritten(
     if best is None or best[0] > 0.02 * before:
         return None
     _, error, axis = best
-    recording = observations.recordings[number]
-    time = recording.time[rows]
-    interval = (float(time[0] - recording.time[0]), float(time[-1] - recording.time[0]))
+    repaired = list(observations.recordings)
+    fault, repaired[number] = mistyped(observations, number, repaired[number], rows, axis, error, 2e-5)
+    return fault, tuple(repaired)
+
+
+def mistyped(
+    observations: TableObservations, number: int, recording: Recording, rows: Mask, axis: str, error: float, sigma: float
+) -> tuple[Fault, Recording]:  # fmt: skip
+    """The fault of a wrong angle (rad) written on some rows, (n,) mask, of one stop, and the recording without its readout."""
+    stop = observations.courses[number].stop[: np.argmax(rows)].max(initial=-1) + 1  # it need not have been found itself
+    time = recording.time[rows] - recording.time[0]
     effect = CATALOGUE["data_pose_label"](
         {"error": error, "stop": float(stop)}, None, axis, "found", seen_in=recording.fingerprint
     )  # fmt: skip
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
+    interval = (float(time[0]), float(time[-1]))
     words = f"The {axis} angle written from {interval[0]:.1f} s to {interval[1]:.1f} s is {np.degrees(error):.5g} deg off."
     spoiled = np.convolve(rows, np.ones(2 * MARGIN + 1), "same") > 0
-    repaired = list(observations.recordings)
-    repaired[number] = without_readout(recording, np.flatnonzero(spoiled))
-    return Fault(effect, names, axes, words, interval, sigma={"error": 2e-5}), tuple(repaired)
+    return Fault(effect, names, axes, words, interval, sigma={"error": sigma}), without_readout(recording, np.flatnonzero(spoiled))
 
 
 def _misfit(observations: TableObservations, account: Account, number: int, stop: int, angles: dict[str, Array]) -> float:

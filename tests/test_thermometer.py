@@ -37,3 +37,11 @@ def test_a_temperature_that_was_computed_is_left_as_it_is(exact):
 def test_gaps_are_bridged_and_the_ends_held():
     read = np.where((TIME > 50) & (TIME < 350), 21.0, np.nan)
     np.testing.assert_array_equal(smooth_temperature(TIME, read), np.full(len(TIME), 21.0))
+
+
+def test_the_rate_of_warming_goes_on_after_the_last_reading():
+    """Read each 10 s, the last time at 300 s, where it rises by 0.047 K/s: held from there on, the rate would jump to nothing."""
+    time, read = TIME[:3095], np.full(3095, np.nan)
+    read[::100] = np.round(TRUE[:3095:100], 2)
+    rate = np.gradient(smooth_temperature(time, read), time)
+    assert 0.03 < rate[-1] == pytest.approx(rate[2990], rel=0.05)

@@ -97,16 +97,26 @@ def lags_of(duration: float) -> tuple[float, ...]:
     return tuple(found)
 
 
+_ACCELEROMETER = (
+    ("acc_temp_bias", "temperature", False), ("acc_temp_scale", "temperature", True), ("acc_thermal_gradient", "warming", False),
+)  # fmt: skip
+_LATE: dict[str, tuple[tuple[str, str, bool], ...]] = {
+    "accelerometer": _ACCELEROMETER, "inclinometer": _ACCELEROMETER, "gyro": (("gyr_temp", "temperature", False),),
+    "fog": (("gyr_temp", "temperature", False), ("fog_shupe", "warming", False)),
+}  # fmt: skip
+"""What a sensor may feel late, by its kind: the law, what it follows, and whether it multiplies the input."""
+
+
 def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
-    """Laws of temperature where the thermometer and the sensor are not of one temperature."""
+    """Laws of temperature and of its rate where the thermometer and the sensor are not of one temperature.
+
+    A rate that is late by more than a recording shows, (T - late T) / lag, is the temperature itself.
+    """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    name = "acc_temp_bias" if sensor.is_accelerometer else "gyr_temp"
-    for lag in lags_of(span.duration):
-        if knots := _knots("temperature", span, 3):
-            yield _late(_curve(LearnedReading, "temperature", knots, lag=lag, **where), name)
-            if sensor.is_accelerometer:
-                scale = _curve(LearnedReading, "temperature", knots, lag=lag, per_input=True, **where)
-                yield _late(scale, "acc_temp_scale")
+    for (name, coordinate, per_input), lag in product(_LATE[sensor.kind], lags_of(span.duration)):
+        knots = _knots(coordinate, span, 3)
+        if knots and (coordinate != "warming" or lag * SHOWS < span.duration):
+            yield _late(_curve(LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where), name)
 
 
 def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> Iterator[Suspect]:

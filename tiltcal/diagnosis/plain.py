@@ -7,10 +7,13 @@ forms have no such reach. Whichever account says the same with fewer numbers is 
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from tiltcal.diagnosis.account import Account, models, settle
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.rivals import EQUAL, LOOSE, case_of, explanations, price_of
-from tiltcal.diagnosis.select import MOST, Gate, at_its_instant, backward, best_explanation, findings, joined, refined
+from tiltcal.diagnosis.select import MOST, Gate, backward, best_explanation, findings, joined
+from tiltcal.diagnosis.shapes import at_its_instant, refined, shapes
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.whitening import NoiseModel, robust_white
 
@@ -30,11 +33,14 @@ def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: C
         other = backward(exchanged(rich, ledger, wanted), ledger, gate)
         return other if other.terms else backward(rich, ledger, gate)
     after = ledger.roots
-    plain = plainly(start, ledger, gate, wanted)
-    ledger.weigh(after)
-    one, other = settle(plain, ledger), settle(rich, ledger)
+    plain = []
+    for forms in _forms(wanted):
+        plain.append(plainly(start, ledger, gate, forms))
+        ledger.weigh(after)
+    one = min((settle(p, ledger) for p in plain), key=lambda p: _burden(p, ledger) if p.terms else np.inf)
+    other = settle(rich, ledger)
     gain = settle(replace(start, terms=()), ledger).deviance - other.deviance
-    if plain.terms and _burden(one, ledger) <= _burden(other, ledger) + LOOSE * gain:
+    if one.terms and _burden(one, ledger) <= _burden(other, ledger) + LOOSE * gain:
         ledger.under(models(gate.noise(one, ledger)))
         return settle(one, ledger)
     return other
@@ -46,12 +52,18 @@ def _several(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: 
     Looked for in white noise: together they are a random walk to the record.
     """
     usual = ledger.roots
-    ledger.under([NoiseModel(robust_white(r)) for r in ledger.observations.residuals(start.effects)])
-    several = plainly(start, ledger, gate, wanted)
-    if several.terms:
-        return several
+    for forms in _forms(wanted):
+        ledger.under([NoiseModel(robust_white(r)) for r in ledger.observations.residuals(start.effects)])
+        several = plainly(start, ledger, gate, forms)
+        if several.terms:
+            return several
     ledger.weigh(usual)
     return rich
+
+
+def _forms(wanted: Callable[[Suspect], bool]) -> tuple[Callable[[Suspect], bool], Callable[[Suspect], bool]]:
+    """The laws as they are printed, then those that are felt late or bent among them: these are supple themselves."""
+    return lambda s: wanted(s) and s.alias is None, wanted
 
 
 def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:
@@ -63,6 +75,7 @@ def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Susp
             break
         terms = at_its_instant(refined(rivals[0].terms, account, ledger), account, ledger)
         account = exchanged(settle(replace(account, terms=account.terms + terms), ledger), ledger, wanted)
+        account = reshaped(account, ledger)
     account = backward(account, ledger, gate)
     return backward(joined(exchanged(account, ledger, wanted)), ledger, gate)
 
@@ -85,6 +98,29 @@ def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool
         else:
             break
     return account
+
+
+def reshaped(account: Account, ledger: Ledger) -> Account:
+    """The account with the shapes of its findings found again: one that was found by itself took a part of the others."""
+    groups = findings(account)
+    for _ in range(EXCHANGES if len(groups) > 1 else 0):
+        before = account.deviance
+        for places in groups:
+            if len(places) == 1 and shapes(account.terms[places[0]].suspect):
+                account = _reshaped(account, places[0], ledger)
+        if account.deviance > before - EQUAL:
+            break
+    return account
+
+
+def _reshaped(account: Account, place: int, ledger: Ledger) -> Account:
+    """The account with one term at its best shape nearby, where that is better; the sizes of all others are free meanwhile."""
+    terms = list(account.terms)
+    term = terms.pop(place)
+    (new,) = refined((term,), settle(replace(account, terms=tuple(terms)), ledger), ledger)
+    terms.insert(place, new)
+    trial = settle(replace(account, terms=tuple(terms)), ledger)
+    return trial if trial.deviance < account.deviance else account
 
 
 def _burden(account: Account, ledger: Ledger) -> float:

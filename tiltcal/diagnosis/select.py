@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, noise_within_stops, settle, summed
-from tiltcal.diagnosis.evidence import Ledger, basis_of, project
+from tiltcal.diagnosis.evidence import Ledger, basis_of, project, projected
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
 from tiltcal.diagnosis.observations import Columns
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explain, explanations, fair, preferred
-from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, fair, preferred
+from tiltcal.diagnosis.shapes import at_its_instant, refined
+from tiltcal.diagnosis.suspects import STEPS, Suspect
 from tiltcal.diagnosis.whitening import NoiseFit
 from tiltcal.frames import Array
 
@@ -89,16 +90,11 @@ def standing(account: Account, ledger: Ledger, total: int, beside: Sequence[Colu
         lengths = [len(t) for t in case.target]
         inside = [account.terms[k] for k in places]
         columns = [ledger.whitened(c) for c in columns_of(ledger.observations, inside, account.effects)]
-        mine = basis_of([_projected(case.basis, c, lengths) for c in columns], lengths)
+        mine = basis_of([projected(case.basis, c, lengths) for c in columns], lengths)
         along = np.sum([U.T @ r for U, r in zip(mine, case.target, strict=True)], axis=0)
         tries = sum(log_tries(t.suspect, len(t.names), total) for t in inside[:1])
         found.append(log_tail(float(along @ along), mine[0].shape[1]) + tries)
     return found
-
-
-def _projected(Q: Sequence[np.ndarray], column: dict[int, np.ndarray], lengths: Sequence[int]) -> dict[int, np.ndarray]:
-    full = [column.get(i, np.zeros(n)) for i, n in enumerate(lengths)]
-    return dict(enumerate(project(Q, full)))
 
 
 def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:
@@ -241,58 +237,3 @@ def plausible(account: Account, ledger: Ledger) -> Account:
     if len(good) == len(groups):
         return account
     return settle(replace(account, terms=tuple(account.terms[k] for places in good for k in places)), ledger)
-
-
-GRAIN = 4  # halvings of the step between shapes
-FINE = 8  # of an instant, and of a line: strong ones show a hundredth of their width
-LINE = 0.5  # of the width of a line, which is one over the duration
-STEP = {"time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3)}  # s, or relative
-
-
-def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
-    """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved row by row."""
-    term, family = terms[0], terms[1:]
-    first = term.suspect
-    duration = float(np.ptp(ledger.observations.recordings[0].time))
-    for name in [n for n in first.effect.values if n not in first.names]:
-        x = first.effect.values[name]
-        if name not in STEP:
-            continue
-        line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
-        step = LINE / duration if line else STEP[name]
-        for _ in range(GRAIN if name != "time" and not line else FINE):
-            trials = [(x + d if line or name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
-            scored = [(_gain_at(term, name, value, account, ledger), value) for value in trials]
-            x = max(scored)[1]
-            term = replace(term, suspect=_shaped(term.suspect, name, x))
-            step /= 2
-    return (term, *(replace(t, host=term.suspect) for t in family))
-
-
-def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
-    """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger."""
-    suspect = terms[0].suspect
-    if suspect.id not in STEPS:
-        return terms
-    time = suspect.effect.values["time"]
-    for step in steps_at(ledger.observations.scenario, time, suspect.variants):
-        if not any(s.effect == step.effect for s in ledger.suspects):
-            ledger.add(step, account.effects)
-    same = [s for s in ledger.suspects if s.place == suspect.place and s.effect.values.get("time") == time]
-    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
-    found = [r for s in same if (r := explain(s, case, ledger)) is not None]
-    return max(found, key=lambda r: r.worth).terms if found else terms
-
-
-def _shaped(suspect: Suspect, name: str, value: float) -> Suspect:
-    effect = replace(suspect.effect, values={**suspect.effect.values, name: float(value)})
-    return replace(suspect, effect=effect)
-
-
-def _gain_at(term: Term, name: str, value: float, account: Account, ledger: Ledger) -> float:
-    lengths = [len(c.values) for c in ledger.observations.channels]
-    suspect = _shaped(term.suspect, name, value)
-    columns = [ledger.whitened(ledger.observations.changes(suspect.alone(n), account.effects)) for n in term.names]
-    mine = basis_of([_projected(account.basis, c, lengths) for c in columns], lengths)
-    along = sum((U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1]))
-    return float(along @ along)

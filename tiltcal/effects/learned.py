@@ -146,8 +146,7 @@ class LearnedReading(Learned, SignalEffect):
         own = sense.true_input()[:, self.channel(sense)]
         if self.beside:
             return _products(*(sense.angles[ANGLES[name]] for name in (self.coordinate, self.beside)))
-        u = coordinate_of(self.coordinate, sense, own)
-        basis = self.basis(first_order_lag(sense.time, u, self.lag) if self.lag else u)
+        basis = self.basis(coordinate_of(self.coordinate, sense, own, self.lag))
         return basis * own[:, None] if self.per_input else basis
 
 
@@ -177,8 +176,18 @@ def _products(a: Array, b: Array) -> Array:
     return np.column_stack([p * q for one in waves[0] for other in waves[1] for p in one for q in other])
 
 
-def coordinate_of(name: str, sense: Sense, own: Array) -> Array:
-    """A coordinate along what a sensor senses, (n,); ``own`` is the channel's true input."""
+def coordinate_of(name: str, sense: Sense, own: Array, lag: float = 0.0) -> Array:
+    """A coordinate along what a sensor senses, (n,), felt late by ``lag``, s; ``own`` is the channel's true input.
+
+    A late rate of warming is that of the late temperature: both begin with sensor and thermometer of one temperature.
+    """
+    if name == "warming":
+        return np.gradient(first_order_lag(sense.time, sense.temperature, lag), sense.time)
+    u = _prompt(name, sense, own)
+    return first_order_lag(sense.time, u, lag) if lag else u
+
+
+def _prompt(name: str, sense: Sense, own: Array) -> Array:
     if name in ANGLES:
         return sense.angles[ANGLES[name]]
     if name in INPUTS:
@@ -186,8 +195,6 @@ def coordinate_of(name: str, sense: Sense, own: Array) -> Array:
         return np.asarray((sense.force if quantity == "force" else sense.rate)[:, axis])
     if name == "transverse":
         return np.asarray(np.linalg.norm(np.cross(sense.rate, sense.input_vector), axis=1))
-    if name == "warming":
-        return np.gradient(sense.temperature, sense.time)
     if name in ("since_move", "moves"):
         return sense.since_move if name == "since_move" else sense.moves
     return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]

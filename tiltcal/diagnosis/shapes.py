@@ -1,0 +1,82 @@
+"""What an effect has beside its sizes, a time constant, a width, a lag, an instant, brought to where it explains most."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tiltcal.diagnosis.account import Account, Term, columns_of
+from tiltcal.diagnosis.evidence import Ledger, basis_of, projected
+from tiltcal.diagnosis.rivals import Case, explain
+from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
+from tiltcal.effects.learned import Learned
+
+GRAIN = 4  # halvings of the step between shapes
+FINE = 8  # of an instant, and of a line: strong ones show a hundredth of their width
+LINE = 0.5  # of the width of a line, which is one over the duration
+STEP = {
+    "time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3), "lag": np.log(1.5),
+}  # fmt: skip
+"""From one shape to the next, s for an instant, else relative."""
+
+
+def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+    """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved row by row."""
+    first = terms[0].suspect
+    duration = float(np.ptp(ledger.observations.recordings[0].time))
+    for name, x in shapes(first).items():
+        line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
+        step = LINE / duration if line else STEP[name]
+        for _ in range(GRAIN if name != "time" and not line else FINE):
+            trials = [(x + d if line or name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
+            x = max((_gain(_shaped(terms, name, value), account, ledger), value) for value in trials)[1]
+            step /= 2
+        terms = _shaped(terms, name, x)
+    return terms
+
+
+def shapes(suspect: Suspect) -> dict[str, float]:
+    """The continuous shapes of a suspect; a law that is felt late has its lag."""
+    effect = suspect.effect
+    if isinstance(effect, Learned):
+        return {"lag": effect.lag} if suspect.alias and effect.lag else {}
+    return {name: value for name, value in effect.values.items() if name not in suspect.names and name in STEP}
+
+
+def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+    """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger."""
+    suspect = terms[0].suspect
+    if suspect.id not in STEPS:
+        return terms
+    time = suspect.effect.values["time"]
+    for step in steps_at(ledger.observations.scenario, time, suspect.variants):
+        if not any(s.effect == step.effect for s in ledger.suspects):
+            ledger.add(step, account.effects)
+    same = [s for s in ledger.suspects if s.place == suspect.place and s.effect.values.get("time") == time]
+    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
+    found = [r for s in same if (r := explain(s, case, ledger)) is not None]
+    return max(found, key=lambda r: r.worth).terms if found else terms
+
+
+def _shaped(terms: Sequence[Term], name: str, value: float) -> tuple[Term, ...]:
+    """An explanation at another shape; a lag is that of all its late curves."""
+    first = _at(terms[0].suspect, name, value)
+    family = [replace(t, suspect=_at(t.suspect, name, value)) if name == "lag" and shapes(t.suspect) else t for t in terms[1:]]
+    return (replace(terms[0], suspect=first), *(replace(t, host=first) for t in family))
+
+
+def _at(suspect: Suspect, name: str, value: float) -> Suspect:
+    effect = suspect.effect
+    if isinstance(effect, Learned):
+        return replace(suspect, effect=replace(effect, lag=float(value)))
+    return replace(suspect, effect=replace(effect, values={**effect.values, name: float(value)}))
+
+
+def _gain(terms: Sequence[Term], account: Account, ledger: Ledger) -> float:
+    """What the own form of an explanation brings, the account's columns being free."""
+    lengths = [len(c.values) for c in ledger.observations.channels]
+    own = [terms[0], *(t for t in terms[1:] if isinstance(terms[0].suspect.effect, Learned) and shapes(t.suspect))]
+    columns = [ledger.whitened(c) for c in columns_of(ledger.observations, own, account.effects)]
+    mine = basis_of([projected(account.basis, c, lengths) for c in columns], lengths)
+    along = sum((U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1]))
+    return float(along @ along)

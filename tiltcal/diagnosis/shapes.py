@@ -12,26 +12,29 @@ from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
 from tiltcal.effects.learned import Learned
 
 GRAIN = 4  # halvings of the step between shapes
-FINE = 8  # of an instant, and of a line: strong ones show a hundredth of their width
+FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundredth of their width
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {
     "time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3), "lag": np.log(1.5),
+    "phase": np.pi / 6,
 }  # fmt: skip
-"""From one shape to the next, s for an instant, else relative."""
+"""From one shape to the next: s for an instant, rad for a phase, else relative."""
+SHIFTED = ("time", "phase")  # by steps that are added
 
 
 def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
     """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved row by row."""
     first = terms[0].suspect
     duration = float(np.ptp(ledger.observations.recordings[0].time))
-    for name, x in shapes(first).items():
+    for name in shapes(first):
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
-        for _ in range(GRAIN if name != "time" and not line else FINE):
-            trials = [(x + d if line or name == "time" else x * np.exp(d)) for d in (-step, 0.0, step)]
-            x = max((_gain(_shaped(terms, name, value), account, ledger), value) for value in trials)[1]
+        for _ in range(FINE if line or name in SHIFTED else GRAIN):
+            x = shapes(terms[0].suspect)[name]
+            values = [(x + d if line or name in SHIFTED else x * np.exp(d)) for d in (-step, 0.0, step)]
+            trials = [_shaped(terms, name, value, duration) for value in values]
+            terms = trials[int(np.argmax([_gain(trial, account, ledger) for trial in trials]))]
             step /= 2
-        terms = _shaped(terms, name, x)
     return terms
 
 
@@ -58,9 +61,12 @@ def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) ->
     return max(found, key=lambda r: r.worth).terms if found else terms
 
 
-def _shaped(terms: Sequence[Term], name: str, value: float) -> tuple[Term, ...]:
-    """An explanation at another shape; a lag is that of all its late curves."""
+def _shaped(terms: Sequence[Term], name: str, value: float, duration: float) -> tuple[Term, ...]:
+    """An explanation at another shape; a lag is that of all its late curves, and a tone keeps its phase amid the recording."""
     first = _at(terms[0].suspect, name, value)
+    before = terms[0].suspect.effect.values
+    if name == "frequency" and "phase" in before:
+        first = _at(first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration)
     family = [replace(t, suspect=_at(t.suspect, name, value)) if name == "lag" and shapes(t.suspect) else t for t in terms[1:]]
     return (replace(terms[0], suspect=first), *(replace(t, host=first) for t in family))
 

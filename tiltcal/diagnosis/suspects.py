@@ -4,6 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
+import numpy as np
+
 from tiltcal.diagnosis.span import Span
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import DelayEffect, Effect, WritingEffect
@@ -121,11 +123,13 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
         "acc_warmup": [span.duration * x for x in (0.03, 0.1, 0.2, 0.5, 1.5)],
         "table_wobble_async": (0.38, 0.4, 0.42, 0.44, 0.46, 0.48),
         "table_encoder_sde": (20.0, 36.0, 72.0, 90.0, 180.0, 360.0, 720.0, 1024.0, *(float(n) for n in span.lines.ripples)),
-        "mains_pickup": span.lines.tones, "base_vibration": span.lines.shakes,
+        "base_vibration": span.lines.shakes,
     }  # fmt: skip
     grids["gyr_warmup"] = grids["acc_warmup"]
     key = {"acc_warmup": "tau", "gyr_warmup": "tau", "table_wobble_async": "ratio",
-           "table_encoder_sde": "lines", "mains_pickup": "frequency", "base_vibration": "frequency"}  # fmt: skip
+           "table_encoder_sde": "lines", "base_vibration": "frequency"}  # fmt: skip
+    if id == "mains_pickup":
+        return [{"frequency": f, "phase": p} for f, p in product(span.lines.tones, (0.0, np.pi / 3, 2 * np.pi / 3))]
     if id == "adc_inl":
         return [{}, {"odd": 1.0}]
     if id == "floor_tilt_drift":

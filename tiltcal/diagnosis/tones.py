@@ -17,6 +17,7 @@ CIRCLE = 2**17  # angles of a turn: a hundredth of a radian of the finest line, 
 FIRST = 6  # fewer are curves of the angle
 CHANCE = 1e-4  # of a line in any recording without one
 MOST = 5
+FINER = 4  # frequencies a width of a line
 
 
 def lines_of(ledger: Ledger, account: Account) -> Lines:
@@ -128,21 +129,30 @@ def _apart(found: Sequence[tuple[float, float]], width: Callable[[float], float]
 
 def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
     """(power over its surroundings, frequency) of peaks of the periodogram."""
-    n = len(residual)
-    if n < 256:
+    if len(residual) < 256:
         return []
-    window = np.hanning(n)
-    spectrum = np.abs(np.fft.rfft((residual - residual.mean()) * window, 2 * n)) ** 2
-    rate = (n - 1) / float(time[-1] - time[0])
-    frequency = np.fft.rfftfreq(2 * n, 1 / rate)
-    width = max(n // 40, 32)
-    floor = _running_median(spectrum, width)
+    values, rate = _evenly(time, residual - residual.mean())
+    n = len(values)
+    spectrum = np.abs(np.fft.rfft(values * np.hanning(n), FINER * n)) ** 2
+    frequency = np.fft.rfftfreq(FINER * n, 1 / rate)
+    floor = _running_median(spectrum, FINER * max(n // 80, 16))
     ratio = spectrum / np.maximum(floor, 1e-300) * np.log(2)
     limit = np.log(n / CHANCE)
     peak = (ratio > limit) & (ratio >= np.roll(ratio, 1)) & (ratio >= np.roll(ratio, -1))
     slow = 8 / max(float(time[-1] - time[0]), 1e-9)  # below it a drift looks like a line
     peak &= frequency > slow
     return [(float(ratio[k]), float(frequency[k])) for k in np.flatnonzero(peak)[:40]]
+
+
+def _evenly(time: Array, values: Array) -> tuple[Array, float]:
+    """The values on an even grid, nothing where a row was lost, (m,), and its rate, Hz: a lost row shifts the phase of the rest."""
+    step = float(np.median(np.diff(time)))
+    place = np.rint((time - time[0]) / step).astype(np.intp)
+    if place[-1] > 2 * len(time):  # long gaps, or stamps of no rate
+        return values, (len(values) - 1) / float(time[-1] - time[0])
+    even = np.zeros(int(place[-1]) + 1)
+    even[place] = values
+    return even, float(place[-1]) / float(time[-1] - time[0])
 
 
 def _running_median(values: Array, width: int) -> Array:

@@ -17,13 +17,14 @@ class MainsPickup(TermEffect):
     parameters = (
         Parameter("pickup_{axis}", "ug", (10, 300, 3000)),
         Parameter("frequency", "hz", (50, 50, 50), positive=True, default=50.0),
+        Parameter("phase", "deg", (180, 180, 180), shape=True),
     )
     physics = "Mains couples into the wiring; sampled, it appears at its alias |f - n fs|."
-    equation = "reading_i += A_i sin(2 pi f t)"
+    equation = "reading_i += A_i sin(2 pi f t + phase), t from the first stamp"
     source = "PHYSICS 3.6"
     excited_by = "any recording"
     look = "a line that does not turn with the pose"
     linear = False
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), np.sin(2 * np.pi * self.value("frequency") * sense.elapsed)
+        return self.channel_of(name[-1], sense), np.sin(2 * np.pi * self.value("frequency") * sense.elapsed + self.value("phase"))

@@ -97,14 +97,15 @@ def lags_of(duration: float) -> tuple[float, ...]:
     return tuple(found)
 
 
-_ACCELEROMETER = (
-    ("acc_temp_bias", "temperature", False), ("acc_temp_scale", "temperature", True), ("acc_thermal_gradient", "warming", False),
-)  # fmt: skip
+_ACCELEROMETER = (("acc_temp_bias", "temperature", False), ("acc_temp_scale", "temperature", True))
 _LATE: dict[str, tuple[tuple[str, str, bool], ...]] = {
     "accelerometer": _ACCELEROMETER, "inclinometer": _ACCELEROMETER, "gyro": (("gyr_temp", "temperature", False),),
     "fog": (("gyr_temp", "temperature", False), ("fog_shupe", "warming", False)),
 }  # fmt: skip
-"""What a sensor may feel late, by its kind: the law, what it follows, and whether it multiplies the input."""
+"""What a sensor may feel late, by its kind: the law, what it follows, and whether it multiplies the input.
+
+An accelerometer's late rate is not among them: its temperature is late by minutes, and ``lateness`` says what tells its branches.
+"""
 
 
 def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:

@@ -11,7 +11,7 @@ READING: dict[str, tuple[str, ...]] = {
     "acc_K2": ("input",), "acc_K3": ("input",), "acc_Koq": ("input",), "acc_scale_asym": ("input",), "acc_bias_asym": ("input",),
     "adc_inl": ("input",), "tilt_conversion": ("input",), "gyr_scale_asym": ("input",), "gyr_nonlinearity": ("input",),
     "fog_deadband": ("input",), "acc_temp_bias": ("temperature",), "acc_thermal_hysteresis": ("temperature", "warming"),
-    "acc_thermal_gradient": ("warming",), "gyr_temp": ("temperature",), "fog_shupe": ("warming",),
+    "acc_thermal_gradient": ("warming", "temperature"), "gyr_temp": ("temperature",), "fog_shupe": ("warming",),
     "acc_warmup": ("time",), "gyr_warmup": ("time",), "acc_bias_step": ("time",), "gyr_bias_step": ("time",),
     "acc_drift": ("time",),
     "acc_angle_bias": ("table_outer", "table_inner", "table_middle"),

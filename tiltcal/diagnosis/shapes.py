@@ -39,10 +39,10 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
 
 
 def shapes(suspect: Suspect) -> dict[str, float]:
-    """The continuous shapes of a suspect; a law that is felt late has its lag."""
+    """The continuous shapes of a suspect; a rate of warming that is felt late has its lag."""
     effect = suspect.effect
-    if isinstance(effect, Learned):
-        return {"lag": effect.lag} if suspect.alias and effect.lag else {}
+    if isinstance(effect, Learned):  # a late temperature keeps the lag of its grid: it bends as well
+        return {"lag": effect.lag} if suspect.alias and effect.lag and effect.coordinate == "warming" else {}
     return {name: value for name, value in effect.values.items() if name not in suspect.names and name in STEP}
 
 

@@ -232,8 +232,9 @@ def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
 
 def plausible(account: Account, ledger: Ledger) -> Account:
     """The account without findings whose sizes, once all others are there, are those of no instrument."""
-    groups = findings(account)
-    good = [places for places in groups if fair(account.terms[places[0]])]
-    if len(good) == len(groups):
-        return account
-    return settle(replace(account, terms=tuple(account.terms[k] for places in good for k in places)), ledger)
+    while True:
+        groups = findings(account)
+        good = [places for places in groups if fair(account.terms[places[0]])]
+        if len(good) == len(groups):
+            return account
+        account = settle(replace(account, terms=tuple(account.terms[k] for places in good for k in places)), ledger)

@@ -132,6 +132,8 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
         return [{"frequency": f, "phase": p} for f, p in product(span.lines.tones, (0.0, np.pi / 3, 2 * np.pi / 3))]
     if id == "adc_inl":
         return [{}, {"odd": 1.0}]
+    if id in ("acc_scale_asym", "acc_bias_asym"):
+        return [{"width": w} for w in (0.0, 0.03, 0.06, 0.12)]
     if id == "floor_tilt_drift":
         return [{"span": span.duration}]
     if id == "acc_thermal_hysteresis":

@@ -11,6 +11,9 @@ from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, TermEffect
 from tiltcal.frames import Array
 from tiltcal.units import G0
 
+WIDTH = Parameter("width", "unitless", (0.2, 0.2, 0.2), positive=True, shape=True)
+"""In g, of what a law does about zero force; 0: sharp."""
+
 
 class AccTerm(TermEffect):
     """A term of the model equation: one coefficient an axis, named ``<stem>_<axis>``."""
@@ -116,27 +119,28 @@ class AccKoq(AccTerm):
 class AccScaleAsym(AccTerm):
     id = "acc_scale_asym"
     title = "scale factor differs by sign"
-    parameters = (Parameter("scale_asym_{axis}", "ppm", (20, 500, 1000)),)
+    parameters = (Parameter("scale_asym_{axis}", "ppm", (20, 500, 1000)), WIDTH)
     physics = "Two halves of a differential capacitor or torquer differ."
-    equation = "reading_i += a_i/2 |f_i|"
+    equation = "reading_i += a_i/2 |f_i|, the kink as wide as given: sqrt(f_i^2 + width^2)"
     excited_by = "both signs of its own force"
     look = "a kink at zero; near K2"
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
-        return np.abs(fi) / 2
+        return np.hypot(fi, self.value("width") * G0) / 2
 
 
 class AccBiasAsym(AccTerm):
     id = "acc_bias_asym"
     title = "dead zone, sign-dependent bias"
-    parameters = (Parameter("bias_asym_{axis}", "ug", (5, 200, 1000)),)
+    parameters = (Parameter("bias_asym_{axis}", "ug", (5, 200, 1000)), WIDTH)
     physics = "A loop that does not regulate about zero jumps with the sign of its input."
-    equation = "reading_i += b_i/2 sign(f_i)"
+    equation = "reading_i += b_i/2 sign(f_i), the step as wide as given: tanh(f_i / width)"
     excited_by = "crossing zero force"
     look = "a step at zero force"
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
-        return np.sign(fi) / 2
+        width = self.value("width") * G0
+        return (np.tanh(fi / width) if width > 0 else np.sign(fi)) / 2
 
 
 class AccKip(AccTerm):

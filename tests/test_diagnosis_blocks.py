@@ -29,9 +29,10 @@ def effect(whole, id, values, **where):
 
 SLOW = ("acc_K2", {"k2_x_ug_g2": 300.0}, {"sensor": "accel"})
 QUICK = ("settling_transient", {"amplitude_arcsec": 100.0, "frequency_hz": 9.0, "tau_s": 0.3}, {"axis": "outer"})
+SHARP = ("acc_bias_asym", {"bias_asym_x_ug": 300.0}, {"sensor": "accel"})
 
 
-@pytest.mark.parametrize(("case", "quick"), [(SLOW, False), (QUICK, True)], ids=["slow", "quick"])
+@pytest.mark.parametrize(("case", "quick"), [(SLOW, False), (QUICK, True), (SHARP, True)], ids=["slow", "quick", "sharp"])
 def test_a_block_is_predicted_as_the_mean_of_its_samples(whole, case, quick):
     id, values, where = case
     blocks, one = whole.averaged(8), effect(whole, id, values, **where)

@@ -1,11 +1,15 @@
 """What beats in a residual is found where it beats: in the readings, in the world, over an axis' angle, after each move."""
 
+import numpy as np
 import pytest
 from dossier import bench, honest, recorded
+from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.filling import fill, refill
 from tiltcal.diagnosis.tones import lines_of
+from tiltcal.recording import Recording
 from tiltcal.sequence import Step
 
 
@@ -27,6 +31,29 @@ def test_noise_has_no_lines():
 def test_a_hum_of_the_electronics_is_a_tone_of_the_readings():
     found = lines({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37})
     assert found.tones[0] == pytest.approx(3.37, abs=0.005)
+
+
+def test_lost_rows_do_not_smear_a_tone():
+    """A lost row shifts the phase of all later ones, were they counted and not timed: at 4.9 Hz half a period for each."""
+    truth = bench({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 4.9, "phase_deg": 70.0})
+    whole = recorded(truth, 4)
+    kept = np.delete(np.arange(len(whole)), rng_of("lost rows").choice(len(whole), 12, replace=False))
+    columns = {name: whole.column(name)[kept] for name in whole.column_names}
+    found = prepare(honest(truth), [Recording.from_columns(whole.time[kept], columns)])
+    width = 1 / float(np.ptp(whole.time))
+    assert lines_of(found.ledger, found.start).tones[0] == pytest.approx(4.9, abs=width / 4)
+
+
+@pytest.mark.parametrize("phase", [20.0, 160.0, 310.0])
+def test_a_hum_has_a_phase(phase):
+    """All of it goes to its name: without a phase what is left of it would be laid to the base."""
+    truth = bench({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37, "phase_deg": phase})
+    found = diagnose(honest(truth), [recorded(truth, 3)])
+    (only,) = found.findings
+    assert only.effect == "mains_pickup"
+    size, sigma = only.parameters["pickup_x_ug"]
+    assert abs(size) == pytest.approx(400.0, abs=5 * sigma)
+    assert sigma < 10.0
 
 
 def test_a_shaken_base_is_one_line_in_the_world():

@@ -196,7 +196,7 @@ class TableObservations(Observations):
 
     def quick(self, effect: Effect) -> bool:
         """Whether an effect may change within a block."""
-        if "lines" in effect.values:
+        if effect.sharp or "lines" in effect.values:
             return self.block > 1
         period = getattr(effect, "period", 0.0) if getattr(effect, "coordinate", "") == "since_move" else 0.0
         frequency = effect.values.get("frequency", 1 / period if period else 0.0)

@@ -131,6 +131,7 @@ class AccScaleAsym(AccTerm):
 
 class AccBiasAsym(AccTerm):
     id = "acc_bias_asym"
+    sharp = True
     title = "dead zone, sign-dependent bias"
     parameters = (Parameter("bias_asym_{axis}", "ug", (5, 200, 1000)), WIDTH)
     physics = "A loop that does not regulate about zero jumps with the sign of its input."

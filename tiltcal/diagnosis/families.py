@@ -24,6 +24,7 @@ TILT: dict[str, tuple[str, str]] = {
 }  # fmt: skip
 SUPERPOSED = {"acc_hysteresis", "acc_warmup", "gyr_warmup", "settling_transient", "mains_pickup", "base_vibration", "adc_inl"}
 """At several shapes at once."""
+WANDER = 0.05  # Hz: of the mains about its frequency (PHYSICS 3.6); further off is another tone
 ALL_AXES = {"servo_lag", "servo_friction_deadband"}  # one drive is like the other
 KIN = {("gyr_g2sens", "gyr_gsens")}  # (what completes, whose form)
 OF_INPUT = {"acc_K2", "acc_K3", "acc_Koq", "acc_scale_asym", "acc_bias_asym", "adc_inl"}  # functions of the channel's own input
@@ -47,6 +48,8 @@ def completes(curve: Suspect, host: Suspect) -> bool:
             return False
         if curve.id in STEPS:  # what creeps on after it
             return curve.effect.values["time"] == host.effect.values["time"] and curve.effect.values.get("creep", 0) > 0
+        if curve.id == "mains_pickup":
+            return abs(curve.effect.values["frequency"] - host.effect.values["frequency"]) < WANDER
         return curve.id in ALL_AXES or (curve.id in SUPERPOSED and effect.axis == host.effect.axis)
     assert isinstance(effect, Learned)
     if isinstance(effect, LearnedReading):

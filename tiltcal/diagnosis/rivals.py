@@ -173,10 +173,12 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
     """The worthiest; among equals the likelier kind.
 
     What shows in one channel only is likelier of that channel's sensor; what shows in several moves them all: table or mount.
-    A converter's transfer curve is the last thing to blame for what a sensor does as well.
+    A converter's transfer curve is the last thing to blame for what a sensor does as well. A form that is as worthy without
+    what completes it is as plain as any.
     """
     top = max(r.worth for r in rivals)
-    equal = [r for r in rivals if r.worth > top - EQUAL - LOOSE * r.gain]
+    level = {id(r): top - EQUAL - LOOSE * r.gain for r in rivals}
+    equal = [r for r in rivals if r.worth > level[id(r)]]
     single = True
     if signal is not None:
         energies = [float(s @ s) for s in signal]
@@ -185,7 +187,9 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
     def rank(r: Rival) -> tuple[bool, bool, int, bool, float]:
         stage = CATALOGUE[r.suspect.id].stage if r.suspect.id in CATALOGUE else "sensor"
         pose = stage in ("table", "mount", "environment")
-        return (r.suspect.alias is not None, len(r.terms) > 1, r.sizes, stage == "electronics", -r.worth * (1 - (pose == single)))
+        alone = len(r.terms) == 1 or r.worth - (1 - r.form) * r.gain > level[id(r)]
+        sizes = len(r.terms[0].names) if alone else r.sizes
+        return (r.suspect.alias is not None, not alone, sizes, stage == "electronics", -r.worth * (1 - (pose == single)))
 
     return min(equal, key=rank)
 

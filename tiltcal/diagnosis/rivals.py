@@ -184,12 +184,12 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
         energies = [float(s @ s) for s in signal]
         single = max(energies) > ONE_CHANNEL * sum(energies)
 
-    def rank(r: Rival) -> tuple[bool, bool, int, bool, float]:
+    def rank(r: Rival) -> tuple[bool, bool, int, int, bool, float]:
         stage = CATALOGUE[r.suspect.id].stage if r.suspect.id in CATALOGUE else "sensor"
         pose = stage in ("table", "mount", "environment")
         alone = len(r.terms) == 1 or r.worth - (1 - r.form) * r.gain > level[id(r)]
         sizes = len(r.terms[0].names) if alone else r.sizes
-        return (r.suspect.alias is not None, not alone, sizes, stage == "electronics", -r.worth * (1 - (pose == single)))
+        return (r.suspect.alias is not None, not alone, sizes, r.sizes, stage == "electronics", -r.worth * (1 - (pose == single)))
 
     return min(equal, key=rank)
 

@@ -53,11 +53,18 @@ def _never_set(values: Array) -> float | None:
         if alike[k] < LIKE_HALF:
             break
         best = _least_set(values, float(frequency[k]), 1 / (n * cell), width)
+        if _bunched(values, best):
+            continue
         cycle = np.floor(values * best)
         visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
         if at_least(visited - odd, visited, 0.5) * len(frequency) < CHANCE:
             return float(1 / (2 * best))
     return None
+
+
+def _bunched(values: Array, frequency: float) -> bool:
+    """Whether the values stand together within the half that occurs: a grid of coarse codes, not codes that lack one bit."""
+    return abs(np.mean(np.exp(4j * np.pi * frequency * np.unique(values)))) > LIKE_HALF
 
 
 def _least_set(values: Array, frequency: float, reach: float, width: float) -> float:

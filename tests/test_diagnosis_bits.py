@@ -41,10 +41,10 @@ def test_sound_codes_lack_none(seed):
     assert stuck_bit(in_codes(rests + rng.normal(0, 2 * LSB, len(rests)))) is None
 
 
-def test_a_grid_that_a_file_has_rounded_lacks_no_bit():
-    """Codes of 12 units written to whole units: all values in half of each cycle, and all at its beginning."""
-    codes = np.rint(swept(rng_of("grid")) / 0.012) * 0.012
-    assert stuck_bit(np.round(codes / 1.003, 3)) is None
+def test_a_grid_that_a_file_has_cut_lacks_no_bit():
+    """Codes of 11.96 units cut to whole units: all values in half of each cycle, and all at its beginning."""
+    codes = 0.01196 * np.rint(swept(rng_of("grid")) / 0.01196)
+    assert stuck_bit(np.floor(codes * 1000) / 1000) is None
 
 
 @pytest.mark.parametrize("magnitude", [False, True], ids=["two's complement", "magnitude with a sign"])

@@ -18,6 +18,7 @@ from tiltcal.segments import Mask
 
 FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
 IN_A_BIT = 4  # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
+CODES = 12  # of the file in the smallest bit: what rounds a coarse code to so few looks like half a cycle
 CYCLES = 4  # of the bit in the range of the readings, at least
 LIKE_HALF = 0.5  # mean sine of the phase; 2 / pi where only the lower half of each cycle occurs, 0 by chance
 ZOOMS = 4  # of eight times each
@@ -48,12 +49,12 @@ def _never_set(values: Array) -> float | None:
     frequency = np.arange(n // 2 + 1) / (n * cell)  # 1 / (2 bit)
     turned = rfft(taken, n) * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))
     alike = -turned.imag / taken.sum()
-    alike[(frequency < CYCLES / span) | (frequency > 1 / (2 * IN_A_BIT * cell))] = 0.0
+    alike[(frequency < CYCLES / span) | (frequency > 1 / (2 * max(IN_A_BIT * cell, CODES * width)))] = 0.0
     for k in np.argsort(alike)[::-1][:TRIES]:
         if alike[k] < LIKE_HALF:
             break
         best = _least_set(values, float(frequency[k]), 1 / (n * cell), width)
-        if _bunched(values, best):
+        if _bunched(values, best, 1 / (n * cell)):
             continue
         cycle = np.floor(values * best)
         visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
@@ -62,9 +63,10 @@ def _never_set(values: Array) -> float | None:
     return None
 
 
-def _bunched(values: Array, frequency: float) -> bool:
+def _bunched(values: Array, frequency: float, reach: float) -> bool:
     """Whether the values stand together within the half that occurs: a grid of coarse codes, not codes that lack one bit."""
-    return abs(np.mean(np.exp(4j * np.pi * frequency * np.unique(values)))) > LIKE_HALF
+    single = np.unique(values)
+    return any(abs(np.mean(np.exp(4j * np.pi * f * single))) > LIKE_HALF for f in frequency + np.linspace(-reach, reach, 33))
 
 
 def _least_set(values: Array, frequency: float, reach: float, width: float) -> float:

@@ -7,7 +7,7 @@ from builders import ACCEL, FOG, GYRO, INCL, setup_of
 from tiltcal.errors import TiltcalError
 from tiltcal.laboratory import SimulatedLaboratory
 from tiltcal.recording import Recording
-from tiltcal.replay import differentiate, replay
+from tiltcal.replay import replay
 from tiltcal.scenario import parse_scenario
 
 LABORATORY = SimulatedLaboratory()
@@ -82,15 +82,6 @@ def test_between_stamps_a_steady_table_moves_on():
     assert np.abs(played.x - true.x).max() < 1e-8
 
 
-def test_differentiation_of_a_readout_is_smooth_and_zero_at_rest():
-    time = np.linspace(0, 10, 1001)
-    v, a = differentiate(time, np.sin(time), np.zeros(1001, bool))
-    np.testing.assert_allclose(v[20:-20], np.cos(time)[20:-20], atol=1e-5)
-    np.testing.assert_allclose(a[20:-20], -np.sin(time)[20:-20], atol=1e-3)
-    assert not differentiate(time, np.sin(time), np.ones(1001, bool))[0].any()
-    assert not differentiate(time[:5], time[:5], np.zeros(5, bool))[0].any()
-
-
 def test_a_recording_without_the_tables_readout_is_refused():
     recording = LABORATORY.record(scenario())
     bare = Recording.from_columns(
@@ -129,17 +120,3 @@ def test_every_dwell_is_one_stop_however_coarse_the_readout_is(noise_codes, rng)
     assert len(lengths) == 10
     assert lengths.min() > 90
     assert lengths.max() < 103
-
-
-@pytest.mark.parametrize("corner", [0.0, 0.3])
-def test_a_rate_is_told_on_its_own_side_of_a_corner(corner, rng):
-    """Beside a jump of the acceleration a window around the sample blurs it; one on its own side does not."""
-    time = np.arange(0, 20, 0.02)
-    at = np.where(time < 10, time - 10, corner * (time - 10))
-    angle, truth = 0.05 * at**2, 0.1 * at * np.where(time < 10, 1, corner)
-    noise = 3e-7
-    resting = np.arange(len(time)) < 60  # where the readout's noise is taken from
-    level = np.where(np.arange(len(time)) < 60, angle[0], angle)
-    v, _ = differentiate(time, level + noise * rng.standard_normal(len(time)), resting)
-    near = slice(480, 520)
-    assert np.abs(v - truth)[near].max() < 4 * 0.97 * noise / 0.02  # no worse than one difference of readings: 15 at one side

@@ -2,23 +2,20 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import product
 
 import numpy as np
 
 from tiltcal.codes import code_width
+from tiltcal.derivatives import differentiate
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, parse_mounts
 from tiltcal.motion import Drive, Index, Jet
 from tiltcal.recording import Recording
-from tiltcal.segments import resting_rows
+from tiltcal.segments import Mask, resting_rows
 from tiltcal.setup import Setup
 
 EDGE = 2  # samples beside a move that are left to the polynomial
 WANDER = 2e-3  # rad: what a readout covers within a stop; more is a slow move, or the turning point of an oscillation
-WIDTHS = (5, 7, 9, 11, 15, 19, 25, 33, 41)  # samples of the local quartics: those that leave no more than the readout's own noise
-AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
-BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class Replay:
 
     time: Array
     angles: dict[str, Array]
-    known: "np.ndarray[tuple[int], np.dtype[np.bool_]]"
+    known: Mask
     temperature: Array
     reference: float
     mounts: tuple[tuple[float, Array], ...]
@@ -67,11 +64,10 @@ class Replay:
     @cached_property
     def _rates(self) -> dict[str, tuple[Array, Array]]:
         """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for many times."""
-        time, resting = self.time.tobytes(), (self.stop >= 0).tobytes()
         found = {}
         for name, angle in self.angles.items():
             sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0  # counted the other way it has the same rates, turned
-            v, a = _differentiated(time, (sign * angle).tobytes(), resting)
+            v, a = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
             found[name] = (sign * v, sign * a)
         return found
 
@@ -118,7 +114,7 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
     return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
 
 
-def _near(time: Array, read: Array) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+def _near(time: Array, read: Array) -> Mask:
     """Rows whose readout is known: read there, or between two readings at the table's ordinary cadence, (n,)."""
     there = np.isin(time, read)
     if len(read) < 2:
@@ -134,9 +130,7 @@ def nearest_rows(stamps: Array, time: Array) -> Index:
     return np.searchsorted(between, time)
 
 
-def still_rows(
-    angles: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]"
-) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+def still_rows(angles: Array, resting: Mask) -> Mask:
     """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one code, of the dwell's level.
 
     The search for dwells takes the very start and end of a move for rest, and the slow parts of a table that never rests; a
@@ -160,78 +154,11 @@ def still_rows(
     return still
 
 
-def differentiate(time: Array, angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> tuple[Array, Array]:
-    """Rate and acceleration of a readout by local quartics on a uniform grid; exactly zero at rest. All (n,).
-
-    Each sample has the window, around it or to one side of it, whose quartic leaves no more than the readout's noise and tells
-    the rate best: long in steady turns, short where moves bend, and on its own side of a corner.
-    """
-    from scipy.interpolate import CubicSpline
-
-    zero = np.zeros_like(angle)
-    if len(time) < 9 or np.ptp(angle) == 0:
-        return zero, zero
-    dt = float(np.median(np.diff(time)))
-    n = round(float(time[-1] - time[0]) / dt) + 1
-    if n > 4 * len(time):  # a log of dwells with nothing between them
-        return zero, zero
-    grid = np.linspace(time[0], time[-1], n)
-    uniform = CubicSpline(time, angle)(grid)
-    step = grid[1] - grid[0]
-    v, a = _by_best_windows(uniform, _readout_noise(angle, resting))
-    v, a = v / step, a / step**2
-    v, a = np.interp(time, grid, v), np.interp(time, grid, a)
-    return np.where(resting, 0.0, v), np.where(resting, 0.0, a)
-
-
 @lru_cache(maxsize=24)
-def _differentiated(time: bytes, angle: bytes, resting: bytes) -> tuple[Array, Array]:
-    """The same of the contents of arrays: one recording is replayed many times, under every reading of its columns."""
-    return differentiate(np.frombuffer(time), np.frombuffer(angle), np.frombuffer(resting, dtype=bool))
+def _differentiated(time: bytes, angle: bytes) -> tuple[Array, Array]:
+    """Rate and acceleration of one axis, of the contents of arrays: one recording is replayed many times, its columns read anew.
 
-
-def _by_best_windows(u: Array, level: float) -> tuple[Array, Array]:
-    """First and second derivative, per sample, of the quartics of the best windows, (n,): the narrowest one when none fits."""
-    n = len(u)
-    first, second = _weights(WIDTHS[0], WIDTHS[0] // 2)
-    v, a, narrowest = _centred(u, first), _centred(u, second), float(first @ first)
-    variance = np.full(n, narrowest)
-    fits = {w: _misfit_of_quartics(u, w) <= level * (1 + 1 / np.sqrt(2 * (w - 5))) for w in WIDTHS[1:] if w < n}
-    for places in (AROUND, BESIDE):
-        wanted = np.ones(n, bool) if places is AROUND else variance == narrowest
-        for (width, fit), share in product(fits.items(), places):
-            place = round(share * (width - 1))
-            first, second = _weights(width, place)
-            rows = slice(place, n - width + 1 + place)
-            better = fit & wanted[rows] & (first @ first < variance[rows])
-            v[rows] = np.where(better, np.convolve(u, first[::-1], mode="valid"), v[rows])
-            a[rows] = np.where(better, np.convolve(u, second[::-1], mode="valid"), a[rows])
-            variance[rows] = np.where(better, first @ first, variance[rows])
-    return v, a
-
-
-def _weights(width: int, place: int) -> tuple[Array, Array]:
-    """What takes the first and the second derivative at one sample of a window from its quartic, (width,) each."""
-    fitted = np.linalg.pinv(np.vander(np.arange(width) - float(place), 5, increasing=True))
-    return fitted[1], 2 * fitted[2]
-
-
-def _readout_noise(angle: Array, resting: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> float:
-    """Standard deviation of a readout from row to row where it rests, at least that of its codes; 0 when it never rests, rad."""
-    steps = np.diff(angle)[resting[1:] & resting[:-1]]
-    return float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12))) if len(steps) > 32 else 0.0
-
-
-def _misfit_of_quartics(u: Array, width: int) -> Array:
-    """What the quartic fitted to each full window leaves, rms per degree of freedom, (n - width + 1,)."""
-    k = np.arange(width) - width // 2
-    basis = np.linalg.qr(np.vander(k / width, 5, increasing=True))[0]
-    windows = np.lib.stride_tricks.sliding_window_view(u - u.mean(), width)
-    centred = windows - windows[:, width // 2 : width // 2 + 1]  # of the angle itself nothing is left to cancel
-    left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
-    return np.asarray(np.sqrt(np.maximum(left, 0.0) / (width - 5)))
-
-
-def _centred(u: Array, weights: Array) -> Array:
-    """Weighted sums of the windows around every sample, (n,); the ends held (Savitzky and Golay 1964)."""
-    return np.convolve(np.pad(u, len(weights) // 2, mode="reflect", reflect_type="odd"), weights[::-1], mode="valid")
+    An axis rests for itself, whatever the others do.
+    """
+    t, x = np.frombuffer(time), np.frombuffer(angle)
+    return differentiate(t, x, still_rows(x[:, None], resting_rows(t, x[:, None])))

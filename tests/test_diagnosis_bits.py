@@ -6,7 +6,7 @@ from dossier import bench, faults_of, honest, recorded, rewritten
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.bench import prepare
-from tiltcal.diagnosis.bits import stuck_bit
+from tiltcal.diagnosis.bits import stuck_bit, was_set
 
 LSB = 5e-4  # m/s2
 
@@ -58,6 +58,15 @@ def test_a_missing_bit_is_put_back(magnitude):
     assert fault.effect.value("bit_value") == pytest.approx(32 * LSB, abs=3 * fault.sigma["bit_value"])
     whole = found.observations.sources[0].column("accel_x_m_s2")
     assert np.mean(np.abs(whole - x) < 0.1 * LSB) > 0.999
+
+
+@pytest.mark.parametrize("start", [0.0, 1.0])
+def test_where_nothing_predicts_a_channel_the_smoothest_course_had_the_bit(start):
+    rng = rng_of(f"smooth {start}")
+    course = start + 2 * np.sin(np.linspace(0, 6 * np.pi, 3000)) + rng.normal(0, 2 * LSB, 3000)
+    whole, cut = in_codes(course), in_codes(course, 7)
+    assert np.mean(was_set(cut, np.full(3000, 128 * LSB)) == (whole != cut)) > 0.999
+    assert 0.3 < np.mean(whole != cut) < 0.7
 
 
 def test_the_simulated_fault_is_found():

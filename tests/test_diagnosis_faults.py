@@ -208,6 +208,18 @@ def test_an_angle_that_jumps_where_the_gyro_does_not_is_a_wrong_label():
     assert prepare(honest(truth), [sound]).faults == ()
 
 
+@pytest.mark.parametrize("before", [18, 22])
+def test_a_readout_that_is_missing_while_the_table_goes_does_not_jump(before):
+    """Both ends of a gap look like jumps by half of a step of what is put into it, as far back as there."""
+    truth = bench()
+    sound = recorded(truth, 5)
+    outer, inner = (sound.column(f"table_{axis}_deg").copy() for axis in ("outer", "inner"))
+    stop = prepare(honest(truth), [sound]).observations.courses[0].stop
+    gap = slice(np.flatnonzero(stop == before)[-1] + 1, np.flatnonzero(stop == before + 1)[0])
+    outer[gap] = inner[gap] = np.nan
+    assert prepare(honest(truth), [rewritten(sound, table_outer_deg=outer, table_inner_deg=inner)]).faults == ()
+
+
 def test_a_table_that_truly_jumps_is_believed():
     """Kicked by 0.3 deg for two seconds: the gyro reads both kicks."""
     truth = upright_turns()

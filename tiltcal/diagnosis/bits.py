@@ -1,7 +1,7 @@
 """A bit that always reads 0: half of all codes never occur, in cycles of twice the bit, wherever the readings go.
 
 Which readings lack the bit only a prediction tells: it is put back where that brings a reading nearer to what the table's
-motion says.
+motion says. By hand nothing predicts a gyro: there the smoothest course that the codes allow is taken.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,10 +10,11 @@ import numpy as np
 
 from tiltcal.codes import code_width
 from tiltcal.diagnosis.account import Account
-from tiltcal.diagnosis.columns import CHANCE, at_least, changed, written
+from tiltcal.diagnosis.columns import CHANCE, at_least, changed, column_values, written
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.frames import Array
 from tiltcal.recording import Recording
+from tiltcal.scenario import Scenario
 from tiltcal.segments import Mask
 
 FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
@@ -28,14 +29,15 @@ LEAST = 64  # values
 
 def stuck_bit(values: Array) -> float | None:
     """The bit that is never set in these values, (n,), in their unit: codes in two's complement, or magnitudes with a sign."""
-    for codes in (values, np.abs(values)) if values.min() < 0 else (values,):
-        if (bit := _never_set(codes)) is not None:
+    one = np.ones(len(values))
+    for codes, sign in ((values, one), (np.abs(values), np.sign(values))) if values.min() < 0 else ((values, one),):
+        if (bit := _never_set(codes, sign)) is not None:
             return bit
     return None
 
 
-def _never_set(values: Array) -> float | None:
-    """The bit, if a bit of floor(values / bit) is 0 in more cycles than chance allows."""
+def _never_set(values: Array, sign: Array) -> float | None:
+    """The bit, if a bit of floor(values / bit) is 0 in more cycles, of either sign, than chance allows."""
     from scipy.fft import next_fast_len, rfft
 
     span, width = float(np.ptp(values)), code_width(values)
@@ -56,7 +58,7 @@ def _never_set(values: Array) -> float | None:
         best = _least_set(values, float(frequency[k]), 1 / (n * cell), width)
         if _bunched(values, best, 1 / (n * cell)):
             continue
-        cycle = np.floor(values * best)
+        cycle = sign * (np.floor(values * best) + 1)
         visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
         if at_least(visited - odd, visited, 0.5) * len(frequency) < CHANCE:
             return float(1 / (2 * best))
@@ -93,7 +95,7 @@ def with_bits(
     Args:
         bits: SI, by sensor and axis.
     """
-    restored = list(recordings)
+    restored = [_smoothest(recording, observations.scenario, bits, observations, k) for k, recording in enumerate(recordings)]
     for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
         if (bit := bits.get((channel.sensor, channel.axis))) is None:
             continue
@@ -109,6 +111,51 @@ def with_bits(
         whole = before + np.where(lacks > between, side * bit / unit, 0.0)
         restored[k] = changed(restored[k], sensor, channel.axis, channel.rows, whole)
     return tuple(restored)
+
+
+def _smoothest(
+    recording: Recording, scenario: Scenario, bits: Mapping[tuple[str, str], float], observations: Observations, number: int
+) -> Recording:
+    """A recording with the bits of those channels put back that no observation predicts."""
+    predicted = {(c.sensor, c.axis) for c in observations.channels if c.recording == number}
+    for (name, axis), bit in bits.items():
+        sensor = scenario.named(name)
+        rows, _, values = column_values(recording, sensor, axis)
+        if (name, axis) in predicted or len(rows) < LEAST:
+            continue
+        codes = written(recording, sensor, axis)[rows]
+        bit_in_file = bit * float(np.ptp(codes) / np.ptp(values))
+        side = _sign_of_course(codes) if _with_sign(codes, bit_in_file) else np.ones(len(codes))
+        recording = changed(recording, sensor, axis, rows, codes + side * bit_in_file * was_set(codes, side * bit_in_file))
+    return recording
+
+
+def _sign_of_course(codes: Array) -> Array:
+    """The sign of each code, that of the one before where it reads nothing, (n,)."""
+    last = np.maximum.accumulate(np.where(codes != 0, np.arange(len(codes)), 0))
+    return np.sign(codes[last])
+
+
+def was_set(codes: Array, bit: Array) -> Mask:
+    """Where a bit was set if the course was the smoothest, the sum of its squared second differences the least, (n,).
+
+    Args:
+        codes: without the bit, (n,), n > 2.
+        bit: what it adds to each, (n,).
+    """
+    either = np.stack([codes, codes + bit])  # (2, n)
+    cost = np.zeros((2, 2))  # of the last two samples' states
+    came = np.zeros((len(codes), 2, 2), np.intp)
+    for k in range(2, len(codes)):
+        second = either[:, k][None, None, :] - 2 * either[:, k - 1][None, :, None] + either[:, k - 2][:, None, None]
+        total = cost[:, :, None] + second**2
+        came[k] = total.argmin(axis=0)
+        cost = total.min(axis=0)
+    state = np.zeros(len(codes), np.intp)
+    state[-2:] = np.unravel_index(int(cost.argmin()), cost.shape)
+    for k in range(len(codes) - 1, 1, -1):
+        state[k - 2] = came[k, state[k - 1], state[k]]
+    return np.asarray(state == 1)
 
 
 def _with_sign(codes: Array, bit: float) -> bool:

@@ -54,7 +54,7 @@ def jumps(observations: Observations, account: Account) -> tuple[list[Fault], tu
         return faults, tuple(recordings)
     for number, course in enumerate(observations.courses):
         for axis, angle in course.angles.items():
-            jump = _jump(axis, angle)
+            jump = _jump(axis, angle, course.known)
             if jump is not None and _unfollowed(observations, account.effects, number, jump):
                 fault, recordings[number] = mistyped(
                     observations, number, recordings[number], jump.rows, axis, jump.error, jump.sigma
@@ -63,11 +63,11 @@ def jumps(observations: Observations, account: Account) -> tuple[list[Fault], tu
     return faults, tuple(recordings)
 
 
-def _jump(axis: str, angle: Array) -> Jump | None:
-    """The two sharpest bends of a readout (rad, (n,)), if it went as far there as back."""
-    step = np.diff(angle)
+def _jump(axis: str, angle: Array, known: Mask) -> Jump | None:
+    """The two sharpest bends of a readout (rad, (n,)) where it was read, if it went as far there as back."""
+    step, read = np.diff(angle), known[1:] & known[:-1]
     bent = np.zeros(len(step))  # a table gathers speed, and loses it, over several samples
-    bent[1:-1] = step[1:-1] - (step[:-2] + step[2:]) / 2
+    bent[1:-1] = np.where(read[:-2] & read[1:-1] & read[2:], step[1:-1] - (step[:-2] + step[2:]) / 2, 0.0)
     first = int(np.argmax(np.abs(bent)))
     others = np.where(np.abs(np.arange(len(bent)) - first) > 2, bent, 0.0)
     first, last = sorted((first, int(np.argmax(np.abs(others)))))

@@ -10,6 +10,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.filling import fill, refill
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.recording import Recording
+from tiltcal.scenario import parse_scenario
 from tiltcal.sequence import Step
 
 
@@ -69,6 +70,21 @@ def test_an_interpolation_error_is_a_line_over_the_angle():
     truth = truth.model_copy(update={"sequence": sequence})
     found = prepare(honest(truth), [recorded(truth, 3)])
     assert lines_of(found.ledger, found.start).ripples[:1] == (36,)
+
+
+def test_a_gyro_tells_the_lines_of_a_turn_about_the_upright():
+    """Gravity sees nothing of it: the rate of the error alone does."""
+    steps = [{"action": "turn", "axis": "outer", "rate_deg_s": 30.0, "angle_deg": a, "dwell_s": 3.0} for a in (360, -360, 360)]
+    truth = parse_scenario({
+        "schema": 1, "name": "turns", "site": {"gravity_m_s2": 9.81, "latitude_deg": 40.0}, "rig": {"table": "three"},
+        "sensor": [{"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale"]}], "sequence": steps,
+        "effect": [
+            {"id": "gyr_noise", "sensor": "gyro", "white_deg_rth": 0.2},
+            {"id": "table_encoder_sde", "axis": "outer", "sin_arcsec": 20.0, "lines": 24},
+        ],
+    })  # fmt: skip
+    found = prepare(honest(truth), [recorded(truth, 3)])
+    assert lines_of(found.ledger, found.start).ripples[:1] == (24,)
 
 
 def test_what_rings_anew_after_each_move_is_an_echo():

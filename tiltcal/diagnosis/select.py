@@ -12,12 +12,13 @@ from tiltcal.diagnosis.observations import Columns
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, fair, preferred
 from tiltcal.diagnosis.shapes import at_its_instant, refined
 from tiltcal.diagnosis.suspects import STEPS, Suspect
-from tiltcal.diagnosis.whitening import NoiseFit
+from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
 from tiltcal.frames import Array
 
 NEARLY = 0.7  # of the worth of the best: a name in its own form goes before one that needs curves for more
 REST = 0.2  # share of a free form that its first curve may leave
 ALPHA = 0.01  # family-wise, over everything that was tried
+PATIENCE = 6  # suspects that may be sent away
 MOST = 4  # findings a recording may be given
 
 
@@ -101,20 +102,22 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
     """Add what explains the residual best, as long as it stands out of the noise; then drop what is not needed.
 
     The scan weighs by white noise at first, so that no effect is taken for noise; what does not stand out of the noise that
-    is left when it is taken away waits, and may pass together with another. In the end it weighs by the noise within the stops,
-    where what differs from stop to stop is no random walk.
+    is left when it is taken away waits, and may pass together with another. With each that is kept the noise is known better;
+    where nothing stands out of it any more the scan weighs by white noise again, for a slow effect was in that noise, and in
+    the end by the noise within the stops, where what differs from stop to stop is no random walk.
     """
     waiting: tuple[Term, ...] = ()
     banned: set[int] = set()
-    patience, within = 6, gate.static is None
+    patience, looks = PATIENCE, [] if gate.static is not None else [noise_within_stops]
     while len(findings(account)) < MOST and patience:
         trial = settle(replace(account, terms=account.terms + waiting), ledger)
         rivals = best_explanation(trial, ledger, _outside(wanted, frozenset(banned)))
-        if not rivals:  # look again in another noise: without those who wait, then within the stops
+        if not rivals:  # look again in another noise: without those who wait, then white, then within the stops
+            noise: list[NoiseFit] | None = None
             if waiting:
-                noise: list[NoiseFit] | None = gate.noise(settle(account, ledger), ledger)
-            else:
-                noise, within = noise_within_stops(account, ledger) if within else None, False
+                noise = gate.noise(settle(account, ledger), ledger)
+            elif looks:
+                noise = looks.pop(0)(account, ledger)
             if noise is None:
                 break
             waiting = ()
@@ -127,12 +130,18 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
         if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
             account, waiting, banned = settle(joined(trial), ledger), (), set()
+            looks = [] if gate.static is not None else [_white_noise, noise_within_stops]
             continue
         patience -= 1
         banned.add(id(pick.suspect))
         waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 else ()
         ledger.under(models(gate.noise(trial if waiting else account, ledger)))
     return backward(account, ledger, gate)
+
+
+def _white_noise(account: Account, ledger: Ledger) -> list[NoiseFit]:
+    """The noise of each channel without what is slow in it."""
+    return [NoiseFit.whole(NoiseModel(fit.model.white)) for fit in noise_under(account, ledger)]
 
 
 def _outside(wanted: Callable[[Suspect], bool], banned: frozenset[int]) -> Callable[[Suspect], bool]:

@@ -12,9 +12,12 @@ from tiltcal.diagnosis.whitening import robust_white
 from tiltcal.effects import CATALOGUE
 from tiltcal.frames import Array
 
+Waves = np.ndarray[tuple[int], np.dtype[np.complex128]]
 LINES = 1100  # a turn, of the finest scale that is looked for
 CIRCLE = 2**17  # angles of a turn: a hundredth of a radian of the finest line, rms
 FIRST = 6  # fewer are curves of the angle
+PROBE = 36.0  # lines, from whose changes those of any other number follow
+SMALL = 1e-6  # rad
 CHANCE = 1e-4  # of a line in any recording without one
 MOST = 5
 FINER = 4  # frequencies a width of a line
@@ -69,30 +72,45 @@ def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
     found: list[tuple[float, int]] = []
     if not isinstance(observations, TableObservations):
         return ()
-    left = observations.residuals(account.effects)
+    left, each = observations.residuals(account.effects), np.arange(LINES)
     for axis in observations.scenario.rig.axis_names:
-        zero = CATALOGUE["table_encoder_zero"]({f"{axis}_zero": 1.0}, None, None, "found")
-        power = np.zeros(LINES)
-        weight = 0.0
-        for i, column in observations.changes(zero, account.effects).items():
+        power, weight = np.zeros(LINES, complex), np.zeros(LINES)
+        for i, turned in _of_one_line(observations, axis, account).items():
             channel = observations.channels[i]
             angle = observations.courses[channel.recording].angles[axis][channel.rows]
             noise = robust_white(left[i])
-            signal = column * left[i] / noise**2
-            weight += float(column @ column) / noise**2
-            power += _harmonics(angle, signal)
-        if weight > 0:
-            gain = 2 * power / weight
+            of_angle, of_rate = turned.real, turned.imag / PROBE  # what n lines do to the readings: of_angle + 1j n of_rate
+            power += _harmonics(angle, of_angle * left[i] / noise**2) + 1j * each * _harmonics(angle, of_rate * left[i] / noise**2)
+            weight += (of_angle @ of_angle + each**2 * (of_rate @ of_rate)) / noise**2
+        if weight.any():
+            gain = 2 * np.abs(power) ** 2 / np.maximum(weight, np.finfo(float).tiny)
             floor = max(float(np.median(gain[FIRST:])) / np.log(2), 1.0)
             peak = [n for n in range(FIRST, LINES - 1) if gain[n] >= max(gain[n - 1], gain[n + 1])]
             found += [(float(gain[n]), n) for n in peak if gain[n] > 2 * floor * np.log(LINES / CHANCE)]
     return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
 
 
-def _harmonics(angle: Array, signal: Array) -> Array:
-    """|sum signal exp(i n angle)|^2 for n = 0 .. LINES - 1: of angles rounded to a share of the finest line, so by one FFT."""
+def _of_one_line(observations: TableObservations, axis: str, account: Account) -> dict[int, Waves]:
+    """What an error of a readout does to each channel: of the angle, plus 1j PROBE times of its rate, which a gyro sees.
+
+    Of PROBE lines a turn the cosine changes a channel by the real part of that times exp(1j PROBE angle), the sine by the other.
+    """
+    cos, sin = (
+        observations.changes(CATALOGUE["table_encoder_sde"]({name: SMALL, "lines": PROBE}, None, axis, "found"), account.effects)
+        for name in ("cos", "sin")
+    )
+    found: dict[int, Waves] = {}
+    for i in cos.keys() | sin.keys():
+        channel = observations.channels[i]
+        angle = observations.courses[channel.recording].angles[axis][channel.rows]
+        found[i] = (cos.get(i, 0.0) + 1j * sin.get(i, 0.0)) * np.exp(-1j * PROBE * angle)
+    return found
+
+
+def _harmonics(angle: Array, signal: Array) -> Waves:
+    """sum signal exp(i n angle) for n = 0 .. LINES - 1: of angles rounded to a share of the finest line, so by one FFT."""
     place = np.rint(angle / (2 * np.pi) * CIRCLE).astype(np.int64) % CIRCLE
-    return np.asarray(np.abs(np.fft.rfft(np.bincount(place, signal, CIRCLE))[:LINES]) ** 2)
+    return np.fft.rfft(np.bincount(place, signal, CIRCLE))[:LINES].conj()
 
 
 def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:

@@ -114,24 +114,28 @@ def _harmonics(angle: Array, signal: Array) -> Waves:
 
 
 def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
-    """Frequencies, Hz, of what rings, or beats, anew after each move: lines in the mean over all rests, aligned at their start."""
+    """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the move, over all rests."""
     observations = ledger.observations
     found: list[tuple[float, float]] = []
+    if not isinstance(observations, TableObservations):
+        return ()
+    watches = observations.watches(account.effects)
     for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
-        rests = [np.flatnonzero(channel.stop == k) for k in range(int(channel.stop.max(initial=-1)) + 1)]
-        rests = [rows for rows in rests if len(rows) >= 32]
+        stops = range(int(channel.stop.max(initial=-1)) + 1)
+        rests = [rows for k in stops if len(rows := np.flatnonzero(channel.stop == k)) >= 32]
         if len(rests) < 4:
             continue
-        length = int(np.median([len(rows) for rows in rests]))
-        whole = [residual[rows[:length]] - residual[rows[:length]].mean() for rows in rests if len(rows) >= length]
-        step = float(np.median(np.diff(channel.time)))
-        mean = np.mean(whole, axis=0) * np.hanning(length)
-        power = np.abs(np.fft.rfft(mean, 4 * length)) ** 2
-        frequency = np.fft.rfftfreq(4 * length, step)
-        seen = frequency > 1.5 / (length * step)
+        level = np.concatenate([residual[rows] - residual[rows].mean() for rows in rests])
+        whole = watches[channel.recording].sense[channel.sensor].since_move
+        since = whole[np.minimum(channel.rows[np.concatenate(rests)] // observations.block, len(whole) - 1)]
+        cell, length = float(np.median(np.diff(channel.time))) / FINER, float(np.median([np.ptp(channel.time[r]) for r in rests]))
+        summed = np.bincount(np.rint(since / cell).astype(np.intp), level)
+        size = 2 * FINER * len(summed)
+        power, frequency = np.abs(np.fft.rfft(summed, size)) ** 2, np.fft.rfftfreq(size, cell)
+        seen = (frequency > 1.5 / length) & (frequency < 0.5 / (FINER * cell))
         floor = float(np.median(power[seen])) / np.log(2)
         k = int(np.argmax(np.where(seen, power, 0.0)))
-        if power[k] > floor * np.log(length / CHANCE):
+        if power[k] > floor * np.log(len(summed) / CHANCE):
             found.append((float(power[k] / floor), float(frequency[k])))
     return _apart(found, lambda f: 0.03 * f)
 

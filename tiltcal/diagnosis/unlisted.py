@@ -64,10 +64,11 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
         one_cause = curve.worth > joint - MARGIN * (several - 1) - LOOSE * curve.gain  # is likelier than several
         return curve if one_cause else None
-    if several > 1 and curve.sizes <= sum(len(t.names) for t in inside) and curve.worth > joint - EQUAL:
-        return curve  # one cause with as few numbers says the same as several
     level = 0.0 if single is None else max(single.worth, joint if several == 1 else 0.0)
-    return curve if curve.worth > level + MARGIN + SHARE * curve.gain else None
+    far_off = curve.worth > level + MARGIN + SHARE * curve.gain
+    if several > 1 and curve.sizes <= sum(len(t.names) for t in inside) and curve.worth > joint - EQUAL:
+        return curve if far_off else single  # one cause with as few numbers says the same as several
+    return curve if far_off else None
 
 
 def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:

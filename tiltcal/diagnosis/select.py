@@ -9,7 +9,7 @@ from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_u
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project, projected
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
 from tiltcal.diagnosis.observations import Columns
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, fair, preferred
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, fair, preferred, price_of
 from tiltcal.diagnosis.shapes import at_its_instant, refined
 from tiltcal.diagnosis.suspects import STEPS, Suspect
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
@@ -128,7 +128,10 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
         pick = preferred(own or rivals, trial.residual if not own else _signal_of(own[0], trial, ledger))
         terms = _hosted(at_its_instant(refined(pick.terms, trial, ledger), trial, ledger), pick.gain, trial, ledger)
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
-        if all(value < np.log(ALPHA) for value in gate.log_p(trial, ledger)):
+        needed = [value < np.log(ALPHA) for value in gate.log_p(trial, ledger)]
+        if needed[-1] and not all(needed) and (other := _without(trial, needed, account, ledger, gate)) is not None:
+            trial, needed, patience = other, [True], patience - 1
+        if all(needed):
             account, waiting, banned = settle(joined(trial), ledger), (), set()
             looks = [] if gate.static is not None else [_white_noise, noise_within_stops]
             continue
@@ -137,6 +140,19 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
         waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 else ()
         ledger.under(models(gate.noise(trial if waiting else account, ledger)))
     return backward(account, ledger, gate)
+
+
+def _without(trial: Account, needed: Sequence[bool], before: Account, ledger: Ledger, gate: Gate) -> Account | None:
+    """An account without the findings that the newest one makes needless; None where it is no better than the one before."""
+    terms = [trial.terms[k] for places, keep in zip(findings(trial), needed, strict=True) if keep for k in places]
+    other = settle(replace(trial, terms=tuple(terms)), ledger)
+    cheaper = _cost(other, ledger) < _cost(settle(before, ledger), ledger)
+    return other if cheaper and all(value < np.log(ALPHA) for value in gate.log_p(other, ledger)) else None
+
+
+def _cost(account: Account, ledger: Ledger) -> float:
+    """Deviance and the price of all sizes."""
+    return account.deviance + price_of(ledger) * sum(len(t.names) for t in account.terms)
 
 
 def _white_noise(account: Account, ledger: Ledger) -> list[NoiseFit]:
@@ -161,6 +177,7 @@ def _hosted(terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledg
 
 
 KINDS = ("motion", "direction", "vibration")  # of excitation, whose laws are alike
+TONES = ("mains_pickup", "base_vibration")  # a line that wanders leaves lines beside it
 
 
 def absorbed(account: Account, ledger: Ledger) -> Account:
@@ -176,7 +193,8 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
         for k, large in enumerate(groups):
             other = account.terms[large[0]].suspect.effect
             inside = float(power[j][power[k] > (1 - OWN) * power[k].sum()].sum()) > OWN * float(power[j].sum())
-            if mine.needs == other.needs in KINDS and power[j].sum() < (1 - OWN) * power[k].sum() and inside and k not in hosts:
+            alike = mine.needs == other.needs in KINDS or {mine.id, other.id} <= set(TONES)
+            if alike and power[j].sum() < (1 - OWN) * power[k].sum() and inside and k not in hosts:
                 hosts[j] = k
     if not hosts:
         return account

@@ -48,10 +48,11 @@ def _never_set(values: Array, sign: Array) -> float | None:
     taken = np.zeros(int(place.max()) + 1)
     taken[place] = 1.0  # each value once: rests say no more than moves
     n = next_fast_len(4 * len(taken), real=True)
-    frequency = np.arange(n // 2 + 1) / (n * cell)  # 1 / (2 bit)
-    turned = rfft(taken, n) * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))
+    coarsest, finest = CYCLES / span, 1 / (2 * max(IN_A_BIT * cell, CODES * width))
+    looked = np.arange(int(np.ceil(coarsest * n * cell)), min(int(finest * n * cell), n // 2) + 1)
+    frequency = looked / (n * cell)  # 1 / (2 bit)
+    turned = rfft(taken, n)[looked] * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))
     alike = -turned.imag / taken.sum()
-    alike[(frequency < CYCLES / span) | (frequency > 1 / (2 * max(IN_A_BIT * cell, CODES * width)))] = 0.0
     for k in np.argsort(alike)[::-1][:TRIES]:
         if alike[k] < LIKE_HALF:
             break

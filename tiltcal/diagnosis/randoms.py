@@ -135,9 +135,10 @@ def setting_error(account: Account, start: Account, ledger: Ledger, total: int) 
     trials = {axis: columns for axis, columns in trials.items() if len(columns) >= 8}
     usual = ledger.roots
     try:
-        chances = {axis: _chance(columns, account, ledger, noise) + np.log(max(total, 1)) for axis, columns in trials.items()}
+        limit = float(np.log(ALPHA) - np.log(max(total, 1)))
+        chances = {axis: _chance(columns, account, ledger, noise, limit) for axis, columns in trials.items()}
         axis = min(chances, key=lambda a: chances[a], default=None)
-        if axis is None or chances[axis] > np.log(ALPHA):
+        if axis is None or chances[axis] > limit:
             return None
         columns = trials[axis]
         ledger.under(models(noise))
@@ -162,8 +163,10 @@ def setting_error(account: Account, start: Account, ledger: Ledger, total: int) 
     return Fault(effect, names, axes, words, sigma={"sigma": error}), columns
 
 
-def _chance(stops: Sequence[Columns], account: Account, ledger: Ledger, noise: Sequence[NoiseFit]) -> float:
+def _chance(stops: Sequence[Columns], account: Account, ledger: Ledger, noise: Sequence[NoiseFit], limit: float) -> float:
     """Logarithm of the chance of what the stops' own rotations explain, in the noisiest way that the stops allow.
+
+    Once it is above the limit it is not worked out further.
 
     What differs from stop to stop but is no rotation about the axis tells how much noise there is that the stops by themselves
     do not show: the rotations have to stand out of that too.
@@ -174,9 +177,12 @@ def _chance(stops: Sequence[Columns], account: Account, ledger: Ledger, noise: S
         ledger.under([fit.bounds()[side] for fit in noise])
         at_this = settle(account, ledger)
         gain, _, _ = _stops(stops, at_this, ledger)
+        worst = max(worst, log_tail(gain, len(stops)))
+        if worst > limit:
+            break
         other = _stops([*stops, *levels], at_this, ledger)[0] - gain
         free = len(levels) - len(stops) - at_this.basis[0].shape[1]
-        worst = max(worst, log_tail(gain, len(stops)), log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
+        worst = max(worst, log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
     return worst
 
 

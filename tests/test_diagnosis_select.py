@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dossier import bench, honest
+from dossier import bench, honest, recorded
 
 from tiltcal.diagnosis.account import Account, Term
+from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.rivals import fair
 from tiltcal.diagnosis.select import findings, joined
 from tiltcal.diagnosis.span import Lines, Span
@@ -67,3 +68,19 @@ def test_ripples_and_widths_come_from_the_recording():
 def test_known_lines_are_not_looked_at_again():
     new = Lines(tones=(1.0, 5.0), ripples=(12, 36)).beside(Lines(tones=(5.001,), ripples=(36,)), 0.005)
     assert new == Lines(tones=(1.0,), ripples=(12,))
+
+
+@pytest.mark.parametrize(("samples", "good"), [(0.02, False), (0.9, True), (3.0, True)])
+def test_a_small_part_of_a_sample_is_not_lost(samples, good):
+    effect = CATALOGUE["data_drop"]({"samples": 1.0, "time": 5.0}, "accel", None, "found")
+    assert fair(replace(Term.start(Suspect(effect, ("samples",))), values=(samples,))) is good
+
+
+def test_a_slow_effect_that_stood_in_the_noise_of_a_larger_one_is_found_after_it():
+    """Beside a drift of the floor a step of one bias is a random walk to the noise that is left."""
+    truth = bench(
+        {"id": "floor_tilt_drift", "tilt_east_arcsec": 60.0, "tilt_north_arcsec": 20.0},
+        {"id": "acc_bias_step", "sensor": "accel", "bias_step_z_ug": 60.0, "time_s": 100.0},
+    )
+    found = diagnose(honest(truth), [recorded(truth, 1)]).findings
+    assert {f.effect for f in found} == {"floor_tilt_drift", "acc_bias_step"}

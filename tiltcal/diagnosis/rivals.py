@@ -157,14 +157,14 @@ def _terms(normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect)
 
 
 def fair(term: Term) -> bool:
-    """Whether the sizes are ones that an instrument of some grade may have."""
+    """Whether the sizes are ones that an instrument of some grade may have: of what comes in ones no small part of one."""
     for parameter in term.suspect.effect.parameters:
         limit = FAIR * max(parameter.plausible) * parameter.factor
         stem = parameter.name.split("{")[0].rstrip("_")
         for name, value in zip(term.names, term.values, strict=True):
             if name != parameter.name and not ("{" in parameter.name and name.startswith(stem)):
                 continue
-            if abs(value) > limit or (parameter.positive and value < 0):
+            if abs(value) > limit or (parameter.positive and value < 0) or (parameter.whole and abs(value) < 0.5):
                 return False
     return True
 

@@ -44,6 +44,7 @@ class Parameter:
         positive: whether only values >= 0 make sense (a width, a time constant, a standard deviation).
         default: SI value when a scenario leaves it out.
         shape: whether it says when, how fast or how wide and not how much; so does everything with a default.
+        whole: whether it counts what comes in ones.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Parameter:
     positive: bool = False
     default: float = 0.0
     shape: bool = False
+    whole: bool = False
 
     def expand(self, axes: Sequence[str]) -> list[str]:
         """Bare names for a sensor with these axes."""

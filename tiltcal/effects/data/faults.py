@@ -43,7 +43,7 @@ class DataDrop(SignalEffect):
     order = 92
     title = "samples lost"
     parameters = (
-        Parameter("samples", "", (100, 100, 100), positive=True),
+        Parameter("samples", "", (100, 100, 100), positive=True, whole=True),
         Parameter("time", "s", (1e5, 1e5, 1e5), shape=True),
     )
     physics = "A buffer overran: samples are missing and the rest moved up."

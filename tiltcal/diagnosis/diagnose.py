@@ -19,6 +19,7 @@ from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.randoms import beside_stops, setting_error
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, absorbed, backward, plausible, select
+from tiltcal.diagnosis.shapes import upright
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
@@ -75,7 +76,7 @@ def diagnose(
         account = above(account, ledger, bench.floors, any(f.effect.id == "data_truncation" for f in bench.faults))
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
-    account = plausible(account, ledger)  # its sizes have been fitted again since
+    account = upright(plausible(account, ledger))  # its sizes have been fitted again since
     progress("re-simulating")
     answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)

@@ -46,6 +46,19 @@ def shapes(suspect: Suspect) -> dict[str, float]:
     return {name: value for name, value in effect.values.items() if name not in suspect.names and name in STEP}
 
 
+def upright(account: Account) -> Account:
+    """The account with tones of a positive amplitude, the largest of their channels: a negative one is half a turn of the phase."""
+    turned: dict[int, Suspect] = {}
+    terms = []
+    for t in account.terms:
+        phase = t.suspect.effect.values.get("phase")
+        if phase is not None and "phase" not in t.suspect.names and t.values[int(np.argmax(np.abs(t.values)))] < 0:
+            turned[id(t.suspect)] = _at(t.suspect, "phase", float(np.angle(-np.exp(1j * phase))))
+            t = replace(t, suspect=turned[id(t.suspect)], values=tuple(-v for v in t.values))
+        terms.append(replace(t, host=turned.get(id(t.host), t.host)))
+    return replace(account, terms=tuple(terms))
+
+
 def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
     """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger."""
     suspect = terms[0].suspect

@@ -109,15 +109,19 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
     waiting: tuple[Term, ...] = ()
     banned: set[int] = set()
     patience, looks = PATIENCE, [] if gate.static is not None else [noise_within_stops]
+    look = None
     while len(findings(account)) < MOST and patience:
         trial = settle(replace(account, terms=account.terms + waiting), ledger)
         rivals = best_explanation(trial, ledger, _outside(wanted, frozenset(banned)))
+        if look is _white_noise:  # some curve fits any slow noise: only a form of its own
+            rivals = [r for r in rivals if r.own >= OWN]
         if not rivals:  # look again in another noise: without those who wait, then white, then within the stops
             noise: list[NoiseFit] | None = None
             if waiting:
                 noise = gate.noise(settle(account, ledger), ledger)
             elif looks:
-                noise = looks.pop(0)(account, ledger)
+                look = looks.pop(0)
+                noise = look(account, ledger)
             if noise is None:
                 break
             waiting = ()
@@ -133,7 +137,7 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
             trial, needed, patience = other, [True], patience - 1
         if all(needed):
             account, waiting, banned = settle(joined(trial), ledger), (), set()
-            looks = [] if gate.static is not None else [_white_noise, noise_within_stops]
+            looks, look = [] if gate.static is not None else [_white_noise, noise_within_stops], None
             continue
         patience -= 1
         banned.add(id(pick.suspect))

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
 from tiltcal.assets import folder
+from tiltcal.diagnosis.account import Account, Term
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.carrying import Carried, Windows, turns_between
 from tiltcal.diagnosis.curves import LAGS, lags_of
@@ -16,6 +17,8 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.gross import off_neighbours
 from tiltcal.diagnosis.observations import observe
 from tiltcal.diagnosis.rests import KEPT_AT_REST, condensed, inner, known_stops, no_less, of_direction, rest_steps, undisturbed
+from tiltcal.diagnosis.shapes import upright
+from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
 from tiltcal.effects import make_effect
 from tiltcal.effects.learned import LearnedReading
@@ -106,6 +109,9 @@ def test_a_late_fog_is_a_gyro_that_is_early(fog):
     observations = fog[0]
     late, early = (observations.changes(one(observations, "data_latency", {"latency_ms": 5.0}, s), ())[0] for s in ("fog", "gyro"))
     assert np.linalg.norm(late + early) < 0.02 * np.linalg.norm(late)
+    gyro = Suspect(one(observations, "data_latency", {"latency_ms": 5.0}, "gyro"), ("latency",))
+    (told,) = upright(Account((), (), (replace(Term.start(gyro), values=(-2e-3,)),)), observations).terms
+    assert (told.effect.sensor, told.values) == ("fog", (2e-3,))
 
 
 def test_all_coefficients_of_a_curve_in_one_pass_are_each_by_itself(triads):

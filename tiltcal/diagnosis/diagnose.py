@@ -76,7 +76,7 @@ def diagnose(
         account = above(account, ledger, bench.floors, any(f.effect.id == "data_truncation" for f in bench.faults))
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
-    account = upright(plausible(account, ledger))  # its sizes have been fitted again since
+    account = upright(plausible(account, ledger), bench.observations)  # its sizes have been fitted again since
     progress("re-simulating")
     answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)

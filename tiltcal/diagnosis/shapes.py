@@ -7,6 +7,7 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, columns_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, projected
+from tiltcal.diagnosis.observations import Observations, TableObservations
 from tiltcal.diagnosis.rivals import Case, explain
 from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
 from tiltcal.effects.learned import Learned
@@ -46,17 +47,32 @@ def shapes(suspect: Suspect) -> dict[str, float]:
     return {name: value for name, value in effect.values.items() if name not in suspect.names and name in STEP}
 
 
-def upright(account: Account) -> Account:
-    """The account with tones of a positive amplitude, the largest of their channels: a negative one is half a turn of the phase."""
+def upright(account: Account, observations: Observations) -> Account:
+    """The account with tones of a positive amplitude, the largest of their channels: a negative one is half a turn of the phase.
+
+    By hand one sensor that is early is the other one that is late.
+    """
     turned: dict[int, Suspect] = {}
     terms = []
     for t in account.terms:
-        phase = t.suspect.effect.values.get("phase")
-        if phase is not None and "phase" not in t.suspect.names and t.values[int(np.argmax(np.abs(t.values)))] < 0:
-            turned[id(t.suspect)] = _at(t.suspect, "phase", float(np.angle(-np.exp(1j * phase))))
-            t = replace(t, suspect=turned[id(t.suspect)], values=tuple(-v for v in t.values))
+        other = _other_way(t.suspect, observations) if t.values[int(np.argmax(np.abs(t.values)))] < 0 else None
+        if other is not None:
+            turned[id(t.suspect)] = other
+            t = replace(t, suspect=other, values=tuple(-v for v in t.values))
         terms.append(replace(t, host=turned.get(id(t.host), t.host)))
     return replace(account, terms=tuple(terms))
+
+
+def _other_way(suspect: Suspect, observations: Observations) -> Suspect | None:
+    """What does the same at sizes of the other sign, if anything."""
+    phase, scenario = suspect.effect.values.get("phase"), observations.scenario
+    if phase is not None and "phase" not in suspect.names:
+        return _at(suspect, "phase", float(np.angle(-np.exp(1j * phase))))
+    if suspect.id == "data_latency" and not isinstance(observations, TableObservations):
+        others = [s.name for s in scenario.sensors("gyro", "fog") if s.name != suspect.effect.sensor]
+        if len(others) == 1:
+            return replace(suspect, effect=replace(suspect.effect, sensor=others[0]))
+    return None
 
 
 def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:

@@ -125,8 +125,7 @@ class Effect(ABC):
     random: ClassVar[bool] = False
     axis_wise: ClassVar[bool] = False
     channel_wise: ClassVar[bool] = False
-    sharp: ClassVar[bool] = False
-    """Whether it jumps with what it acts on: a mean over samples is not what it does at their middle."""
+    sharp: ClassVar[bool] = False  # it jumps with what it acts on: a mean over samples is not what it does at their middle
     kinds: ClassVar[frozenset[str]] = frozenset()
     on_table: ClassVar[bool] = False
 

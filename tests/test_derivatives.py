@@ -21,15 +21,14 @@ def test_differentiation_of_a_readout_is_smooth_and_zero_at_rest():
 @pytest.mark.parametrize("corner", [0.0, 0.3])
 def test_a_rate_is_told_on_its_own_side_of_a_corner(corner, rng):
     """Beside a jump of the acceleration a window around the sample blurs it; one on its own side does not."""
-    time = np.arange(0, 20, 0.02)
+    time = np.arange(0, 20, STEP)
     at = np.where(time < 10, time - 10, corner * (time - 10))
     angle, truth = 0.05 * at**2, 0.1 * at * np.where(time < 10, 1, corner)
-    noise = 3e-7
     resting = np.arange(len(time)) < 60  # where the readout's noise is taken from
     level = np.where(np.arange(len(time)) < 60, angle[0], angle)
-    v, _ = differentiate(time, level + noise * rng.standard_normal(len(time)), resting)
+    v, _ = differentiate(time, level + NOISE * rng.standard_normal(len(time)), resting)
     near = slice(480, 520)
-    assert np.abs(v - truth)[near].max() < 4 * 0.97 * noise / 0.02  # no worse than one difference of readings: 15 at one side
+    assert np.abs(v - truth)[near].max() < 4 * 0.97 * NOISE / STEP  # no worse than one difference of readings: 15 at one side
 
 
 def moves(time, start, jerk=0.4, long=1.2):

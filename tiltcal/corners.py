@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 from tiltcal.segments import Mask
 
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
@@ -32,7 +33,7 @@ class Corner:
         variance: of the rate, in units of the readout's, (n,).
     """
 
-    rows: np.ndarray[tuple[int], np.dtype[np.intp]]
+    rows: Index
     near: Mask
     rate: Array
     acceleration: Array
@@ -50,8 +51,8 @@ class _Side:
 
     time: Array
     angle: Array
-    last: np.ndarray[tuple[int], np.dtype[np.intp]]
-    end: np.ndarray[tuple[int], np.dtype[np.intp]]
+    last: Index
+    end: Index
     level: Array
 
 
@@ -103,9 +104,7 @@ def _spread(width: int, powers: tuple[float, ...]) -> float:
     return float(_variance(u, np.ones(len(powers)), powers)[u > 0][:3].sum())
 
 
-def _instants(
-    side: _Side, which: np.ndarray[tuple[int], np.dtype[np.intp]], width: int, powers: tuple[float, ...], noise: float
-) -> tuple[Array, Mask]:
+def _instants(side: _Side, which: Index, width: int, powers: tuple[float, ...], noise: float) -> tuple[Array, Mask]:
     """The instant at which each of these moves leaves its rest, samples, (k,), and whether the course then fits, (k,)."""
     rows = side.last[which, None] + np.arange(EARLIEST, width + 1)
     time = side.time[rows] - side.time[side.last[which], None]
@@ -139,9 +138,10 @@ def _left(u: Array, y: Array, powers: tuple[float, ...]) -> Array:
 
 def _corner(side: _Side, k: int, width: int, powers: tuple[float, ...], instant: float) -> Corner:
     rows = side.last[k] + np.arange(EARLIEST, width + 1)
-    u = np.maximum(side.time[rows] - side.time[side.last[k]] - instant, 0.0)
+    since = side.time[rows] - side.time[side.last[k]] - instant
+    u = np.maximum(since, 0.0)
     c = np.linalg.lstsq(np.column_stack([u**p for p in powers]), side.angle[rows] - side.level[k], rcond=None)[0]
-    return Corner(rows, side.time[rows] - side.time[side.last[k]] - instant <= NEAR, *_rates(u, c, powers), _variance(u, c, powers))
+    return Corner(rows, since <= NEAR, *_rates(u, c, powers), _variance(u, c, powers))
 
 
 def _rates(u: Array, c: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:

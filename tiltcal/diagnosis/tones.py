@@ -117,17 +117,13 @@ def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the move, over all rests."""
     observations = ledger.observations
     found: list[tuple[float, float]] = []
-    if not isinstance(observations, TableObservations):
-        return ()
-    watches = observations.watches(account.effects)
     for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
         stops = range(int(channel.stop.max(initial=-1)) + 1)
         rests = [rows for k in stops if len(rows := np.flatnonzero(channel.stop == k)) >= 32]
         if len(rests) < 4:
             continue
         level = np.concatenate([residual[rows] - residual[rows].mean() for rows in rests])
-        whole = watches[channel.recording].sense[channel.sensor].since_move
-        since = whole[np.minimum(channel.rows[np.concatenate(rests)] // observations.block, len(whole) - 1)]
+        since = np.concatenate([channel.time[rows] - channel.time[rows[0]] for rows in rests])
         cell, length = float(np.median(np.diff(channel.time))) / FINER, float(np.median([np.ptp(channel.time[r]) for r in rests]))
         summed = np.bincount(np.rint(since / cell).astype(np.intp), level)
         size = 2 * FINER * len(summed)

@@ -52,6 +52,15 @@ def test_a_learned_line_is_held_outside_its_knots():
     np.testing.assert_allclose(added(effect)[:, 0], np.clip((T - 10) / 10, 0, 2), atol=1e-13)
 
 
+def test_a_learned_saw_begins_anew_after_each_period():
+    """Knots 1 and 3 with a period of 2: from 0 to 0.004 between 1 and 3, 3 and 5, -1 and 1, however far the angle goes."""
+    effect = learned("accel", "z", coordinate="table_outer", knots=[1.0, 3.0], period=2.0, coefficients=[0.0, 4e-3])
+    u = 0.3 * T
+    by_hand = 4e-3 * ((u - 1.0) / 2 - np.floor((u - 1.0) / 2))
+    np.testing.assert_allclose(added(effect)[:, 2], by_hand, atol=1e-14)
+    assert np.ptp(u) > 4.0
+
+
 def test_a_natural_spline_between_three_knots_is_as_worked_by_hand():
     """Knots 0, 1, 2 with values 0, 1, 0: M1 = -3, so s(u) = (3 u - u^3)/2 on [0, 1], and its mirror image."""
     effect = learned("accel", "x", coordinate="time", knots=[0.0, 20.0, 40.0], coefficients=[0.0, 1.0, 0.0])

@@ -1,26 +1,21 @@
 """When no name fits: a curve in place of a finding, or of what the findings leave over."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, models, noise_within_stops, settle
 from tiltcal.diagnosis.evidence import Ledger
-from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, explain, explanations, preferred, price_of
+from tiltcal.diagnosis.local import angle_of, local
+from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, explanations, preferred, price_of
 from tiltcal.diagnosis.select import ALPHA, Gate, backward, findings, log_tail, log_tries
 from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.effects.learned import ANGLES, Learned, LearnedReading
+from tiltcal.effects.learned import LearnedReading
 from tiltcal.frames import Array
 
 MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
-SHARPER = 4  # times three
 SHARE = 1 - OWN  # and this share of the gain: a law that is some per cent off its textbook form keeps its name
-
-Shape = tuple[tuple[float, ...], tuple[int, ...]]
-"""Knots of a curve, and those of them that are free."""
-
-STEP = (0, 2)  # knots of a step: the middle one has nothing, so that a step has two numbers, one of them an offset
 
 
 def is_curve(suspect: Suspect) -> bool:
@@ -72,10 +67,11 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
 
 
 def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:
-    """What the findings bring less the price of their sizes."""
+    """What the findings bring less the price of their sizes and of the shapes that were tried."""
     whole = sum(float(t @ t) for t in case.target)
     left = sum(float((t - s) @ (t - s)) for t, s in zip(case.target, case.signal, strict=True))
-    return whole - left - price_of(ledger) * sum(len(t.names) for t in inside)
+    tried = 2 * sum(float(np.log(t.suspect.variants)) for t in inside if t.host is None)
+    return whole - left - price_of(ledger) * sum(len(t.names) for t in inside) - tried
 
 
 def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
@@ -139,8 +135,8 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
     found = explanations(case, ledger, is_curve)
     if not found:
         return None
-    of_angle = next((r for r in found if _angle_of(r) is not None), None)
-    trials = [*found, *(_local(of_angle, case, ledger) if of_angle else [])]
+    of_angle = next((r for r in found if angle_of(r) is not None), None)
+    trials = [*found, *(local(of_angle, case, ledger) if of_angle else [])]
     top = max(r.worth for r in trials)
     equal = [r for r in trials if r.worth > top - EQUAL - LOOSE * r.gain]
 
@@ -148,73 +144,3 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
         return r.suspect.alias is None, not isinstance(r.suspect.effect, LearnedReading), -r.worth
 
     return min(equal, key=rank)
-
-
-def _local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """Bumps and steps over the coordinate of a curve, in its place, on all the axes that it may act on."""
-    column = ANGLES[_angle_of(rival) or ""]
-    angles = [a for r in ledger.observations.recordings if (a := r.table(column)) is not None]
-    low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
-    found = _best_of(local_shapes(low, high), rival, case, ledger)
-    steps = _best_of([s for s in local_shapes(low, high) if s[1] == STEP], rival, case, ledger)
-    for _ in range(SHARPER if steps else 0):  # as sharp as it is crossed
-        left, middle, right = _knots_of(steps[0].suspect)
-        reach = (right - left) / 2
-        near = [step_at(middle + reach * k / 4, reach / 3) for k in range(-4, 5)]
-        steps = max(steps, _best_of(near, rival, case, ledger), key=lambda f: f[0].worth if f else -np.inf)
-        if _knots_of(steps[0].suspect) == (left, middle, right):
-            break
-    return [*found[:2], *steps[:1]]
-
-
-def _angle_of(rival: Rival) -> str | None:
-    """The one table angle that a curve goes over."""
-    effect = rival.suspect.effect
-    return effect.coordinate if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside else None
-
-
-def _best_of(shapes: Sequence[Shape], rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """The best two of some shapes, each on all axes that the rival acts on; all that were tried are paid for."""
-    own = Ledger(ledger.observations)
-    for suspect in shaped(rival, shapes):
-        own.add(suspect, ())
-    own.roots = ledger.roots
-    best: dict[tuple[float, ...], float] = {}
-    scores = own.scores(case.basis, case.target)
-    for score in scores:
-        knots = _knots_of(score.suspect)
-        best[knots] = best.get(knots, 0.0) + score.best(price_of(ledger))[0]
-    found = []
-    for knots in sorted(best, key=lambda k: -best[k])[:2]:
-        mine = max((s for s in scores if _knots_of(s.suspect) == knots), key=lambda s: s.gain()[0])
-        if (local := explain(mine.suspect, case, own)) is not None:
-            found.append(replace(local, worth=local.worth - 2 * np.log(len(best))))
-    return found
-
-
-def _knots_of(suspect: Suspect) -> tuple[float, ...]:
-    return getattr(suspect.effect, "knots", ())
-
-
-def local_shapes(low: float, high: float) -> list[Shape]:
-    """Bumps and steps at every position and width over an angle from ``low`` to ``high``."""
-    found: list[Shape] = []
-    for width in (0.15, 0.3, 0.6):
-        for middle in np.arange(low, high, width):
-            found.append((tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3)), (2, 3, 4)))
-            found.append(step_at(middle, 1.5 * width))
-    return found
-
-
-def step_at(middle: float, reach: float) -> Shape:
-    """From one level to another within ``reach`` to both sides of an angle."""
-    return tuple(float(middle + reach * k) for k in (-1, 0, 1)), STEP
-
-
-def shaped(rival: Rival, shapes: Sequence[Shape]) -> Iterator[Suspect]:
-    """The curves of a rival in other shapes."""
-    for knots, free in shapes:
-        values = {f"c{k}": 1e-6 for k in free}
-        for term in rival.terms:
-            if isinstance(term.suspect.effect, Learned):
-                yield Suspect(replace(term.suspect.effect, values=values, knots=knots), tuple(values))

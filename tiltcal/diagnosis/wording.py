@@ -70,6 +70,8 @@ def learned_name(effect: Learned) -> str:
         what += f" times {words[effect.beside]}"
     if effect.period and effect.coordinate in ("since_move", "moves"):
         what += f", with a period of {effect.period:.3g}{' s' if effect.coordinate == 'since_move' else ''}"
+    if effect.period and effect.knots:
+        what += f" and begins anew after each {np.degrees(effect.period):.4g} deg"
     if effect.lag and effect.coordinate != "temperature":
         what += f" and is forgotten in some {effect.lag:.0f} s"
     if isinstance(effect, LearnedReadout):

@@ -1,7 +1,8 @@
 """Effects that no name fits: a curve over a coordinate, learned from a recording, acting where a named effect would.
 
 ``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines through (knot, value),
-held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in.
+held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in. With a period a spline
+begins anew after it: a saw.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -44,7 +45,7 @@ class Learned(Effect):
     Args:
         coordinate: one of COORDINATES; rad, SI, s from the first stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
-        period: of the first harmonic; 0 for a turn.
+        period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot, 0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
         lag: time constant, s, by which the coordinate is felt late.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand alone.
@@ -81,6 +82,7 @@ class Learned(Effect):
     def basis(self, u: Array, order: int = 0) -> Array:
         """The curve of each coefficient alone at one, or its first or second derivative, (n, p)."""
         if self.knots:
+            u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
             inside = np.clip(u, self.knots[0], self.knots[-1])
             held = _spline(self.knots)(inside, order)
             return np.asarray(held if order == 0 else np.where((inside == u)[:, None], held, 0.0))

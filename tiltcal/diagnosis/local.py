@@ -1,0 +1,138 @@
+"""Forms over an angle that sums of few harmonics are slow to say: bumps, steps, and what begins anew every so many degrees."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.rivals import Case, Rival, explain, price_of
+from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.effects.learned import ANGLES, Learned
+
+SHARPER = 4  # times three
+WAVES = 6  # of a period: three harmonics tell it from others before its jump is known
+TURNS = 1.2  # periods that have to be seen
+FINEST = 0.3  # rad, of a period
+BETWEEN = 4  # periods tried for each that could be told apart
+RAMP = 0.5  # share of the worth of any curve of the angle that they have to have
+JUMPS = 32  # places of the jump that are tried, from the middle of the range: there the period says nothing about it
+NEAR = (-2, -1, 0, 1, 2)  # steps to both sides
+CLOSER = 5  # halvings of them
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A form over an angle.
+
+    Args:
+        knots: rad, of a curve; free: those of its values that are not nothing.
+        period: rad, after which it begins anew; 0 for never.
+    """
+
+    knots: tuple[float, ...]
+    free: tuple[int, ...]
+    period: float = 0.0
+
+
+def local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+    """Bumps, steps and saws over the coordinate of a curve, in its place, on all the axes that it may act on."""
+    coordinate = angle_of(rival)
+    assert coordinate is not None
+    angles = [a for r in ledger.observations.recordings if (a := r.table(ANGLES[coordinate])) is not None]
+    low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
+    found = _best_of(_bumps(low, high), rival, case, ledger)
+    return [*found[:2], *_steps(low, high, rival, case, ledger), *_saws(low, high, rival, case, ledger)]
+
+
+def angle_of(rival: Rival) -> str | None:
+    """The one table angle that a curve goes over."""
+    effect = rival.suspect.effect
+    return effect.coordinate if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside else None
+
+
+WIDTHS = (0.15, 0.3, 0.6)  # rad
+
+
+def _bumps(low: float, high: float) -> list[Shape]:
+    """Bumps at every position and width over an angle from ``low`` to ``high``."""
+    return [
+        Shape(tuple(float(middle + width * k) for k in (-3, -2, -1, 0, 1, 2, 3)), (2, 3, 4))
+        for width in WIDTHS
+        for middle in np.arange(low, high, width)
+    ]
+
+
+def _steps(low: float, high: float, rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+    """The best step, as sharp as it is crossed."""
+    steps = _best_of([step_at(m, 1.5 * w) for w in WIDTHS for m in np.arange(low, high, w)], rival, case, ledger)
+    for _ in range(SHARPER if steps else 0):
+        left, middle, right = _shape_of(steps[0].suspect).knots
+        reach = (right - left) / 2
+        near = [step_at(middle + reach * k / 4, reach / 3) for k in range(-4, 5)]
+        steps = max(steps, _best_of(near, rival, case, ledger), key=lambda f: f[0].worth if f else -np.inf)
+        if _shape_of(steps[0].suspect).knots == (left, middle, right):
+            break
+    return steps[:1]
+
+
+def step_at(middle: float, reach: float) -> Shape:
+    """From one level to another within ``reach`` to both sides of an angle: two numbers, one of them an offset."""
+    return Shape(tuple(float(middle + reach * k) for k in (-1, 0, 1)), (0, 2))
+
+
+def _saws(low: float, high: float, rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+    """The best ramp that begins anew every so many radians: its period from its first harmonics, then the place of its jump."""
+    middle, reach = (low + high) / 2, high - low
+    teeth = np.arange(TURNS, reach / FINEST, 1 / BETWEEN)
+    waves = _best_of([Shape((), tuple(range(WAVES)), float(reach / n)) for n in teeth], rival, case, ledger)[:1]
+    if not waves or waves[0].worth < RAMP * rival.worth:
+        return []
+    period = _shape_of(waves[0].suspect).period
+    apart, far = period / JUMPS, period**2 / (2 * BETWEEN * reach)
+    saws = _best_of([saw_at(middle + apart * k, period + far * m) for k in range(JUMPS) for m in NEAR], rival, case, ledger)
+    for _ in range(CLOSER if saws else 0):
+        apart, far = apart / 2, far / 2
+        begin, period = _shape_of(saws[0].suspect).knots[0], _shape_of(saws[0].suspect).period
+        saws = _best_of([saw_at(begin + apart * k, period + far * m) for k in NEAR for m in NEAR], rival, case, ledger)
+    return saws[:1]
+
+
+def saw_at(begin: float, period: float) -> Shape:
+    """A ramp from a place to a period behind it, again and again: two numbers, one of them an offset."""
+    return Shape((float(begin), float(begin + period)), (0, 1), float(period))
+
+
+def _best_of(shapes: Sequence[Shape], rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+    """The best two of some shapes, each on all axes that the rival acts on; all that were tried are paid for."""
+    own = Ledger(ledger.observations)
+    for suspect in _shaped(rival, shapes):
+        own.add(suspect, ())
+    own.roots = ledger.roots
+    best: dict[Shape, float] = {}
+    scores = own.scores(case.basis, case.target)
+    for score in scores:
+        shape = _shape_of(score.suspect)
+        best[shape] = best.get(shape, 0.0) + score.best(price_of(ledger))[0]
+    found = []
+    for shape in sorted(best, key=lambda s: -best[s])[:2]:
+        mine = max((s for s in scores if _shape_of(s.suspect) == shape), key=lambda s: s.gain()[0])
+        if (fitted := explain(mine.suspect, case, own)) is not None:
+            found.append(replace(fitted, worth=fitted.worth - 2 * np.log(len(best))))
+    return found
+
+
+def _shape_of(suspect: Suspect) -> Shape:
+    effect = suspect.effect
+    assert isinstance(effect, Learned)
+    return Shape(effect.knots, tuple(int(name[1:]) for name in suspect.names), effect.period)
+
+
+def _shaped(rival: Rival, shapes: Sequence[Shape]) -> Iterator[Suspect]:
+    """The curves of a rival in other shapes."""
+    for shape in shapes:
+        values = {f"c{k}": 1e-6 for k in shape.free}
+        for term in rival.terms:
+            if isinstance(term.suspect.effect, Learned):
+                effect = replace(term.suspect.effect, values=values, knots=shape.knots, period=shape.period)
+                yield Suspect(effect, tuple(values))

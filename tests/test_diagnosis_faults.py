@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from dossier import bench, faults_of, honest, recorded, rewritten
+from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.faults import inspect
+from tiltcal.diagnosis.jumps import jump_of
 from tiltcal.diagnosis.meaning import meaning
 from tiltcal.recording import Recording
 from tiltcal.scenario import parse_scenario
@@ -51,6 +53,15 @@ def test_repeated_samples(truth, sound, rng):
 def test_clipping(truth, sound):
     fault = faults_of(truth, rewritten(sound, accel_x_m_s2=np.clip(x_of(sound), -7.0, 7.0)))["acc_saturation"]
     assert (fault.axes, fault.effect.value("full_scale")) == (("x",), pytest.approx(7.0))
+
+
+def test_a_channel_that_is_clipped_most_of_the_time(truth, sound):
+    """The noise is that of the rest: on the rails there is none."""
+    x = x_of(sound)
+    limit = float(np.median(np.abs(x))) / 2
+    fault = faults_of(truth, rewritten(sound, accel_x_m_s2=np.clip(x, -limit, limit)))["acc_saturation"]
+    assert (np.abs(x) > limit).mean() > 0.6
+    assert (fault.axes, fault.effect.value("full_scale")) == (("x",), pytest.approx(limit))
 
 
 def test_coarse_codes(truth, sound):
@@ -206,6 +217,19 @@ def test_an_angle_that_jumps_where_the_gyro_does_not_is_a_wrong_label():
     assert fault.effect.value("error") == pytest.approx(np.radians(0.3), rel=1e-3)
     assert fault.effect.value("stop") == 3
     assert prepare(honest(truth), [sound]).faults == ()
+
+
+@pytest.mark.parametrize("jumps", [True, False])
+def test_a_steep_course_bends_but_does_not_jump(jumps):
+    """A quick turn, 1 s of raised cosine up to 130 deg/s and down, bends by 8 arcsec from row to row, as far back as there."""
+    t = np.arange(0.0, 12.0, 0.02)
+    up, down = np.clip(t - 2.0, 0, 1), np.clip(t - 5.0, 0, 1)
+    speed = np.radians(130.0) * (np.sin(np.pi / 2 * up) ** 2 - np.sin(np.pi / 2 * down) ** 2)
+    angle = np.cumsum(speed) * 0.02 + rng_of("readout").normal(0, 2e-7, len(t))
+    angle[250:300] += 4e-4 if jumps else 0.0
+    found = jump_of("outer", angle, np.ones(len(t), bool))
+    assert (found is not None) == jumps
+    assert found is None or found.error == pytest.approx(4e-4, rel=0.1)
 
 
 @pytest.mark.parametrize("before", [18, 22])

@@ -193,9 +193,10 @@ def _clipped(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple
     id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
-        if len(values) < 32 or repeat_chance(values) > FLAT:
+        free = values[(values > values.min()) & (values < values.max())]  # most of a recording may be clipped
+        if len(free) < 32 or repeat_chance(free) > FLAT:
             continue
-        noise = noise_of(values)
+        noise = noise_of(free)
         limits = []
         for sign in (1.0, -1.0):
             top = float((sign * values).max())

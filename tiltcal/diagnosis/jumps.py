@@ -54,7 +54,7 @@ def jumps(observations: Observations, account: Account) -> tuple[list[Fault], tu
         return faults, tuple(recordings)
     for number, course in enumerate(observations.courses):
         for axis, angle in course.angles.items():
-            jump = _jump(axis, angle, course.known)
+            jump = jump_of(axis, angle, course.known)
             if jump is not None and _unfollowed(observations, account.effects, number, jump):
                 fault, recordings[number] = mistyped(
                     observations, number, recordings[number], jump.rows, axis, jump.error, jump.sigma
@@ -63,20 +63,28 @@ def jumps(observations: Observations, account: Account) -> tuple[list[Fault], tu
     return faults, tuple(recordings)
 
 
-def _jump(axis: str, angle: Array, known: Mask) -> Jump | None:
-    """The two sharpest bends of a readout (rad, (n,)) where it was read, if it went as far there as back."""
+def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
+    """The two sharpest bends of a readout (rad, (n,)) where it was read, if it jumped there, as far there as back."""
     step, read = np.diff(angle), known[1:] & known[:-1]
     bent = np.zeros(len(step))  # a table gathers speed, and loses it, over several samples
     bent[1:-1] = np.where(read[:-2] & read[1:-1] & read[2:], step[1:-1] - (step[:-2] + step[2:]) / 2, 0.0)
-    first = int(np.argmax(np.abs(bent)))
-    others = np.where(np.abs(np.arange(len(bent)) - first) > 2, bent, 0.0)
+    noise, sharp = 1.4826 * float(np.median(np.abs(bent))), _sharp(bent)
+    first = int(np.argmax(np.abs(sharp)))
+    others = np.where(np.abs(np.arange(len(bent)) - first) > 2, sharp, 0.0)
     first, last = sorted((first, int(np.argmax(np.abs(others)))))
-    there, back, noise = float(bent[first]), float(bent[last]), 1.4826 * float(np.median(np.abs(bent)))
+    there, back = float(bent[first]), float(bent[last])
     error = (there - back) / 2
-    if abs(error) < GROSS * noise or abs(there + back) > AGREE * abs(error):
+    if abs(error) <= GROSS * noise or abs(there + back) > AGREE * abs(error):
         return None
     row = np.arange(len(angle))
     return Jump(axis, (row > first) & (row <= last), error, max(abs(there + back) / 2, noise))
+
+
+def _sharp(bent: Array) -> Array:
+    """The bends where a course may have jumped, (n,), else 0: a jump bends it back by half on both sides; a steep one bends on."""
+    around = np.zeros(len(bent))
+    around[1:-1] = bent[:-2] + bent[2:]
+    return np.where(-around * np.sign(bent) > np.abs(bent) / 2, bent, 0.0)
 
 
 def _unfollowed(observations: TableObservations, effects: Sequence[Effect], number: int, jump: Jump) -> bool:

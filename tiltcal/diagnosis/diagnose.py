@@ -15,7 +15,7 @@ from tiltcal.diagnosis.filling import fill, refill
 from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.floors import above
 from tiltcal.diagnosis.observations import Observations
-from tiltcal.diagnosis.plain import plainer
+from tiltcal.diagnosis.plain import plainer, reshaped
 from tiltcal.diagnosis.randoms import beside_stops, setting_error
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, absorbed, backward, plausible, select
@@ -70,6 +70,7 @@ def diagnose(
     account = absorbed(account, ledger)
     progress("what no name fits")
     account = backward(nameless(account, ledger, gate), ledger, gate)
+    account = reshaped(account, ledger)  # in the noise that is left now
     progress("rivals")
     chance: list[Fault] = []
     if bench.floors:

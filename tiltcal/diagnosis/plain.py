@@ -4,7 +4,7 @@ A form with its family is supple: where two effects are at work, the family of o
 forms have no such reach. Whichever account says the same with fewer numbers is kept.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -101,24 +101,26 @@ def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool
 
 
 def reshaped(account: Account, ledger: Ledger) -> Account:
-    """The account with the shapes of its findings found again: one that was found by itself took a part of the others."""
+    """The account with the shapes of its findings found again: one that was found by itself took a part of the others, and the
+    noise was another.
+    """
     groups = findings(account)
-    for _ in range(EXCHANGES if len(groups) > 1 else 0):
+    for _ in range(EXCHANGES if len(groups) > 1 else 1):
         before = account.deviance
         for places in groups:
-            if len(places) == 1 and shapes(account.terms[places[0]].suspect):
-                account = _reshaped(account, places[0], ledger)
+            if shapes(account.terms[places[0]].suspect):
+                account = _reshaped(account, places, ledger)
         if account.deviance > before - EQUAL:
             break
     return account
 
 
-def _reshaped(account: Account, place: int, ledger: Ledger) -> Account:
-    """The account with one term at its best shape nearby, where that is better; the sizes of all others are free meanwhile."""
+def _reshaped(account: Account, places: Sequence[int], ledger: Ledger) -> Account:
+    """The account with one finding at its best shape nearby, where that is better; the sizes of all others are free meanwhile."""
+    others = tuple(t for k, t in enumerate(account.terms) if k not in places)
+    new = refined(tuple(account.terms[k] for k in places), settle(replace(account, terms=others), ledger), ledger)
     terms = list(account.terms)
-    term = terms.pop(place)
-    (new,) = refined((term,), settle(replace(account, terms=tuple(terms)), ledger), ledger)
-    terms.insert(place, new)
+    terms[places[0] : places[-1] + 1] = new
     trial = settle(replace(account, terms=tuple(terms)), ledger)
     return trial if trial.deviance < account.deviance else account
 

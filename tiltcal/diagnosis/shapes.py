@@ -17,7 +17,7 @@ FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundr
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {
     "time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3), "lag": np.log(1.5),
-    "phase": np.pi / 6,
+    "phase": np.pi / 6, "period": np.log(1.05),
 }  # fmt: skip
 """From one shape to the next: s for an instant, rad for a phase, else relative."""
 SHIFTED = ("time", "phase")  # by steps that are added
@@ -30,20 +30,31 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
     for name in shapes(first):
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
-        for _ in range(FINE if line or name in SHIFTED else GRAIN):
+        added = line or name in SHIFTED
+        for last in reversed(range(FINE if added else GRAIN)):
             x = shapes(terms[0].suspect)[name]
-            values = [(x + d if line or name in SHIFTED else x * np.exp(d)) for d in (-step, 0.0, step)]
-            trials = [_shaped(terms, name, value, duration) for value in values]
-            terms = trials[int(np.argmax([_gain(trial, account, ledger) for trial in trials]))]
+            trials = [_shaped(terms, name, x + d if added else x * np.exp(d), duration) for d in (-step, 0.0, step)]
+            gains = [_gain(trial, account, ledger) for trial in trials]
+            terms = trials[int(np.argmax(gains))]
+            if last == 0 and not added and (top := _top(*gains)):
+                terms = _shaped(terms, name, x * np.exp(top * step), duration)
             step /= 2
     return terms
 
 
+def _top(before: float, here: float, after: float) -> float:
+    """Where the parabola through three gains has its top, in steps from the middle one; 0 where it has none between them."""
+    bend = 2 * here - before - after
+    top = (after - before) / (2 * bend) if bend > 0 else 0.0
+    return top if abs(top) < 1 else 0.0
+
+
 def shapes(suspect: Suspect) -> dict[str, float]:
-    """The continuous shapes of a suspect; a rate of warming that is felt late has its lag."""
+    """The continuous shapes of a suspect; of a curve its lag, and its period where it begins anew with each move."""
     effect = suspect.effect
-    if isinstance(effect, Learned):  # a late temperature keeps the lag of its grid: it bends as well
-        return {"lag": effect.lag} if suspect.alias and effect.lag and effect.coordinate == "warming" else {}
+    if isinstance(effect, Learned):
+        echo = {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
+        return ({"lag": effect.lag} if effect.lag else {}) | echo
     return {name: value for name, value in effect.values.items() if name not in suspect.names and name in STEP}
 
 
@@ -91,19 +102,21 @@ def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) ->
 
 
 def _shaped(terms: Sequence[Term], name: str, value: float, duration: float) -> tuple[Term, ...]:
-    """An explanation at another shape; a lag is that of all its late curves, and a tone keeps its phase amid the recording."""
+    """An explanation at another shape, with all its curves that have it; a tone keeps its phase amid the recording."""
     first = _at(terms[0].suspect, name, value)
     before = terms[0].suspect.effect.values
     if name == "frequency" and "phase" in before:
         first = _at(first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration)
-    family = [replace(t, suspect=_at(t.suspect, name, value)) if name == "lag" and shapes(t.suspect) else t for t in terms[1:]]
+    late = isinstance(terms[0].suspect.effect, Learned)
+    family = [replace(t, suspect=_at(t.suspect, name, value)) if late and name in shapes(t.suspect) else t for t in terms[1:]]
     return (replace(terms[0], suspect=first), *(replace(t, host=first) for t in family))
 
 
 def _at(suspect: Suspect, name: str, value: float) -> Suspect:
     effect = suspect.effect
     if isinstance(effect, Learned):
-        return replace(suspect, effect=replace(effect, lag=float(value)))
+        changed = replace(effect, lag=float(value)) if name == "lag" else replace(effect, period=float(value))
+        return replace(suspect, effect=changed)
     return replace(suspect, effect=replace(effect, values={**effect.values, name: float(value)}))
 
 

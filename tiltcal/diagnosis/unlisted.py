@@ -10,6 +10,7 @@ from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.local import angle_of, local
 from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, explanations, preferred, price_of
 from tiltcal.diagnosis.select import ALPHA, Gate, backward, findings, log_tail, log_tries
+from tiltcal.diagnosis.shapes import refined
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.frames import Array
@@ -36,7 +37,8 @@ def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
         if better is None:
             continue
         kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
-        trial = settle(replace(account, terms=kept + better.terms), ledger)
+        base = settle(replace(account, terms=kept), ledger)
+        trial = settle(replace(base, terms=kept + refined(better.terms, base, ledger)), ledger)
         if gate.log_p(trial, ledger)[-1] < np.log(ALPHA):
             return nameless(trial, ledger, gate)
     return leftover(account, ledger, gate)
@@ -98,7 +100,8 @@ def _leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
     chance = log_tail(curve.gain, curve.sizes) + log_tries(curve.suspect, curve.sizes, len(ledger.suspects))
     if chance > np.log(ALPHA):
         return account
-    trial = settle(replace(account, terms=account.terms + curve.terms), ledger)
+    best = refined(curve.terms, account, ledger)
+    trial = settle(replace(account, terms=account.terms + best), ledger)
     if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA) or _dear(trial, len(account.terms), ledger):
         return settle(account, ledger)
     shares = [_power(case_of(account, ledger, places).signal) for places in findings(account)]
@@ -106,7 +109,7 @@ def _leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
     if gains and curve.gain < SHARE * max(gains) and _alike(shares[k := int(np.argmax(gains))], curve, trial, ledger):
         places = findings(account)[k]
         host = account.terms[places[0]].suspect
-        rest = tuple(replace(t, host=host) for t in curve.terms)
+        rest = tuple(replace(t, host=host) for t in best)
         terms = account.terms[: places[-1] + 1] + rest + account.terms[places[-1] + 1 :]
         return settle(replace(account, terms=terms), ledger)
     return trial

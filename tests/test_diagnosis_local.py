@@ -1,4 +1,4 @@
-"""What a curve of few harmonics is slow to say: a saw over an angle is told by its period and the place of its jump."""
+"""Forms that a grid of curves is slow to say: a saw by its period and its jump, a memory by its lag, a law by one number."""
 
 import numpy as np
 import pytest
@@ -44,3 +44,33 @@ def test_a_bump_is_no_saw():
     (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
     assert "period" not in effect
     assert effect["coordinate"] == "table_outer"
+
+
+def forgotten(u, time, lag):
+    """u felt late by a lag, s, from nothing, by the exact step between even samples."""
+    keep = np.exp(-np.diff(time, prepend=time[0]) / lag)
+    late = np.zeros(len(u))
+    for k in range(1, len(u)):
+        late[k] = keep[k] * late[k - 1] + (1 - keep[k]) * (u[k] + u[k - 1]) / 2
+    return late
+
+
+def test_a_memory_of_the_rate_is_learned_with_its_lag_and_one_number():
+    """12 s lie between lags of the grid, and what is in proportion to the rate needs no curve. Both to 3 sigma of a fit of both.
+
+    Sigma from the derivatives of the closed form in white noise, beside a bias.
+    """
+    truth = bench(table="vertical", sensor="incl")
+    whole = recorded(truth, 5)
+    size, lag = 0.05, 12.0
+    rate = np.gradient(np.radians(whole.column("table_outer_deg")), whole.time)
+    late = forgotten(rate, whole.time, lag)
+    found = diagnose(honest(truth), [rewritten(whole, incl_x_deg=whole.column("incl_x_deg") + size * late)])
+    assert (found.verdict, [f.where.coordinate for f in found.findings]) == ("unlisted", ["rate"])
+    (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
+    assert (effect["power"], effect["odd"], effect["coordinate"]) == (1.0, True, "rate_z")
+    slope = (forgotten(rate, whole.time, lag + 0.01) - late) / 0.01
+    columns = np.column_stack([late, size * slope, np.ones_like(late)])
+    sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns))) * np.degrees(WHITE / G)
+    assert effect["lag_s"] == pytest.approx(lag, abs=3 * sigma[1])
+    assert effect["coefficients"][0] == pytest.approx(np.radians(size) * G, abs=3 * np.radians(sigma[0]) * G)

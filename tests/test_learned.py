@@ -61,6 +61,13 @@ def test_a_learned_saw_begins_anew_after_each_period():
     assert np.ptp(u) > 4.0
 
 
+@pytest.mark.parametrize(("power", "odd"), [(0.5, False), (1.0, False), (1.0, True), (2.0, True)])
+def test_a_learned_power_has_one_number(power, odd):
+    effect = learned("accel", "x", coordinate="rate_z", power=power, odd=odd, coefficients=[2e-3])
+    w = read_poses(SETUP, lively())["gyro"][:, 2]
+    np.testing.assert_allclose(added(effect)[:, 0], 2e-3 * np.abs(w) ** power * (np.sign(w) if odd else 1.0), atol=1e-14)
+
+
 def test_a_natural_spline_between_three_knots_is_as_worked_by_hand():
     """Knots 0, 1, 2 with values 0, 1, 0: M1 = -3, so s(u) = (3 u - u^3)/2 on [0, 1], and its mirror image."""
     effect = learned("accel", "x", coordinate="time", knots=[0.0, 20.0, 40.0], coefficients=[0.0, 1.0, 0.0])
@@ -120,6 +127,16 @@ def test_a_learned_motion_is_the_same_in_algebra_and_in_mechanics(face):
     assert np.abs(algebra.up - plain.up).max() > 1e-4
 
 
+@pytest.mark.parametrize(("power", "odd"), [(0.5, False), (0.5, True), (1.0, True), (2.0, False), (2.0, True), (3.0, True)])
+def test_derivatives_of_a_learned_power(power, odd):
+    effect = learned(on="readout", axis="outer", coordinate="table_outer", power=power, odd=odd, coefficients=[1.0])
+    u, h = np.array([-1.3, -0.2, 0.4, 2.1]), 1e-4
+    slope = (effect.curve(u + h) - effect.curve(u - h)) / (2 * h)
+    bend = (effect.curve(u + h) - 2 * effect.curve(u) + effect.curve(u - h)) / h**2
+    np.testing.assert_allclose(effect.curve(u, 1), slope, rtol=1e-6)
+    np.testing.assert_allclose(effect.curve(u, 2), bend, rtol=1e-5, atol=1e-6)
+
+
 def test_derivatives_of_a_learned_curve_are_those_of_its_values():
     x = np.linspace(-0.9, 8.9, 4001)
     for table in ({"coefficients": [1, 2, 0, -3]}, {"knots": KNOTS, "coefficients": [1, -2, 3, 0.5]}):
@@ -145,6 +162,8 @@ def test_a_learned_effect_reads_back_from_its_file():
         *FACES,
         {"on": "reading", "sensor": "accel", "axis": "z", "coordinate": "input", "knots": KNOTS, "coefficients": SIZES,
          "per_input": True, "lag_s": 2.0, "place": "electronics"},
+        {"on": "reading", "sensor": "gyro", "axis": "y", "coordinate": "rate_x", "power": 0.5, "odd": True, "coefficients": [1e-3],
+         "place": "sensor"},
     ]  # fmt: skip
     for table in tables:
         words = {k: v for k, v in table.items() if k not in ("sensor", "axis")}
@@ -177,6 +196,7 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
         ({}, {"on": "tilt", "slot": "lid", "turn": "x"}, "key slot: found 'lid', need one of base, outer_bearing"),
         ({}, {"on": "tilt", "slot": "base", "turn": "up"}, "key turn: found 'up', need one of x, y, z"),
         ({"sensor": "accel", "axis": "x"}, {"lag_s": -1.0}, "key lag_s: found -1.0, need seconds, not negative"),
+        ({"sensor": "accel", "axis": "x"}, {"power": 2.0, "coefficients": [1, 2]}, "0 knots and 2 coefficients, need one"),
         ({"sensor": "accel", "axis": "x"}, {"lag_s": "late"}, "key lag_s: found 'late', need seconds, not negative"),
         ({"sensor": "accel", "axis": "x"}, {"place": "moon"}, "key place: found 'moon', need one of environment, table"),
     ],

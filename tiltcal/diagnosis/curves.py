@@ -1,6 +1,6 @@
 """Curves that no name fits, and names without a form: over every coordinate, at every place of the chain."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
@@ -18,14 +18,18 @@ LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SHOWS = 7.0  # times a lag that a recording has to last
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
+POWERS = ((0.5, False), (0.5, True), (1.0, False), (2.0, False), (2.0, True), (3.0, True))  # of a force or a rate; whether odd
 
 
 def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
     """Curves over every coordinate at every place of the chain: the open world."""
     scenario = observations.scenario
+    read = {c.sensor for c in observations.channels}
+    if not scenario.rig.axes:  # the gyros say where the FOG should be: what is wrong with them shows in it
+        read |= {s.name for s in scenario.sensors("gyro")}
     for sensor in scenario.sensor:
         for axis in sensor.axes:
-            if any(c.sensor == sensor.name for c in observations.channels):
+            if sensor.name in read:
                 yield from _reading_curves(scenario, sensor, axis, span)
     for axis in scenario.rig.axis_names:
         for other in scenario.rig.axis_names:
@@ -51,6 +55,8 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
             if knots := _knots("temperature", span, 3):
                 tilt = _curve(LearnedTilt, "temperature", knots, lag=lag, slot="mount", turn=turn, place="mount")
                 yield _late(tilt, "mount_thermal_tilt")
+                if lag:  # without, that is the law itself
+                    yield _straight(tilt, len(LAGS), "mount_thermal_tilt")
 
 
 def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
@@ -67,12 +73,31 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
             continue
         if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):
             yield _curve(LearnedReading, coordinate, knots, **where)
+            if coordinate in (*inputs, "transverse"):
+                yield from _powers(coordinate, where)
     for coordinate in ("time", "temperature"):
         if knots := _knots(coordinate, span, 5):
-            yield _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+            scale = _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+            yield scale
+            if not sensor.is_accelerometer:  # its own law is in the catalogue
+                yield _straight(scale)
     yield from _late_laws(sensor, axis, span)
     if scenario.rig.axes or not sensor.is_accelerometer:  # by hand only the length of its reading is known
         yield from _histories(sensor, axis, inputs, span)
+
+
+def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Suspect]:
+    """Laws with one number: a root, a modulus, a square, a cube."""
+    for power, odd in POWERS:
+        if not (odd and coordinate == "transverse"):
+            yield _curve(LearnedReading, coordinate, 1, power=power, odd=odd, variants=len(POWERS), **where)
+
+
+def _straight(curve: Suspect, variants: int = 1, alias: str | None = None) -> Suspect:
+    """What is in proportion to the coordinate of a curve, in its place."""
+    effect = curve.effect
+    assert isinstance(effect, Learned)
+    return Suspect(replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True), ("c0",), variants, alias)
 
 
 def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
@@ -117,7 +142,10 @@ def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
     for (name, coordinate, per_input), lag in product(_LATE[sensor.kind], lags_of(span.duration)):
         knots = _knots(coordinate, span, 3)
         if knots and (coordinate != "warming" or lag * SHOWS < span.duration):
-            yield _late(_curve(LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where), name)
+            late = _curve(LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where)
+            yield _late(late, name)
+            if lag:
+                yield _straight(late, len(LAGS), name)
 
 
 def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> Iterator[Suspect]:
@@ -134,6 +162,7 @@ def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> 
         if knots := _knots(coordinate, span, 3):
             curve = _curve(LearnedReading, coordinate, knots, lag=lag, **where)
             yield replace(_odd(curve), variants=len(MEMORIES))
+            yield _straight(curve, len(MEMORIES))
 
 
 def _odd(curve: Suspect) -> Suspect:
@@ -171,6 +200,7 @@ def _across(axis: str) -> tuple[str, str]:
 def _curve(cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any) -> Suspect:
     knots = () if isinstance(basis, int) else basis
     names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
+    variants = where.pop("variants", 1)
     effect = cls(dict.fromkeys(names, 1e-6), where.pop("sensor", None), where.pop("axis", None), "found",
                  coordinate=coordinate, knots=knots, **where)  # fmt: skip
-    return Suspect(effect, names)
+    return Suspect(effect, names, variants)

@@ -40,7 +40,9 @@ def completes(curve: Suspect, host: Suspect) -> bool:
         other = host.effect
         if curve.id != host.id or effect.sensor != other.sensor or not isinstance(effect, Learned):
             return False
-        return not isinstance(other, Learned) or (other.lag == effect.lag and len(curve.names) == len(host.names))
+        return not isinstance(other, Learned) or (
+            (other.lag, other.power) == (effect.lag, effect.power) and len(curve.names) == len(host.names)
+        )
     if curve.listed:
         if (curve.id, host.id) in KIN:
             return effect.sensor == host.effect.sensor
@@ -73,7 +75,7 @@ def _same_curve(curve: Suspect, host: Suspect) -> bool:
     a, b = curve.effect, host.effect
     if not isinstance(a, Learned) or not isinstance(b, Learned) or type(a) is not type(b) or a.coordinate != b.coordinate:
         return False
-    if (a.knots, a.period, a.beside) != (b.knots, b.period, b.beside):
+    if (a.knots, a.period, a.beside, a.power, a.odd) != (b.knots, b.period, b.beside, b.power, b.odd):
         return False
     if isinstance(a, LearnedTilt):
         return a.slot == b.slot and a.turn != b.turn and len(curve.names) == len(host.names)

@@ -54,10 +54,20 @@ def lateness(inside: Sequence[Term], case: Case, account: Account, ledger: Ledge
 
 def _curves(late: LearnedReading, ledger: Ledger) -> Iterator[tuple[Effect, Sequence[str]]]:
     """Curves over temperature without lag, on all axes of the sensor."""
-    knots = tuple(float(u) for u in np.linspace(late.knots[0], late.knots[-1], KNOTS))
+    over = [
+        e.knots
+        for s in ledger.suspects
+        if isinstance(e := s.effect, LearnedReading) and e.coordinate == late.coordinate and e.knots
+    ]
+    knots = tuple(float(u) for u in np.linspace(over[0][0], over[0][-1], KNOTS))
     names = [f"c{k}" for k in range(KNOTS)]
     for axis in ledger.observations.scenario.named(str(late.sensor)).axes:
-        yield replace(late, axis=axis, lag=0.0, per_input=False, knots=knots, values=dict.fromkeys(names, 1e-6)), names
+        yield (
+            replace(
+                late, axis=axis, lag=0.0, per_input=False, power=0.0, odd=False, knots=knots, values=dict.fromkeys(names, 1e-6)
+            ),
+            names,
+        )
 
 
 def _block(effects: Iterable[tuple[Effect, Sequence[str]]], case: Case, account: Account, ledger: Ledger) -> Array:

@@ -11,8 +11,8 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, models, settle
 from tiltcal.diagnosis.evidence import Ledger
-from tiltcal.diagnosis.rivals import EQUAL, LOOSE, case_of, explanations, price_of
-from tiltcal.diagnosis.select import MOST, Gate, backward, best_explanation, findings, joined
+from tiltcal.diagnosis.rivals import EQUAL, LOOSE, case_of, explanations, preferred, price_of
+from tiltcal.diagnosis.select import MOST, Gate, backward, best_explanation, findings, joined, signal_of
 from tiltcal.diagnosis.shapes import at_its_instant, refined, shapes
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.whitening import NoiseModel, robust_white
@@ -73,7 +73,8 @@ def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Susp
         rivals = best_explanation(account, ledger, wanted, alone=True)
         if not rivals:
             break
-        terms = at_its_instant(refined(rivals[0].terms, account, ledger), account, ledger)
+        pick = preferred(rivals, signal_of(rivals[0], account, ledger))
+        terms = at_its_instant(refined(pick.terms, account, ledger), account, ledger)
         account = exchanged(settle(replace(account, terms=account.terms + terms), ledger), ledger, wanted)
         account = reshaped(account, ledger)
     account = backward(account, ledger, gate)

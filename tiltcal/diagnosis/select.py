@@ -129,7 +129,7 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
             account = settle(account, ledger)
             continue
         own = [r for r in rivals if r.own >= OWN and r.worth > NEARLY * rivals[0].worth]
-        pick = preferred(own or rivals, trial.residual if not own else _signal_of(own[0], trial, ledger))
+        pick = preferred(own or rivals, trial.residual if not own else signal_of(own[0], trial, ledger))
         terms = _hosted(at_its_instant(refined(pick.terms, trial, ledger), trial, ledger), pick.gain, trial, ledger)
         trial = settle(replace(trial, terms=trial.terms + terms), ledger)
         needed = [value < np.log(ALPHA) for value in gate.log_p(trial, ledger)]
@@ -227,7 +227,7 @@ def joined(account: Account) -> Account:
     return account if len(order) == len(groups) else replace(account, terms=tuple(t for g in order for t in g))
 
 
-def _signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:
+def signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:
     """What a rival would put into the readings, without the part that is re-tuned away."""
     whole = ledger.whitened(summed(rival.terms, ledger.observations, account.effects))
     total = [whole.get(i, np.zeros_like(r)) for i, r in enumerate(account.residual)]

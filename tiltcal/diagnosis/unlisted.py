@@ -61,8 +61,11 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
         one_cause = curve.worth > joint - MARGIN * (several - 1) - LOOSE * curve.gain  # is likelier than several
         return curve if one_cause else None
-    level = 0.0 if single is None else max(single.worth, joint if several == 1 else 0.0)
+    fits = several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named)
+    level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
     far_off = curve.worth > level + MARGIN + SHARE * curve.gain
+    if several == 1 and not fits:  # a name whose own form says little: a curve that says as much by itself goes before it
+        far_off &= curve.worth > joint - EQUAL - LOOSE * curve.gain
     if several > 1 and curve.sizes <= sum(len(t.names) for t in inside) and curve.worth > joint - EQUAL:
         return curve if far_off else single  # one cause with as few numbers says the same as several
     return curve if far_off else None

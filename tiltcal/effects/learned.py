@@ -2,7 +2,7 @@
 
 ``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines through (knot, value),
 held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in. With a period a spline
-begins anew after it: a saw.
+begins anew after it: a saw. A ``power`` of the coordinate is the form with one number.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -48,6 +48,7 @@ class Learned(Effect):
         period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot, 0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
         lag: time constant, s, by which the coordinate is felt late.
+        power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand alone.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
@@ -61,6 +62,8 @@ class Learned(Effect):
     knots: tuple[float, ...] = ()
     period: float = 0.0
     beside: str = ""
+    power: float = 0.0
+    odd: bool = False
     per_input: bool = False
     lag: float = 0.0
     slot: str = ""
@@ -76,11 +79,13 @@ class Learned(Effect):
 
     @property
     def coefficients(self) -> Array:
-        """(p,): cos 1, sin 1, cos 2, ...; the values at the knots; or cos cos, cos sin, sin cos, sin sin of each two orders."""
+        """(p,): cos 1, sin 1, cos 2, ...; the values at the knots; cos cos, cos sin, sin cos, sin sin of each two orders; or c0."""
         return np.array([self.values.get(f"c{k}", 0.0) for k in range(self.count)])
 
     def basis(self, u: Array, order: int = 0) -> Array:
         """The curve of each coefficient alone at one, or its first or second derivative, (n, p)."""
+        if self.power:
+            return self._power(u, order)[:, None]
         if self.knots:
             u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
             inside = np.clip(u, self.knots[0], self.knots[-1])
@@ -93,6 +98,13 @@ class Learned(Effect):
             wave = (1j * n) ** order * np.exp(1j * n * u) * (1 if k % 2 == 0 else -1j)
             columns.append(wave.real)
         return np.column_stack(columns)
+
+    def _power(self, u: Array, order: int) -> Array:
+        """|u|^power, with the sign of u where it is odd, or its first or second derivative, (n,)."""
+        factor = float(np.prod(self.power - np.arange(order)))
+        sign = np.sign(u) if self.odd != (order % 2 == 1) else 1.0
+        with np.errstate(divide="ignore"):  # a root has no slope at nothing
+            return np.asarray(factor * sign * np.abs(u) ** (self.power - order)) if factor else np.zeros_like(u)
 
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""
@@ -203,7 +215,21 @@ def _prompt(name: str, sense: Sense, own: Array) -> Array:
 
 
 KINDS: dict[str, type[Learned]] = {"reading": LearnedReading, "readout": LearnedReadout, "tilt": LearnedTilt}
-_KEYS = {"coordinate", "knots", "period", "beside", "coefficients", "on", "slot", "turn", "per_input", "lag_s", "place"}
+_KEYS = {
+    "coordinate",
+    "knots",
+    "period",
+    "beside",
+    "coefficients",
+    "on",
+    "slot",
+    "turn",
+    "per_input",
+    "lag_s",
+    "place",
+    "power",
+    "odd",
+}
 
 
 def make_learned(
@@ -228,12 +254,17 @@ def make_learned(
             need="two or more increasing knots, one coefficient each", do="correct the lists",
         )  # fmt: skip
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
-    lag, period = (_amount(table, key, subject) for key in ("lag_s", "period"))
+    lag, period, power = (_amount(table, key, subject) for key in ("lag_s", "period", "power"))
+    if power and (knots or len(numbers) > 1):
+        raise TiltcalError(
+            subject, found=f"power with {len(knots)} knots and {len(numbers)} coefficients", need="one coefficient, no knots",
+            do="leave out the power, or the curve",
+        )  # fmt: skip
     beside = _beside(table, on, setup, subject)
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
         values, sensor, axis, role, coordinate=coordinate, knots=tuple(knots), per_input=bool(table.get("per_input", False)),
-        lag=lag, slot=slot, turn=turn, place=place, period=period, beside=beside,
+        lag=lag, slot=slot, turn=turn, place=place, period=period, beside=beside, power=power, odd=bool(table.get("odd", False)),
     )  # fmt: skip
 
 
@@ -291,7 +322,7 @@ def learned_table(effect: Learned) -> dict[str, Any]:
     table |= {key: value for key in ("sensor", "axis", "role", "seen_in", "slot", "turn") if (value := getattr(effect, key))}
     if effect.knots:
         table["knots"] = list(effect.knots)
-    if effect.per_input:
-        table["per_input"] = True
-    table |= {key: value for key, value in (("lag_s", effect.lag), ("period", effect.period), ("beside", effect.beside)) if value}
+    shape = (("per_input", effect.per_input), ("lag_s", effect.lag), ("period", effect.period), ("beside", effect.beside),
+             ("power", effect.power), ("odd", effect.odd))  # fmt: skip
+    table |= {key: value for key, value in shape if value}
     return table | {"coefficients": [float(c) for c in effect.coefficients]}

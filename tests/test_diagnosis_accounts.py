@@ -15,6 +15,7 @@ from tiltcal.diagnosis.filling import fill
 from tiltcal.diagnosis.floors import above
 from tiltcal.diagnosis.plain import plainer
 from tiltcal.diagnosis.select import Gate, absorbed, findings, select
+from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.span import Lines, Span
 from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
 from tiltcal.effects import CATALOGUE
@@ -41,6 +42,20 @@ def test_sizes_are_fitted_to_what_was_left_out():
     (term,) = account.terms
     (sigma,) = account.sigmas(0)
     assert abs(term.values[0] - 800e-6) < 4 * sigma
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sizes_that_a_prediction_is_better_with_are_used_too(seed):
+    """Of three channels: the largest stands out; of the others those whose square is more than twice their variance."""
+    found = prepared({**K2, "k2_y_ug_g2": 22.0}, seed=seed)
+    names = ("k2_x", "k2_y", "k2_z")
+    first = replace(with_terms(found, suspect("acc_K2", ("k2_x",))).terms[0], suspect=suspect("acc_K2", names))
+    account = settle(replace(found.start, terms=(first,)), found.ledger)
+    whole = with_terms(found, suspect("acc_K2", names))
+    told = [n for n, v, s in zip(names, whole.terms[0].values, whole.sigmas(0), strict=True) if (v / s) ** 2 > 2]
+    (term,) = in_full(account, found.ledger).terms
+    assert sorted(term.names) == told
+    assert "k2_x" in told
 
 
 def test_a_step_to_where_the_model_has_no_reading_is_taken_back(monkeypatch):

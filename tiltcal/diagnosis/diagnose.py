@@ -20,6 +20,7 @@ from tiltcal.diagnosis.randoms import beside_stops, setting_error
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, absorbed, backward, plausible, select
 from tiltcal.diagnosis.shapes import upright
+from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.tones import lines_of
 from tiltcal.diagnosis.unlisted import nameless
@@ -70,7 +71,7 @@ def diagnose(
     account = absorbed(account, ledger)
     progress("what no name fits")
     account = backward(nameless(account, ledger, gate), ledger, gate)
-    account = reshaped(account, ledger)  # in the noise that is left now
+    account = in_full(reshaped(account, ledger), ledger)  # in the noise that is left now
     progress("rivals")
     chance: list[Fault] = []
     if bench.floors:

@@ -8,16 +8,17 @@ import numpy as np
 from tiltcal.diagnosis.account import Account, Term, columns_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, projected
 from tiltcal.diagnosis.observations import Observations, TableObservations
-from tiltcal.diagnosis.rivals import Case, explain
+from tiltcal.diagnosis.rivals import LOOSE, Case, explain, price_of
 from tiltcal.diagnosis.suspects import STEPS, Suspect, steps_at
 from tiltcal.effects.learned import Learned
 
 GRAIN = 4  # halvings of the step between shapes
 FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundredth of their width
+INSTANTS = 3  # times that an instant is looked for with what creeps on after it
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {
     "time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3), "lag": np.log(1.5),
-    "phase": np.pi / 6, "period": np.log(1.05),
+    "phase": np.pi / 6, "period": np.log(1.05), "creep": np.log(1.6),
 }  # fmt: skip
 """From one shape to the next: s for an instant, rad for a phase, else relative."""
 SHIFTED = ("time", "phase")  # by steps that are added
@@ -27,12 +28,12 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
     """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved row by row."""
     first = terms[0].suspect
     duration = float(np.ptp(ledger.observations.recordings[0].time))
-    for name in shapes(first):
+    for name in _shapes_of(terms):
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
         added = line or name in SHIFTED
         for last in reversed(range(FINE if added else GRAIN)):
-            x = shapes(terms[0].suspect)[name]
+            x = _shapes_of(terms)[name]
             trials = [_shaped(terms, name, x + d if added else x * np.exp(d), duration) for d in (-step, 0.0, step)]
             gains = [_gain(trial, account, ledger) for trial in trials]
             terms = trials[int(np.argmax(gains))]
@@ -55,7 +56,13 @@ def shapes(suspect: Suspect) -> dict[str, float]:
     if isinstance(effect, Learned):
         echo = {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
         return ({"lag": effect.lag} if effect.lag else {}) | echo
-    return {name: value for name, value in effect.values.items() if name not in suspect.names and name in STEP}
+    return {n: v for n, v in effect.values.items() if n not in suspect.names and n in STEP and (n != "creep" or v > 0)}
+
+
+def _shapes_of(terms: Sequence[Term]) -> dict[str, float]:
+    """The continuous shapes of an explanation: those of its first term, and how slowly one that completes it creeps on."""
+    creeps = {c for t in terms if t.suspect.id in STEPS and (c := shapes(t.suspect).get("creep"))}
+    return shapes(terms[0].suspect) | ({"creep": creeps.pop()} if len(creeps) == 1 else {})
 
 
 def upright(account: Account, observations: Observations) -> Account:
@@ -87,28 +94,54 @@ def _other_way(suspect: Suspect, observations: Observations) -> Suspect | None:
 
 
 def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
-    """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger."""
-    suspect = terms[0].suspect
-    if suspect.id not in STEPS:
+    """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger.
+
+    With what creeps on the instant is another, and at another instant other creeps are.
+    """
+    if terms[0].suspect.id not in STEPS:
         return terms
-    time = suspect.effect.values["time"]
-    for step in steps_at(ledger.observations.scenario, time, suspect.variants):
-        if not any(s.effect == step.effect for s in ledger.suspects):
-            ledger.add(step, account.effects)
-    same = [s for s in ledger.suspects if s.place == suspect.place and s.effect.values.get("time") == time]
     case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
-    found = [r for s in same if (r := explain(s, case, ledger)) is not None]
-    return max(found, key=lambda r: r.worth).terms if found else terms
+    for _ in range(INSTANTS):
+        suspect = terms[0].suspect
+        time = suspect.effect.values["time"]
+        for step in steps_at(ledger.observations.scenario, time, suspect.variants):
+            if not any(s.effect == step.effect for s in ledger.suspects):
+                ledger.add(step, account.effects)
+        same = [s for s in ledger.suspects if s.place == suspect.place and s.effect.values.get("time") == time]
+        found = [r for s in same if (r := explain(s, case, ledger)) is not None]
+        if not found:
+            return terms
+        terms = max(found, key=lambda r: r.worth).terms
+        if len(terms) == 1 and "creep" not in shapes(terms[0].suspect):
+            return terms
+        terms = refined(terms, account, ledger)
+        if terms[0].suspect.effect.values["time"] == time:
+            break
+    return _with_one_creep(terms, account, ledger)
+
+
+def _with_one_creep(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+    """A step with one creep at its best time constant where that says as much as with several of a grid."""
+    creeping = [t for t in terms[1:] if "creep" in shapes(t.suspect)]
+    if len(creeping) < 2:
+        return terms
+    pairs = [(terms[0], t) for t in creeping]
+    one = refined(max(pairs, key=lambda pair: _gain(pair, account, ledger)), account, ledger)
+    whole = _gain(terms, account, ledger)
+    return one if _gain(one, account, ledger) > (1 - LOOSE) * whole - price_of(ledger) * (len(terms) - 2) else terms
 
 
 def _shaped(terms: Sequence[Term], name: str, value: float, duration: float) -> tuple[Term, ...]:
-    """An explanation at another shape, with all its curves that have it; a tone keeps its phase amid the recording."""
-    first = _at(terms[0].suspect, name, value)
+    """An explanation at another shape: one lag or period for all its curves, one instant for all that began then.
+
+    A tone keeps its phase amid the recording.
+    """
+    first = _at(terms[0].suspect, name, value) if name in shapes(terms[0].suspect) else terms[0].suspect
     before = terms[0].suspect.effect.values
     if name == "frequency" and "phase" in before:
         first = _at(first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration)
-    late = isinstance(terms[0].suspect.effect, Learned)
-    family = [replace(t, suspect=_at(t.suspect, name, value)) if late and name in shapes(t.suspect) else t for t in terms[1:]]
+    whole = isinstance(terms[0].suspect.effect, Learned) or name in ("time", "creep")
+    family = [replace(t, suspect=_at(t.suspect, name, value)) if whole and name in shapes(t.suspect) else t for t in terms[1:]]
     return (replace(terms[0], suspect=first), *(replace(t, host=first) for t in family))
 
 
@@ -123,7 +156,8 @@ def _at(suspect: Suspect, name: str, value: float) -> Suspect:
 def _gain(terms: Sequence[Term], account: Account, ledger: Ledger) -> float:
     """What the own form of an explanation brings, the account's columns being free."""
     lengths = [len(c.values) for c in ledger.observations.channels]
-    own = [terms[0], *(t for t in terms[1:] if isinstance(terms[0].suspect.effect, Learned) and shapes(t.suspect))]
+    whole = isinstance(terms[0].suspect.effect, Learned) or terms[0].suspect.id in STEPS
+    own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.suspect))]
     columns = [ledger.whitened(c) for c in columns_of(ledger.observations, own, account.effects)]
     mine = basis_of([projected(account.basis, c, lengths) for c in columns], lengths)
     along = sum((U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1]))

@@ -194,7 +194,7 @@ def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Suspec
                 yield _suspect(id, scenario, sensor, None, {"time": float(time)}, max(len(times), 1))
 
 
-CREEPS = (4.0, 10.0, 25.0, 60.0)  # s
+CREEPS = (0.5, 1.5, 4.0, 10.0, 25.0, 60.0)  # s
 
 
 def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Suspect]:

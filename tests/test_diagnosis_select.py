@@ -84,3 +84,12 @@ def test_a_slow_effect_that_stood_in_the_noise_of_a_larger_one_is_found_after_it
     )
     found = diagnose(honest(truth), [recorded(truth, 1)]).findings
     assert {f.effect for f in found} == {"floor_tilt_drift", "acc_bias_step"}
+
+
+def test_a_play_that_is_crossed_gradually_keeps_its_name_and_width():
+    """With the sign of the last motion in place of the play other laws are needed beside it, or another name."""
+    truth = bench({"id": "table_backlash", "axis": "outer", "width_arcsec": 50.0, "crossing_deg": 40.0})
+    (finding,) = diagnose(honest(truth), [recorded(truth, 1)]).findings
+    assert finding.effect == "table_backlash"
+    width, sigma = finding.parameters["width_arcsec"]
+    assert abs(width - 50.0) < 4 * sigma

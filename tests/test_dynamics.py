@@ -373,3 +373,14 @@ def test_progress_is_told():
     course = run_dynamics(scenario_of("dual", THERE_AND_BACK), None, lambda done, total: heard.append((done, total)))
     assert heard[-1][0] == heard[-1][1] >= (course.times[1] - course.times[0]) / 0.0005
     assert [done for done, _ in heard] == sorted(done for done, _ in heard)
+
+
+@pytest.mark.parametrize("id", ["table_backlash", "servo_friction_deadband"])
+def test_lost_motion_that_is_crossed_gradually_is_added_to_the_run_by_algebra(id):
+    course = run("dual", THERE_AND_BACK, {"id": id, "width_arcsec": 40, "crossing_deg": 60})
+    drive = course.drive(np.linspace(*course.times, 2000))
+    assert not drive.structure
+    assert not drive.realised
+    lag = true_angles(course.scenario, drive, course.scenario.effects)["outer"].x - drive.axes["outer"].x
+    expected = [-40 / 3 * ARCSEC, -20 / 3 * ARCSEC]  # 20 of 30 deg from the middle of the play; at 40 pushed; 20 back
+    np.testing.assert_allclose(np.interp([UP, DOWN], drive.time, lag), expected, atol=0.05 * ARCSEC)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tiltcal.effects.memory import first_order_lag, last_direction, motion_direction, onset, play, rounded_play, smooth_lag
+from tiltcal.effects.memory import crossed, first_order_lag, last_direction, motion_direction, onset, play, rounded_play, smooth_lag
 from tiltcal.motion import Jet
 
 WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda k: k / 2))
@@ -189,3 +189,24 @@ def test_a_short_lag_of_a_smooth_motion_is_right_between_coarse_samples(tau):
     found, chord = ((law(time, u, tau) - u - late)[settled] for law in (smooth_lag, first_order_lag))
     assert np.abs(found).max() < 0.005 * np.abs(late).max()
     assert tau > 0.1 or np.abs(chord).max() > 3 * np.abs(found).max()
+
+
+def test_a_slow_start_of_a_motion_is_a_part_of_it():
+    """A long soft ramp is slower than a twentieth of its top rate for many samples: the axis has turned round all the same."""
+    rate = np.concatenate([np.full(20, 0.3), np.zeros(10), -(np.linspace(0.001, 1, 40) ** 3), np.zeros(5)])
+    direction = motion_direction(Jet(np.cumsum(rate), rate, np.zeros_like(rate)))
+    np.testing.assert_array_equal(direction[:30], 1)
+    np.testing.assert_array_equal(direction[30:], -1)
+
+
+def test_a_play_is_crossed_over_its_travel_with_its_own_rate():
+    time = np.arange(0, 20, 0.01)
+    angle = Jet(np.sin(time), np.cos(time), -np.sin(time))
+    side = crossed(angle, 0.5)
+    np.testing.assert_array_equal(side.x, play(angle.x, 0.5))
+    inside = np.abs(side.x) < 0.95  # a step before it is pushed
+    np.testing.assert_allclose(np.gradient(side.x, time)[1:-1][inside[1:-1]], side.v[1:-1][inside[1:-1]], atol=1e-2)
+    assert not side.v[np.abs(side.x) == 1].any()
+    at_once = crossed(angle, 0.0)
+    np.testing.assert_array_equal(at_once.x, motion_direction(angle))
+    assert not at_once.v.any()

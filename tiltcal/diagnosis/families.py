@@ -22,7 +22,10 @@ READOUT = {"table_encoder_eccentricity", "table_encoder_2rev", "table_encoder_sd
 TILT: dict[str, tuple[str, str]] = {
     "floor_tilt_drift": ("base", "time"), "mount_slip": ("mount", "time"), "mount_thermal_tilt": ("mount", "temperature"),
 }  # fmt: skip
-SUPERPOSED = {"acc_hysteresis", "acc_warmup", "gyr_warmup", "settling_transient", "mains_pickup", "base_vibration", "adc_inl"}
+SUPERPOSED = {
+    "table_backlash", "acc_hysteresis", "acc_warmup", "gyr_warmup", "settling_transient", "mains_pickup",
+    "base_vibration", "adc_inl",
+}  # fmt: skip
 """At several shapes at once."""
 WANDER = 0.05  # Hz: of the mains about its frequency (PHYSICS 3.6); further off is another tone
 ALL_AXES = {"servo_lag", "servo_friction_deadband"}  # one drive is like the other

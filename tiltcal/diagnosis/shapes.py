@@ -18,7 +18,7 @@ INSTANTS = 3  # times that an instant is looked for with what creeps on after it
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {
     "time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3), "lag": np.log(1.5),
-    "phase": np.pi / 6, "period": np.log(1.05), "creep": np.log(1.6),
+    "phase": np.pi / 6, "period": np.log(1.05), "creep": np.log(1.6), "crossing": np.log(1.5),
 }  # fmt: skip
 """From one shape to the next: s for an instant, rad for a phase, else relative."""
 SHIFTED = ("time", "phase")  # by steps that are added

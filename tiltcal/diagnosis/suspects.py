@@ -113,6 +113,7 @@ def _suspect(
     return Suspect(effect, tuple(names), variants)
 
 
+CROSSINGS = (0.0, 0.01, 0.03, 0.1, 0.3)  # rad, of travel from one side of a play to the other
 OF_LINES = ("mains_pickup", "base_vibration", "table_encoder_sde")
 """Effects whose shape is a line's frequency."""
 
@@ -134,6 +135,8 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
         return [{}, {"odd": 1.0}]
     if id in ("acc_scale_asym", "acc_bias_asym"):
         return [{"width": w} for w in (0.0, 0.03, 0.06, 0.12)]
+    if id in ("table_backlash", "servo_friction_deadband"):
+        return [{"crossing": w} for w in CROSSINGS]
     if id == "floor_tilt_drift":
         return [{"span": span.duration}]
     if id == "acc_thermal_hysteresis":

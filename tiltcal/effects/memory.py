@@ -55,6 +55,7 @@ def _held(sign: Array) -> Array:
     return np.where(last >= 0, sign[np.maximum(last, 0)], 0.0)
 
 
+ARRIVED = 1e-9  # of half a play: nearer to a side than this it is pushed
 RINGS = 0.05  # of the largest rate of a motion: what a local polynomial makes of its ends
 
 
@@ -69,7 +70,26 @@ def motion_direction(angle: Jet) -> Array:
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         limit[start:end] = RINGS * np.abs(rate[start:end]).max()
     limit = np.maximum(limit, 1e-4 * np.abs(rate).max())
-    return _held(np.where(np.abs(rate) > limit, np.sign(rate), 0.0))
+    sign = np.sign(rate)
+    ways = np.flatnonzero(np.diff(sign, prepend=2.0))  # where each way begins: a soft start is part of it, however slow
+    lengths = np.diff(ways, append=len(rate))
+    fastest = np.repeat(np.maximum.reduceat(np.abs(rate), ways), lengths)
+    return _held(np.where(fastest > limit, sign, 0.0))
+
+
+def crossed(angle: Jet, travel: float) -> Jet:
+    """On which side of its play an axis is pushed, in [-1, 1], with its derivatives, (n,).
+
+    Args:
+        angle: of what pushes, rad.
+        travel: from one side to the other, rad; 0: at once.
+    """
+    if travel <= 0:
+        side = motion_direction(angle)
+        return Jet(side, np.zeros_like(side), np.zeros_like(side))
+    side = play(np.asarray(angle.x), travel)
+    slope = np.where(np.abs(side) < 1 - ARRIVED, 2 / travel, 0.0)
+    return Jet(side, slope * angle.v, slope * angle.a)
 
 
 def onset(elapsed: Array, time: float, creep: float) -> Array:

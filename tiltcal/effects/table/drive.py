@@ -4,7 +4,7 @@ import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.mechanisms import Ballast, Cable, Cogging, Friction, Lag, Mechanism, Ring, Spring
-from tiltcal.effects.table.readout import ReadoutError, TableSag, lost_motion
+from tiltcal.effects.table.readout import CROSSING, ReadoutError, TableSag, lost_motion
 from tiltcal.motion import Drive, Jet
 from tiltcal.setup import Rig
 
@@ -100,18 +100,23 @@ class ServoFrictionDeadband(AngleEffect):
     needs = "direction"
     stage = "table"
     title = "rests short of the command by friction"
-    parameters = (Parameter("width", "arcsec", (2, 20, 60), positive=True),)
+    parameters = (Parameter("width", "arcsec", (2, 20, 60), positive=True), CROSSING)
     physics = "Below the friction torque the loop does not pull any more: the axis rests tau_f / kp short."
-    equation = "true rests width/2 short of the command, in the direction of the last motion (readout = command)"
+    equation = (
+        "true rests width/2 short of the command, in the direction of the last motion (readout = command); with a crossing, the"
+        " play state of the command in place of the sign"
+    )
     source = "effects list; PHYSICS 3.2"
     excited_by = "approaching the same angle from both sides"
     look = "as backlash; does not scale with the load"
     linear = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
-        return lost_motion(drive.axes[axis], self.value("width"))
+        return lost_motion(drive.axes[axis], self.value("width"), self.value("crossing"))
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        if self.value("crossing"):  # dry friction lets go at once
+            return ()
         return (Friction(self.axis or rig.axis_names[0], self.value("width") / 2),)
 
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.mechanisms import Gap, Mechanism, Spring
-from tiltcal.effects.memory import motion_direction
-from tiltcal.frames import Array
+from tiltcal.effects.memory import crossed
 from tiltcal.motion import Drive, Jet
 from tiltcal.setup import Rig
 
@@ -127,11 +126,13 @@ class TableSag(AngleEffect):
         return (Spring(axis, dict(rig.axes)[axis], mass * gravity * abs(arm / sag), mass, (0.0, 0.0, float(arm))),)
 
 
-def lost_motion(readout: Jet, width: float) -> Jet:
-    """Half the width behind the readout, in the direction of its last motion, rad, (n,)."""
-    lag = -0.5 * width * motion_direction(readout)
-    zero: Array = np.zeros_like(lag)
-    return Jet(lag, zero, zero)
+CROSSING = Parameter("crossing", "deg", (0.01, 1, 5), positive=True, shape=True)
+"""Travel over which lost motion passes from one side to the other; 0: at once."""
+
+
+def lost_motion(readout: Jet, width: float, crossing: float) -> Jet:
+    """Half the width behind the readout, in the direction of its last motion, once it has crossed over, rad, (n,)."""
+    return crossed(readout, crossing).scaled(-0.5 * width)
 
 
 class TableBacklash(AngleEffect):
@@ -139,9 +140,9 @@ class TableBacklash(AngleEffect):
     needs = "direction"
     stage = "table"
     title = "lost motion on reversal"
-    parameters = (Parameter("width", "arcsec", (0.5, 60, 1800), positive=True),)
+    parameters = (Parameter("width", "arcsec", (0.5, 60, 1800), positive=True), CROSSING)
     physics = "Gears and couplings have play; the load rests against the side it was last pushed from."
-    equation = "true = readout - width/2 sign(last motion)"
+    equation = "true = readout - width/2 sign(last motion); with a crossing, the play state of the readout in place of the sign"
     source = "PHYSICS 3.2"
     excited_by = "approaching the same angle from both sides"
     look = "a rotation that changes sign with the direction of approach; norm unchanged"
@@ -149,7 +150,10 @@ class TableBacklash(AngleEffect):
     mechanised = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
-        return lost_motion(drive.axes[axis], self.value("width"))
+        return lost_motion(drive.axes[axis], self.value("width"), self.value("crossing"))
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         return (Gap(self.axis or rig.axis_names[0], self.value("width")),)
+
+    def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
+        return self.mechanisms(rig, gravity) if self.value("crossing") == 0 else ()  # a gap is crossed over its own width

@@ -13,11 +13,12 @@ from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.conclude import findings_of
 from tiltcal.diagnosis.filling import fill
 from tiltcal.diagnosis.floors import above
-from tiltcal.diagnosis.plain import plainer
+from tiltcal.diagnosis.plain import plainer, plainly
 from tiltcal.diagnosis.select import Gate, absorbed, findings, select
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.span import Lines, Span
 from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
+from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.effects import CATALOGUE
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
@@ -126,6 +127,20 @@ def test_where_no_form_by_itself_stands_out_several_are_tried_together():
     sound = prepared()
     fill(sound.ledger, sound.start, Lines())
     assert plainer(sound.start, sound.start, sound.ledger, gate, lambda s: s.textbook).terms == ()
+
+
+@pytest.mark.parametrize(("drift", "table", "sensor"), [("y", "dual", "accel"), ("x", "vertical", "incl")])
+def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_same(drift, table, sensor):
+    """A step with what creeps on after it and a curve follows any drift, with more numbers; each keeps its own axis only."""
+    found = prepared(
+        {"id": "acc_drift", "sensor": sensor, f"drift_{drift}_ug": 1000.0},
+        {"id": "acc_bias_step", "sensor": sensor, "bias_step_x_ug": 1500.0, "time_s": 100.0}, table=table, sensor=sensor,
+    )  # fmt: skip
+    fill(found.ledger, found.start, Lines())
+    gate = Gate(None, len(found.ledger.suspects))
+    account = plainly(found.start, found.ledger, gate, lambda s: s.textbook)
+    for told in (account, nameless(account, found.ledger, gate)):
+        assert {t.names for t in told.terms} == {(f"drift_{drift}",), ("bias_step_x",)}
 
 
 def test_a_loss_is_weighed_by_one_sample():

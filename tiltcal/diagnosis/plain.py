@@ -74,11 +74,30 @@ def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Susp
         if not rivals:
             break
         pick = preferred(rivals, signal_of(rivals[0], account, ledger))
-        terms = at_its_instant(refined(pick.terms, account, ledger), account, ledger)
+        terms = at_its_instant(refined(pick.terms, account, ledger), account, ledger, alone=True)
         account = exchanged(settle(replace(account, terms=account.terms + terms), ledger), ledger, wanted)
         account = reshaped(account, ledger)
     account = backward(account, ledger, gate)
-    return backward(joined(exchanged(account, ledger, wanted)), ledger, gate)
+    return backward(trimmed(joined(exchanged(account, ledger, wanted)), ledger), ledger, gate)
+
+
+def trimmed(account: Account, ledger: Ledger) -> Account:
+    """The account without sizes that bring less than they cost: a finding had them from what others explain since.
+
+    The last size of a finding stays: whether it is needed is asked of findings as a whole.
+    """
+    price = price_of(ledger)
+    while True:
+        account = settle(account, ledger)
+        told = [(np.asarray(t.values) / account.sigmas(k)) ** 2 for k, t in enumerate(account.terms)]
+        least = [(float(x.min()), k, int(x.argmin())) for k, x in enumerate(told) if len(x) > 1]
+        if not least or min(least)[0] >= price:
+            return account
+        _, k, i = min(least)
+        terms = list(account.terms)
+        term = terms[k]
+        terms[k] = replace(term, names=term.names[:i] + term.names[i + 1 :], values=term.values[:i] + term.values[i + 1 :])
+        account = replace(account, terms=tuple(terms))
 
 
 def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> Account:
@@ -93,7 +112,7 @@ def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool
             if found and found[0].suspect.place != account.terms[places[0]].suspect.place and found[0].worth > mine + EQUAL:
                 kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
                 base = settle(replace(account, terms=kept), ledger)
-                terms = at_its_instant(refined(found[0].terms, base, ledger), base, ledger)
+                terms = at_its_instant(refined(found[0].terms, base, ledger), base, ledger, alone=True)
                 account = settle(replace(base, terms=kept + terms), ledger)
                 break
         else:

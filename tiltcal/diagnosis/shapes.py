@@ -93,10 +93,16 @@ def _other_way(suspect: Suspect, observations: Observations) -> Suspect | None:
     return None
 
 
-def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger, alone: bool = False) -> tuple[Term, ...]:
     """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger.
 
     With what creeps on the instant is another, and at another instant other creeps are.
+
+    Args:
+        terms: an explanation.
+        account: without it.
+        ledger: of all that is looked at.
+        alone: at once, or creeping, but not both, and with no curve: these follow a drift that has nothing to do with the step.
     """
     if terms[0].suspect.id not in STEPS:
         return terms
@@ -108,7 +114,7 @@ def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger) ->
             if not any(s.effect == step.effect for s in ledger.suspects):
                 ledger.add(step, account.effects)
         same = [s for s in ledger.suspects if s.place == suspect.place and s.effect.values.get("time") == time]
-        found = [r for s in same if (r := explain(s, case, ledger)) is not None]
+        found = [r for s in same if (r := explain(s, case, ledger, alone)) is not None]
         if not found:
             return terms
         terms = max(found, key=lambda r: r.worth).terms

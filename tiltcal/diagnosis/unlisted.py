@@ -53,8 +53,11 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     named = [r for r in explanations(case, ledger, lambda s: s.textbook) if r.fair and r.own >= OWN]
     single = preferred(named, case.signal) if named else None
     joint, several = _worth_of(inside, case, ledger), sum(t.host is None for t in inside)
-    if several > 1 and single is not None and single.worth > joint - EQUAL - min(LOOSE * single.gain, SHARE * weakest):
-        return single
+    if several > 1 and single is not None:  # it may miss a share, but not where it needs more numbers for it: these fit anything
+        as_few = single.sizes <= sum(len(t.names) for t in inside)
+        miss = EQUAL + min(LOOSE * single.gain, SHARE * weakest) if as_few else MARGIN * (several - 1)
+        if single.worth > joint - miss:
+            return single
     curve = best_curve(case, ledger)
     if curve is None:
         return None

@@ -15,6 +15,7 @@ from tiltcal.segments import Mask
 
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
 POWERS: tuple[tuple[float, ...], ...] = ((2.0, 3.0), (2.0, 3.0, 4.0))
+STARTS = ((2.0, 3.0, 4.0), (3.0, 4.0, 5.0, 6.0))  # how a drive may begin: with its acceleration at once, or without any
 EARLIEST, LATEST = -4, 5  # samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
 COARSE = 0.125  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
@@ -69,6 +70,32 @@ def corners(time: Array, angle: Array, still: Mask, noise: float) -> Iterator[Co
     yield from _fitted(_side(time, angle, still), noise)
     for c in _fitted(_side(-time[::-1], angle[::-1], still[::-1]), noise):
         yield Corner(n - 1 - c.rows, c.near, -c.rate, c.acceleration, c.variance)
+
+
+def edges(time: Array, angle: Array, still: Mask, noise: float) -> tuple[Array, Array]:
+    """The instants at which moves leave a rest, and those at which they come to one, samples; where no course tells: none.
+
+    Args:
+        time, angle, still, noise: see ``corners``.
+    """
+    leaves = _told(_side(time, angle, still), noise)
+    comes = _told(_side(-time[::-1], angle[::-1], still[::-1]), noise)
+    return leaves, -comes[::-1]
+
+
+def _told(side: _Side, noise: float) -> Array:
+    """When these moves leave their rests, in order: by the law of the start, one for all of them, that fits them the furthest."""
+    trials = []
+    for powers in STARTS:
+        reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
+        for width in WIDTHS[1::2]:  # these do
+            tried = np.flatnonzero(side.last + 1 + width <= side.end)
+            if len(tried):
+                instant, fits = _instants(side, tried, width, powers, noise)
+                reach[tried[fits]], when[tried[fits]] = width, side.time[side.last[tried[fits]]] + instant[fits]
+        trials.append((float(reach.sum()), when))
+    when = max(trials, key=lambda trial: trial[0])[1]
+    return when[~np.isnan(when)]
 
 
 def _side(time: Array, angle: Array, still: Mask) -> _Side:

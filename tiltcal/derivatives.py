@@ -43,7 +43,7 @@ def differentiate(time: Array, angle: Array, still: Mask) -> tuple[Array, Array]
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     step, uniform = float(grid[1] - grid[0]), CubicSpline(time, angle)(grid)
-    noise = _noise_of_rests(angle, still) or _noise_of_motion(uniform)
+    noise = noise_of_rests(angle, still) or _noise_of_motion(uniform)
     v, a, variance = _by_best_windows(uniform, noise)
     variance = np.interp(time, grid, variance)
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
@@ -94,7 +94,7 @@ def _fits(u: Array, width: int, degree: int, noise: float) -> Mask:
     return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= noise * (1 + 1 / np.sqrt(2 * dof)))
 
 
-def _noise_of_rests(angle: Array, still: Mask) -> float | None:
+def noise_of_rests(angle: Array, still: Mask) -> float | None:
     """Standard deviation of a readout from row to row where it rests, rad, at least that of its codes; None if it hardly does."""
     steps = np.diff(angle)[still[1:] & still[:-1]]
     return float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12))) if len(steps) > RESTS else None

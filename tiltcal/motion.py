@@ -1,6 +1,6 @@
 """What moves, as frozen records: a Jet (angle, rate, acceleration), a Drive (what was asked or read), a Motion (truth)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -89,6 +89,7 @@ class Drive:
         structure: what a run by time steps found: deviation of an axis from its readout, and deflections of the
             structure's own joints, by name.
         realised: addresses of the effects that the readout or ``structure`` already holds: the algebra leaves them out.
+        since: gives the time since the last move ended, s, (n,), 0 while moving; None: a stop began with its first row.
     """
 
     time: Array
@@ -102,6 +103,7 @@ class Drive:
     known: npt.NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
     structure: Mapping[str, Jet] = field(default_factory=dict)
     realised: tuple[str, ...] = ()
+    since: Callable[[], Array] | None = None
 
     @property
     def elapsed(self) -> Array:

@@ -6,7 +6,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from tiltcal.codes import code_width
-from tiltcal.derivatives import differentiate
+from tiltcal.corners import edges
+from tiltcal.derivatives import differentiate, noise_of_rests
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, parse_mounts
 from tiltcal.motion import Drive, Index, Jet
@@ -71,13 +72,20 @@ class Replay:
             found[name] = (sign * v, sign * a)
         return found
 
+    @cached_property
+    def since_move(self) -> Array:
+        """Time since the last move ended, s, (n,); 0 while moving: to a part of a sample where the readout tells when it ended."""
+        said = [_edges(self.time.tobytes(), angle.tobytes()) for angle in self.angles.values()]
+        leaves, comes = (np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0) for side in (0, 1))
+        return since_moves(self.time, self.stop, leaves, comes)
+
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
         """A drive at these times whose axes are known already: nothing is differentiated."""
         nearest = nearest_rows(self.time, time)
         return Drive(
             time, axes, float(self.time[0]), np.interp(time, self.time, self.temperature), self.reference,
             self.stop[nearest], tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts), None,
-            self.known[nearest],
+            self.known[nearest], since=lambda: _later(self.since_move[nearest], time - self.time[nearest]),
         )  # fmt: skip
 
 
@@ -152,6 +160,60 @@ def still_rows(angles: Array, resting: Mask) -> Mask:
             quiet[-1] &= last == len(angles)
         still[first:last] = quiet & bool((np.ptp(part[quiet], axis=0) <= WANDER).all() if quiet.any() else False)
     return still
+
+
+def since_moves(time: Array, stop: Index, leaves: Array, comes: Array) -> Array:
+    """Time since the last move ended, s, (n,); 0 while moving.
+
+    A stop has lost its ends to the margins that the search for it keeps; where an instant is not told it is as far from the
+    stop's end as usually.
+
+    Args:
+        time: s, (n,).
+        stop: number of the stop of each row, -1 while moving, (n,).
+        leaves, comes: instants at which an axis left a rest, and came to one, s, sorted.
+    """
+    known = stop >= 0
+    first = np.flatnonzero(known & (np.concatenate([[-1], stop[:-1]]) != stop))
+    last = np.flatnonzero(known & (np.concatenate([stop[1:], [-1]]) != stop))
+    if not len(first):
+        return np.zeros_like(time)
+    begin = np.concatenate([[-np.inf], comes])[np.searchsorted(comes, time[last])]
+    begin = np.where(begin > np.concatenate([[-np.inf], time[last[:-1]]]), begin, -np.inf)
+    end = np.concatenate([leaves, [np.inf]])[np.searchsorted(leaves, time[first])]
+    end = np.where(end < np.concatenate([time[first[1:]], [np.inf]]), end, np.inf)
+    begin, end = _as_usual(begin, time[first]), _as_usual(end, time[last])
+    begin[0] = time[0] if first[0] == 0 else begin[0]
+    end[-1] = time[-1] if last[-1] == len(time) - 1 else end[-1]
+    at = np.searchsorted(begin, time, side="right") - 1
+    inside = (at >= 0) & (time <= end[at])
+    return np.where(inside, time - begin[at], 0.0)
+
+
+def _as_usual(told: Array, rough: Array) -> Array:
+    """Instants, s, (k,): those that are not told, infinite, as far from the rough ones as the others usually are."""
+    there = np.isfinite(told)
+    usual = float(np.median(told[there] - rough[there])) if there.any() else 0.0
+    return np.where(there, told, rough + usual)
+
+
+def _later(since: Array, by: Array) -> Array:
+    """Times since a move, s, a little later; 0 while moving."""
+    return np.where(since > 0, np.maximum(since + by, 0.0), 0.0)
+
+
+@lru_cache(maxsize=24)
+def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
+    """When an axis left a rest and when it came to one, s, of the contents of arrays."""
+    t, x = np.frombuffer(time), np.frombuffer(angle)
+    if len(t) < 9 or np.ptp(x) == 0:
+        return np.zeros(0), np.zeros(0)
+    still = still_rows(x[:, None], resting_rows(t, x[:, None]))
+    noise, step = noise_of_rests(x, still), float(np.median(np.diff(t)))
+    if noise is None:
+        return np.zeros(0), np.zeros(0)
+    leaves, comes = edges(t / step, x, still, noise)
+    return leaves * step, comes * step
 
 
 @lru_cache(maxsize=24)

@@ -127,12 +127,14 @@ class Schedule:
             v[start:end], a[start:end] = np.outer(part.v, leg.dq), np.outer(part.a, leg.dq)
             if R is not None and leg.R0 is not None:
                 R[start:end] = leg.R0 @ _rotations(np.outer(part.x, leg.dq))
+        stop, begin = np.array([leg.stop for leg in self.legs])[which], {leg.stop: leg.t0 for leg in reversed(self.legs)}
+        since = np.where(stop >= 0, inside - np.array([begin[leg.stop] for leg in self.legs])[which], 0.0)
         attitude = None if R is None else Attitude(R, v, a)  # a turn about a fixed body axis: rate = dq's rate
         return Drive(
             time, {name: Jet(q[:, i], v[:, i], a[:, i]) for i, name in enumerate(self.axes)}, self.times[0],
             self.climate.at(time - self.times[0]), self.climate.reference(self.times[1] - self.times[0]),
-            np.array([leg.stop for leg in self.legs])[which],
-            tuple((row, parse_mount(text)) for row, text in self.mountings(time)), attitude, np.ones(len(time), bool),
+            stop, tuple((row, parse_mount(text)) for row, text in self.mountings(time)), attitude, np.ones(len(time), bool),
+            since=lambda: since,
         )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ RAMP = 0.5  # share of the worth of any curve of the angle that they have to hav
 JUMPS = 32  # places of the jump that are tried, from the middle of the range: there the period says nothing about it
 NEAR = (-2, -1, 0, 1, 2)  # steps to both sides
 CLOSER = 5  # halvings of them
+TOLD = 8  # times finer than the width of a line over one rest an echo is told at once: from there its period is halved in
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,26 @@ def local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
     low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
     found = _best_of(_bumps(low, high), rival, case, ledger)
     return [*found[:2], *_steps(low, high, rival, case, ledger), *_saws(low, high, rival, case, ledger)]
+
+
+def echo(rival: Rival, case: Case, ledger: Ledger) -> Rival:
+    """An echo after each move at its best period: a peak over the time since the move tells it to a part of its width only."""
+    stops = [(r.time, stop) for r, stop in zip(ledger.observations.recordings, ledger.observations.stops, strict=True)]
+    rest = float(np.median([np.ptp(time[stop == k]) for time, stop in stops for k in range(int(stop.max(initial=-1)) + 1)]))
+    apart, best = 1 / (TOLD * rest), rival
+    for k in range(CLOSER + 1):
+        middle = 1 / _shape_of(best.suspect).period
+        tones = [middle + apart * m for m in (range(-TOLD, TOLD + 1) if k == 0 else NEAR)]
+        found = _best_of([Shape((), tuple(range(WAVES)), float(1 / f)) for f in tones if f > 0], rival, case, ledger)
+        found = [replace(r, worth=r.gain - price_of(ledger) * r.sizes) for r in found]  # it beats once, wherever it was looked for
+        best, apart = max([best, *found], key=lambda r: r.worth), apart / 2
+    return best
+
+
+def is_echo(rival: Rival) -> bool:
+    """Whether a curve rings anew after each move."""
+    effect = rival.suspect.effect
+    return isinstance(effect, Learned) and effect.coordinate == "since_move" and effect.period > 0
 
 
 def angle_of(rival: Rival) -> str | None:

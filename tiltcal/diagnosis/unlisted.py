@@ -7,9 +7,10 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, models, noise_within_stops, settle
 from tiltcal.diagnosis.evidence import Ledger
-from tiltcal.diagnosis.local import angle_of, local
+from tiltcal.diagnosis.families import WANDER
+from tiltcal.diagnosis.local import angle_of, echo, is_echo, local
 from tiltcal.diagnosis.rivals import EQUAL, LOOSE, OWN, Case, Rival, case_of, explanations, preferred, price_of
-from tiltcal.diagnosis.select import ALPHA, Gate, backward, findings, log_tail, log_tries
+from tiltcal.diagnosis.select import ALPHA, TONES, Gate, backward, findings, log_tail, log_tries
 from tiltcal.diagnosis.shapes import refined
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects.learned import LearnedReading
@@ -66,12 +67,18 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
         return curve if one_cause else None
     fits = several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named)
     level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
-    far_off = curve.worth > level + MARGIN + SHARE * curve.gain
+    far_off = curve.worth > level + MARGIN + (0.0 if several_lines(inside) else SHARE * curve.gain)
     if several == 1 and not fits:  # a name whose own form says little: a curve that says as much by itself goes before it
         far_off &= curve.worth > joint - EQUAL - LOOSE * curve.gain
     if several > 1 and curve.sizes <= sum(len(t.names) for t in inside) and curve.worth > joint - EQUAL:
         return curve if far_off else single  # one cause with as few numbers says the same as several
     return curve if far_off else None
+
+
+def several_lines(inside: Sequence[Term]) -> bool:
+    """Whether a name stands for lines that do not belong together: no form is theirs that the name could keep to."""
+    tones = [t.suspect.effect.values["frequency"] for t in inside if t.suspect.id in TONES]
+    return len(tones) > 1 and max(tones) - min(tones) > WANDER
 
 
 def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:
@@ -145,7 +152,8 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
     if not found:
         return None
     of_angle = next((r for r in found if angle_of(r) is not None), None)
-    trials = [*found, *(local(of_angle, case, ledger) if of_angle else [])]
+    rings = next((r for r in found if is_echo(r)), None)
+    trials = [*found, *(local(of_angle, case, ledger) if of_angle else []), *([echo(rings, case, ledger)] if rings else [])]
     top = max(r.worth for r in trials)
     equal = [r for r in trials if r.worth > top - EQUAL - LOOSE * r.gain]
 

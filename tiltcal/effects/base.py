@@ -249,6 +249,7 @@ class Sense:
         kind: of the sensor; input_vector: of a FOG, (3,).
         gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
         angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1 while moving, (n,).
+        since: gives the time since the last move ended, s, (n,), 0 while moving; None: a stop began with its first row.
     """
 
     time: Array
@@ -267,10 +268,13 @@ class Sense:
     full_scale: float | None = None
     angles: Mapping[str, Array] = field(default_factory=dict)
     stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
+    since: Callable[[], Array] | None = None
 
     @cached_property
     def since_move(self) -> Array:
         """Time since the last move ended, s, (n,); 0 while moving."""
+        if self.since is not None:
+            return self.since()
         if self.stop is None:
             return np.zeros(len(self.time))
         begins = np.concatenate([[True], self.stop[1:] != self.stop[:-1]])

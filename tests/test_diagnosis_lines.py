@@ -8,10 +8,12 @@ from statistics_helpers import rng_of
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.filling import fill, refill
-from tiltcal.diagnosis.tones import lines_of
+from tiltcal.diagnosis.tones import lines_of, wandering_of
 from tiltcal.recording import Recording
 from tiltcal.scenario import parse_scenario
 from tiltcal.sequence import Step
+
+WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample at 25 Hz, m/s2
 
 
 def prepared(*left_out, seed=3):
@@ -43,6 +45,30 @@ def test_lost_rows_do_not_smear_a_tone():
     found = prepare(honest(truth), [Recording.from_columns(whole.time[kept], columns)])
     width = 1 / float(np.ptp(whole.time))
     assert lines_of(found.ledger, found.start).tones[0] == pytest.approx(4.9, abs=width / 4)
+
+
+def test_a_hum_that_wanders_is_told_by_all_its_lines_together():
+    """Its phase swings by 2.6 rad three times: the strongest of its lines has a quarter of its energy, and does not stand out."""
+    table = bench().model_dump(exclude_defaults=True, by_alias=True)
+    table["sensor"][0]["rate_hz"] = 25.0
+    truth = parse_scenario({"schema": 1, **table})
+    whole = recorded(truth, 4)
+    time = whole.time - whole.time[0]
+    phase = 2 * np.pi * 3.37 * time + 2.6 * np.sin(2 * np.pi * time / (0.3 * time[-1]))
+    size = WHITE * np.sqrt(2 * 220.0 / len(time))  # 220 of deviance
+    columns = {name: whole.column(name) for name in whole.column_names}
+    columns["accel_y_m_s2"] = columns["accel_y_m_s2"] + size * np.sin(phase)
+    hum = Recording.from_columns(whole.time, columns)
+    found = prepare(honest(truth), [hum])
+    assert lines_of(found.ledger, found.start).tones == ()
+    assert all(abs(f - 3.37) < 0.05 for f in wandering_of(found.ledger, found.start))
+    assert [f.effect for f in diagnose(honest(truth), [hum]).findings] == ["mains_pickup"]
+
+
+def test_noise_has_no_wandering_lines():
+    for seed in range(3, 9):
+        found = prepared(seed=seed)
+        assert wandering_of(found.ledger, found.start) == ()
 
 
 @pytest.mark.parametrize("phase", [20.0, 160.0, 310.0])

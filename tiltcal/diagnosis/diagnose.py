@@ -66,7 +66,7 @@ def diagnose(
     progress("who is to blame")
     account = select(bench.start, ledger, gate, _textbook)
     account = plainer(account, bench.start, ledger, gate, _textbook)
-    if account.terms and refill(ledger, account, lines):
+    if refill(ledger, account, lines):
         account = select(account, ledger, gate, _textbook)
     account = absorbed(account, ledger)
     progress("what no name fits")

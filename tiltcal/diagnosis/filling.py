@@ -1,5 +1,7 @@
 """Putting suspects on the ledger: all of them at first, then those whose lines stand out once the first findings are away."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tiltcal.diagnosis.account import Account
@@ -8,7 +10,7 @@ from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.span import Lines, span_of
 from tiltcal.diagnosis.suspects import OF_LINES, listed_suspects, step_suspects
-from tiltcal.diagnosis.tones import lines_of
+from tiltcal.diagnosis.tones import lines_of, wandering_of
 
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
@@ -28,9 +30,15 @@ def fill(ledger: Ledger, account: Account, lines: Lines) -> None:
 
 
 def refill(ledger: Ledger, account: Account, known: Lines) -> bool:
-    """Put on the ledger what beats in what an account leaves and did not stand out before; whether there is any."""
+    """Put on the ledger what beats in what an account leaves and did not stand out before; whether there is any.
+
+    Where nothing was found, lines that wander too: beside a law that is some per cent off its form that scan finds the table's.
+    """
     observations = ledger.observations
-    new = lines_of(ledger, account).beside(known, 1 / float(np.ptp(observations.recordings[0].time)))
+    width = 1 / float(np.ptp(observations.recordings[0].time))
+    new = lines_of(ledger, account).beside(known, width)
+    if not account.terms:
+        new = replace(new, tones=(*new.tones, *Lines(wandering_of(ledger, account)).beside(known, width).tones))
     before = len(ledger.suspects)
     for suspect in listed_suspects(observations.scenario, span_of(observations, new), [t.suspect for t in account.nuisance]):
         lines = suspect.effect.values.get("lines")

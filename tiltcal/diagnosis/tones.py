@@ -6,6 +6,7 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.families import WANDER
 from tiltcal.diagnosis.observations import TableObservations
 from tiltcal.diagnosis.span import Lines, fastest
 from tiltcal.diagnosis.whitening import robust_white
@@ -21,6 +22,8 @@ SMALL = 1e-6  # rad
 CHANCE = 1e-4  # of a line in any recording without one
 MOST = 5
 FINER = 4  # frequencies a width of a line
+SLOWEST = 8  # periods of a recording: below it a drift looks like a line
+WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line may fill
 
 
 def lines_of(ledger: Ledger, account: Account) -> Lines:
@@ -34,6 +37,22 @@ def tones_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     for channel, residual in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
         found += _lines(channel.time, residual)
     return _apart(found, lambda _: 0.02)
+
+
+def wandering_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+    """Frequencies, Hz, of a line that wanders in what is left: none of its own stands out, together they do, the strongest first.
+
+    By hand none is looked for: the hand trembles at no steady frequency either.
+    """
+    observations = ledger.observations
+    if not isinstance(observations, TableObservations):
+        return ()
+    duration = float(np.ptp(observations.recordings[0].time))
+    found: list[tuple[float, float]] = []
+    for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        if not _lines(channel.time, residual):  # a strong one has skirts
+            found += _smeared(channel.time, residual)
+    return _apart(found, lambda _: 1 / duration)
 
 
 def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
@@ -157,9 +176,32 @@ def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
     ratio = spectrum / np.maximum(floor, 1e-300) * np.log(2)
     limit = np.log(n / CHANCE)
     peak = (ratio > limit) & (ratio >= np.roll(ratio, 1)) & (ratio >= np.roll(ratio, -1))
-    slow = 8 / max(float(time[-1] - time[0]), 1e-9)  # below it a drift looks like a line
+    slow = SLOWEST / max(float(time[-1] - time[0]), 1e-9)
     peak &= frequency > slow
     return [(float(ratio[k]), float(frequency[k])) for k in np.flatnonzero(peak)[:40]]
+
+
+def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
+    """(power over its surroundings, frequency) of the peaks in bands of the periodogram that hold more than noise does.
+
+    Of white noise the powers at whole numbers of periods are independent, so their sum is gamma distributed.
+    """
+    from scipy.special import gammaincc
+
+    if len(residual) < 256:
+        return []
+    values, rate = _evenly(time, residual - residual.mean())
+    n = len(values)
+    power = np.abs(np.fft.rfft(values)) ** 2
+    ratio = power / np.maximum(_running_median(power, max(n // 80, 16)), 1e-300) * np.log(2)
+    widths = [m for m in WIDE if m * rate / n < 2 * WANDER and m < n // 160]
+    found: dict[int, float] = {}
+    for m in widths:
+        total = np.convolve(ratio[SLOWEST:-1], np.ones(m), "valid")
+        chance = gammaincc(m, total) * n * len(widths)
+        for first in SLOWEST + np.flatnonzero(chance < CHANCE):
+            found |= {k: float(ratio[k]) for k in range(first, first + m) if ratio[k] > np.log(m)}
+    return [(strength, k * rate / n) for k, strength in found.items()]
 
 
 def _evenly(time: Array, values: Array) -> tuple[Array, float]:

@@ -219,12 +219,21 @@ def joined(account: Account) -> Account:
     for places in groups:
         inside = [account.terms[k] for k in places]
         mine = inside[0].suspect
-        first = next((g for g in order if g[0].suspect.place == mine.place and mine.id not in STEPS), None)
+        first = next((g for g in order if g[0].suspect.place == mine.place and _one_event(g[0].suspect, mine)), None)
         if first is None:
             order.append(inside)
         else:
             first += [replace(t, host=first[0].suspect) for t in inside]
     return account if len(order) == len(groups) else replace(account, terms=tuple(t for g in order for t in g))
+
+
+def _one_event(one: Suspect, other: Suspect) -> bool:
+    """Whether two of one name are one: steps where one creeps on that began within its time constant of the other."""
+    if one.id not in STEPS:
+        return True
+    creeps = [s.effect.values.get("creep", 0.0) for s in (one, other)]
+    apart = abs(one.effect.values["time"] - other.effect.values["time"])
+    return min(creeps) == 0 and apart < max(creeps)
 
 
 def signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:

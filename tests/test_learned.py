@@ -135,6 +135,7 @@ def test_derivatives_of_a_learned_power(power, odd):
     bend = (effect.curve(u + h) - 2 * effect.curve(u) + effect.curve(u - h)) / h**2
     np.testing.assert_allclose(effect.curve(u, 1), slope, rtol=1e-6)
     np.testing.assert_allclose(effect.curve(u, 2), bend, rtol=1e-5, atol=1e-6)
+    assert np.isfinite([effect.curve(np.zeros(1), order) for order in (0, 1, 2)]).all()
 
 
 def test_derivatives_of_a_learned_curve_are_those_of_its_values():

@@ -103,8 +103,8 @@ class Learned(Effect):
         """|u|^power, with the sign of u where it is odd, or its first or second derivative, (n,)."""
         factor = float(np.prod(self.power - np.arange(order)))
         sign = np.sign(u) if self.odd != (order % 2 == 1) else 1.0
-        with np.errstate(divide="ignore"):  # a root has no slope at nothing
-            return np.asarray(factor * sign * np.abs(u) ** (self.power - order)) if factor else np.zeros_like(u)
+        away = np.where(u == 0, np.inf if self.power < order else 0.0, np.abs(u))  # a root has no slope at nothing: it is left out
+        return np.asarray(factor * sign * away ** (self.power - order)) if factor else np.zeros_like(u)
 
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""
@@ -216,20 +216,8 @@ def _prompt(name: str, sense: Sense, own: Array) -> Array:
 
 KINDS: dict[str, type[Learned]] = {"reading": LearnedReading, "readout": LearnedReadout, "tilt": LearnedTilt}
 _KEYS = {
-    "coordinate",
-    "knots",
-    "period",
-    "beside",
-    "coefficients",
-    "on",
-    "slot",
-    "turn",
-    "per_input",
-    "lag_s",
-    "place",
-    "power",
-    "odd",
-}
+    "coordinate", "knots", "period", "beside", "power", "odd", "coefficients", "on", "slot", "turn", "per_input", "lag_s", "place",
+}  # fmt: skip
 
 
 def make_learned(

@@ -81,7 +81,7 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
             yield scale
             if not sensor.is_accelerometer:  # its own law is in the catalogue
                 yield _straight(scale)
-    yield from _late_laws(sensor, axis, span)
+    yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
     if scenario.rig.axes or not sensor.is_accelerometer:  # by hand only the length of its reading is known
         yield from _histories(sensor, axis, inputs, span)
 
@@ -133,7 +133,7 @@ An accelerometer's late rate is not among them: its temperature is late by minut
 """
 
 
-def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+def _late_laws(sensor: Sensor, axis: str, span: Span, on_table: bool) -> Iterator[Suspect]:
     """Laws of temperature and of its rate where the thermometer and the sensor are not of one temperature.
 
     A rate that is late by more than a recording shows, (T - late T) / lag, is the temperature itself.
@@ -144,7 +144,7 @@ def _late_laws(sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
         if knots and (coordinate != "warming" or lag * SHOWS < span.duration):
             late = _curve(LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where)
             yield _late(late, name)
-            if lag:
+            if lag and on_table:  # by hand, in few poses, every law of temperature bends
                 yield _straight(late, len(LAGS), name)
 
 

@@ -29,6 +29,12 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
     first = terms[0].suspect
     duration = float(np.ptp(ledger.observations.recordings[0].time))
     for name in _shapes_of(terms):
+        if (
+            name == "lag"
+            and getattr(first.effect, "coordinate", "") == "temperature"
+            and not isinstance(ledger.observations, TableObservations)
+        ):  # by hand, in one pose, nothing but its bend tells one lag from another: it keeps that of its grid
+            continue
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
         added = line or name in SHIFTED

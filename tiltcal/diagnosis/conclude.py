@@ -101,7 +101,9 @@ def _of_the_reference(inside: Sequence[Term], case: Case, account: Account, ledg
     assert isinstance(effect, LearnedReading)
     best = 0.0
     for lag in LAGS:
-        tied = [_tied(replace(effect, lag=lag), name, case, account, ledger) for name in (late.names[0], late.names[-1])]
+        tied = [
+            _tied(replace(effect, lag=lag), name, case, account, ledger) for name in dict.fromkeys((late.names[0], late.names[-1]))
+        ]
         Q = column_space(np.column_stack(tied))
         best = max(best, float(np.sum((Q.T @ target) ** 2)))
     sizes = sum(len(t.names) for t in inside)

@@ -54,20 +54,15 @@ def lateness(inside: Sequence[Term], case: Case, account: Account, ledger: Ledge
 
 def _curves(late: LearnedReading, ledger: Ledger) -> Iterator[tuple[Effect, Sequence[str]]]:
     """Curves over temperature without lag, on all axes of the sensor."""
-    over = [
-        e.knots
-        for s in ledger.suspects
-        if isinstance(e := s.effect, LearnedReading) and e.coordinate == late.coordinate and e.knots
-    ]
-    knots = tuple(float(u) for u in np.linspace(over[0][0], over[0][-1], KNOTS))
+    curves = (s.effect for s in ledger.suspects if isinstance(s.effect, LearnedReading) and s.effect.knots)
+    over = next(e.knots for e in curves if e.coordinate == late.coordinate)  # a law with one number has no knots of its own
     names = [f"c{k}" for k in range(KNOTS)]
+    still = replace(
+        late, lag=0.0, per_input=False, power=0.0, odd=False, knots=tuple(map(float, np.linspace(over[0], over[-1], KNOTS))),
+        values=dict.fromkeys(names, 1e-6),
+    )  # fmt: skip
     for axis in ledger.observations.scenario.named(str(late.sensor)).axes:
-        yield (
-            replace(
-                late, axis=axis, lag=0.0, per_input=False, power=0.0, odd=False, knots=knots, values=dict.fromkeys(names, 1e-6)
-            ),
-            names,
-        )
+        yield replace(still, axis=axis), names
 
 
 def _block(effects: Iterable[tuple[Effect, Sequence[str]]], case: Case, account: Account, ledger: Ledger) -> Array:

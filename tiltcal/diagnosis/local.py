@@ -1,4 +1,4 @@
-"""Forms over an angle that sums of few harmonics are slow to say: bumps, steps, and what begins anew every so many degrees."""
+"""Forms that a grid of curves is slow to say: over an angle bumps, steps and saws; over the time since a move an echo's period."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from tiltcal.diagnosis.rivals import Case, Rival, explain, price_of
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects.learned import ANGLES, Learned
 
+WIDTHS = (0.15, 0.3, 0.6)  # rad, of bumps and steps
 SHARPER = 4  # times three
 WAVES = 6  # of a period: three harmonics tell it from others before its jump is known
 TURNS = 1.2  # periods that have to be seen
@@ -19,16 +20,16 @@ RAMP = 0.5  # share of the worth of any curve of the angle that they have to hav
 JUMPS = 32  # places of the jump that are tried, from the middle of the range: there the period says nothing about it
 NEAR = (-2, -1, 0, 1, 2)  # steps to both sides
 CLOSER = 5  # halvings of them
-TOLD = 8  # times finer than the width of a line over one rest an echo is told at once: from there its period is halved in
+TOLD = 8  # frequencies of an echo tried in the width of a line over one rest, before its period is halved in
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A form over an angle.
+    """A form over a coordinate.
 
     Args:
-        knots: rad, of a curve; free: those of its values that are not nothing.
-        period: rad, after which it begins anew; 0 for never.
+        knots: rad or s, of a curve; free: those of its values that are not nothing.
+        period: rad or s, after which it begins anew; 0 for never.
     """
 
     knots: tuple[float, ...]
@@ -70,9 +71,6 @@ def angle_of(rival: Rival) -> str | None:
     """The one table angle that a curve goes over."""
     effect = rival.suspect.effect
     return effect.coordinate if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside else None
-
-
-WIDTHS = (0.15, 0.3, 0.6)  # rad
 
 
 def _bumps(low: float, high: float) -> list[Shape]:

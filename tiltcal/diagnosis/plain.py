@@ -89,7 +89,8 @@ def trimmed(account: Account, ledger: Ledger) -> Account:
     price = price_of(ledger)
     while True:
         account = settle(account, ledger)
-        told = [(np.asarray(t.values) / account.sigmas(k)) ** 2 for k, t in enumerate(account.terms)]
+        sigmas = [np.maximum(account.sigmas(k), np.finfo(float).tiny) for k in range(len(account.terms))]  # 0: not determined
+        told = [(np.asarray(t.values) / sigma) ** 2 for t, sigma in zip(account.terms, sigmas, strict=True)]
         least = [(float(x.min()), k, int(x.argmin())) for k, x in enumerate(told) if len(x) > 1]
         if not least or min(least)[0] >= price:
             return account

@@ -29,11 +29,7 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
     first = terms[0].suspect
     duration = float(np.ptp(ledger.observations.recordings[0].time))
     for name in _shapes_of(terms):
-        if (
-            name == "lag"
-            and getattr(first.effect, "coordinate", "") == "temperature"
-            and not isinstance(ledger.observations, TableObservations)
-        ):  # by hand, in one pose, nothing but its bend tells one lag from another: it keeps that of its grid
+        if name == "lag" and _told_by_its_bend(first, ledger.observations):
             continue
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
@@ -47,6 +43,11 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
                 terms = _shaped(terms, name, x * np.exp(top * step), duration)
             step /= 2
     return terms
+
+
+def _told_by_its_bend(suspect: Suspect, observations: Observations) -> bool:
+    """Whether a lag keeps that of its grid: by hand, in few poses, nothing but its bend tells one late temperature from another."""
+    return getattr(suspect.effect, "coordinate", "") == "temperature" and not isinstance(observations, TableObservations)
 
 
 def _top(before: float, here: float, after: float) -> float:

@@ -68,11 +68,24 @@ def test_a_learned_power_has_one_number(power, odd):
     np.testing.assert_allclose(added(effect)[:, 0], 2e-3 * np.abs(w) ** power * (np.sign(w) if odd else 1.0), atol=1e-14)
 
 
-def test_a_natural_spline_between_three_knots_is_as_worked_by_hand():
-    """Knots 0, 1, 2 with values 0, 1, 0: M1 = -3, so s(u) = (3 u - u^3)/2 on [0, 1], and its mirror image."""
-    effect = learned("accel", "x", coordinate="time", knots=[0.0, 20.0, 40.0], coefficients=[0.0, 1.0, 0.0])
-    u = 1 - np.abs(T / 20 - 1)
-    np.testing.assert_allclose(added(effect)[:, 0], (3 * u - u**3) / 2, atol=1e-13)
+def test_a_natural_spline_between_four_knots_is_as_worked_by_hand():
+    """Knots 0, 1, 2, 3 with values 0, 1, 1, 0: M1 = M2 = -6/5, so s(u) = (6 u - u^3)/5 on [0, 1], 1 - 3 (u - 1)(u - 2)/5 on
+    [1, 2] and its mirror image beyond."""
+    effect = learned("accel", "x", coordinate="time", knots=[0.0, 10.0, 20.0, 30.0], coefficients=[0.0, 1.0, 1.0, 0.0])
+    u = np.clip(T / 10, 0, 3)
+    outer = np.minimum(u, 3 - u)
+    by_hand = np.where(np.abs(u - 1.5) < 0.5, 1 - 0.6 * (u - 1) * (u - 2), (6 * outer - outer**3) / 5)
+    np.testing.assert_allclose(added(effect)[:, 0], by_hand, atol=1e-13)
+
+
+def test_a_law_of_temperature_goes_on_beyond_its_knots():
+    """Three knots: the parabola 0.001 u^2, as far as it goes. Two: the line, and with four of them in it, by the last slope."""
+    warm = lively().temperature - lively().reference_temperature
+    for knots, law in (([-1, 0, 1], 1e-3 * warm**2), ([-1, 1], 1e-3 * warm), ([-1.5, -0.5, 0.5, 1.5], 1e-3 * warm)):
+        values = [1e-3 * k**2 if len(knots) == 3 else 1e-3 * k for k in knots]
+        effect = learned("accel", "x", coordinate="temperature", knots=knots, coefficients=values)
+        np.testing.assert_allclose(added(effect)[:, 0], law, atol=1e-14)
+    assert np.ptp(warm) > 3.5
 
 
 def test_a_learned_scale_multiplies_its_own_input_and_a_lag_is_felt_late():
@@ -80,14 +93,14 @@ def test_a_learned_scale_multiplies_its_own_input_and_a_lag_is_felt_late():
     scale = learned("accel", "z", coordinate="input", knots=[-9.9, 9.9], coefficients=[-1e-3, 1e-3], per_input=True)
     np.testing.assert_allclose(added(scale)[:, 2], 1e-3 * force[:, 2] ** 2 / 9.9, atol=1e-12)
     late = learned("accel", "x", coordinate="temperature", knots=[-5.0, 5.0], coefficients=[-5.0, 5.0], lag_s=4.0)
-    warm = 2 * np.sin(T / 6)
+    warm = lively().temperature - lively().reference_temperature
     np.testing.assert_allclose(added(late)[:, 0], first_order_lag(T, warm - warm.mean(), 4.0), atol=1e-12)
 
 
 def test_a_late_rate_of_warming_is_that_of_the_late_temperature():
     """d/dt of 1/(1 + lag s) T is (T - late T) / lag: nothing at first, as both begin at one temperature."""
     late = learned("accel", "x", coordinate="warming", knots=[-1.0, 1.0], coefficients=[-1.0, 1.0], lag_s=4.0)
-    warm = 2 * np.sin(T / 6)
+    warm = lively().temperature - lively().reference_temperature
     found = added(late)[:, 0]
     np.testing.assert_allclose(found[5:-5], ((warm - first_order_lag(T, warm, 4.0)) / 4.0)[5:-5], atol=0.01)
     assert abs(found[0]) < 0.05 < np.abs(found).max()
@@ -97,7 +110,7 @@ def test_coordinates_are_what_their_names_say():
     line = {"knots": [-1e3, 1e3], "coefficients": [-1e3, 1e3]}  # the curve u itself
     plain = read_poses(SETUP, lively())
     force, rate = plain["accel"], plain["gyro"]
-    warm = 2 * np.sin(T / 6)
+    warm = lively().temperature - lively().reference_temperature
     for coordinate, expected in (
         ("force_y", force[:, 1]), ("rate_z", rate[:, 2]), ("input", force[:, 0]), ("warming", np.gradient(warm, T)),
         ("since_move", 0),

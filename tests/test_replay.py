@@ -120,3 +120,20 @@ def test_every_dwell_is_one_stop_however_coarse_the_readout_is(noise_codes, rng)
     assert len(lengths) == 10
     assert lengths.min() > 90
     assert lengths.max() < 103
+
+
+def test_a_slow_move_within_a_dwell_parts_it_into_two_stops(rng):
+    """0.05 deg in 5 s, less than any limit of a stop: what turns fast before and after it keeps its ends, and it has its rates."""
+    time = np.arange(0, 40, 0.02)
+    fast = np.clip(time - 5, 0, 2) / 2, np.clip(time - 30, 0, 2) / 2
+    slow = np.clip(time - 15, 0, 5) / 5
+    angle = sum((3 * u**2 - 2 * u**3) * np.deg2rad(step) for u, step in zip((*fast, slow), (60, 40, 0.05), strict=True))
+    rate = np.gradient(angle, time)
+    read = angle + 5e-7 * rng.standard_normal(len(time))
+    course = replay(Recording.from_columns(time, {"table_outer_deg": np.rad2deg(read)}), setup_of("placing", ACCEL))
+    assert [len(set(course.stop[(time > a) & (time < b)]) - {-1}) for a, b in ((0, 5), (7, 15), (20, 30), (32, 40))] == [1] * 4
+    assert len(set(course.stop) - {-1}) == 4
+    error = np.abs(course.drive(time).axes["outer"].v - rate)
+    inside = (time > 15.2) & (time < 19.8)
+    assert error[inside].max() < 2e-5 < rate[inside].max() / 4
+    assert error[(time > 30.0) & (time < 32.0)].max() < 2e-3

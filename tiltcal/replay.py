@@ -1,9 +1,12 @@
 """A recorded readout played again: the Course that a model needs to predict what a recording should read."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tiltcal.codes import code_width
 from tiltcal.corners import edges
@@ -16,6 +19,7 @@ from tiltcal.segments import Mask, resting_rows
 from tiltcal.setup import Setup
 
 EDGE = 2  # samples beside a move that are left to the polynomial
+BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
 WANDER = 2e-3  # rad: what a readout covers within a stop; more is a slow move, or the turning point of an oscillation
 
 
@@ -142,24 +146,55 @@ def still_rows(angles: Array, resting: Mask) -> Mask:
     """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one code, of the dwell's level.
 
     The search for dwells takes the very start and end of a move for rest, and the slow parts of a table that never rests; a
-    rate of zero there would be wrong.
+    rate of zero there would be wrong. A slow move within a dwell parts it into rests with a level each.
     """
     still = resting.copy()
     codes = 1.01 * np.array([code_width(column) for column in angles.T])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        part = angles[first:last]
-        level = np.median(part, axis=0)
-        off = np.abs(part - level)
-        half, most = np.quantile(off, (0.5, 0.8), axis=0)  # where half of the readings have one code the rest tell the spread
-        spread = 6 * np.maximum(1.4826 * half, most / 1.2816)
-        quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
-        for _ in range(EDGE):  # the first samples of a move hide in the noise
-            quiet[1:-1] &= quiet[:-2] & quiet[2:]
-            quiet[0] &= first == 0
-            quiet[-1] &= last == len(angles)
-        still[first:last] = quiet & bool((np.ptp(part[quiet], axis=0) <= WANDER).all() if quiet.any() else False)
+        for begin, end, level in _levels(angles[first:last], codes):
+            part = angles[first + begin : first + end]
+            off = np.abs(part - np.median(part[level], axis=0))
+            half, most = np.quantile(off[level], (0.5, 0.8), axis=0)  # half of the readings of one code: the rest tell the spread
+            spread = 6 * np.maximum(1.4826 * half, most / 1.2816)
+            quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
+            for _ in range(EDGE):  # the first samples of a move hide in the noise
+                quiet[1:-1] &= quiet[:-2] & quiet[2:]
+                quiet[0] &= first + begin == 0
+                quiet[-1] &= first + end == len(angles)
+            still[first + begin : first + end] = quiet & bool(
+                (np.ptp(part[quiet], axis=0) <= WANDER).all() if quiet.any() else False
+            )
     return still
+
+
+def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
+    """The rests of a dwell: from row, to row, and which of these rows tell the level.
+
+    Slow moves lie between them, each half a rest's. A readout that hardly ever stays where it is wanders: that is one rest.
+
+    Args:
+        part: rad, (n, axes). codes: of each axis, rad.
+    """
+    n = len(part)
+    whole = [(0, n, slice(None))]
+    if n <= 4 * BESIDE:
+        yield from whole
+        return
+    means = sliding_window_view(part, BESIDE, axis=0).mean(axis=-1)
+    noise = 1.4826 * np.median(np.abs(np.diff(part, axis=0)), axis=0) / np.sqrt(2)
+    steps = np.abs(means[BESIDE:] - means[:-BESIDE])
+    slow = np.ones(n, bool)
+    slow[BESIDE : n - BESIDE + 1] = (steps > 6 * noise * np.sqrt(2 / BESIDE) + codes).any(axis=1)
+    slow[:BESIDE], slow[n - BESIDE :] = slow[BESIDE], slow[n - BESIDE]
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], ~slow, [0]])))
+    rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= BESIDE]
+    if len(rests) < 2 or sum(b - a for a, b in rests) < n / 3:
+        yield from whole
+        return
+    parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(rests)), n]
+    for (a, b), begin, end in zip(rests, parted, parted[1:], strict=False):
+        yield begin, end, slice(a - begin, b - begin)
 
 
 def since_moves(time: Array, stop: Index, leaves: Array, comes: Array) -> Array:

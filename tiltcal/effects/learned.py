@@ -1,8 +1,9 @@
 """Effects that no name fits: a curve over a coordinate, learned from a recording, acting where a named effect would.
 
-``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines through (knot, value),
-held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in. With a period a spline
-begins anew after it: a saw. A ``power`` of the coordinate is the form with one number.
+``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines through (knot, value), or
+the parabola through three, held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in.
+A law of temperature goes on: a spline by its slope, a parabola as it is. With a period a spline begins anew after it: a saw.
+A ``power`` of the coordinate is the form with one number.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -27,15 +28,18 @@ COORDINATES = (*ANGLES, *INPUTS, "input", "transverse", "time", "temperature", "
 
 ``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt; ``moves``: how many there were.
 """
+CONTINUED = ("temperature",)
+"""Coordinates beyond whose range a spline goes on: the next recording will not have the same temperatures."""
+PARABOLA = 3  # knots
 ORDERS = 3  # of each angle in a product of two
 
 
 @cache
 def _spline(knots: tuple[float, ...]) -> Any:
-    """The natural cubic splines that are one at a knot and zero at the others."""
+    """The natural cubic splines that are one at a knot and zero at the others; through three knots, the parabolas."""
     from scipy.interpolate import CubicSpline
 
-    return CubicSpline(knots, np.eye(len(knots)), bc_type="natural")
+    return CubicSpline(knots, np.eye(len(knots)), bc_type="not-a-knot" if len(knots) == PARABOLA else "natural")
 
 
 @dataclass(frozen=True)
@@ -88,9 +92,14 @@ class Learned(Effect):
             return self._power(u, order)[:, None]
         if self.knots:
             u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
+            spline = _spline(self.knots)
+            if self.coordinate in CONTINUED and len(self.knots) == PARABOLA:
+                return np.asarray(spline(u, order))
             inside = np.clip(u, self.knots[0], self.knots[-1])
-            held = _spline(self.knots)(inside, order)
-            return np.asarray(held if order == 0 else np.where((inside == u)[:, None], held, 0.0))
+            beyond = (u - inside)[:, None]
+            if self.coordinate in CONTINUED:
+                return np.asarray(spline(inside, order) + (spline(inside, 1) * beyond if order == 0 else 0.0))
+            return np.asarray(np.where(beyond == 0, spline(inside, order), spline(inside) if order == 0 else 0.0))
         pace = 2 * np.pi / self.period if self.period else 1.0
         columns = []
         for k in range(self.count):

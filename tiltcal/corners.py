@@ -6,6 +6,7 @@ it the level of the rest: that tells the rate beside a rest better than any wind
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from tiltcal.segments import Mask
 
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
 POWERS: tuple[tuple[float, ...], ...] = ((2.0, 3.0), (2.0, 3.0, 4.0))
-STARTS = ((2.0, 3.0, 4.0), (3.0, 4.0, 5.0, 6.0))  # how a drive may begin: with its acceleration at once, or without any
+STARTS = ((2.0, 3.0, 4.0), (3.0, 4.0, 5.0, 6.0), (4.0, 5.0, 6.0))  # how a drive may begin: its acceleration at once, soon, late
+STRICT, LOOSE = 1.0, 3.0  # sigma that the noise beside a course may be off: to tell a law, and to use it once it is told
 EARLIEST, LATEST = -4, 5  # samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
+HIDDEN = -16  # samples that the slowest may have been on its way
 COARSE = 0.125  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
 ZOOMS = 3
@@ -47,12 +50,14 @@ class _Side:
 
     Args:
         time: samples, (n,); angle: (n,).
-        last: row of the rest's last sample, (k,); end: first row after the move, (k,); level: of the rest, (k,).
+        last: row of the rest's last sample, (k,); rows: how many it has, (k,); level: of the rest, (k,).
+        end: first row after the move, (k,).
     """
 
     time: Array
     angle: Array
     last: Index
+    rows: Index
     end: Index
     level: Array
 
@@ -89,13 +94,26 @@ def _told(side: _Side, noise: float) -> Array:
     for powers in STARTS:
         reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
         for width in WIDTHS[1::2]:  # these do
-            tried = np.flatnonzero(side.last + 1 + width <= side.end)
-            if len(tried):
-                instant, fits = _instants(side, tried, width, powers, noise)
-                reach[tried[fits]], when[tried[fits]] = width, side.time[side.last[tried[fits]]] + instant[fits]
-        trials.append((float(reach.sum()), when))
-    when = max(trials, key=lambda trial: trial[0])[1]
+            fits = _tell(side, np.ones(len(when), bool), width, powers, noise, when)
+            reach[fits] = width
+        trials.append((float(reach.sum()), powers, when))
+    _, powers, when = max(trials, key=lambda trial: trial[0])
+    for earliest, width in product((EARLIEST, HIDDEN), reversed(WIDTHS)):  # the widest tell best
+        _tell(side, np.isnan(when), width, powers, noise, when, LOOSE, earliest)
     return when[~np.isnan(when)]
+
+
+def _tell(
+    side: _Side, wanted: Mask, width: int, powers: tuple[float, ...], noise: float, when: Array, off: float = STRICT,
+    earliest: int = EARLIEST,
+) -> Index:  # fmt: skip
+    """Write ``when`` the wanted moves leave their rests by a window of this width; those that it fits."""
+    tried = np.flatnonzero(wanted & (side.last + 1 + width <= side.end) & (side.rows >= REST[0] - earliest))
+    if not len(tried):
+        return tried
+    instant, fits = _instants(side, tried, width, powers, noise, off, earliest)
+    when[tried[fits]] = side.time[side.last[tried[fits]]] + instant[fits]
+    return tried[fits]
 
 
 def _side(time: Array, angle: Array, still: Mask) -> _Side:
@@ -105,7 +123,7 @@ def _side(time: Array, angle: Array, still: Mask) -> _Side:
     end = np.append(first[1:], n)
     left = (after < n) & (after - first >= REST[0])
     level = np.array([angle[max(a, b - REST[1]) : b].mean() for a, b in zip(first[left], after[left], strict=True)])
-    return _Side(time, angle, after[left] - 1, end[left], level)
+    return _Side(time, angle, after[left] - 1, (after - first)[left], end[left], level)
 
 
 def _fitted(side: _Side, noise: float) -> Iterator[Corner]:
@@ -131,13 +149,15 @@ def _spread(width: int, powers: tuple[float, ...]) -> float:
     return float(_variance(u, np.ones(len(powers)), powers)[u > 0][:3].sum())
 
 
-def _instants(side: _Side, which: Index, width: int, powers: tuple[float, ...], noise: float) -> tuple[Array, Mask]:
+def _instants(
+    side: _Side, which: Index, width: int, powers: tuple[float, ...], noise: float, off: float = STRICT, earliest: int = EARLIEST
+) -> tuple[Array, Mask]:  # fmt: skip
     """The instant at which each of these moves leaves its rest, samples, (k,), and whether the course then fits, (k,)."""
-    rows = side.last[which, None] + np.arange(EARLIEST, width + 1)
+    rows = side.last[which, None] + np.arange(earliest, width + 1)
     time = side.time[rows] - side.time[side.last[which], None]
     y = side.angle[rows] - side.level[which, None]
     each = np.arange(len(which))
-    grid = np.tile(np.arange(EARLIEST, LATEST, COARSE), (len(which), 1))
+    grid = np.tile(np.arange(earliest, LATEST, COARSE), (len(which), 1))
     step, inside = COARSE, np.ones(len(which), bool)
     for zoom in range(ZOOMS + 1):
         u = np.maximum(time[:, None, :] - grid[:, :, None], 0.0)
@@ -152,7 +172,7 @@ def _instants(side: _Side, which: Index, width: int, powers: tuple[float, ...], 
     moving = (time > instant[:, None]).sum(axis=1)
     dof = np.maximum(moving - len(powers) - 1, 1)
     excess = np.maximum(least - noise**2 * (len(rows[0]) - moving), 0.0)  # the rest has its own share of the noise
-    return instant, inside & (np.sqrt(excess / dof) <= noise * (1 + 1 / np.sqrt(2 * dof)))
+    return instant, inside & (np.sqrt(excess / dof) <= noise * (1 + off / np.sqrt(2 * dof)))
 
 
 def _left(u: Array, y: Array, powers: tuple[float, ...]) -> Array:

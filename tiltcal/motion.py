@@ -111,6 +111,17 @@ class Drive:
         return self.time - self.start
 
 
+def since_stop(time: Array, stop: Index) -> Array:
+    """Time since the first row of each stop, s, (n,); 0 while moving.
+
+    Args:
+        time: s, (n,); stop: number of the stop of each row, -1 while moving, (n,).
+    """
+    begins = np.concatenate([[True], stop[1:] != stop[:-1]])
+    start = time[np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))]
+    return np.where(stop >= 0, time - start, 0.0)
+
+
 class Course(Protocol):
     """Something that can say what the table does at any time: a sequence, or a replayed readout."""
 

@@ -66,7 +66,7 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
     cls = CATALOGUE[id]
     other = f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)" if len(names) > 1 else ""
     size = shown(parameters) if parameters else f"as a curve over {where.coordinate}"
-    words = f"{cls.title.capitalize()} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}.{late}"
+    words = f"{cls.title[:1].upper()}{cls.title[1:]} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}.{late}"
     return Finding(
         id, names, cls.stage, sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
         held, rivals_, words, next_step(names, effect),

@@ -38,11 +38,12 @@ def gross_errors(
     for number, sensor, axis, rows, values in _signals(observations, stops, account):
         if sensor in coarse:
             continue
-        off = np.where(_at_an_end(stops[number], rows), 0.0, off_neighbours(values))
+        anywhere = off_neighbours(values)
+        off = np.where(_at_an_end(stops[number], rows), 0.0, anywhere)
         far, tail = off > GROSS, (off > 4) & (off <= GROSS)
         if far.sum() > 3 + heavy * tail.sum() and np.median(off[far]) > GROSS + 2:
             seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
-            repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[far], np.nan)
+            repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[anywhere > GROSS], np.nan)
     known = {(e.id, e.sensor) for e in scenario.effects}
     return [_fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known], tuple(repaired)
 

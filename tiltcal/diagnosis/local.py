@@ -44,7 +44,8 @@ def local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
     angles = [a for r in ledger.observations.recordings if (a := r.table(ANGLES[coordinate])) is not None]
     low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
     found = _best_of(_bumps(low, high), rival, case, ledger)
-    return [*found[:2], *_steps(low, high, rival, case, ledger), *_saws(low, high, rival, case, ledger)]
+    steps = _steps(low, high, rival, case, ledger)
+    return [*found[:2], *steps, *_saws(low, high, steps, rival, case, ledger)]
 
 
 def echo(rival: Rival, case: Case, ledger: Ledger) -> Rival:
@@ -100,21 +101,35 @@ def step_at(middle: float, reach: float) -> Shape:
     return Shape(tuple(float(middle + reach * k) for k in (-1, 0, 1)), (0, 2))
 
 
-def _saws(low: float, high: float, rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """The best ramp that begins anew every so many radians: its period from its first harmonics, then the place of its jump."""
+def _saws(low: float, high: float, steps: Sequence[Rival], rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+    """The best ramp that begins anew every so many radians: its period from its first harmonics, then the place of its jump.
+
+    Where no more than one jump is seen, the best of ``steps`` says where, and the ramps beside it how far to the next.
+    """
     middle, reach = (low + high) / 2, high - low
     teeth = np.arange(TURNS, reach / FINEST, 1 / BETWEEN)
     waves = _best_of([Shape((), tuple(range(WAVES)), float(reach / n)) for n in teeth], rival, case, ledger)[:1]
-    if not waves or waves[0].worth < RAMP * rival.worth:
-        return []
-    period = _shape_of(waves[0].suspect).period
-    apart, far = period / JUMPS, period**2 / (2 * BETWEEN * reach)
-    saws = _best_of([saw_at(middle + apart * k, period + far * m) for k in range(JUMPS) for m in NEAR], rival, case, ledger)
+    starts = []
+    if waves and waves[0].worth > RAMP * rival.worth:
+        period = _shape_of(waves[0].suspect).period
+        apart, far = period / JUMPS, period**2 / (2 * BETWEEN * reach)
+        starts.append(([saw_at(middle + apart * k, period + far * m) for k in range(JUMPS) for m in NEAR], apart, far))
+    if steps and steps[0].worth > RAMP * rival.worth:
+        knots = _shape_of(steps[0].suspect).knots
+        periods = np.linspace(reach / (2 * TURNS), 2 * reach, JUMPS)
+        starts.append(([saw_at(knots[1], p) for p in periods], knots[2] - knots[1], float(periods[1] - periods[0])))
+    found = [saw for start in starts if (saw := _sharpened(*start, rival, case, ledger)) is not None]
+    return [max(found, key=lambda r: r.worth)] if found else []
+
+
+def _sharpened(shapes: Sequence[Shape], apart: float, far: float, rival: Rival, case: Case, ledger: Ledger) -> Rival | None:
+    """The best of some saws with its jump brought to its place, known to ``apart``, and its period, known to ``far``, rad."""
+    saws = _best_of(shapes, rival, case, ledger)
     for _ in range(CLOSER if saws else 0):
         apart, far = apart / 2, far / 2
         begin, period = _shape_of(saws[0].suspect).knots[0], _shape_of(saws[0].suspect).period
         saws = _best_of([saw_at(begin + apart * k, period + far * m) for k in NEAR for m in NEAR], rival, case, ledger)
-    return saws[:1]
+    return saws[0] if saws else None
 
 
 def saw_at(begin: float, period: float) -> Shape:

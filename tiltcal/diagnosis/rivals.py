@@ -14,6 +14,7 @@ from tiltcal.diagnosis.normal import Normal, normal_equations
 from tiltcal.diagnosis.observations import Columns
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects import CATALOGUE
+from tiltcal.effects.learned import Learned
 from tiltcal.frames import Array
 
 FAIR = 10.0  # times the largest plausible size of any grade: beyond it an explanation is no explanation
@@ -136,7 +137,8 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -
     share = form if suspect.id not in FREE_FORM else 1.0
     return Rival(
         terms, gain, gain - price * len(whole) - 2 * np.log(suspect.variants), share,
-        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained, fair(terms[0]), form,
+        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained,
+        all(fair(t) for t in terms if t.host is None or t.suspect.alias is not None), form,
     )  # fmt: skip
 
 
@@ -158,6 +160,8 @@ def _terms(normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect)
 
 def fair(term: Term) -> bool:
     """Whether the sizes are ones that an instrument of some grade may have: of what comes in ones no small part of one."""
+    if not _gentle(term):
+        return False
     for parameter in term.suspect.effect.parameters:
         limit = FAIR * max(parameter.plausible) * parameter.factor
         stem = parameter.name.split("{")[0].rstrip("_")
@@ -167,6 +171,17 @@ def fair(term: Term) -> bool:
             if abs(value) > limit or (parameter.positive and value < 0) or (parameter.whole and abs(value) < 0.5):
                 return False
     return True
+
+
+def _gentle(term: Term) -> bool:
+    """Whether a law that follows temperature as a curve is nowhere steeper than its straight form may be."""
+    effect, alias = term.suspect.effect, term.suspect.alias
+    if not isinstance(effect, Learned) or alias is None or effect.coordinate not in ("temperature", "warming"):
+        return True
+    parameter = CATALOGUE[alias].parameters[0]
+    limit = FAIR * max(parameter.plausible) * parameter.factor
+    reach = float(np.ptp(effect.knots)) / 2 if effect.knots else 1.0  # nothing at the middle
+    return all(abs(value) <= limit * reach for value in term.values)
 
 
 def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) -> Rival:

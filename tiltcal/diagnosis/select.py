@@ -1,6 +1,6 @@
 """Which suspects stay: forward by penalised score, through the gate of the noise, backward until every one is needed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,10 +8,10 @@ import numpy as np
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, noise_within_stops, settle, summed
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project, projected
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
-from tiltcal.diagnosis.observations import Columns
+from tiltcal.diagnosis.observations import Columns, Observations
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, fair, preferred, price_of
 from tiltcal.diagnosis.shapes import at_its_instant, refined
-from tiltcal.diagnosis.suspects import STEPS, Suspect
+from tiltcal.diagnosis.suspects import SHIFTS, STEPS, Suspect
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
 from tiltcal.frames import Array
 
@@ -20,6 +20,7 @@ REST = 0.2  # share of a free form that its first curve may leave
 ALPHA = 0.01  # family-wise, over everything that was tried
 PATIENCE = 6  # suspects that may be sent away
 MOST = 4  # findings a recording may be given
+NEXT = 2.0  # samples to either side of a step's instant that it has to show without
 
 
 def log_tail(gain: float, dof: int) -> float:
@@ -84,18 +85,33 @@ class Gate:
 
 
 def standing(account: Account, ledger: Ledger, total: int, beside: Sequence[Columns] = ()) -> list[float]:
-    """Corrected log p-value of each finding given all others, and columns ``beside`` them, under the ledger's noise."""
+    """Corrected log p-value of each finding given all others, and columns ``beside`` them, under the ledger's noise.
+
+    That of a step is without the samples next to its instant: what shows in them only is a gross error.
+    """
     found = []
     for places in findings(account):
-        case = case_of(account, ledger, places, beside)
-        lengths = [len(t) for t in case.target]
         inside = [account.terms[k] for k in places]
+        case = case_of(account, ledger, places, [*beside, *_next_to_the_instant(inside[0], ledger.observations)])
+        lengths = [len(t) for t in case.target]
         columns = [ledger.whitened(c) for c in columns_of(ledger.observations, inside, account.effects)]
         mine = basis_of([projected(case.basis, c, lengths) for c in columns], lengths)
         along = np.sum([U.T @ r for U, r in zip(mine, case.target, strict=True)], axis=0)
         tries = sum(log_tries(t.suspect, len(t.names), total) for t in inside[:1])
         found.append(log_tail(float(along @ along), mine[0].shape[1]) + tries)
     return found
+
+
+def _next_to_the_instant(term: Term, observations: Observations) -> Iterator[Columns]:
+    """Each sample next to the instant of a step, one column for each."""
+    if term.suspect.id not in SHIFTS:
+        return
+    for i, channel in enumerate(observations.channels):
+        if channel.derived or channel.recording or len(channel.time) < 2:
+            continue
+        away = np.abs(channel.time - observations.recordings[0].time[0] - term.effect.values["time"])
+        for row in np.flatnonzero(away < NEXT * np.median(np.diff(channel.time))):
+            yield {i: (np.arange(len(away)) == row).astype(float)}
 
 
 def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:

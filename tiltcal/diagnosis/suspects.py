@@ -151,7 +151,9 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
 
 
 FORMLESS = ("acc_angle_bias", "adc_inl", "floor_tilt_drift")  # laws of nobody's form, or of any
-STEPS = ("mount_slip", "acc_bias_step", "gyr_bias_step", "data_drop")
+SHIFTS = ("mount_slip", "acc_bias_step", "gyr_bias_step")
+"""Effects that shift a reading from an instant on."""
+STEPS = (*SHIFTS, "data_drop")
 
 
 def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = ()) -> Iterator[Suspect]:

@@ -67,7 +67,8 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
         return curve if one_cause else None
     fits = several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named)
     level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
-    far_off = curve.worth > level + MARGIN + (0.0 if several_lines(inside) else SHARE * curve.gain)
+    of_any_form = several_lines(inside) or (single is not None and single.form < OWN)  # no form that a name could keep to
+    far_off = curve.worth > level + MARGIN + (0.0 if of_any_form else SHARE * curve.gain)
     if several == 1 and not fits:  # a name whose own form says little: a curve that says as much by itself goes before it
         far_off &= curve.worth > joint - EQUAL - LOOSE * curve.gain
     if several > 1 and curve.sizes <= sum(len(t.names) for t in inside) and curve.worth > joint - EQUAL:

@@ -21,7 +21,7 @@ import numpy as np
 
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
 from tiltcal.frames import Array
-from tiltcal.motion import Drive, Jet
+from tiltcal.motion import Drive, Jet, since_stop
 from tiltcal.setup import Rig, Sensor
 from tiltcal.units import PARAMETER_UNITS
 
@@ -275,11 +275,7 @@ class Sense:
         """Time since the last move ended, s, (n,); 0 while moving."""
         if self.since is not None:
             return self.since()
-        if self.stop is None:
-            return np.zeros(len(self.time))
-        begins = np.concatenate([[True], self.stop[1:] != self.stop[:-1]])
-        start = self.time[np.maximum.accumulate(np.where(begins, np.arange(len(self.time)), 0))]
-        return np.where(self.stop >= 0, self.time - start, 0.0)
+        return np.zeros(len(self.time)) if self.stop is None else since_stop(self.time, self.stop)
 
     @cached_property
     def moves(self) -> Array:

@@ -1,15 +1,15 @@
 """Effects that no name fits: a curve over a coordinate, learned from a recording, acting where a named effect would.
 
-``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines through (knot, value), or
-the parabola through three, held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in.
-A law of temperature goes on: a spline by its slope, a parabola as it is. With a period a spline begins anew after it: a saw.
-A ``power`` of the coordinate is the form with one number.
+``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines through (knot, value),
+held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in. A law of temperature goes
+on, a spline by its slope; through three knots it is a parabola. With a period a spline begins anew after it: a saw. A ``power``
+of the coordinate is the form with one number.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -30,16 +30,16 @@ COORDINATES = (*ANGLES, *INPUTS, "input", "transverse", "time", "temperature", "
 """
 CONTINUED = ("temperature",)
 """Coordinates beyond whose range a spline goes on: the next recording will not have the same temperatures."""
-PARABOLA = 3  # knots
+PARABOLA = 3  # knots of a law that goes on as it is
 ORDERS = 3  # of each angle in a product of two
 
 
 @cache
-def _spline(knots: tuple[float, ...]) -> Any:
-    """The natural cubic splines that are one at a knot and zero at the others; through three knots, the parabolas."""
+def _spline(knots: tuple[float, ...], ends: Literal["natural", "not-a-knot"] = "natural") -> Any:
+    """The cubic splines that are one at a knot and zero at the others; of three knots that are ``not-a-knot`` the parabolas."""
     from scipy.interpolate import CubicSpline
 
-    return CubicSpline(knots, np.eye(len(knots)), bc_type="not-a-knot" if len(knots) == PARABOLA else "natural")
+    return CubicSpline(knots, np.eye(len(knots)), bc_type=ends)
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,9 @@ class Learned(Effect):
             return self._power(u, order)[:, None]
         if self.knots:
             u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
-            spline = _spline(self.knots)
             if self.coordinate in CONTINUED and len(self.knots) == PARABOLA:
-                return np.asarray(spline(u, order))
-            inside = np.clip(u, self.knots[0], self.knots[-1])
+                return np.asarray(_spline(self.knots, "not-a-knot")(u, order))
+            spline, inside = _spline(self.knots), np.clip(u, self.knots[0], self.knots[-1])
             beyond = (u - inside)[:, None]
             if self.coordinate in CONTINUED:
                 return np.asarray(spline(inside, order) + (spline(inside, 1) * beyond if order == 0 else 0.0))

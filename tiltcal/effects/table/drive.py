@@ -5,7 +5,7 @@ import numpy as np
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.mechanisms import Ballast, Cable, Cogging, Friction, Lag, Mechanism, Ring, Spring
 from tiltcal.effects.table.readout import CROSSING, ReadoutError, TableSag, lost_motion
-from tiltcal.motion import Drive, Jet
+from tiltcal.motion import Drive, Jet, since_stop
 from tiltcal.setup import Rig
 
 
@@ -191,15 +191,14 @@ class SettlingTransient(AngleEffect):
 
 def ringing(drive: Drive, amplitude: float, frequency: float, tau: float) -> Jet:
     """A decaying cosine from the end of each move on; nothing before the first, (n,)."""
-    rest, time = drive.stop, drive.time
-    begins = np.flatnonzero((rest >= 0) & (np.concatenate([rest[:1], rest[:-1]]) < 0))
-    if len(begins) == 0:
-        zero = np.zeros_like(time)
-        return Jet(zero, zero, zero)
-    which = np.searchsorted(begins, np.arange(len(time)), side="right") - 1
-    t = np.where(which >= 0, time - time[begins[np.maximum(which, 0)]], np.inf)
-    wave = amplitude * np.exp((-1 / tau + 2j * np.pi * frequency) * np.where(np.isfinite(t), t, 0.0)) * np.isfinite(t) * (rest >= 0)
+    if drive.since is None:
+        t, rings = since_stop(drive.time, drive.stop), drive.stop >= 0
+    else:
+        t = drive.since()
+        rings = t > 0
+    rings &= np.cumsum(drive.stop < 0) > 0
     rate = -1 / tau + 2j * np.pi * frequency
+    wave = amplitude * np.exp(rate * np.where(rings, t, 0.0)) * rings
     return Jet(*(np.asarray(part.real, dtype=float) for part in (wave, rate * wave, rate * rate * wave)))
 
 

@@ -79,6 +79,18 @@ def test_gross_errors(truth, sound, rng):
     assert fault.effect.value("share") == pytest.approx(12 / len(x), rel=0.35)
 
 
+def test_of_gross_errors_those_where_a_move_ends_go_with_the_others(truth, sound, rng):
+    """One alone there may be a jerk of the table; beside a dozen elsewhere it is one more."""
+    x = x_of(sound)
+    stop = prepare(honest(truth), [sound]).observations.stops[0]
+    begin = int(np.flatnonzero((stop[1:] >= 0) & (stop[:-1] < 0))[7]) + 2
+    hit = [begin, *rng.choice(np.flatnonzero(np.abs(np.arange(len(x)) - begin) > 50), 12, replace=False)]
+    x[hit] += 0.05
+    found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)])
+    assert [f.effect.id for f in found.faults] == ["data_outlier"]
+    assert begin not in found.observations.channels[0].rows
+
+
 def test_heavy_tails_are_no_gross_errors(truth, sound, rng):
     x = x_of(sound)
     wide = rng.random(len(x)) < 0.03

@@ -5,6 +5,7 @@ import pytest
 from dossier import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.scenario import parse_scenario
 
 G = 9.81
 WHITE = 25e-6 * G * np.sqrt(10.0 / 2)  # of a sample, m/s2
@@ -33,6 +34,21 @@ def test_a_saw_over_an_angle_is_learned_as_a_saw(table, sensor, column, size, un
     assert effect["period"] == pytest.approx(period, abs=2 * travel / (np.ptp(angle) / period - 1))
     sigma = WHITE * np.sqrt(12 / len(whole))  # of the height of a saw, whose rms is that over the root of 12
     assert np.ptp(effect["coefficients"]) == pytest.approx(size * unit, abs=4 * sigma)
+
+
+def test_a_saw_of_which_one_jump_is_seen_goes_before_a_name_of_any_form():
+    """A sweep of 110 degrees there and back, teeth of 90: a converter's curve says as much, with more numbers."""
+    steps = [*range(-55, 56, 10), *range(45, -56, -10)]
+    sweep = [{"action": "move", "outer_deg": float(k), "rate_deg_s": 10.0, "dwell_s": 3.0} for k in steps]
+    stand = bench(table="placing", sensor="incl").model_dump(exclude={"sequence"}, exclude_defaults=True, by_alias=True)
+    truth = parse_scenario({"schema": 1, **stand, "sequence": sweep})
+    whole = recorded(truth, 5)
+    angle = np.radians(whole.column("table_outer_deg"))
+    read = whole.column("incl_x_deg") + 0.05 * saw(angle, np.radians(90.0), np.radians(-8.0))
+    found = diagnose(honest(truth), [rewritten(whole, incl_x_deg=read)])
+    assert [(f.effect, f.where.coordinate, f.axes) for f in found.findings] == [(None, "table_outer", ("x",))]
+    (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
+    assert effect["period"] > np.radians(63.0)  # no further jump in what was swept
 
 
 def test_a_bump_is_no_saw():

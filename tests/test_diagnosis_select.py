@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dossier import bench, honest, recorded
+from dossier import bench, honest, recorded, rewritten
 
-from tiltcal.diagnosis.account import Account, Term
+from tiltcal.diagnosis.account import Account, Term, noise_under, settle
+from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.rivals import fair
-from tiltcal.diagnosis.select import findings, joined
+from tiltcal.diagnosis.select import ALPHA, findings, joined, standing
 from tiltcal.diagnosis.span import Lines, Span
-from tiltcal.diagnosis.suspects import CREEPS, Suspect, listed_suspects, steps_at
+from tiltcal.diagnosis.suspects import CREEPS, Suspect, listed_suspects, step_suspects, steps_at
 from tiltcal.effects import CATALOGUE
+from tiltcal.effects.learned import LearnedReading
 
 SPAN = Span(200.0, 10.0, Lines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)})
 
@@ -93,3 +95,37 @@ def test_a_play_that_is_crossed_gradually_keeps_its_name_and_width():
     assert finding.effect == "table_backlash"
     width, sigma = finding.parameters["width_arcsec"]
     assert abs(width - 50.0) < 4 * sigma
+
+
+@pytest.mark.parametrize(("rows", "good"), [(1, False), (None, True)])
+def test_a_step_has_to_show_without_the_samples_next_to_it(rows, good):
+    """One value that is off is two steps that cancel; beside a walk the first of them is half of it by itself."""
+    truth = bench({"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 1.0, "walk_ug_rts": 10.0}, noise=False)
+    sound = recorded(truth, 3)
+    x = sound.column("accel_x_m_s2").copy()
+    at = 1000
+    x[at : at + rows if rows else None] += 10 * np.median(np.abs(np.diff(x)))
+    found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)])
+    time = float(sound.time[at] - sound.time[0]) - 0.05
+    step = next(s for s in step_suspects(found.observations.scenario, (time,)) if s.id == "acc_bias_step")
+    account = settle(replace(found.start, terms=(Term.start(step, ("bias_step_x",)),)), found.ledger)
+    found.ledger.under([f.model for f in noise_under(account, found.ledger)])
+    account = settle(account, found.ledger)
+    (log_p,) = standing(account, found.ledger, 1000)
+    assert bool(log_p < np.log(ALPHA)) is good
+
+
+def test_one_value_far_off_is_no_finding():
+    truth = bench({"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 1.0, "walk_ug_rts": 10.0}, noise=False)
+    sound = recorded(truth, 3)
+    x = sound.column("accel_x_m_s2").copy()
+    x[1000] += 40 * np.std(np.diff(x)[900:930])
+    assert diagnose(honest(truth), [rewritten(sound, accel_x_m_s2=x)]).findings == ()
+
+
+@pytest.mark.parametrize(("size", "good"), [(0.5, True), (20.0, False)])
+def test_a_law_that_follows_temperature_as_a_curve_is_no_steeper_than_its_straight_form_may_be(size, good):
+    """Ten times 300 ppm/K over 30 K to either side are 9 %."""
+    curve = LearnedReading({"c0": 1e-6}, "accel", "y", coordinate="temperature", knots=(-30.0, 0.0, 30.0), per_input=True)
+    late = Suspect(curve, ("c0",), 1, "acc_temp_scale")
+    assert fair(Term(late, ("c0",), (size * 0.09,))) is good

@@ -137,3 +137,17 @@ def test_a_slow_move_within_a_dwell_parts_it_into_two_stops(rng):
     inside = (time > 15.2) & (time < 19.8)
     assert error[inside].max() < 2e-5 < rate[inside].max() / 4
     assert error[(time > 30.0) & (time < 32.0)].max() < 2e-3
+
+
+def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):
+    """The rate falls with the cube of the time: the last five samples of a move are within 3 sigma of its end. A fifth of one."""
+    time = np.arange(0, 360, 0.04)
+    u = np.clip((time % 12.0) / 4.0, 0, 1)
+    half = np.minimum(u, 1 - u)
+    way = 16 * half**4 * (2.5 - 6 * half + 4 * half**2)
+    read = np.radians(5.0) * (np.floor(time / 12.0) + np.where(u < 0.5, way, 1 - way)) + 1e-6 * rng.standard_normal(len(time))
+    course = replay(Recording.from_columns(time, {"table_outer_deg": np.degrees(read)}), setup_of("placing", ACCEL))
+    middle = np.abs(time % 12.0 - 10.0) < 0.02
+    late = course.since_move[middle] - (time[middle] % 12.0 - 4.0)
+    assert len(late) == 30
+    assert np.sqrt(np.mean(late**2)) < 0.04 / 5

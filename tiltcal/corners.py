@@ -15,6 +15,7 @@ from tiltcal.motion import Index
 from tiltcal.segments import Mask
 
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
+REACHES = (6, 8, 11, 16, 25, 36, 50)  # that tell one law of a start from another
 POWERS: tuple[tuple[float, ...], ...] = ((2.0, 3.0), (2.0, 3.0, 4.0))
 STARTS = ((2.0, 3.0, 4.0), (3.0, 4.0, 5.0, 6.0), (4.0, 5.0, 6.0))  # how a drive may begin: its acceleration at once, soon, late
 STRICT, LOOSE = 1.0, 3.0  # sigma that the noise beside a course may be off: to tell a law, and to use it once it is told
@@ -93,12 +94,12 @@ def _told(side: _Side, noise: float) -> Array:
     trials = []
     for powers in STARTS:
         reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
-        for width in WIDTHS[1::2]:  # these do
+        for width in REACHES:
             fits = _tell(side, np.ones(len(when), bool), width, powers, noise, when)
             reach[fits] = width
         trials.append((float(reach.sum()), powers, when))
     _, powers, when = max(trials, key=lambda trial: trial[0])
-    for earliest, width in product((EARLIEST, HIDDEN), reversed(WIDTHS)):  # the widest tell best
+    for earliest, width in product((EARLIEST, HIDDEN), reversed(REACHES)):  # the widest tell best
         _tell(side, np.isnan(when), width, powers, noise, when, LOOSE, earliest)
     return when[~np.isnan(when)]
 

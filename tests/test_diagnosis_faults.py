@@ -181,8 +181,12 @@ def test_a_fog_turned_by_hand_with_a_gyro_tells_its_unit_and_its_sign(factor, id
         assert dict(fault.effect.values) == pytest.approx(values)
 
 
-def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound):
+@pytest.mark.parametrize("amid_a_move", [False, True])
+def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound, amid_a_move):
     lost, at = 7, 600
+    stop = prepare(honest(truth), [sound]).observations.stops[0]
+    if amid_a_move:  # a move of half a second or more: 5 rows on either side
+        at = next(k for k in range(600, 900) if (stop[k - 5 : k + 6] < 0).all())
     columns = {}
     for axis in "xyz":
         values = sound.column(f"accel_{axis}_m_s2")
@@ -191,7 +195,8 @@ def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound
     (fault,) = found.faults
     assert fault.effect.id == "data_drop"
     assert fault.effect.value("samples") == lost
-    assert fault.interval[0] == pytest.approx(sound.time[at] - sound.time[0], abs=10)  # somewhere in that rest
+    anywhere = 0.25 if amid_a_move else 10  # s: to two samples, or somewhere in that rest
+    assert fault.interval[0] == pytest.approx(sound.time[at] - sound.time[0], abs=anywhere)
     repaired = found.observations.recordings[0].column("accel_x_m_s2")
     later = slice(at + 150, len(repaired) - lost)
     np.testing.assert_array_equal(repaired[later], x_of(sound)[later])

@@ -16,6 +16,7 @@ from tiltcal.recording import Recording
 MOST = 80  # samples
 FAR = 8.0  # times the noise: a smaller misfit in moves is left to the scan of small effects
 BESIDE = 1.0  # s of rest beside a move
+SURE = 4.0  # sigma, of the instant
 
 
 def lost_samples(observations: Observations, account: Account) -> tuple[list[Fault], tuple[Recording, ...]]:
@@ -70,7 +71,24 @@ def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
     if best is None or best[0] < 0.9:
         return None
     _, k, lost = best
-    return (lags[k - 1][1] + lags[k][0]) / 2, lost
+    return _instant(own, lags[k - 1][0], lags[k][1], lost), lost
+
+
+def _instant(own: Sequence[tuple[Channel, Array]], start: float, end: float, lost: int) -> float:
+    """When samples were lost between the last move that is in time and the end of the first that is early, s.
+
+    In the middle of all instants that the readings allow: between two moves any will do, amid a move hardly one.
+    """
+    time = own[0][0].time
+    first, last = np.searchsorted(time, [start, end])
+    rows = np.arange(first, min(int(last), len(time) - lost))
+    misfit = np.zeros(len(rows) + 1)
+    for channel, p in own:
+        noise = robust_white(channel.values - p)
+        before, after = (((channel.values[rows] - p[rows + shift]) / noise) ** 2 for shift in (0, lost))
+        misfit += np.concatenate([[0.0], np.nancumsum(before - after)])  # lost just before each row, against before the first
+    allowed = np.flatnonzero(misfit < misfit.min() + SURE**2)
+    return float((time[first + allowed[0] - 1] + time[min(first + allowed[-1], len(time) - 1)]) / 2)
 
 
 def _moves(channel: Channel) -> list[tuple[float, float]]:

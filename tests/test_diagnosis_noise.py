@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from dossier import bench, honest, recorded
-from scipy.fft import dct
+from scipy.fft import dct, idct
 from scipy.stats import binom
 from statistics_helpers import FALSE_ALARM, mean_band, variance_band
 
@@ -45,6 +45,26 @@ def test_white_noise_and_walk_are_found(rng):
     assert abs(white.mean() - 1) < mean_band(white) + 0.01
     slow = np.array([np.sqrt(f.flicker**2 / 0.02 + f.walk**2 / 0.02**2) for f in fits])  # together, where they are alike
     assert 0.7 < np.median(slow) / (0.05 / 0.02) < 1.4
+
+
+@pytest.mark.parametrize(
+    ("truth", "worst"), [(NoiseModel(1.0, 0.0, 0.01), np.sqrt(variance_band(75)[1])), (NoiseModel(1.0, 0.08), 0.8)]
+)
+def test_channels_that_are_alike_tell_together_where_a_walk_began(truth, worst, rng):
+    """A walk begins at nothing, flicker does not: what takes all slow noise for a walk is right of a walk, and of that only."""
+    n, units = 2000, np.array([1.0, 2.0, 0.5])
+    slow = np.sqrt(NoiseModel(0.0, truth.flicker).spectrum(n))
+    together, walk_only = [], []
+    for _ in range(25):
+        whole = np.array([walk_of(rng, n, 1.0, truth.walk) + idct(slow * rng.normal(size=n), norm="ortho") for _ in units])
+        means = whole.mean(axis=1)
+        left = [cosines(unit * (x - mean)) for unit, x, mean in zip(units, whole, means, strict=True)]
+        fits = [estimate_noise(e, CONSTANT) for e in left]
+        alike = NoiseFit.alike(fits).model
+        for e, unit, mean, fit in zip(left, units, means, fits, strict=True):
+            together.append(mean + idct(e * alike.walked(n) / alike.spectrum(n), norm="ortho")[0] / unit)
+            walk_only.append(mean + idct(e * (1 - fit.model.white**2 / fit.model.spectrum(n)), norm="ortho")[0] / unit)
+    assert np.sqrt(np.mean(np.square(together))) < worst * np.sqrt(np.mean(np.square(walk_only)))
 
 
 def test_the_bound_of_a_walk_holds_the_truth_nearly_always(rng):

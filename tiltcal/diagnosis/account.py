@@ -220,16 +220,19 @@ def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> A
     """The account with the biases that the first recording began with.
 
     A random walk starts anew with each recording; the fit has its mean over the record, a new recording begins where this
-    one did. The slow part of what is left, smoothed with the noise's own spectrum, says by how much they differ.
+    one did. The walk in what is left, told from flicker and white noise by the spectrum that the channels of a sensor share,
+    says by how much they differ.
     """
     from scipy.fft import idct
 
     observations = ledger.observations
+    whole = list(zip(observations.channels, observations.residuals(account.effects), fits, strict=True))
     shift: dict[tuple[str, str], float] = {}
-    for channel, r, fit in zip(observations.channels, observations.residuals(account.effects), fits, strict=True):
+    for channel, r, fit in whole:
         if channel.recording == 0 and not channel.derived:
-            S = fit.model.spectrum(len(r))
-            level = idct(cosines(r) * (1 - fit.model.white**2 / S), norm="ortho")
+            alike = [f for c, _, f in whole if (c.recording, c.sensor, c.derived) == (0, channel.sensor, False)]
+            model = NoiseFit.alike(alike).model if all(len(f.weight) for f in alike) else fit.model
+            level = idct(cosines(r) * model.walked(len(r)) / model.spectrum(len(r)), norm="ortho")
             shift.setdefault((channel.sensor, channel.axis), float(level[0]))
     return replace(account, nuisance=tuple(_shifted(t, shift, observations, account) for t in account.nuisance))
 

@@ -35,8 +35,11 @@ class NoiseModel:
 
     def spectrum(self, n: int) -> Array:
         """Variance of each cosine coefficient, SI^2, (n,); that of the level is that of its neighbour."""
-        s = _sines(n)
-        return np.asarray(self.white**2 + self.flicker**2 / s + self.walk**2 / s**2)
+        return np.asarray(self.white**2 + self.flicker**2 / _sines(n) + self.walked(n))
+
+    def walked(self, n: int) -> Array:
+        """That of the random walk alone, SI^2, (n,)."""
+        return np.asarray(self.walk**2 / _sines(n) ** 2)
 
     def whiten(self, column: Array) -> Array:
         """C^-1/2 times a column, in time, (n,)."""
@@ -143,10 +146,24 @@ class NoiseFit:
         if keep.sum() < 3:  # the mean model takes all there is: its rms is all that is known
             return cls.whole(NoiseModel(max(float(np.sqrt(np.mean(e**2))), ARITHMETIC)))
         scale = max(float(power[keep].sum() / weight[keep].sum()), ARITHMETIC**2)
-        fit = cls(NoiseModel(0.0), weight[keep], power[keep] / scale, inverse[keep], scale)
-        low = 1 / float(fit.inverse.max())
+        return cls(NoiseModel(0.0), weight[keep], power[keep] / scale, inverse[keep], scale).searched()
+
+    @classmethod
+    def alike(cls, fits: Sequence["NoiseFit"]) -> "NoiseFit":
+        """Largest likelihood for several channels whose noise is alike, in units of the white noise of each.
+
+        What one record of one channel tells of its flicker and its walk apart is little.
+        """
+        scales = [f.scale / f.model.white**2 for f in fits]
+        power = np.concatenate([f.power * scale for f, scale in zip(fits, scales, strict=True)])
+        weight, inverse = (np.concatenate(parts) for parts in ([f.weight for f in fits], [f.inverse for f in fits]))
+        return cls(NoiseModel(1.0), weight, power, inverse, 1.0).searched() if len(weight) else cls.whole(NoiseModel(1.0))
+
+    def searched(self) -> "NoiseFit":
+        """With the most likely model of its spectrum."""
+        low = 1 / float(self.inverse.max())
         starts = ([0.0, np.log(1e-2 * low), np.log(1e-1 * low**2)], [0.0, np.log(low), np.log(1e-4 * low**2)])
-        return replace(fit, model=fit.at(min((fit.search(s) for s in starts), key=lambda found: found[0])[1]))
+        return replace(self, model=self.at(min((self.search(s) for s in starts), key=lambda found: found[0])[1]))
 
     def cost(self, p: Array) -> tuple[float, Array]:
         """-2 log likelihood at the logarithms of (sw^2, sf^2, sr^2) / scale, and its gradient."""

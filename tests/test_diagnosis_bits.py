@@ -7,8 +7,17 @@ from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.bits import stuck_bit, was_set
+from tiltcal.recording import Recording
+from tiltcal.scenario import parse_scenario
 
 LSB = 5e-4  # m/s2
+BY_HAND = parse_scenario({
+    "schema": 1, "name": "turned by hand", "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0}, "rig": {"table": "handheld"},
+    "sensor": [
+        {"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale", "cross_axis"]},
+        {"name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [0.6, 0.0, 0.8], "rate_hz": 50.0},
+    ],
+})  # fmt: skip
 
 
 def swept(rng, n=6000):
@@ -67,6 +76,28 @@ def test_where_nothing_predicts_a_channel_the_smoothest_course_had_the_bit(start
     whole, cut = in_codes(course), in_codes(course, 7)
     assert np.mean(was_set(cut, np.full(3000, 128 * LSB)) == (whole != cut)) > 0.999
     assert 0.3 < np.mean(whole != cut) < 0.7
+
+
+def test_by_hand_a_fog_says_where_a_gyro_lacks_its_bit(rng):
+    """Shaken: from sample to sample a rate goes further than the bit, and no course is smooth."""
+    time = np.arange(6000) / 50.0
+    moving = time % 12.0 > 4.0
+    turns = np.column_stack(
+        [(1.5 * np.sin((1.1 + 0.3 * k) * time) + 0.4 * np.sin((70.0 + 7 * k) * time)) * moving for k in range(3)]
+    )
+    noisy = turns + rng.normal(0, 3e-4, turns.shape)
+    lsb, bit = 1e-4, 64
+    codes = np.rint(noisy[:, 2] / lsb).astype(np.int64)
+    columns = {f"gyro_{a}_rad_s": noisy[:, k] for k, a in enumerate("xyz")}
+    columns |= {
+        "gyro_z_rad_s": (codes & ~np.int64(bit)) * lsb,
+        "fog_a_rad_s": turns @ [0.6, 0.0, 0.8] + rng.normal(0, 1e-4, len(time)),
+    }
+    found = prepare(BY_HAND, [Recording.from_columns(time, columns)])
+    assert [(f.effect.id, f.axes) for f in found.faults] == [("adc_stuck_bit", ("z",))]
+    assert np.abs(np.diff(noisy[moving, 2])).max() > bit * lsb
+    whole = found.observations.sources[0].column("gyro_z_rad_s")
+    assert np.mean(np.abs(whole - codes * lsb)[moving] < 0.1 * lsb) > 0.999
 
 
 def test_the_simulated_fault_is_found():

@@ -1,10 +1,10 @@
 """A bit that always reads 0: half of all codes never occur, in cycles of twice the bit, wherever the readings go.
 
 Which readings lack the bit only a prediction tells: it is put back where that brings a reading nearer to what the table's
-motion says. By hand nothing predicts a gyro: there the smoothest course that the codes allow is taken.
+motion says. By hand a FOG predicts a gyro along its axis; where nothing does, the smoothest course that the codes allow is taken.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -12,10 +12,13 @@ from tiltcal.codes import code_width
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.columns import CHANCE, at_least, changed, column_values, written
 from tiltcal.diagnosis.observations import Observations
+from tiltcal.diagnosis.whitening import robust_white
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario
 from tiltcal.segments import Mask
+from tiltcal.setup import Sensor
 
 FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
 IN_A_BIT = 4  # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
@@ -25,6 +28,7 @@ LIKE_HALF = 0.5  # mean sine of the phase; 2 / pi where only the lower half of e
 ZOOMS = 4  # of eight times each
 TRIES = 5  # of the most likely bits
 LEAST = 64  # values
+CLEAR = 4.0  # times the noise of a FOG, at least, of what a bit of a gyro is along it
 
 
 def stuck_bit(values: Array) -> float | None:
@@ -97,21 +101,41 @@ def with_bits(
         bits: SI, by sensor and axis.
     """
     restored = [_smoothest(recording, observations.scenario, bits, observations, k) for k, recording in enumerate(recordings)]
-    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
-        if (bit := bits.get((channel.sensor, channel.axis))) is None:
-            continue
-        k, sensor = channel.recording, observations.scenario.named(channel.sensor)
-        before = written(recordings[k], sensor, channel.axis)[channel.rows]
-        now = written(observations.sources[k], sensor, channel.axis)[channel.rows]
-        unit = float(np.ptp(channel.values) / np.ptp(now))  # SI
+    for number, sensor, axis, rows, r in _predicted(observations, account, bits):
+        bit = bits[sensor.name, axis]
+        before, now = written(recordings[number], sensor, axis)[rows], written(observations.sources[number], sensor, axis)[rows]
+        there, _, values = column_values(observations.sources[number], sensor, axis)
+        values = values[np.searchsorted(there, rows)]
+        unit = float(np.ptp(values) / np.ptp(now))  # SI
         side = np.ones(len(r))
         if _with_sign(before, bit / unit):  # what lacks its bit may read nothing, of either sign
-            side = np.sign(np.where(before == 0, channel.values - r, before))
+            side = np.sign(np.where(before == 0, values - r, before))
         lacks = side * (unit * (now - before) - r) / bit  # 0 where the bit was not set, 1 where it was
         between = 0.5 if np.any(now != before) else float(np.quantile(lacks, [0.05, 0.95]).mean())
         whole = before + np.where(lacks > between, side * bit / unit, 0.0)
-        restored[k] = changed(restored[k], sensor, channel.axis, channel.rows, whole)
+        restored[number] = changed(restored[number], sensor, axis, rows, whole)
     return tuple(restored)
+
+
+def _predicted(
+    observations: Observations, account: Account, bits: Mapping[tuple[str, str], float]
+) -> Iterator[tuple[int, Sensor, str, Index, Array]]:
+    """Recording, sensor, axis, rows and residual, SI, of the channels with these bits that something predicts.
+
+    A FOG beside a gyro by hand tells what the gyro should have read along its axis.
+    """
+    scenario = observations.scenario
+    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        if (channel.sensor, channel.axis) in bits:
+            yield channel.recording, scenario.named(channel.sensor), channel.axis, channel.rows, r
+        elif scenario.named(channel.sensor).kind == "fog" and not scenario.rig.axes:
+            for (name, axis), bit in bits.items():
+                along = float(scenario.named(channel.sensor).input_vector["xyz".index(axis)])
+                read, _, _ = column_values(observations.sources[channel.recording], scenario.named(name), axis)
+                quiet = channel.values[channel.stop >= 0]  # of what is left the missing bit makes noise
+                told = scenario.named(name).kind == "gyro" and len(quiet) > 2 and abs(along) * bit > CLEAR * robust_white(quiet)
+                if told and np.isin(channel.rows, read).all():
+                    yield channel.recording, scenario.named(name), axis, channel.rows, -r / along
 
 
 def _smoothest(

@@ -10,7 +10,7 @@ from tiltcal.diagnosis.account import Account, Term, noise_under, settle
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.rivals import fair
-from tiltcal.diagnosis.select import ALPHA, findings, joined, standing
+from tiltcal.diagnosis.select import ALPHA, _grown, findings, joined, standing
 from tiltcal.diagnosis.span import Lines, Span
 from tiltcal.diagnosis.suspects import CREEPS, Suspect, listed_suspects, step_suspects, steps_at
 from tiltcal.effects import CATALOGUE
@@ -129,3 +129,14 @@ def test_a_law_that_follows_temperature_as_a_curve_is_no_steeper_than_its_straig
     curve = LearnedReading({"c0": 1e-6}, "accel", "y", coordinate="temperature", knots=(-30.0, 0.0, 30.0), per_input=True)
     late = Suspect(curve, ("c0",), 1, "acc_temp_scale")
     assert fair(Term(late, ("c0",), (size * 0.09,))) is good
+
+
+def test_a_further_shape_of_a_finding_that_brings_nothing_ends_the_search():
+    """The same term again stands out as the first did, and takes nothing away: it was added again and again."""
+    truth = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0})
+    found = prepare(honest(truth), [recorded(truth, 8)])
+    k2 = Suspect(CATALOGUE["acc_K2"]({"k2_x": 1e-4}, "accel"), ("k2_x",))
+    before = settle(replace(found.start, terms=(Term.start(k2),)), found.ledger)
+    again = settle(replace(before, terms=(*before.terms, Term.start(k2))), found.ledger)
+    assert _grown(again, before, found.ledger) is None
+    assert _grown(before, found.start, found.ledger) is not None

@@ -151,15 +151,22 @@ def select(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspe
         needed = [value < np.log(ALPHA) for value in gate.log_p(trial, ledger)]
         if needed[-1] and not all(needed) and (other := _without(trial, needed, account, ledger, gate)) is not None:
             trial, needed, patience = other, [True], patience - 1
-        if all(needed):
-            account, waiting, banned = settle(joined(trial), ledger), (), set()
+        if all(needed) and (whole := _grown(trial, account, ledger)) is not None:
+            account, waiting, banned = whole, (), set()
             looks, look = [] if gate.static is not None else [_white_noise, noise_within_stops], None
             continue
         patience -= 1
         banned.add(id(pick.suspect))
-        waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 else ()
+        waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 and not all(needed) else ()
         ledger.under(models(gate.noise(trial if waiting else account, ledger)))
     return backward(account, ledger, gate)
+
+
+def _grown(trial: Account, before: Account, ledger: Ledger) -> Account | None:
+    """A trial with its findings joined; None where one is a further shape of what was there before, and brings nothing."""
+    whole = settle(joined(trial), ledger)
+    further = len(findings(whole)) == len(findings(before))
+    return None if further and _cost(whole, ledger) >= _cost(settle(before, ledger), ledger) else whole
 
 
 def _without(trial: Account, needed: Sequence[bool], before: Account, ledger: Ledger, gate: Gate) -> Account | None:

@@ -181,6 +181,17 @@ def test_a_fog_turned_by_hand_with_a_gyro_tells_its_unit_and_its_sign(factor, id
         assert dict(fault.effect.values) == pytest.approx(values)
 
 
+@pytest.mark.parametrize(("columns", "id", "axes"), [("Xyz", "data_sign", ("x",)), ("yxz", "data_axis_swap", ("x", "y"))])
+def test_a_gyro_turned_by_hand_with_a_fog_tells_a_sign_or_an_exchange_of_its_columns(columns, id, axes, rng):
+    time = np.arange(0, 60, 0.02)
+    rate = np.column_stack([np.sin(time * w + k) * (np.sin(time / 7) > 0) for k, w in enumerate((1.1, 0.7, 1.7))])
+    read = {c.lower(): (-1 if c.isupper() else 1) * rate[:, "xyz".index(axis)] for axis, c in zip("xyz", columns, strict=True)}
+    written = {f"gyro_{a}_rad_s": read[a] + rng.normal(0, 1e-3, len(time)) for a in "xyz"}
+    written["fog_a_rad_s"] = rate @ [0.6, 0.0, 0.8] + rng.normal(0, 1e-5, len(time))
+    (fault,) = meaning(BY_HAND, Recording.from_columns(time, written))
+    assert (fault.effect.id, fault.effect.sensor, fault.axes) == (id, "gyro", axes)
+
+
 @pytest.mark.parametrize("amid_a_move", [False, True])
 def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound, amid_a_move):
     lost, at = 7, 600

@@ -5,7 +5,7 @@ model; one that fits far better than the words of the scenario is what the file 
 other way is often no more than a sign of a column: what the motion adds tells them apart, or nothing does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 
@@ -98,7 +98,7 @@ def _likeliest(versions: Sequence[Version]) -> list[Fault]:
 
 
 def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
-    """A FOG against a gyro triad turned together: one factor between them, which should be one."""
+    """A FOG against a gyro triad turned together: one factor between them, which should be one, and the triad's columns."""
     faults: list[Fault] = []
     gyros = [s for s in scenario.sensors("gyro") if recording.has(s) and len(s.axes) == 3]
     for fog in scenario.sensors("fog") if gyros else ():
@@ -110,13 +110,29 @@ def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
         if whole.sum() < 16 or there.sum() < 16:
             continue
         rate = np.column_stack([np.interp(samples.time[there], triad.time[whole], v[whole]) for v in triad.values.T])
-        f, y = rate @ fog.input_vector, samples.values[there, 0]
-        f, y = f - f.mean(), y - y.mean()
-        k = float(f @ y / max(f @ f, 1e-300))
-        if float(np.sum((y - k * f) ** 2)) * FAR > float(y @ y):
+        rate, y = rate - rate.mean(axis=0), samples.values[there, 0] - samples.values[there, 0].mean()
+        trials = []
+        for P in _signed_permutations(3):
+            f = rate @ P @ fog.input_vector
+            k = float(f @ y / max(f @ f, 1e-300))
+            trials.append((float(np.sum((y - k * f) ** 2)), -np.trace(P), k, P))
+        best, _, k, P = min(trials, key=lambda t: (t[0] * (1 + 1e-6), t[1]))
+        as_written = next(t for t in trials if np.array_equal(t[3], np.eye(3)))
+        if as_written[0] < FAR * best or as_written[0] < LEAST * float(y @ y):
+            best, _, k, P = as_written
+        if best * FAR > float(y @ y):
             continue  # they do not turn together
-        faults += _of_factor(k, fog, gyros[0], float(np.abs(y).max()), float(np.abs(f).max()))
+        faults += _of_factor(k, fog, gyros[0], float(np.abs(y).max()), float(np.abs(rate @ fog.input_vector).max()))
+        faults += _of_permutation(P, gyros[0])
     return faults
+
+
+def _signed_permutations(n: int) -> Iterator[Array]:
+    """Matrices that exchange channels and turn their signs round, (n, n)."""
+    for order, signs in product(permutations(range(n)), product((1.0, -1.0), repeat=n)):
+        P = np.zeros((n, n))
+        P[range(n), order] = signs
+        yield P
 
 
 def _of_factor(k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float) -> list[Fault]:
@@ -209,14 +225,14 @@ def _permuted(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
     size = float(np.abs(f).max())
     y, f = y / size, f / size
     level = _misfit(y, f, np.eye(n))
-    trials = []
-    for order, signs in product(permutations(range(n)), product((1.0, -1.0), repeat=n)):
-        P = np.zeros((n, n))
-        P[range(n), order] = signs
-        trials.append((_misfit(y, f, P), -np.trace(P), P))
+    trials = [(_misfit(y, f, P), -np.trace(P), P) for P in _signed_permutations(n)]
     best, _, P = min(trials, key=lambda t: (t[0] * (1 + 1e-6), t[1]))
-    if np.array_equal(P, np.eye(n)) or level < FAR * best or level < LEAST:
-        return []
+    return [] if level < FAR * best or level < LEAST else _of_permutation(P, sensor)
+
+
+def _of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
+    """Exchanged columns and signs of a sensor that reads P times what it should, (n, n)."""
+    n = len(P)
     moved = [i for i in range(n) if P[i, i] == 0]
     flipped = [i for i in range(n) if P[i].sum() < 0]
     faults = []

@@ -115,7 +115,8 @@ def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
         for P in _signed_permutations(3):
             f = rate @ P @ fog.input_vector
             k = float(f @ y / max(f @ f, 1e-300))
-            trials.append((float(np.sum((y - k * f) ** 2)), -np.trace(P), k, P))
+            changed = -np.trace(P) + 2 * (k < 0)  # the FOG turned round counts as one column
+            trials.append((float(np.sum((y - k * f) ** 2)), changed, k, P))
         best, _, k, P = min(trials, key=lambda t: (t[0] * (1 + 1e-6), t[1]))
         as_written = next(t for t in trials if np.array_equal(t[3], np.eye(3)))
         if as_written[0] < FAR * best or as_written[0] < LEAST * float(y @ y):

@@ -11,10 +11,11 @@ from tiltcal.byhand import earlier
 from tiltcal.diagnosis.account import Term, settle
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.conclude import findings_of
+from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.filling import fill
 from tiltcal.diagnosis.floors import above
 from tiltcal.diagnosis.plain import plainer, plainly
-from tiltcal.diagnosis.select import Gate, absorbed, findings, select
+from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.span import Lines, Span
 from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
@@ -98,6 +99,24 @@ def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     assert len(above(account, found.ledger, {"gyro": code}).terms) == 1  # another sensor's codes hide nothing here
 
 
+@pytest.mark.parametrize(("width", "kept"), [(2e-4, 2), (-2e-4, 1)])
+def test_what_completes_a_form_has_a_size_that_a_file_may_give_it(width, kept, monkeypatch):
+    """A width below nothing would round the corners of the other, and no scenario holds it."""
+    found = prepared()
+    plays = [suspect("table_backlash", ("width",), None, "outer", crossing=c) for c in (0.0, 0.3)]
+    terms = (Term(plays[0], ("width",), (5e-4,)), Term(plays[1], ("width",), (width,), plays[0]))
+    monkeypatch.setattr("tiltcal.diagnosis.select.settle", lambda account, _: account)
+    assert len(plausible(replace(found.start, terms=terms), found.ledger).terms) == kept
+
+
+def test_where_every_reading_is_at_fault_nothing_is_said_of_the_physics():
+    truth = bench()
+    whole = recorded(truth, 3)
+    still = {f"accel_{a}_m_s2": np.full(len(whole), 0.5) for a in "xyz"}
+    found = diagnose(honest(truth), [rewritten(whole, **still)])
+    assert {f.stage for f in found.findings} <= {"data", "electronics"}
+
+
 def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
     found = prepared(
         {"id": "settling_transient", "axis": "outer", "amplitude_arcsec": 300.0, "frequency_hz": 1.5, "tau_s": 2.0}
@@ -106,6 +125,8 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
     account = with_terms(found, ring)
     assert len(above(account, found.ledger, {"accel": 1e-6}).terms) == 1
     assert above(account, found.ledger, {"accel": 1e-6}, blurred=True).terms == ()
+    fill(found.ledger, found.start, Lines(), blurred=True)
+    assert not {"settling_transient", "table_backlash", "lever_arm"} & {s.id for s in found.ledger.suspects}
 
 
 def test_an_account_with_many_numbers_gives_way_to_a_plain_one():

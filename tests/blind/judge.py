@@ -104,10 +104,11 @@ def _channel(finding: Plain, main: str) -> bool:
 
 
 def pulls(finding: Plain, e: Plain) -> list[float]:
-    """|value - truth| / sigma of the parameters that both name."""
+    """|value - truth| / sigma of the parameters that both name; of a tone, whose phase is not named, the size only."""
     out = []
     for name, true in e["parameters"].items():
         told = (finding.get("parameters") or {}).get(name)
         if isinstance(told, dict) and told.get("sigma") and isinstance(true, (int, float)):
-            out.append(abs(told["value"] - true) / abs(told["sigma"]))
+            size = abs if name.startswith("pickup") else float
+            out.append(abs(size(told["value"]) - size(true)) / abs(told["sigma"]))
     return [p for p in out if math.isfinite(p)]

@@ -101,6 +101,8 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     split = len(account.nuisance)
     units = np.array([t.suspect.size(n) for t in terms for n in t.names])
     lengths = [len(c.values) for c in ledger.observations.channels]
+    if not lengths:  # every reading was at fault
+        return account
     effects = account.effects
     columns = [ledger.whitened(c) for c in columns_of(ledger.observations, terms, effects)]
     J = _stacked(columns, lengths)

@@ -154,7 +154,7 @@ def _parameter_of(suspect: Suspect, name: str) -> Parameter:
 
 def fitness_of(account: Account, ledger: Ledger) -> Fitness:
     observations = ledger.observations
-    used = account.basis[0].shape[1]
+    used = account.basis[0].shape[1] if account.basis else 0
     rms: dict[str, float] = {}
     for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
         rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit_of(channel, observations)}", float(np.sqrt(np.mean(r * r))))

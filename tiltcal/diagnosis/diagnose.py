@@ -61,7 +61,8 @@ def diagnose(
     lines = lines_of(bench.ledger, bench.start)
     full, bench = bench.observations, thinned(bench, block_of(bench.observations, lines))
     ledger = bench.ledger
-    fill(ledger, bench.start, lines)
+    blurred = any(f.effect.id == "data_truncation" for f in bench.faults)
+    fill(ledger, bench.start, lines, blurred)
     gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
     progress("who is to blame")
     account = select(bench.start, ledger, gate, _textbook)
@@ -75,7 +76,7 @@ def diagnose(
     progress("rivals")
     chance: list[Fault] = []
     if bench.floors:
-        account = above(account, ledger, bench.floors, any(f.effect.id == "data_truncation" for f in bench.faults))
+        account = above(account, ledger, bench.floors, blurred)
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
     account = upright(plausible(account, ledger), bench.observations)  # its sizes have been fitted again since

@@ -1,12 +1,14 @@
 """Putting suspects on the ledger: all of them at first, then those whose lines stand out once the first findings are away."""
 
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
 from tiltcal.diagnosis.account import Account
 from tiltcal.diagnosis.curves import curves
 from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.floors import told_by_moves
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.span import Lines, span_of
 from tiltcal.diagnosis.suspects import OF_LINES, listed_suspects, step_suspects
@@ -15,18 +17,16 @@ from tiltcal.diagnosis.tones import lines_of, wandering_of
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
-def fill(ledger: Ledger, account: Account, lines: Lines) -> None:
-    """Put every suspect on the ledger."""
+def fill(ledger: Ledger, account: Account, lines: Lines, blurred: bool = False) -> None:
+    """Put every suspect on the ledger; blurred: whether the table's angles are cut."""
     observations = ledger.observations
     effects = account.effects
     span = span_of(observations, lines)
     nuisance = [t.suspect for t in account.nuisance]
-    for suspect in listed_suspects(observations.scenario, span, nuisance):
-        ledger.add(suspect, effects)
-    for suspect in step_suspects(observations.scenario, instants(observations)):
-        ledger.add(suspect, effects)
-    for suspect in curves(observations, span):
-        ledger.add(suspect, effects)
+    steps = step_suspects(observations.scenario, instants(observations))
+    for suspect in chain(listed_suspects(observations.scenario, span, nuisance), steps, curves(observations, span)):
+        if not (blurred and told_by_moves(suspect.effect)):
+            ledger.add(suspect, effects)
 
 
 def refill(ledger: Ledger, account: Account, known: Lines) -> bool:

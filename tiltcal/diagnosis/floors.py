@@ -7,8 +7,10 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, settle, summed
 from tiltcal.diagnosis.evidence import Ledger
+from tiltcal.diagnosis.families import FREE_FORM
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.select import findings
+from tiltcal.effects.base import Effect
 from tiltcal.scenario import Scenario
 
 
@@ -29,21 +31,30 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
     return floors
 
 
+BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which way a table came
+
+
+def told_by_moves(effect: Effect) -> bool:
+    """Whether only rates, accelerations or the way that a table came by tell an effect: where its angles are cut nothing does."""
+    return effect.needs in BLURRED or getattr(effect, "coordinate", "").split("_")[0] in ("rate", "transverse")
+
+
 def above(account: Account, ledger: Ledger, floors: Mapping[str, float], blurred: bool = False) -> Account:
-    """The account without findings that are nowhere larger than what coarse codes do.
+    """The account without findings that are nowhere larger than what coarse codes do; curves, all in all.
 
     Args:
-        blurred: whether the table's angles are cut: rates and accelerations derived from them say nothing.
+        blurred: whether the table's angles are cut.
     """
     observations = ledger.observations
     kept: list[Term] = []
     for places in findings(account):
         inside = [account.terms[k] for k in places]
+        curve = inside[0].suspect.id in FREE_FORM or not inside[0].suspect.listed  # it may be large where it was not held
         largest: dict[str, float] = {}
         for i, change in summed(inside, observations, account.effects).items():
-            name = observations.channels[i].sensor
-            largest[name] = max(largest.get(name, 0.0), float(np.abs(change).max()))
-        smooth = not (blurred and inside[0].effect.needs == "motion")
+            name, size = observations.channels[i].sensor, np.abs(change)
+            largest[name] = max(largest.get(name, 0.0), float(np.sqrt(np.mean(size**2)) if curve else size.max()))
+        smooth = not (blurred and told_by_moves(inside[0].effect))
         seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(largest) & set(floors)
         if smooth and seen:
             kept += inside

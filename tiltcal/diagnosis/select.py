@@ -294,10 +294,19 @@ def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
 
 
 def plausible(account: Account, ledger: Ledger) -> Account:
-    """The account without findings whose sizes, once all others are there, are those of no instrument."""
+    """The account without findings whose sizes, once all others are there, are those of no instrument.
+
+    What completes a form goes too where it has a size that no file may give it: a width below nothing.
+    """
     while True:
-        groups = findings(account)
-        good = [places for places in groups if fair(account.terms[places[0]])]
-        if len(good) == len(groups):
+        good = [places for places in findings(account) if fair(account.terms[places[0]])]
+        terms = tuple(account.terms[k] for places in good for k in places if k == places[0] or _written(account.terms[k]))
+        if len(terms) == len(account.terms):
             return account
-        account = settle(replace(account, terms=tuple(account.terms[k] for places in good for k in places)), ledger)
+        account = settle(replace(account, terms=terms), ledger)
+
+
+def _written(term: Term) -> bool:
+    """Whether a scenario file may give an effect these sizes."""
+    positive = {p.name for p in term.suspect.effect.parameters if p.positive}
+    return all(value >= 0 for name, value in zip(term.names, term.values, strict=True) if name in positive)

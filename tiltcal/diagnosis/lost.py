@@ -1,6 +1,7 @@
 """Samples that were lost while the stamps went on: from an instant on every move comes early, by a whole number of samples."""
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -77,18 +78,22 @@ def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
 def _instant(own: Sequence[tuple[Channel, Array]], start: float, end: float, lost: int) -> float:
     """When samples were lost between the last move that is in time and the end of the first that is early, s.
 
-    In the middle of all instants that the readings allow: between two moves any will do, amid a move hardly one.
+    In the middle of all instants that the readings allow: between two moves any will do, amid a move hardly one. By what they
+    change from row to row, for the fit has been spoiled by the loss.
     """
-    time = own[0][0].time
-    first, last = np.searchsorted(time, [start, end])
-    rows = np.arange(first, min(int(last), len(time) - lost))
-    misfit = np.zeros(len(rows) + 1)
+    common = reduce(np.intersect1d, [channel.rows for channel, _ in own])
+    ahead = common + lost * int(np.median(np.diff(common)))
+    time = own[0][0].time[np.searchsorted(own[0][0].rows, common)]
+    there = np.flatnonzero((time >= start) & (time <= end) & np.isin(ahead, common))
+    misfit = np.zeros(len(there) - 1)  # of a loss just before each row but the first
     for channel, p in own:
-        noise = robust_white(channel.values - p)
-        before, after = (((channel.values[rows] - p[rows + shift]) / noise) ** 2 for shift in (0, lost))
-        misfit += np.concatenate([[0.0], np.nancumsum(before - after)])  # lost just before each row, against before the first
+        now, later = (np.searchsorted(channel.rows, rows[there]) for rows in (common, ahead))
+        before, after = (channel.values[now] - p[rows] for rows in (now, later))
+        steps = np.stack([np.diff(before), after[1:] - before[:-1], np.diff(after)]) ** 2
+        whole = np.cumsum(steps, axis=1)
+        misfit += (whole[0] - steps[0] + steps[1] + whole[2][-1] - whole[2]) / (2 * robust_white(channel.values - p) ** 2)
     allowed = np.flatnonzero(misfit < misfit.min() + SURE**2)
-    return float((time[first + allowed[0] - 1] + time[min(first + allowed[-1], len(time) - 1)]) / 2)
+    return float((time[there[allowed[0]]] + time[there[allowed[-1] + 1]]) / 2)
 
 
 def _moves(channel: Channel) -> list[tuple[float, float]]:

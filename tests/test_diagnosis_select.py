@@ -97,22 +97,22 @@ def test_a_play_that_is_crossed_gradually_keeps_its_name_and_width():
     assert abs(width - 50.0) < 4 * sigma
 
 
-@pytest.mark.parametrize(("rows", "good"), [(1, False), (None, True)])
-def test_a_step_has_to_show_without_the_samples_next_to_it(rows, good):
-    """One value that is off is two steps that cancel; beside a walk the first of them is half of it by itself."""
+@pytest.mark.parametrize(("rows", "ends", "good"), [(1, (0,), False), (3, (0, 3), False), (None, (0,), True)])
+def test_a_step_has_to_show_without_the_samples_next_to_it(rows, ends, good):
+    """A few values that are off are two steps that cancel; beside a walk the first of them is half of it by itself."""
     truth = bench({"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 1.0, "walk_ug_rts": 10.0}, noise=False)
     sound = recorded(truth, 3)
     x = sound.column("accel_x_m_s2").copy()
     at = 1000
     x[at : at + rows if rows else None] += 10 * np.median(np.abs(np.diff(x)))
     found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)])
-    time = float(sound.time[at] - sound.time[0]) - 0.05
-    step = next(s for s in step_suspects(found.observations.scenario, (time,)) if s.id == "acc_bias_step")
-    account = settle(replace(found.start, terms=(Term.start(step, ("bias_step_x",)),)), found.ledger)
+    times = [float(sound.time[at + end] - sound.time[0]) - 0.05 for end in ends]
+    steps = [s for s in step_suspects(found.observations.scenario, times) if s.id == "acc_bias_step"]
+    account = settle(replace(found.start, terms=tuple(Term.start(s, ("bias_step_x",)) for s in steps)), found.ledger)
     found.ledger.under([f.model for f in noise_under(account, found.ledger)])
     account = settle(account, found.ledger)
-    (log_p,) = standing(account, found.ledger, 1000)
-    assert bool(log_p < np.log(ALPHA)) is good
+    assert len(account.terms) == len(ends)
+    assert [bool(log_p < np.log(ALPHA)) for log_p in standing(account, found.ledger, 1000)] == [good] * len(ends)
 
 
 def test_one_value_far_off_is_no_finding():

@@ -13,6 +13,8 @@ from tiltcal.diagnosis.select import findings
 from tiltcal.effects.base import Effect
 from tiltcal.scenario import Scenario
 
+BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which way a table came
+
 
 def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]:
     """Size, SI, below which the codes of a sensor, or of the table's readout, make whatever they like; by sensor."""
@@ -29,9 +31,6 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
                 size = sensor.rate_hz if sensor.quantity == "rate" else size
                 floors[sensor.name] = max(floors.get(sensor.name, 0.0), size * fault.effect.value("step"))
     return floors
-
-
-BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which way a table came
 
 
 def told_by_moves(effect: Effect) -> bool:

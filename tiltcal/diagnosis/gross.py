@@ -27,8 +27,8 @@ def gross_errors(
 ) -> tuple[list[Fault], tuple[Recording, ...]]:  # fmt: skip
     """Values far off their neighbours, more of them than the tail of the others lets expect; and the recordings without them.
 
-    A few by themselves are left out too, and no fault: no physics is that quick. Sensors whose codes, or whose model's angles,
-    are ``coarse`` are left alone: a step of theirs stands off its neighbours.
+    On a table a few by themselves are left out too, and no fault: no physics is that quick, but a hand may be. Sensors whose
+    codes, or whose model's angles, are ``coarse`` are left alone: a step of theirs stands off its neighbours.
     """
     scenario = observations.scenario
     heavy = TAIL if scenario.rig.axes or scenario.sensors("fog") else TOUCHED
@@ -45,7 +45,7 @@ def gross_errors(
         if far.sum() > 3 + heavy * tail.sum() and np.median(off[far]) > GROSS + 2:
             seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
             far = anywhere > GROSS
-        if far.any():
+        if far.any() and scenario.rig.axes:
             repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[far], np.nan)
     known = {(e.id, e.sensor) for e in scenario.effects}
     return [_fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known], tuple(repaired)

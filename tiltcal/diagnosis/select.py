@@ -87,12 +87,14 @@ class Gate:
 def standing(account: Account, ledger: Ledger, total: int, beside: Sequence[Columns] = ()) -> list[float]:
     """Corrected log p-value of each finding given all others, and columns ``beside`` them, under the ledger's noise.
 
-    That of a step is without the samples next to its instant: what shows in them only is a gross error.
+    That of a step is without the samples next to the instants of steps: what shows in them only is a gross error.
     """
     found = []
+    near = [column for t in account.terms if t.host is None for column in _next_to_the_instant(t, ledger.observations)]
     for places in findings(account):
         inside = [account.terms[k] for k in places]
-        case = case_of(account, ledger, places, [*beside, *_next_to_the_instant(inside[0], ledger.observations)])
+        step = inside[0].suspect.id in SHIFTS
+        case = case_of(account, ledger, places, [*beside, *(near if step else ())])
         lengths = [len(t) for t in case.target]
         columns = [ledger.whitened(c) for c in columns_of(ledger.observations, inside, account.effects)]
         mine = basis_of([projected(case.basis, c, lengths) for c in columns], lengths)

@@ -45,7 +45,9 @@ def gross_errors(
         if far.sum() > 3 + heavy * tail.sum() and np.median(off[far]) > GROSS + 2:
             seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
             far = anywhere > GROSS
-        if far.any() and scenario.rig.axes:
+        elif not scenario.rig.axes:
+            continue
+        if far.any():
             repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[far], np.nan)
     known = {(e.id, e.sensor) for e in scenario.effects}
     return [_fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known], tuple(repaired)

@@ -22,6 +22,25 @@ ORDINARY = [
     {"id": "acc_cross_axis", "cross_xy_ppm": 900.0, "cross_yx_ppm": -700.0},
 ]
 
+BY_HAND = parse_scenario({
+    "schema": 1, "name": "turned by hand", "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0}, "rig": {"table": "handheld"},
+    "sensor": [
+        {"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale", "cross_axis"]},
+        {
+            "name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [0.6, 0.0, 0.8], "rate_hz": 50.0,
+            "adjustable": ["bias", "scale"],
+        },
+    ],
+})  # fmt: skip
+
+
+def turned_by_hand(rng, time: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of a gyro triad and a FOG turned together by hand, resting now and then, for ``BY_HAND``."""
+    rate = np.column_stack([np.sin((0.5 + 0.2 * k) * time) * (time % 20 > 5) for k in range(3)])
+    read = rate + rng.normal(0, 1e-3, rate.shape)
+    columns = {f"gyro_{a}_rad_s": read[:, k] for k, a in enumerate("xyz")}
+    return columns | {"fog_a_rad_s": rate @ [0.6, 0.0, 0.8] + rng.normal(0, 1e-5, len(time))}
+
 
 def tumble(count: int = 30) -> list[dict]:
     """Poses of a dual table in an order that visits both axes both ways."""

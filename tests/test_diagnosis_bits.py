@@ -2,22 +2,14 @@
 
 import numpy as np
 import pytest
-from dossier import bench, faults_of, honest, recorded, rewritten
+from dossier import BY_HAND, bench, faults_of, honest, recorded, rewritten
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.bits import stuck_bit, was_set
 from tiltcal.recording import Recording
-from tiltcal.scenario import parse_scenario
 
 LSB = 5e-4  # m/s2
-BY_HAND = parse_scenario({
-    "schema": 1, "name": "turned by hand", "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0}, "rig": {"table": "handheld"},
-    "sensor": [
-        {"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale", "cross_axis"]},
-        {"name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [0.6, 0.0, 0.8], "rate_hz": 50.0},
-    ],
-})  # fmt: skip
 
 
 def swept(rng, n=6000):

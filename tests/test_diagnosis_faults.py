@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from dossier import bench, faults_of, honest, recorded, rewritten
+from dossier import BY_HAND, bench, faults_of, honest, recorded, rewritten, turned_by_hand
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.faults import inspect
 from tiltcal.diagnosis.jumps import jump_of
 from tiltcal.diagnosis.meaning import meaning
@@ -154,18 +155,6 @@ def test_a_readout_cut_to_a_few_decimals(truth, sound):
     assert found.floors["accel"] == pytest.approx(9.81 * np.radians(0.05), rel=1e-6)
 
 
-BY_HAND = parse_scenario({
-    "schema": 1, "name": "turned by hand", "site": {"gravity_m_s2": 9.81, "latitude_deg": 45.0}, "rig": {"table": "handheld"},
-    "sensor": [
-        {"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale", "cross_axis"]},
-        {
-            "name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [0.6, 0.0, 0.8], "rate_hz": 50.0,
-            "adjustable": ["bias", "scale"],
-        },
-    ],
-})  # fmt: skip
-
-
 @pytest.mark.parametrize(("factor", "id", "values"), [
     (1.0, None, {}), (np.radians(1), "data_unit", {"factor": np.radians(1)}), (-1.0, "data_sign", {"flip_a": 1.0}),
 ])  # fmt: skip
@@ -306,3 +295,14 @@ def test_coarse_codes_of_a_gyro_may_be_its_own_or_the_converters():
     stated = truth.model_dump(exclude={"effect", "sequence"}, exclude_defaults=True, by_alias=True)
     known = parse_scenario({"schema": 1, **stated, "effect": [{"id": "gyr_quantisation", "sensor": "s", "lsb_deg_s": 1.0}]})
     assert inspect(known, [rewritten(sound, s_z_deg_s=z)]).faults == ()
+
+
+def test_gross_errors_of_a_gyro_turned_by_hand_are_all_that_is_found(rng):
+    """Beside a FOG, which tells a knock from a fault: named with their share, and left out of what is looked at after."""
+    time = np.arange(6000) / 50.0
+    columns = turned_by_hand(rng, time)
+    hit = rng.choice(len(time), 30, replace=False)
+    columns["gyro_y_rad_s"][hit] += 0.3 * rng.choice([-1, 1], 30)
+    (found,) = diagnose(BY_HAND, [Recording.from_columns(time, columns)]).findings
+    assert (found.effect, found.names, found.stage, found.axes) == ("data_outlier", ("data_outlier",), "data", ("y",))
+    assert found.parameters["share_unitless"][0] == pytest.approx(30 / 6000, rel=0.1)

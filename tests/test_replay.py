@@ -140,7 +140,10 @@ def test_a_slow_move_within_a_dwell_parts_it_into_two_stops(rng):
 
 
 def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):
-    """The rate falls with the cube of the time: the last five samples of a move are within 3 sigma of its end. A fifth of one."""
+    """The rate falls with the cube of the time: the last five samples of a move are within 3 sigma of its end.
+
+    It is told to a fifth of a sample.
+    """
     time = np.arange(0, 360, 0.04)
     u = np.clip((time % 12.0) / 4.0, 0, 1)
     half = np.minimum(u, 1 - u)

@@ -228,14 +228,17 @@ def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> A
     from scipy.fft import idct
 
     observations = ledger.observations
-    whole = list(zip(observations.channels, observations.residuals(account.effects), fits, strict=True))
+    first = [
+        (channel, r, fit)
+        for channel, r, fit in zip(observations.channels, observations.residuals(account.effects), fits, strict=True)
+        if channel.recording == 0 and not channel.derived
+    ]
+    shared = {name: NoiseFit.alike([f for c, _, f in first if c.sensor == name]) for name in {c.sensor for c, *_ in first}}
     shift: dict[tuple[str, str], float] = {}
-    for channel, r, fit in whole:
-        if channel.recording == 0 and not channel.derived:
-            alike = [f for c, _, f in whole if (c.recording, c.sensor, c.derived) == (0, channel.sensor, False)]
-            model = NoiseFit.alike(alike).model if all(len(f.weight) for f in alike) else fit.model
-            level = idct(cosines(r) * model.walked(len(r)) / model.spectrum(len(r)), norm="ortho")
-            shift.setdefault((channel.sensor, channel.axis), float(level[0]))
+    for channel, r, _ in first:
+        model = shared[channel.sensor].model
+        level = idct(cosines(r) * model.walked(len(r)) / model.spectrum(len(r)), norm="ortho")
+        shift.setdefault((channel.sensor, channel.axis), float(level[0]))
     return replace(account, nuisance=tuple(_shifted(t, shift, observations, account) for t in account.nuisance))
 
 

@@ -111,21 +111,33 @@ def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
             continue
         rate = np.column_stack([np.interp(samples.time[there], triad.time[whole], v[whole]) for v in triad.values.T])
         rate, y = rate - rate.mean(axis=0), samples.values[there, 0] - samples.values[there, 0].mean()
-        trials = []
-        for P in _signed_permutations(3):
-            f = rate @ P @ fog.input_vector
-            k = float(f @ y / max(f @ f, 1e-300))
-            changed = -np.trace(P) + 2 * (k < 0)  # the FOG turned round counts as one column
-            trials.append((float(np.sum((y - k * f) ** 2)), changed, k, P))
-        best, _, k, P = min(trials, key=lambda t: (t[0] * (1 + 1e-6), t[1]))
-        as_written = next(t for t in trials if np.array_equal(t[3], np.eye(3)))
-        if as_written[0] < FAR * best or as_written[0] < LEAST * float(y @ y):
-            best, _, k, P = as_written
-        if best * FAR > float(y @ y):
+        left, k, P = _as_the_fog_says(rate, y, fog.input_vector)
+        if left * FAR > float(y @ y):
             continue  # they do not turn together
         faults += _of_factor(k, fog, gyros[0], float(np.abs(y).max()), float(np.abs(rate @ fog.input_vector).max()))
         faults += _of_permutation(P, gyros[0])
     return faults
+
+
+def _as_the_fog_says(rate: Array, y: Array, input_vector: Array) -> tuple[float, float, Array]:
+    """The factor k and the signed permutation P for which ``y = k rate P input_vector`` fits best, and what that leaves.
+
+    The columns as they are written, unless they fit far worse.
+
+    Args:
+        rate: of the triad, rad/s, (n, 3); y: of the FOG, (n,); both without their means.
+        input_vector: of the FOG, (3,).
+    """
+    trials = []
+    for P in _signed_permutations(3):
+        f = rate @ P @ input_vector
+        k = float(f @ y / max(f @ f, 1e-300))
+        changed = -np.trace(P) + 2 * (k < 0)  # the FOG turned round counts as one column
+        trials.append((float(np.sum((y - k * f) ** 2)), changed, k, P))
+    written = next(t for t in trials if np.array_equal(t[3], np.eye(3)))
+    best = min(trials, key=lambda t: t[:2])
+    left, _, k, P = written if written[0] < max(FAR * best[0], LEAST * float(y @ y)) else best
+    return left, k, P
 
 
 def _signed_permutations(n: int) -> Iterator[Array]:
@@ -227,7 +239,7 @@ def _permuted(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
     y, f = y / size, f / size
     level = _misfit(y, f, np.eye(n))
     trials = [(_misfit(y, f, P), -np.trace(P), P) for P in _signed_permutations(n)]
-    best, _, P = min(trials, key=lambda t: (t[0] * (1 + 1e-6), t[1]))
+    best, _, P = min(trials, key=lambda t: t[:2])
     return [] if level < FAR * best or level < LEAST else _of_permutation(P, sensor)
 
 

@@ -152,7 +152,8 @@ class NoiseFit:
     def alike(cls, fits: Sequence["NoiseFit"]) -> "NoiseFit":
         """Largest likelihood for several channels whose noise is alike, in units of the white noise of each.
 
-        What one record of one channel tells of its flicker and its walk apart is little.
+        What one record of one channel tells of its flicker and its walk apart is little. A channel without a spectrum of its own
+        (its mean model takes all there is) tells nothing; where none has one the noise is white.
         """
         scales = [f.scale / f.model.white**2 for f in fits]
         power = np.concatenate([f.power * scale for f, scale in zip(fits, scales, strict=True)])

@@ -131,11 +131,11 @@ def _as_the_fog_says(rate: Array, y: Array, input_vector: Array) -> tuple[float,
     trials = []
     for P in _signed_permutations(3):
         f = rate @ P @ input_vector
-        k = float(f @ y / max(f @ f, 1e-300))
+        k = float(f @ y) / max(float(f @ f), 1e-300)
         changed = 2.0 * (k < 0) - float(np.trace(P))  # the FOG turned round counts as one column
         trials.append((float(np.sum((y - k * f) ** 2)), changed, k, P))
     written = next(t for t in trials if np.array_equal(t[3], np.eye(3)))
-    best = min(trials, key=lambda t: t[:2])
+    best = min(trials, key=lambda t: (t[0], t[1]))
     left, _, k, P = written if written[0] < max(FAR * best[0], LEAST * float(y @ y)) else best
     return left, k, P
 
@@ -239,7 +239,7 @@ def _permuted(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
     y, f = y / size, f / size
     level = _misfit(y, f, np.eye(n))
     trials = [(_misfit(y, f, P), -float(np.trace(P)), P) for P in _signed_permutations(n)]
-    best, _, P = min(trials, key=lambda t: t[:2])
+    best, _, P = min(trials, key=lambda t: (t[0], t[1]))
     return [] if level < FAR * best or level < LEAST else _of_permutation(P, sensor)
 
 

@@ -91,6 +91,16 @@ def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
     assert len(findings(absorbed(other, found.ledger))) == 2  # a pose does not excite what a move does
 
 
+@pytest.mark.parametrize(("frequency", "parts"), [(2.03, [2]), (2.2, [1, 1])])
+def test_lines_nearer_together_than_the_mains_wander_are_one(frequency, parts):
+    """The second is half as strong: a line of the base, unless it is where the mains may go."""
+    lines = ((60.0, 2.0), (30.0, frequency))
+    found = prepared(*({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": s, "frequency_hz": f} for s, f in lines))
+    mains = suspect("mains_pickup", ("pickup_x",), frequency=2.0)
+    both = with_terms(found, mains, suspect("base_vibration", ("ec", "es"), None, frequency=frequency))
+    assert [len(places) for places in findings(absorbed(both, found.ledger))] == parts
+
+
 @pytest.mark.parametrize(("code", "kept"), [(1e-3, 1), (0.1, 0)])
 def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     found = prepared(K2)

@@ -7,12 +7,13 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, noise_within_stops, settle, summed
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project, projected
-from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT
+from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT, WANDER
 from tiltcal.diagnosis.observations import Columns, Observations
 from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, fair, preferred, price_of
 from tiltcal.diagnosis.shapes import at_its_instant, refined
 from tiltcal.diagnosis.suspects import SHIFTS, STEPS, Suspect
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
+from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 
 NEARLY = 0.7  # of the worth of the best: a name in its own form goes before one that needs curves for more
@@ -212,7 +213,8 @@ TONES = ("mains_pickup", "base_vibration")  # a line that wanders leaves lines b
 def absorbed(account: Account, ledger: Ledger) -> Account:
     """The account with small findings made a part of a much larger one that the same kind of motion excites, in its channels.
 
-    A law that is some per cent off its textbook form leaves something of its own kind over, and a neighbour takes it.
+    A law that is some per cent off its textbook form leaves something of its own kind over, and a neighbour takes it. A line that
+    wanders leaves lines beside it, in sum as strong as it is.
     """
     groups = findings(account)
     power = [np.array([float(s @ s) for s in case_of(account, ledger, places).signal]) for places in groups]
@@ -222,8 +224,9 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
         for k, large in enumerate(groups):
             other = account.terms[large[0]].suspect.effect
             inside = float(power[j][power[k] > (1 - OWN) * power[k].sum()].sum()) > OWN * float(power[j].sum())
-            alike = mine.needs == other.needs in KINDS or {mine.id, other.id} <= set(TONES)
-            if alike and power[j].sum() < (1 - OWN) * power[k].sum() and inside and k not in hosts:
+            of_a_kind = mine.needs == other.needs in KINDS or {mine.id, other.id} <= set(TONES)
+            part = of_a_kind and inside and power[j].sum() < (1 - OWN) * power[k].sum()
+            if (part or (_one_line(mine, other) and power[j].sum() < power[k].sum())) and k not in hosts:
                 hosts[j] = k
     if not hosts:
         return account
@@ -235,6 +238,11 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
         host = account.terms[places[0]].suspect
         terms += [replace(account.terms[i], host=host) for j, large in hosts.items() if large == k for i in groups[j]]
     return settle(replace(account, terms=tuple(terms)), ledger)
+
+
+def _one_line(one: Effect, other: Effect) -> bool:
+    """Whether two tones are nearer together than one of them may wander."""
+    return {one.id, other.id} <= set(TONES) and abs(one.value("frequency") - other.value("frequency")) < WANDER
 
 
 def joined(account: Account) -> Account:

@@ -65,7 +65,7 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
         one_cause = curve.worth > joint - MARGIN * (several - 1) - LOOSE * curve.gain  # is likelier than several
         return curve if one_cause else None
-    fits = several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named)
+    fits = len(inside) == 1 or (several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named))
     level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
     of_any_form = several_lines(inside) or (single is not None and single.form < OWN)  # no form that a name could keep to
     far_off = curve.worth > level + MARGIN + (0.0 if of_any_form else SHARE * curve.gain)
@@ -157,8 +157,9 @@ def best_curve(case: Case, ledger: Ledger) -> Rival | None:
     trials = [*found, *(local(of_angle, case, ledger) if of_angle else []), *([echo(rings, case, ledger)] if rings else [])]
     top = max(r.worth for r in trials)
     equal = [r for r in trials if r.worth > top - EQUAL - LOOSE * r.gain]
+    moves_all = any(r.suspect.effect.sensor is None for r in equal)  # the table or the mount may be to blame as well
 
     def rank(r: Rival) -> tuple[bool, bool, float]:  # a known place first, then the reading itself
-        return r.suspect.alias is None, not isinstance(r.suspect.effect, LearnedReading), -r.worth
+        return r.suspect.alias is None or moves_all, not isinstance(r.suspect.effect, LearnedReading), -r.worth
 
     return min(equal, key=rank)

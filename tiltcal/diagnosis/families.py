@@ -30,7 +30,10 @@ SUPERPOSED = {
 WANDER = 0.05  # Hz: of the mains about its frequency (PHYSICS 3.6); further off is another tone
 ALL_AXES = {"servo_lag", "servo_friction_deadband"}  # one drive is like the other
 KIN = {("gyr_g2sens", "gyr_gsens")}  # (what completes, whose form)
-OF_INPUT = {"acc_K2", "acc_K3", "acc_Koq", "acc_scale_asym", "acc_bias_asym", "adc_inl"}  # functions of the channel's own input
+OF_INPUT = {
+    "acc_K2", "acc_K3", "acc_Koq", "acc_scale_asym", "acc_bias_asym", "adc_inl", "gyr_nonlinearity", "gyr_scale_asym",
+}  # fmt: skip
+"""Functions of the channel's own input."""
 FREE_FORM = {"adc_inl", "floor_tilt_drift"}  # the name says where and of what, not which form
 
 

@@ -9,7 +9,7 @@ from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_u
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project, projected
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT, WANDER
 from tiltcal.diagnosis.observations import Columns, Observations
-from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, fair, preferred, price_of
+from tiltcal.diagnosis.rivals import LOOSE, OWN, Case, Rival, case_of, explanations, fair, preferred, price_of
 from tiltcal.diagnosis.shapes import at_its_instant, refined
 from tiltcal.diagnosis.suspects import SHIFTS, STEPS, Suspect
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
@@ -213,8 +213,7 @@ TONES = ("mains_pickup", "base_vibration")  # a line that wanders leaves lines b
 def absorbed(account: Account, ledger: Ledger) -> Account:
     """The account with small findings made a part of a much larger one that the same kind of motion excites, in its channels.
 
-    A law that is some per cent off its textbook form leaves something of its own kind over, and a neighbour takes it. A line that
-    wanders leaves lines beside it, in sum as strong as it is.
+    A law that is some per cent off its textbook form leaves something of its own kind over, and a neighbour takes it.
     """
     groups = findings(account)
     power = [np.array([float(s @ s) for s in case_of(account, ledger, places).signal]) for places in groups]
@@ -224,9 +223,8 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
         for k, large in enumerate(groups):
             other = account.terms[large[0]].suspect.effect
             inside = float(power[j][power[k] > (1 - OWN) * power[k].sum()].sum()) > OWN * float(power[j].sum())
-            of_a_kind = mine.needs == other.needs in KINDS or {mine.id, other.id} <= set(TONES)
-            part = of_a_kind and inside and power[j].sum() < (1 - OWN) * power[k].sum()
-            if (part or (_one_line(mine, other) and power[j].sum() < power[k].sum())) and k not in hosts:
+            share = _left_over(mine, other)
+            if power[j].sum() < share * power[k].sum() and (inside or share == 1) and k not in hosts:
                 hosts[j] = k
     if not hosts:
         return account
@@ -240,9 +238,18 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
     return settle(replace(account, terms=tuple(terms)), ledger)
 
 
-def _one_line(one: Effect, other: Effect) -> bool:
-    """Whether two tones are nearer together than one of them may wander."""
-    return {one.id, other.id} <= set(TONES) and abs(one.value("frequency") - other.value("frequency")) < WANDER
+def _left_over(small: Effect, large: Effect) -> float:
+    """Share of the energy of a large effect that may be left over of it in the form of a small one.
+
+    All of it where a line wanders: it leaves lines beside it. Laws of one sensor's own input are told apart to a thousandth.
+    """
+    ids = {small.id, large.id}
+    if ids <= set(TONES):
+        near = abs(small.value("frequency") - large.value("frequency")) < WANDER
+        return 1.0 if near else 1 - OWN
+    if small.needs == large.needs in KINDS:
+        return 1 - OWN
+    return LOOSE if ids <= OF_INPUT and small.sensor == large.sensor else 0.0
 
 
 def joined(account: Account) -> Account:

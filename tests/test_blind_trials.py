@@ -131,6 +131,14 @@ def test_a_class_is_honest_only_if_every_member_could_be_it():
     assert (certain["good"], certain["false_certainty"], certain["wrong_certain"]) == (True, True, False)
 
 
+def test_a_law_that_contains_the_truth_may_stand_in_its_class_and_not_in_its_place():
+    tilt = effect(id="mount_thermal_tilt", stage="mount")
+    _, named = judged(truth_of("single", tilt), "ambiguous", finding("acc_temp_misalign", "mount_thermal_tilt"))
+    _, other = judged(truth_of("single", tilt), "explained", finding("acc_temp_misalign"))
+    assert (named["good"], named["padded"]) == (True, [])
+    assert (other["good"], other["wrong_certain"]) == (False, True)
+
+
 def test_a_second_wrong_finding_beside_the_true_one_is_a_wrong_name():
     _, e = judged(truth_of("single", effect()), "explained", finding("acc_K2"), finding("acc_warmup"))
     assert e["good"]

@@ -13,6 +13,7 @@ TWINS = (
     {"data_drop", "data_gap"},
     {"table_index_error", "table_wobble_async"},
 )
+CONTAINED = {"mount_thermal_tilt": "acc_temp_misalign"}  # any small tilt is three of its six numbers; it is not drawn itself
 TURNED = {"data_sign", "data_hand", "data_rotation_sense", "data_axis_swap"}  # one and the same seen by a single axis
 
 
@@ -62,6 +63,7 @@ def _listed(e: Plain, findings: list[Plain], kind: str, alone: bool) -> Plain:
     right = {e["id"]}.union(*(t for t in TWINS if e["id"] in t))
     right |= TURNED if e["id"] in TURNED and kind in ("placing_sweep", "vertical_turn") else set()
     allowed = right | set(e["tolerated"]) | set(e["inseparable"])
+    allowed |= {CONTAINED[id] for id in allowed & set(CONTAINED)}
     first = findings[:1] if alone else findings
     named = [f for f in first if f.get("effect") in right]
     held = [f for f in first if right & set(f.get("class") or [])]

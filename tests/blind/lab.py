@@ -18,6 +18,7 @@ from blind.cases import Hidden
 from blind.catalogue import bound, listed, settled
 from blind.faults import Rows
 from blind.files import write_recording, write_scenario
+from blind.judge import CONTAINED
 from blind.laboratory import Lab, draw, mean_temperature, room
 from blind.motion import Plan, Track
 from blind.oracle import Found, Oracle
@@ -31,7 +32,6 @@ TRIES = 400
 LEAST, MOST = 100.0, 5e4  # non-centrality in the first recording
 CLEAR = 50.0  # separated non-centrality on a rich sequence: nobody could miss it
 UNLIKE = 0.005  # and this share of the signal: no law has its textbook form to a thousandth, and no diagnosis should count on it
-CONTAINED = {"mount_thermal_tilt"}  # any small tilt is three of the six numbers of acc_temp_misalign, which is not drawn here
 
 
 @dataclass(frozen=True)

@@ -222,9 +222,9 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
         mine = account.terms[small[0]].suspect.effect
         for k, large in enumerate(groups):
             other = account.terms[large[0]].suspect.effect
-            inside = float(power[j][power[k] > (1 - OWN) * power[k].sum()].sum()) > OWN * float(power[j].sum())
             share = _left_over(mine, other)
-            if power[j].sum() < share * power[k].sum() and (inside or share == 1) and k not in hosts:
+            inside = share == 1 or np.minimum(power[j], share * power[k]).sum() > OWN * power[j].sum()
+            if inside and power[j].sum() < share * power[k].sum() and k not in hosts:
                 hosts[j] = k
     if not hosts:
         return account

@@ -203,6 +203,21 @@ def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound
     np.testing.assert_array_equal(repaired[later], x_of(sound)[later])
 
 
+def test_samples_after_a_loss_come_back_to_their_rows_past_rows_that_are_empty(truth, sound):
+    lost, at, empty = 7, 600, 900
+    columns = {f"accel_{a}_m_s2": np.concatenate([v[:at], v[at + lost :], v[-lost:]])
+               for a in "xyz" for v in [sound.column(f"accel_{a}_m_s2")]}  # fmt: skip
+    for values in columns.values():
+        values[empty] = np.nan
+    (fault,) = (found := prepare(honest(truth), [rewritten(sound, **columns)])).faults
+    assert (fault.effect.id, fault.effect.value("samples")) == ("data_drop", lost)
+    repaired = found.observations.recordings[0].column("accel_x_m_s2")
+    there = np.arange(at + 150, len(repaired) - lost)
+    there = there[~np.isnan(repaired[there])]
+    assert len(there) == len(repaired) - lost - at - 151
+    np.testing.assert_array_equal(repaired[there], x_of(sound)[there])
+
+
 def test_random_stamps_are_found_first_and_what_they_spoil_is_left_out(truth, sound, rng):
     late = rng.normal(0, 0.005, len(sound.time))
     columns = {f"accel_{a}_m_s2": np.interp(sound.time + late, sound.time, sound.column(f"accel_{a}_m_s2")) for a in "xyz"}

@@ -46,7 +46,7 @@ def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value:
 
 def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Recording:
     """A copy whose readings of a sensor are moved on by ``lost`` samples from a time (s) on, none where they were lost."""
-    rows = recording.sensor(sensor).rows
+    rows = _sampled(recording.sensor(sensor).rows)
     start = int(np.searchsorted(recording.time[rows], time))
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     for axis in sensor.axes:
@@ -55,6 +55,13 @@ def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Rec
         values[rows[start : start + lost]] = np.nan
         values[rows[start + lost :]] = later
     return _rewritten(recording, columns)
+
+
+def _sampled(rows: Index) -> Index:
+    """The rows on which a sensor was sampled, the empty ones among them: where it reads on every k-th row, all of these."""
+    step = int(np.median(np.diff(rows)))
+    regular = not np.any((rows - rows[0]) % step)
+    return np.arange(rows[0], rows[-1] + 1, step) if regular else rows
 
 
 def without_readout(recording: Recording, rows: Index) -> Recording:

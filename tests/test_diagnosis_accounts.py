@@ -21,6 +21,7 @@ from tiltcal.diagnosis.span import Lines, Span
 from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
 from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.effects import CATALOGUE
+from tiltcal.effects.learned import LearnedReading
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 
@@ -107,6 +108,16 @@ def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     account = with_terms(found, suspect("acc_K2", ("k2_x",)))  # 800 ug at 1 g: 8e-3 m/s2
     assert len(above(account, found.ledger, {"accel": code}).terms) == kept
     assert len(above(account, found.ledger, {"gyro": code}).terms) == 1  # another sensor's codes hide nothing here
+
+
+@pytest.mark.parametrize(("bend", "kept"), [(0.0, 0), (0.1, 1)])
+def test_of_a_curve_what_calibration_takes_is_not_larger_than_a_code(bend, kept):
+    """0.1 m/s2 at 1 g along a straight line: a scale factor. Bent by as much it is a curve."""
+    found = prepared(K2)
+    names, values = ("c0", "c1", "c2"), (-0.1, bend, 0.1)
+    curve = LearnedReading(dict.fromkeys(names, 0.1), "accel", "x", coordinate="input", knots=(-9.8, 0.0, 9.8))
+    account = replace(found.start, terms=(Term(Suspect(curve, names), names, values),))
+    assert len(above(account, found.ledger, {"accel": 0.01}).terms) == kept
 
 
 @pytest.mark.parametrize(("width", "kept"), [(2e-4, 2), (-2e-4, 1)])

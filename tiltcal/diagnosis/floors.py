@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, settle, summed
+from tiltcal.diagnosis.account import Account, Term, columns_of, settle, summed
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.families import FREE_FORM
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.select import findings
+from tiltcal.diagnosis.whitening import column_space
 from tiltcal.effects.base import Effect
 from tiltcal.scenario import Scenario
 
@@ -39,20 +40,27 @@ def told_by_moves(effect: Effect) -> bool:
 
 
 def above(account: Account, ledger: Ledger, floors: Mapping[str, float], blurred: bool = False) -> Account:
-    """The account without findings that are nowhere larger than what coarse codes do; curves, all in all.
+    """The account without findings that are nowhere larger than what coarse codes do; curves, all in all, beyond what calibration
+    takes of them.
 
     Args:
         blurred: whether the table's angles are cut.
     """
     observations = ledger.observations
+    calibration = columns_of(observations, account.nuisance, account.effects)
     kept: list[Term] = []
     for places in findings(account):
         inside = [account.terms[k] for k in places]
         curve = inside[0].suspect.id in FREE_FORM or not inside[0].suspect.listed  # it may be large where it was not held
         largest: dict[str, float] = {}
         for i, change in summed(inside, observations, account.effects).items():
-            name, size = observations.channels[i].sensor, np.abs(change)
-            largest[name] = max(largest.get(name, 0.0), float(np.sqrt(np.mean(size**2)) if curve else size.max()))
+            name = observations.channels[i].sensor
+            if curve:
+                Q = column_space(np.column_stack([np.zeros_like(change), *(c[i] for c in calibration if i in c)]))
+                size = float(np.sqrt(np.mean((change - Q @ (Q.T @ change)) ** 2)))
+            else:
+                size = float(np.abs(change).max())
+            largest[name] = max(largest.get(name, 0.0), size)
         smooth = not (blurred and told_by_moves(inside[0].effect))
         seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(largest) & set(floors)
         if smooth and seen:

@@ -24,16 +24,26 @@ def even(count=30):
 
 def since_arrival(scenario, time):
     """Time since the table came to rest, s, 0 while it moves: as it was asked to."""
-    return scenario.schedule.drive(time).since()
+    return scenario.schedule.rests().since(time)
 
 
 def test_the_time_since_a_move_is_told_to_a_part_of_a_sample():
     truth = even()
     whole = recorded(truth, 3)
-    true, told = since_arrival(truth, whole.time), replay(whole, honest(truth)).since_move
+    true, told = since_arrival(truth, whole.time), replay(whole, honest(truth)).rests.since(whole.time)
     both = (true > 0) & (told > 0)
     assert np.sum((true > 0) != (told > 0)) <= 2 * 30  # a row at each end of a rest
     assert np.sqrt(np.mean((true - told)[both] ** 2)) < 0.1 / 25.0  # a tenth of a sample
+
+
+def test_when_a_move_begins_is_told_to_a_part_of_a_sample():
+    """What counts moves changes there."""
+    truth = even()
+    whole = recorded(truth, 3)
+    true, told = truth.schedule.rests(), replay(whole, honest(truth)).rests
+    assert np.abs(told.end[:-1] - true.end[:-1]).max() < 0.2 / 25.0  # a fifth of a sample
+    np.testing.assert_array_equal(told.moves(true.begin + 0.5), np.arange(31))
+    np.testing.assert_array_equal(told.moves(true.begin[1:] - 0.2), np.arange(1, 31))  # amid the last of it
 
 
 def test_what_beats_after_each_move_is_no_vibration():

@@ -151,6 +151,6 @@ def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):
     read = np.radians(5.0) * (np.floor(time / 12.0) + np.where(u < 0.5, way, 1 - way)) + 1e-6 * rng.standard_normal(len(time))
     course = replay(Recording.from_columns(time, {"table_outer_deg": np.degrees(read)}), setup_of("placing", ACCEL))
     middle = np.abs(time % 12.0 - 10.0) < 0.02
-    late = course.since_move[middle] - (time[middle] % 12.0 - 4.0)
+    late = course.rests.since(time)[middle] - (time[middle] % 12.0 - 4.0)
     assert len(late) == 30
     assert np.sqrt(np.mean(late**2)) < 0.04 / 5

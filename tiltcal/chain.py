@@ -130,5 +130,5 @@ def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Se
         motion.time, drive.elapsed, motion.force, motion.rate, motion.up, motion.north, motion.angular_acceleration,
         drive.temperature - drive.reference_temperature, sensor.axis_indices, sensor.kind,
         sensor.input_vector if sensor.kind == "fog" else np.zeros(3), setup.site.gravity, sensor.rate_hz,
-        sensor.full_scale, {name: np.asarray(jet.x) for name, jet in drive.axes.items()}, drive.stop, drive.since,
+        sensor.full_scale, {name: np.asarray(jet.x) for name, jet in drive.axes.items()}, drive.stop, drive.rests,
     )  # fmt: skip

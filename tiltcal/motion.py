@@ -89,7 +89,7 @@ class Drive:
         structure: what a run by time steps found: deviation of an axis from its readout, and deflections of the
             structure's own joints, by name.
         realised: addresses of the effects that the readout or ``structure`` already holds: the algebra leaves them out.
-        since: gives the time since the last move ended, s, (n,), 0 while moving; None: a stop began with its first row.
+        rests: says when each rest began and ended; None: with the first and the last row of a stop.
     """
 
     time: Array
@@ -103,7 +103,7 @@ class Drive:
     known: npt.NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, bool))
     structure: Mapping[str, Jet] = field(default_factory=dict)
     realised: tuple[str, ...] = ()
-    since: Callable[[], Array] | None = None
+    rests: "Callable[[], Rests] | None" = None
 
     @property
     def elapsed(self) -> Array:
@@ -111,15 +111,44 @@ class Drive:
         return self.time - self.start
 
 
-def since_stop(time: Array, stop: Index) -> Array:
-    """Time since the first row of each stop, s, (n,); 0 while moving.
+@dataclass(frozen=True)
+class Rests:
+    """When each rest began and ended, s, (m,), in order; a recording that begins amid a move follows a rest long ago."""
 
-    Args:
-        time: s, (n,); stop: number of the stop of each row, -1 while moving, (n,).
-    """
-    begins = np.concatenate([[True], stop[1:] != stop[:-1]])
-    start = time[np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))]
-    return np.where(stop >= 0, time - start, 0.0)
+    begin: Array
+    end: Array
+
+    @classmethod
+    def of_rows(cls, time: Array, stop: Index) -> "Rests":
+        """From the first row of each stop to its last.
+
+        Args:
+            time: s, (n,); stop: number of the stop of each row, -1 while moving, (n,).
+        """
+        first = np.flatnonzero((stop >= 0) & (np.concatenate([[-1], stop[:-1]]) != stop))
+        last = np.flatnonzero((stop >= 0) & (np.concatenate([stop[1:], [-1]]) != stop))
+        return cls(time[first], time[last]).led_in(bool(len(stop)) and bool(stop[0] < 0))
+
+    def led_in(self, moving: bool) -> "Rests":
+        """With a rest long ago where the recording begins amid a move."""
+        return Rests(*(np.concatenate([[-np.inf], side]) for side in (self.begin, self.end))) if moving else self
+
+    def holds(self, time: Array) -> npt.NDArray[np.bool_]:
+        """Whether it rests, (n,)."""
+        at = np.searchsorted(self.begin, time, side="right") - 1
+        return (at >= 0) & (time <= self.end[np.maximum(at, 0)]) if len(self.end) else np.zeros(len(time), bool)
+
+    def since(self, time: Array) -> Array:
+        """Time since the last move ended, s, (n,); 0 while moving."""
+        there = self.holds(time)
+        at = np.searchsorted(self.begin, time[there], side="right") - 1
+        found = np.zeros(len(time))
+        found[there] = time[there] - self.begin[at]
+        return found
+
+    def moves(self, time: Array) -> Array:
+        """How many moves have begun, (n,)."""
+        return np.searchsorted(self.end, time).astype(float)
 
 
 class Course(Protocol):

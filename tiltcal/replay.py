@@ -13,7 +13,7 @@ from tiltcal.corners import edges
 from tiltcal.derivatives import differentiate, noise_of_rests
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, parse_mounts
-from tiltcal.motion import Drive, Index, Jet
+from tiltcal.motion import Drive, Index, Jet, Rests
 from tiltcal.recording import Recording
 from tiltcal.segments import Mask, resting_rows
 from tiltcal.setup import Setup
@@ -77,11 +77,11 @@ class Replay:
         return found
 
     @cached_property
-    def since_move(self) -> Array:
-        """Time since the last move ended, s, (n,); 0 while moving: to a part of a sample where the readout tells when it ended."""
+    def rests(self) -> Rests:
+        """When each rest began and ended: to a part of a sample where the readout tells it."""
         said = [_edges(self.time.tobytes(), angle.tobytes()) for angle in self.angles.values()]
         leaves, comes = (np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0) for side in (0, 1))
-        return since_moves(self.time, self.stop, leaves, comes)
+        return rests_between(self.time, self.stop, leaves, comes)
 
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
         """A drive at these times whose axes are known already: nothing is differentiated."""
@@ -89,7 +89,7 @@ class Replay:
         return Drive(
             time, axes, float(self.time[0]), np.interp(time, self.time, self.temperature), self.reference,
             self.stop[nearest], tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts), None,
-            self.known[nearest], since=lambda: _later(self.since_move[nearest], time - self.time[nearest]),
+            self.known[nearest], rests=lambda: self.rests,
         )  # fmt: skip
 
 
@@ -197,8 +197,8 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
         yield begin, end, slice(a - begin, b - begin)
 
 
-def since_moves(time: Array, stop: Index, leaves: Array, comes: Array) -> Array:
-    """Time since the last move ended, s, (n,); 0 while moving.
+def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rests:
+    """The rests of a readout.
 
     A stop has lost its ends to the margins that the search for it keeps; where an instant is not told it is as far from the
     stop's end as usually.
@@ -208,21 +208,18 @@ def since_moves(time: Array, stop: Index, leaves: Array, comes: Array) -> Array:
         stop: number of the stop of each row, -1 while moving, (n,).
         leaves, comes: instants at which an axis left a rest, and came to one, s, sorted.
     """
-    known = stop >= 0
-    first = np.flatnonzero(known & (np.concatenate([[-1], stop[:-1]]) != stop))
-    last = np.flatnonzero(known & (np.concatenate([stop[1:], [-1]]) != stop))
+    rows = Rests.of_rows(time, stop)
+    first, last = (side[np.isfinite(side)] for side in (rows.begin, rows.end))
     if not len(first):
-        return np.zeros_like(time)
-    begin = np.concatenate([[-np.inf], comes])[np.searchsorted(comes, time[last])]
-    begin = np.where(begin > np.concatenate([[-np.inf], time[last[:-1]]]), begin, -np.inf)
-    end = np.concatenate([leaves, [np.inf]])[np.searchsorted(leaves, time[first])]
-    end = np.where(end < np.concatenate([time[first[1:]], [np.inf]]), end, np.inf)
-    begin, end = _as_usual(begin, time[first]), _as_usual(end, time[last])
-    begin[0] = time[0] if first[0] == 0 else begin[0]
-    end[-1] = time[-1] if last[-1] == len(time) - 1 else end[-1]
-    at = np.searchsorted(begin, time, side="right") - 1
-    inside = (at >= 0) & (time <= end[at])
-    return np.where(inside, time - begin[at], 0.0)
+        return rows
+    begin = np.concatenate([[-np.inf], comes])[np.searchsorted(comes, last)]
+    begin = np.where(begin > np.concatenate([[-np.inf], last[:-1]]), begin, -np.inf)
+    end = np.concatenate([leaves, [np.inf]])[np.searchsorted(leaves, first)]
+    end = np.where(end < np.concatenate([first[1:], [np.inf]]), end, np.inf)
+    begin, end = _as_usual(begin, first), _as_usual(end, last)
+    begin[0] = time[0] if stop[0] >= 0 else begin[0]
+    end[-1] = np.inf if stop[-1] >= 0 else end[-1]
+    return Rests(begin, end).led_in(bool(stop[0] < 0))
 
 
 def _as_usual(told: Array, rough: Array) -> Array:
@@ -230,11 +227,6 @@ def _as_usual(told: Array, rough: Array) -> Array:
     there = np.isfinite(told)
     usual = float(np.median(told[there] - rough[there])) if there.any() else 0.0
     return np.where(there, told, rough + usual)
-
-
-def _later(since: Array, by: Array) -> Array:
-    """Times since a move, s, a little later; 0 while moving."""
-    return np.where(since > 0, np.maximum(since + by, 0.0), 0.0)
 
 
 @lru_cache(maxsize=24)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal.errors import TiltcalError
 from tiltcal.frames import Array, angle_between, parse_mount, parse_up, unit
-from tiltcal.motion import Attitude, Drive, Index, Jet
+from tiltcal.motion import Attitude, Drive, Index, Jet, Rests
 from tiltcal.schemes import directions, label_of, table_angles
 from tiltcal.sequence import Climate, Step
 from tiltcal.setup import Rig
@@ -113,6 +113,15 @@ class Schedule:
                 found.append((int(row), text))
         return tuple(found)
 
+    def rests(self) -> Rests:
+        """When each rest begins and ends."""
+        begin = {leg.stop: leg.t0 for leg in reversed(self.legs) if leg.stop >= 0}
+        end = {leg.stop: leg.t1 for leg in self.legs if leg.stop >= 0}
+        if self.legs[-1].stop >= 0:
+            end[self.legs[-1].stop] = np.inf
+        found = Rests(*(np.array([side[k] for k in sorted(begin)]) for side in (begin, end)))
+        return found.led_in(self.legs[0].stop < 0)
+
     def drive(self, time: Array) -> Drive:
         """The drive at these times (before the first and after the last instant it rests)."""
         which = self.leg_of(time)
@@ -127,14 +136,13 @@ class Schedule:
             v[start:end], a[start:end] = np.outer(part.v, leg.dq), np.outer(part.a, leg.dq)
             if R is not None and leg.R0 is not None:
                 R[start:end] = leg.R0 @ _rotations(np.outer(part.x, leg.dq))
-        stop, begin = np.array([leg.stop for leg in self.legs])[which], {leg.stop: leg.t0 for leg in reversed(self.legs)}
-        since = np.where(stop >= 0, inside - np.array([begin[leg.stop] for leg in self.legs])[which], 0.0)
+        stop = np.array([leg.stop for leg in self.legs])[which]
         attitude = None if R is None else Attitude(R, v, a)  # a turn about a fixed body axis: rate = dq's rate
         return Drive(
             time, {name: Jet(q[:, i], v[:, i], a[:, i]) for i, name in enumerate(self.axes)}, self.times[0],
             self.climate.at(time - self.times[0]), self.climate.reference(self.times[1] - self.times[0]),
             stop, tuple((row, parse_mount(text)) for row, text in self.mountings(time)), attitude, np.ones(len(time), bool),
-            since=lambda: since,
+            rests=self.rests,
         )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
 from tiltcal.frames import Array
-from tiltcal.motion import Drive, Jet, since_stop
+from tiltcal.motion import Drive, Jet, Rests
 from tiltcal.setup import Rig, Sensor
 from tiltcal.units import PARAMETER_UNITS
 
@@ -249,7 +249,7 @@ class Sense:
         kind: of the sensor; input_vector: of a FOG, (3,).
         gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
         angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1 while moving, (n,).
-        since: gives the time since the last move ended, s, (n,), 0 while moving; None: a stop began with its first row.
+        rests: says when each rest began and ended; None: with the first and the last row of a stop.
     """
 
     time: Array
@@ -268,23 +268,23 @@ class Sense:
     full_scale: float | None = None
     angles: Mapping[str, Array] = field(default_factory=dict)
     stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
-    since: Callable[[], Array] | None = None
+    rests: Callable[[], Rests] | None = None
 
     @cached_property
     def since_move(self) -> Array:
         """Time since the last move ended, s, (n,); 0 while moving."""
-        if self.since is not None:
-            return self.since()
-        return np.zeros(len(self.time)) if self.stop is None else since_stop(self.time, self.stop)
+        return self._rests.since(self.time)
 
     @cached_property
     def moves(self) -> Array:
         """How many moves have begun, (n,)."""
-        if self.stop is None:
-            return np.zeros(len(self.time))
-        return np.cumsum(np.concatenate([[self.stop[0] < 0], (self.stop[1:] != self.stop[:-1]) & (self.stop[:-1] >= 0)])).astype(
-            float
-        )
+        return self._rests.moves(self.time)
+
+    @property
+    def _rests(self) -> Rests:
+        if self.rests is not None:
+            return self.rests()
+        return Rests.of_rows(self.time, np.zeros(len(self.time), np.intp) if self.stop is None else self.stop)
 
     @classmethod
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":

@@ -5,7 +5,7 @@ import numpy as np
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.mechanisms import Ballast, Cable, Cogging, Friction, Lag, Mechanism, Ring, Spring
 from tiltcal.effects.table.readout import CROSSING, ReadoutError, TableSag, lost_motion
-from tiltcal.motion import Drive, Jet, since_stop
+from tiltcal.motion import Drive, Jet, Rests
 from tiltcal.setup import Rig
 
 
@@ -191,12 +191,8 @@ class SettlingTransient(AngleEffect):
 
 def ringing(drive: Drive, amplitude: float, frequency: float, tau: float) -> Jet:
     """A decaying cosine from the end of each move on; nothing before the first, (n,)."""
-    if drive.since is None:
-        t, rings = since_stop(drive.time, drive.stop), drive.stop >= 0
-    else:
-        t = drive.since()
-        rings = t > 0
-    rings &= np.cumsum(drive.stop < 0) > 0
+    rests = Rests.of_rows(drive.time, drive.stop) if drive.rests is None else drive.rests()
+    t, rings = rests.since(drive.time), rests.holds(drive.time) & (np.cumsum(drive.stop < 0) > 0)
     rate = -1 / tau + 2j * np.pi * frequency
     wave = amplitude * np.exp(rate * np.where(rings, t, 0.0)) * rings
     return Jet(*(np.asarray(part.real, dtype=float) for part in (wave, rate * wave, rate * rate * wave)))

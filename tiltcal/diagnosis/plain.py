@@ -37,12 +37,13 @@ def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: C
     for forms in _forms(wanted):
         plain.append(plainly(start, ledger, gate, forms))
         ledger.weigh(after)
-    one = min((settle(p, ledger) for p in plain), key=lambda p: _burden(p, ledger) if p.terms else np.inf)
     other = settle(rich, ledger)
     gain = settle(replace(start, terms=()), ledger).deviance - other.deviance
-    if one.terms and _burden(one, ledger) <= _burden(other, ledger) + LOOSE * gain:
+    burden, one = min(((_burden(p, ledger, gate), p) for p in plain if p.terms), key=lambda pair: pair[0], default=(np.inf, rich))
+    if burden <= _burden(rich, ledger, gate) + LOOSE * gain:
         ledger.under(models(gate.noise(one, ledger)))
         return settle(one, ledger)
+    ledger.weigh(after)
     return other
 
 
@@ -146,7 +147,13 @@ def _reshaped(account: Account, places: Sequence[int], ledger: Ledger) -> Accoun
     return trial if trial.deviance < account.deviance else account
 
 
-def _burden(account: Account, ledger: Ledger) -> float:
-    """Deviance with the price of all numbers and of all findings."""
+def _burden(account: Account, ledger: Ledger, gate: Gate) -> float:
+    """Twice the negative log likelihood, but for a constant, with the price of all numbers and of all findings.
+
+    Under the noise that the account itself leaves: under that of another it would be charged for what it calls noise.
+    """
+    noise = models(gate.noise(account, ledger))
+    ledger.under(noise)
+    spread = sum(float(np.log(m.spectrum(len(c.values))).sum()) for m, c in zip(noise, ledger.observations.channels, strict=True))
     sizes = sum(len(t.names) for t in account.terms)
-    return account.deviance + price_of(ledger) * sizes + FINDING * len(findings(account))
+    return settle(account, ledger).deviance + spread + price_of(ledger) * sizes + FINDING * len(findings(account))

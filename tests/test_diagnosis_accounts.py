@@ -14,7 +14,7 @@ from tiltcal.diagnosis.conclude import findings_of
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.filling import fill
 from tiltcal.diagnosis.floors import above
-from tiltcal.diagnosis.plain import plainer, plainly
+from tiltcal.diagnosis.plain import burden, plainer, plainly
 from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.span import Lines, Span
@@ -90,6 +90,21 @@ def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
     assert [len(places) for places in findings(absorbed(both, found.ledger))] == [2]
     other = with_terms(found, large, suspect("acc_K2", ("k2_y",)))
     assert len(findings(absorbed(other, found.ledger))) == 2  # a pose does not excite what a move does
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_random_walk_is_not_worth_five_warm_ups(seed):
+    """Each account under the noise that it leaves: under that of the warm-ups, which take the walk, the other pays for it."""
+    truth, rng = bench(K2), np.random.default_rng(seed)
+    whole = recorded(truth, 8)
+    walk = np.cumsum(rng.normal(0, 3e-4, len(whole.time)))
+    found = prepare(honest(truth), [rewritten(whole, accel_x_m_s2=whole.column("accel_x_m_s2") + walk)])
+    taus = (np.array([0.03, 0.1, 0.2, 0.5, 1.5]) * whole.time[-1]).tolist()
+    first, *others = (suspect("acc_warmup", ("warmup_x",), tau=tau) for tau in taus)
+    plain = with_terms(found, suspect("acc_K2", ("k2_x",)))
+    beside = (Term.start(first), *(replace(Term.start(s), host=first) for s in others))
+    gate = Gate(None, 100)
+    assert burden(plain, found.ledger, gate) < burden(replace(plain, terms=plain.terms + beside), found.ledger, gate)
 
 
 @pytest.mark.parametrize(("frequency", "parts"), [(2.03, [2]), (2.2, [1, 1])])

@@ -39,8 +39,8 @@ def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: C
         ledger.weigh(after)
     other = settle(rich, ledger)
     gain = settle(replace(start, terms=()), ledger).deviance - other.deviance
-    burden, one = min(((_burden(p, ledger, gate), p) for p in plain if p.terms), key=lambda pair: pair[0], default=(np.inf, rich))
-    if burden <= _burden(rich, ledger, gate) + LOOSE * gain:
+    least, one = min(((burden(p, ledger, gate), p) for p in plain if p.terms), key=lambda pair: pair[0], default=(np.inf, rich))
+    if least <= burden(rich, ledger, gate) + LOOSE * gain:
         ledger.under(models(gate.noise(one, ledger)))
         return settle(one, ledger)
     ledger.weigh(after)
@@ -147,7 +147,7 @@ def _reshaped(account: Account, places: Sequence[int], ledger: Ledger) -> Accoun
     return trial if trial.deviance < account.deviance else account
 
 
-def _burden(account: Account, ledger: Ledger, gate: Gate) -> float:
+def burden(account: Account, ledger: Ledger, gate: Gate) -> float:
     """Twice the negative log likelihood, but for a constant, with the price of all numbers and of all findings.
 
     Under the noise that the account itself leaves: under that of another it would be charged for what it calls noise.

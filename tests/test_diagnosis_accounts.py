@@ -14,6 +14,7 @@ from tiltcal.diagnosis.conclude import findings_of
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.filling import fill
 from tiltcal.diagnosis.floors import above
+from tiltcal.diagnosis.heldout import borne_out
 from tiltcal.diagnosis.plain import burden, plainer, plainly
 from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
 from tiltcal.diagnosis.sizes import in_full
@@ -105,6 +106,19 @@ def test_a_random_walk_is_not_worth_five_warm_ups(seed):
     beside = (Term.start(first), *(replace(Term.start(s), host=first) for s in others))
     gate = Gate(None, 100)
     assert burden(plain, found.ledger, gate) < burden(replace(plain, terms=plain.terms + beside), found.ledger, gate)
+
+
+def test_a_law_that_one_stop_alone_speaks_for_is_not_borne_out():
+    """One stop is off; a cubic makes something of it, and all other stops are told worse. The square that is there stays."""
+    truth = bench({**K2, "k2_x_ug_g2": 8000.0})
+    whole = recorded(truth, 8)
+    stop = prepare(honest(truth), [whole]).observations.stops[0]
+    x = whole.column("accel_x_m_s2").copy()
+    x[stop == stop[np.argmax(np.where(stop >= 0, x, 0.0))]] += 0.05
+    found = prepare(honest(truth), [rewritten(whole, accel_x_m_s2=x)])
+    both = with_terms(found, suspect("acc_K2", ("k2_x",)), suspect("acc_K3", ("k3_x",)))
+    assert both.deviance < with_terms(found, suspect("acc_K2", ("k2_x",))).deviance - 100
+    assert [t.suspect.id for t in borne_out(both, found.ledger).terms] == ["acc_K2"]
 
 
 @pytest.mark.parametrize(("frequency", "parts"), [(2.03, [2]), (2.2, [1, 1])])

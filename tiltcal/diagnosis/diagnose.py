@@ -14,6 +14,7 @@ from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.filling import fill, refill
 from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.floors import above
+from tiltcal.diagnosis.heldout import borne_out
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.plain import plainer, reshaped
 from tiltcal.diagnosis.randoms import beside_stops, setting_error
@@ -79,7 +80,8 @@ def diagnose(
         account = above(account, ledger, bench.floors, blurred)
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
-    account = upright(plausible(account, ledger), bench.observations)  # its sizes have been fitted again since
+    account = borne_out(plausible(account, ledger), ledger)  # its sizes have been fitted again since
+    account = upright(account, bench.observations)
     progress("re-simulating")
     answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)

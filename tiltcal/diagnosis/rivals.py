@@ -104,7 +104,7 @@ def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], 
         if not wanted(score.suspect) or (energy > 0 and score.gain()[0] < NEAR**2 * energy):
             continue
         worth = score.best(price)[0] - 2 * np.log(score.suspect.variants)
-        key = score.suspect.place if score.suspect.listed else id(score.suspect)
+        key = (score.suspect.place, score.suspect.alias) if score.suspect.listed else id(score.suspect)  # felt late: another form
         if key not in seen or worth > seen[key][0]:
             seen[key] = (worth, score.suspect)
     best = sorted(seen.values(), key=lambda item: -item[0])[:LOOKED_AT]

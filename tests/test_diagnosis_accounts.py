@@ -226,8 +226,8 @@ def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_thro
     assert len({s.effect.values.get("width", 0.0) for s in found}) == widths
 
 
-def test_a_reference_that_is_felt_late_stays_in_the_class_of_scale_factors():
-    """One drift of the reference changes the scale of all axes alike: late, only curves on each axis are on the ledger."""
+def test_a_reference_that_is_felt_late_is_named_before_scale_factors():
+    """One number and one lag do on all axes what scale factors need three numbers for."""
     truth = bench({"id": "reference_drift", "sensor": "accel", "gain_ppm_degC": 60.0}, swing_degC=6.0, period_s=150.0)
     sound = recorded(truth, 8)
     felt = sound.column("temperature_degC")
@@ -237,7 +237,8 @@ def test_a_reference_that_is_felt_late_stays_in_the_class_of_scale_factors():
     gate = Gate(None, len(found.ledger.suspects))
     account = select(found.start, found.ledger, gate, lambda s: s.textbook)
     first = findings_of(account, found.ledger, gate)[0]
-    assert (first.effect, "reference_drift" in first.names) == ("acc_temp_scale", True)
+    assert (first.effect, first.parameters["gain_ppm_degC"][0]) == ("reference_drift", pytest.approx(60.0, rel=0.05))
+    assert account.terms[0].effect.value("lag") == pytest.approx(16.0, rel=0.15)
 
 
 @pytest.mark.parametrize(("late", "ahead"), [(0.02, 0.0), (0.0, 0.03)])

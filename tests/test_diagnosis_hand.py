@@ -12,13 +12,13 @@ from tiltcal.assets import folder
 from tiltcal.diagnosis.account import Account, Term
 from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.carrying import Carried, Windows, turns_between
-from tiltcal.diagnosis.curves import LAGS, lags_of
+from tiltcal.diagnosis.curves import lags_of
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.gross import off_neighbours
 from tiltcal.diagnosis.observations import observe
 from tiltcal.diagnosis.rests import KEPT_AT_REST, condensed, inner, known_stops, no_less, of_direction, rest_steps, undisturbed
 from tiltcal.diagnosis.shapes import upright
-from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.suspects import LAGS, Suspect
 from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
 from tiltcal.effects import make_effect
 from tiltcal.effects.learned import LearnedReading

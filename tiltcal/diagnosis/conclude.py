@@ -6,26 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.confusion import POWER, SEPARABLE
+from tiltcal.confusion import POWER
 from tiltcal.diagnosis.account import Account, Term
 from tiltcal.diagnosis.amend import amended_table
 from tiltcal.diagnosis.columns import MASKED, MEANINGS
-from tiltcal.diagnosis.curves import LAGS
-from tiltcal.diagnosis.evidence import SURVIVES, Ledger, project
+from tiltcal.diagnosis.evidence import SURVIVES, Ledger
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.finding import Finding, Fitness, Undetectable, Where
 from tiltcal.diagnosis.heldout import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.lateness import lateness
 from tiltcal.diagnosis.observations import Observations
-from tiltcal.diagnosis.rivals import LOOSE, OWN, Case, Rival, case_of, explanations, inseparable, price_of
+from tiltcal.diagnosis.rivals import OWN, Case, Rival, case_of, explanations, inseparable, price_of
 from tiltcal.diagnosis.select import Gate, findings
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.views import unit_of
-from tiltcal.diagnosis.whitening import column_space
 from tiltcal.diagnosis.wording import coordinate_of_effect, harmonic_of, learned_name, next_step, shown, stage_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect, Parameter
-from tiltcal.effects.learned import Learned, LearnedReading
+from tiltcal.effects.learned import Learned
 from tiltcal.frames import Array
 
 SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
@@ -58,8 +56,6 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
         )  # fmt: skip
     rivals_, names = _class_of(term, case, ledger)
     id = term.suspect.id
-    if "reference_drift" not in names and _of_the_reference([account.terms[k] for k in places], case, account, ledger):
-        names = (*names, "reference_drift")
     late, same = lateness([account.terms[k] for k in places], case, account, ledger)
     names = (*names, *(n for n in same if n not in names))
     parameters = {} if isinstance(effect, Learned) else _parameters(term, account.sigmas(places[0]))
@@ -87,39 +83,6 @@ def _class_of(term: Term, case: Case, ledger: Ledger) -> tuple[tuple[tuple[str, 
     members: list[Rival] = inseparable(best, found)
     ids = dict.fromkeys([term.suspect.id, *(r.suspect.id for r in members)])
     return rivals[:8], tuple(ids)
-
-
-def _of_the_reference(inside: Sequence[Term], case: Case, account: Account, ledger: Ledger) -> bool:
-    """Whether scale factors that follow temperature could be that of the reference, the same on all axes, felt late or bent.
-
-    Only the straight form of ``reference_drift`` is on the ledger; here the late columns of all axes are tied together.
-    """
-    late = next((t.suspect for t in inside if isinstance(t.suspect.effect, LearnedReading) and t.suspect.effect.per_input), None)
-    if inside[0].suspect.id != "acc_temp_scale" or late is None:
-        return False
-    effect, target = late.effect, np.concatenate(case.target)
-    assert isinstance(effect, LearnedReading)
-    best = 0.0
-    for lag in LAGS:
-        tied = [
-            _tied(replace(effect, lag=lag), name, case, account, ledger) for name in dict.fromkeys((late.names[0], late.names[-1]))
-        ]
-        Q = column_space(np.column_stack(tied))
-        best = max(best, float(np.sum((Q.T @ target) ** 2)))
-    sizes = sum(len(t.names) for t in inside)
-    whole = float(target @ target) - sum(float((t - s) @ (t - s)) for t, s in zip(case.target, case.signal, strict=True))
-    return (whole - 2 * sizes) - (best - 2 * len(tied)) < SEPARABLE + LOOSE * whole
-
-
-def _tied(effect: LearnedReading, name: str, case: Case, account: Account, ledger: Ledger) -> Array:
-    """One coefficient on all axes alike, whitened, without its part in the basis."""
-    observations = ledger.observations
-    total = [np.zeros_like(s) for s in case.signal]
-    for axis in observations.scenario.named(str(effect.sensor)).axes:
-        alone = replace(effect, axis=axis, values={name: 1e-6})
-        for i, column in ledger.whitened(observations.changes(alone, account.effects)).items():
-            total[i] += column
-    return np.concatenate(project(case.basis, total))
 
 
 def _shown(signal: Sequence[Array], observations: Observations) -> tuple[tuple[str, ...], tuple[str, ...]]:

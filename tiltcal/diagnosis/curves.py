@@ -9,12 +9,11 @@ import numpy as np
 
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.span import Span
-from tiltcal.diagnosis.suspects import Suspect, with_values
+from tiltcal.diagnosis.suspects import LAGS, Suspect, with_values
 from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.scenario import Scenario
 from tiltcal.setup import Sensor
 
-LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SHOWS = 7.0  # times a lag that a recording has to last
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate

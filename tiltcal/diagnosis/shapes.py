@@ -22,6 +22,7 @@ STEP = {
 }  # fmt: skip
 """From one shape to the next: s for an instant, rad for a phase, else relative."""
 SHIFTED = ("time", "phase")  # by steps that are added
+PROMPT = ("creep", "lag")  # at nothing there is none, and nothing to refine
 
 
 def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
@@ -63,7 +64,7 @@ def shapes(suspect: Suspect) -> dict[str, float]:
     if isinstance(effect, Learned):
         echo = {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
         return ({"lag": effect.lag} if effect.lag else {}) | echo
-    return {n: v for n, v in effect.values.items() if n not in suspect.names and n in STEP and (n != "creep" or v > 0)}
+    return {n: v for n, v in effect.values.items() if n not in suspect.names and n in STEP and (n not in PROMPT or v > 0)}
 
 
 def _shapes_of(terms: Sequence[Term]) -> dict[str, float]:

@@ -113,6 +113,7 @@ def _suspect(
     return Suspect(effect, tuple(names), variants)
 
 
+LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
 CROSSINGS = (0.0, 0.01, 0.03, 0.1, 0.3)  # rad, of travel from one side of a play to the other
 OF_LINES = ("mains_pickup", "base_vibration", "table_encoder_sde")
 """Effects whose shape is a line's frequency."""
@@ -131,6 +132,8 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
            "table_encoder_sde": "lines", "base_vibration": "frequency"}  # fmt: skip
     if id == "mains_pickup":
         return [{"frequency": f, "phase": p} for f, p in product(span.lines.tones, (0.0, np.pi / 3, 2 * np.pi / 3))]
+    if id == "reference_drift":
+        return [{"lag": lag} for lag in LAGS]
     if id == "adc_inl":
         return [{}, {"odd": 1.0}]
     if id in ("acc_scale_asym", "acc_bias_asym"):

@@ -4,6 +4,7 @@ import numpy as np
 
 from tiltcal.effects.base import Parameter, Sense, SignalEffect
 from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.effects.memory import first_order_lag
 from tiltcal.effects.sensor.environmental import FollowsState
 from tiltcal.frames import Array
 
@@ -15,16 +16,20 @@ class ReferenceDrift(SignalEffect):
     kinds = ANALOG
     order = 60
     title = "common gain drift of all channels"
-    parameters = (Parameter("gain", "ppm_degC", (10, 50, 100)),)
-    physics = "The converter's voltage reference drifts with temperature."
-    equation = "all channels (1 + k (T - T0))"
+    parameters = (
+        Parameter("gain", "ppm_degC", (10, 50, 100)),
+        Parameter("lag", "s", (30, 30, 30), positive=True, shape=True),
+    )
+    physics = "The converter's voltage reference drifts with temperature, its own: it may come after the thermometer's."
+    equation = "all channels (1 + k (T_ref - T0)), lag dT_ref/dt = T - T_ref"
     source = "effects list; PHYSICS 3.6"
     excited_by = "a temperature change on loaded channels"
     look = "the same ppm on every channel"
     linear = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        return reading * (1 + self.value("gain") * sense.temperature)[:, None]
+        own = first_order_lag(sense.time, sense.temperature, self.value("lag"))
+        return reading * (1 + self.value("gain") * own)[:, None]
 
 
 class SupplyRatiometric(SignalEffect):

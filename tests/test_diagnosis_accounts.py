@@ -16,6 +16,7 @@ from tiltcal.diagnosis.filling import fill
 from tiltcal.diagnosis.floors import above
 from tiltcal.diagnosis.heldout import borne_out
 from tiltcal.diagnosis.plain import burden, plainer, plainly
+from tiltcal.diagnosis.randoms import lawful_part
 from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.span import Lines, Span
@@ -147,6 +148,15 @@ def test_of_a_curve_what_calibration_takes_is_not_larger_than_a_code(bend, kept)
     curve = LearnedReading(dict.fromkeys(names, 0.1), "accel", "x", coordinate="input", knots=(-9.8, 0.0, 9.8))
     account = replace(found.start, terms=(Term(Suspect(curve, names), names, values),))
     assert len(above(account, found.ledger, {"accel": 0.01}).terms) == kept
+
+
+@pytest.mark.parametrize(("count", "kept"), [(30, 2), (31, 1)])
+def test_a_curve_with_as_many_numbers_as_there_are_stops_is_no_law(count, kept):
+    found = prepared(K2)  # 31 stops
+    names = tuple(f"c{k}" for k in range(count))
+    curve = Suspect(LearnedReading(dict.fromkeys(names, 0.1), "accel", "x", coordinate="table_outer"), names)
+    account = replace(found.start, terms=(Term.start(suspect("acc_K2", ("k2_x",))), Term(curve, names, (1e-4,) * count)))
+    assert [t.suspect.id for t in lawful_part(account, found.ledger).terms] == ["acc_K2", "learned"][:kept]
 
 
 @pytest.mark.parametrize(("width", "kept"), [(2e-4, 2), (-2e-4, 1)])

@@ -17,7 +17,7 @@ from tiltcal.diagnosis.floors import above
 from tiltcal.diagnosis.heldout import borne_out
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.plain import plainer, reshaped
-from tiltcal.diagnosis.randoms import beside_stops, setting_error
+from tiltcal.diagnosis.randoms import beside_stops, lawful_part, setting_error
 from tiltcal.diagnosis.resimulate import resimulate
 from tiltcal.diagnosis.select import Gate, absorbed, backward, plausible, select
 from tiltcal.diagnosis.shapes import upright
@@ -92,15 +92,17 @@ def _textbook(suspect: Suspect) -> bool:
 
 
 def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> tuple[Account, list[Fault]]:
-    """A random effect last: it explains anything that varies from stop to stop; what else was found stands beside it, or falls."""
-    known = {e.id for e in ledger.observations.scenario.effects}
-    found: list[Fault] = []
-    if "table_index_error" not in known:
-        setting = setting_error(account, start, ledger, gate.total)
-        if setting is not None:
-            account = beside_stops(account, setting[1], ledger, gate.total)
-            found.append(setting[0])
-    return account, found
+    """A random effect last: it explains anything that varies from stop to stop; what else was found stands beside it, or falls.
+
+    Nameless curves with as many numbers as there are stops are no law: it is asked without them.
+    """
+    if "table_index_error" in {e.id for e in ledger.observations.scenario.effects}:
+        return account, []
+    lawful = lawful_part(account, ledger)
+    setting = setting_error(lawful, start, ledger, gate.total)
+    if setting is None:
+        return account, []
+    return beside_stops(lawful, setting[1], ledger, gate.total), [setting[0]]
 
 
 def _answer(

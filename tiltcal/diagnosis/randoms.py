@@ -193,6 +193,14 @@ def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
     return float(np.log(max(float(fdtrc(dof, free, gain / dof / max(other / free, 1.0))), 1e-300)))
 
 
+def lawful_part(account: Account, ledger: Ledger) -> Account:
+    """The account without its nameless curves, where these have as many numbers together as there are stops: each tells its own."""
+    named = tuple(t for t in account.terms if (t.host or t.suspect).listed)
+    sizes = sum(len(t.names) for t in account.terms) - sum(len(t.names) for t in named)
+    few = sizes < sum(int(stop.max(initial=-1)) + 1 for stop in ledger.observations.stops)
+    return account if few else settle(replace(account, terms=named), ledger)
+
+
 def beside_stops(account: Account, stops: Sequence[Columns], ledger: Ledger, total: int) -> Account:
     """The account without the findings that rotations of every stop explain as well."""
     lengths = [len(c.values) for c in ledger.observations.channels]

@@ -69,7 +69,11 @@ def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
         course = restored(replay(recording, scenario, scenario.climate.reference_degC), scenario.effects)
     except TiltcalError:
         return []
-    return _likeliest([_version(scenario, recording, course, axes) for axes in _subsets(scenario.rig.axis_names)])
+    words, *others = _subsets(scenario.rig.axis_names)
+    as_written = _version(scenario, recording, course, words)
+    if not as_written.faults and as_written.misfit < LEAST:
+        return []
+    return _likeliest([as_written, *(_version(scenario, recording, course, axes) for axes in others)])
 
 
 def _subsets(axes: Sequence[str]) -> list[tuple[str, ...]]:
@@ -81,7 +85,7 @@ def _likeliest(versions: Sequence[Version]) -> list[Fault]:
     """The faults of the plainest of the versions that fit best, with the ids of others as plain that fit as well."""
     near = [v for v in versions if v.misfit <= FAR * min(v.misfit for v in versions)]
     words = versions[0]
-    if not words.faults and (words in near or words.misfit < LEAST):
+    if not words.faults and words in near:
         return []
     least = np.min([v.left for v in near], axis=0)
     worse = [float(np.sum(v.rows * (v.left / least - 1))) for v in near]

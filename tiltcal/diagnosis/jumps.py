@@ -19,6 +19,7 @@ from tiltcal.diagnosis.whitening import robust_white
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
 from tiltcal.frames import Array
+from tiltcal.noise import ARITHMETIC
 from tiltcal.recording import Recording
 from tiltcal.replay import Replay
 
@@ -74,7 +75,7 @@ def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
     first, last = sorted((first, int(np.argmax(np.abs(others)))))
     there, back = float(bent[first]), float(bent[last])
     error = (there - back) / 2
-    if abs(error) <= GROSS * noise or abs(there + back) > AGREE * abs(error):
+    if abs(error) <= max(GROSS * noise, ARITHMETIC) or abs(there + back) > AGREE * abs(error):
         return None
     row = np.arange(len(angle))
     return Jump(axis, (row > first) & (row <= last), error, max(abs(there + back) / 2, noise))

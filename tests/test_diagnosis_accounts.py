@@ -132,6 +132,18 @@ def test_lines_nearer_together_than_the_mains_wander_are_one(frequency, parts):
     assert [len(places) for places in findings(absorbed(both, found.ledger))] == parts
 
 
+@pytest.mark.parametrize(("axis", "parts"), [("outer", [2]), ("inner", [1, 1])])
+def test_a_small_ripple_of_an_encoder_is_a_part_of_its_curve(axis, parts):
+    """Harmonics of one readout's error are one curve; those of another axis are of another encoder."""
+    found = prepared(
+        {"id": "table_encoder_2rev", "axis": "outer", "cos_arcsec": 40.0},
+        {"id": "table_encoder_sde", "axis": axis, "cos_arcsec": 4.0, "lines": 36.0},
+    )
+    large = suspect("table_encoder_2rev", ("cos",), None, "outer")
+    both = with_terms(found, large, suspect("table_encoder_sde", ("cos",), None, axis, lines=36.0))
+    assert [len(places) for places in findings(absorbed(both, found.ledger))] == parts
+
+
 @pytest.mark.parametrize(("code", "kept"), [(1e-3, 1), (0.1, 0)])
 def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     found = prepared(K2)

@@ -7,7 +7,6 @@ import numpy as np
 
 from tiltcal.diagnosis.account import Account, Term, columns_of, settle, summed
 from tiltcal.diagnosis.evidence import Ledger
-from tiltcal.diagnosis.families import FREE_FORM
 from tiltcal.diagnosis.faults import Fault
 from tiltcal.diagnosis.select import findings
 from tiltcal.diagnosis.whitening import column_space
@@ -51,7 +50,7 @@ def above(account: Account, ledger: Ledger, floors: Mapping[str, float], blurred
     kept: list[Term] = []
     for places in findings(account):
         inside = [account.terms[k] for k in places]
-        curve = inside[0].suspect.id in FREE_FORM or not inside[0].suspect.listed  # it may be large where it was not held
+        curve = not inside[0].suspect.textbook  # it may be large where it was not held
         largest: dict[str, float] = {}
         for i, change in summed(inside, observations, account.effects).items():
             name = observations.channels[i].sensor

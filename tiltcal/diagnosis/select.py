@@ -207,6 +207,7 @@ def _hosted(terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledg
 
 
 KINDS = ("motion", "direction", "vibration")  # of excitation, whose laws are alike
+ENCODER = {"table_encoder_eccentricity", "table_encoder_2rev", "table_encoder_sde"}  # harmonics of one curve
 TONES = ("mains_pickup", "base_vibration")  # a line that wanders leaves lines beside it
 
 
@@ -247,7 +248,7 @@ def _left_over(small: Effect, large: Effect) -> float:
     if ids <= set(TONES):
         near = abs(small.value("frequency") - large.value("frequency")) < WANDER
         return 1.0 if near else 1 - OWN
-    if small.needs == large.needs in KINDS:
+    if small.needs == large.needs in KINDS or (ids <= ENCODER and small.axis == large.axis):
         return 1 - OWN
     return LOOSE if ids <= OF_INPUT and small.sensor == large.sensor else 0.0
 

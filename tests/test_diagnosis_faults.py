@@ -9,7 +9,9 @@ from tiltcal.diagnosis.bench import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.faults import inspect
 from tiltcal.diagnosis.jumps import jump_of
+from tiltcal.diagnosis.lost import lost_as_another
 from tiltcal.diagnosis.meaning import meaning
+from tiltcal.diagnosis.observations import Channel
 from tiltcal.recording import Recording
 from tiltcal.scenario import parse_scenario
 
@@ -216,6 +218,17 @@ def test_samples_after_a_loss_come_back_to_their_rows_past_rows_that_are_empty(t
     there = there[~np.isnan(repaired[there])]
     assert len(there) == len(repaired) - lost - at - 151
     np.testing.assert_array_equal(repaired[there], x_of(sound)[there])
+
+
+@pytest.mark.parametrize(("lost", "told"), [(7, True), (0, False)])
+def test_what_one_sensor_lost_another_may_have_lost_too(lost, told):
+    """Asked of a sensor by itself: a wave that comes seven samples early from the middle on, or does not."""
+    time = np.arange(400) / 10.0
+    rows = np.arange(400)
+    model = np.sin(time)
+    read = np.sin(time + np.where(rows >= 200, 0.1 * lost, 0.0))
+    channel = Channel(0, "accel", "x", 0, rows, time, read, np.full(400, -1))
+    assert lost_as_another([(channel, model)], 20.0, 7) == told
 
 
 def test_random_stamps_are_found_first_and_what_they_spoil_is_left_out(truth, sound, rng):

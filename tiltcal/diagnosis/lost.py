@@ -28,12 +28,14 @@ def lost_samples(observations: Observations, account: Account) -> tuple[list[Fau
         return faults, tuple(repaired)
     predicted = observations.predict(account.effects)
     for number, recording in enumerate(observations.recordings):
+        mine = [(c, p) for c, p in zip(observations.channels, predicted, strict=True) if c.recording == number]
+        channels = {s.name: [(c, p) for c, p in mine if c.sensor == s.name] for s in observations.scenario.sensor}
+        losses = {name: _loss(own) if own and _disturbed(own) else None for name, own in channels.items()}
+        told = next((loss for loss in losses.values() if loss is not None), None)
         for sensor in observations.scenario.sensor:
-            own = [
-                (c, p) for c, p in zip(observations.channels, predicted, strict=True)
-                if c.recording == number and c.sensor == sensor.name
-            ]  # fmt: skip
-            loss = _loss(own) if own and _disturbed(own) else None
+            own, loss = channels[sensor.name], losses[sensor.name]
+            if loss is None and told is not None and own and lost_as_another(own, *told):
+                loss = told
             if loss is None:
                 continue
             time, lost = loss
@@ -45,6 +47,16 @@ def lost_samples(observations: Observations, account: Account) -> tuple[list[Fau
             words = f"{lost} samples of {sensor.name} are lost at about {start:.1f} s: all later moves come early."
             faults.append(Fault(effect, (sensor.name,), sensor.axes, words, (start, None), sigma={"samples": 0.3}))
     return faults, tuple(repaired)
+
+
+def lost_as_another(own: Sequence[tuple[Channel, Array]], time: float, lost: int) -> bool:
+    """Whether a sensor lost what another did: from that instant on most of the misfit goes with the loss."""
+    before = after = 0.0
+    for channel, p in own:
+        rows = np.arange(int(np.searchsorted(channel.time, time)), len(p) - lost)
+        before += float(np.nansum((channel.values[rows] - p[rows]) ** 2))
+        after += float(np.nansum((channel.values[rows] - p[rows + lost]) ** 2))
+    return after < before / 2
 
 
 def _disturbed(own: Sequence[tuple[Channel, Array]]) -> bool:

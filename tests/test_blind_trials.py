@@ -187,6 +187,7 @@ def test_wilsons_interval_is_the_published_one():
     assert wilson(0, 10) == pytest.approx((0, 0.2775), abs=1e-4)
     assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)  # Newcombe 1998, Table I
     assert wilson(0, 0) == (0, 1)
+    assert all(wilson(0, n)[0] == 0 and wilson(n, n)[1] == 1 for n in range(1, 1000))
 
 
 def test_a_figure_fails_only_when_its_whole_interval_does():

@@ -1,5 +1,6 @@
 """Equations of the catalogue worked by hand: what a size of each effect adds to a reading (effects.txt, PHYSICS 1.1)."""
 
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -8,6 +9,7 @@ from builders import ACCEL, FOG, GYRO, INCL, INSTRUMENT, drive_of, effect_of, re
 
 from tiltcal.chain import readings, stream
 from tiltcal.effects import make_effect
+from tiltcal.effects.base import Sense
 from tiltcal.errors import TiltcalError
 from tiltcal.motion import Jet
 from tiltcal.units import ARCSEC, DEG, DEG_H, G0
@@ -237,6 +239,17 @@ def test_a_delay_without_a_sensor_is_the_recorder_s_own_and_delays_all_alike():
     early = readings(setup, course, {n: t - 0.02 for n, t in times.items()}, ())
     for name, values in late.items():
         np.testing.assert_allclose(values, early[name], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lag", [0.0, 30.0])
+def test_a_reference_comes_after_a_thermometer_that_rises_steadily(lag):
+    """At r K/s from rest a first-order lag is behind by r lag (1 - exp(-t/lag)); the gain follows it."""
+    setup, time, rate = setup_of("dual", *INSTRUMENT), np.arange(0.0, 200.0, 0.5), 0.02
+    sense = replace(Sense.at_rest(setup.named("accel"), 9.81, np.ones((len(time), 3))), time=time, temperature=rate * time)
+    behind = rate * lag * (1 - np.exp(-time / lag)) if lag else 0.0
+    effect = make_effect("reference_drift", {"gain_ppm_degC": 50.0, "lag_s": lag}, setup, sensor="accel")
+    gain = effect.apply(np.ones((len(time), 3)), sense, None)
+    np.testing.assert_allclose(gain, np.outer(1 + 50e-6 * (rate * time - behind), np.ones(3)), rtol=0, atol=1e-12)
 
 
 def test_clipping_of_a_named_axis_leaves_the_others():

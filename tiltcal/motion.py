@@ -119,6 +119,11 @@ class Rests:
     end: Array
 
     @classmethod
+    def told(cls, rests: "Callable[[], Rests] | None", time: Array, stop: Index) -> "Rests":
+        """What ``rests`` says, or else the rows of each stop: see ``Drive``."""
+        return cls.of_rows(time, stop) if rests is None else rests()
+
+    @classmethod
     def of_rows(cls, time: Array, stop: Index) -> "Rests":
         """From the first row of each stop to its last.
 

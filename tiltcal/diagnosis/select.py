@@ -242,7 +242,8 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
 def _left_over(small: Effect, large: Effect) -> float:
     """Share of the energy of a large effect that may be left over of it in the form of a small one.
 
-    All of it where a line wanders: it leaves lines beside it. Laws of one sensor's own input are told apart to a thousandth.
+    All of it where a line wanders: it leaves lines beside it. Motion that excites both, or one encoder's curve over its angle,
+    is never quite of a textbook form. Laws of one sensor's own input are told apart to a thousandth.
     """
     ids = {small.id, large.id}
     if ids <= set(TONES):

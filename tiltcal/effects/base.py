@@ -282,9 +282,7 @@ class Sense:
 
     @property
     def _rests(self) -> Rests:
-        if self.rests is not None:
-            return self.rests()
-        return Rests.of_rows(self.time, np.zeros(len(self.time), np.intp) if self.stop is None else self.stop)
+        return Rests.told(self.rests, self.time, np.zeros(len(self.time), np.intp) if self.stop is None else self.stop)
 
     @classmethod
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":

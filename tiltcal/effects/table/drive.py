@@ -191,7 +191,7 @@ class SettlingTransient(AngleEffect):
 
 def ringing(drive: Drive, amplitude: float, frequency: float, tau: float) -> Jet:
     """A decaying cosine from the end of each move on; nothing before the first, (n,)."""
-    rests = Rests.of_rows(drive.time, drive.stop) if drive.rests is None else drive.rests()
+    rests = Rests.told(drive.rests, drive.time, drive.stop)
     t, rings = rests.since(drive.time), rests.holds(drive.time) & (np.cumsum(drive.stop < 0) > 0)
     rate = -1 / tau + 2j * np.pi * frequency
     wave = amplitude * np.exp(rate * np.where(rings, t, 0.0)) * rings

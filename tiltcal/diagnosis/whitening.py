@@ -8,6 +8,7 @@ leverage of the mean model taken off); C^-1/2 = DCT^-1 S^-1/2 DCT is a filter wi
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from tiltcal.noise import ARITHMETIC
 
 BINS = 160  # of the logarithmic frequency axis: S is smooth
 LOW = 3000  # cosine coefficients in which flicker and walk may stand out of white noise
+SCORINGS = 60  # at most: it is quadratic in the end
+CLOSE = 1e-7  # of the cost, that a further step may bring
+LEAST_WHITE = np.exp(-12.0)  # share of the mean power
 
 
 @dataclass(frozen=True)
@@ -163,51 +167,75 @@ class NoiseFit:
     def searched(self) -> "NoiseFit":
         """With the most likely model of its spectrum."""
         low = 1 / float(self.inverse.max())
-        starts = ([0.0, np.log(1e-2 * low), np.log(1e-1 * low**2)], [0.0, np.log(low), np.log(1e-4 * low**2)])
+        starts = np.array([[1.0, 1e-2 * low, 1e-1 * low**2], [1.0, low, 1e-4 * low**2]])
         return replace(self, model=self.at(min((self.search(s) for s in starts), key=lambda found: found[0])[1]))
 
-    def cost(self, p: Array) -> tuple[float, Array]:
-        """-2 log likelihood at the logarithms of (sw^2, sf^2, sr^2) / scale, and its gradient."""
-        parts = np.exp(p) * np.column_stack([np.ones_like(self.inverse), self.inverse, self.inverse**2])
-        S = parts.sum(axis=1)
-        ratio = self.power / S
-        return float(self.weight @ np.log(S) + ratio.sum()), np.asarray(((self.weight - ratio) / S) @ parts)
+    def cost(self, v: Array) -> float:
+        """-2 log likelihood at the variances v = (sw^2, sf^2, sr^2) / scale."""
+        S = self._shares @ v
+        return float(self.weight @ np.log(S) + (self.power / S).sum())
 
-    def search(self, start: Sequence[float] | Array, fixed: int | None = None) -> tuple[float, Array]:
-        """Smallest cost from a start, one logarithm held, and where."""
-        from scipy.optimize import minimize
+    @cached_property
+    def _shares(self) -> Array:
+        """What each of the three variances, at 1, adds to the spectrum of each bin, (m, 3)."""
+        return np.column_stack([np.ones_like(self.inverse), self.inverse, self.inverse**2])
 
-        bounds = [(-12.0, 6.0), (-40.0, 6.0), (-60.0, 6.0)]
-        if fixed is not None:
-            bounds[fixed] = (start[fixed], start[fixed])
-        found = minimize(self.cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        return float(found.fun), np.asarray(found.x)
+    def search(self, start: Array, fixed: int | None = None) -> tuple[float, Array]:
+        """Smallest cost from a start, flicker or walk held, and where.
 
-    def at(self, p: Array) -> NoiseModel:
-        """The model of some logarithms."""
-        return NoiseModel(*(float(v) for v in np.sqrt(np.exp(p) * self.scale)))
+        By scoring: the cost's expected curvature is that of a weighted least-squares problem, whose variances are not negative.
+        """
+        from scipy.optimize import nnls
+
+        v, free = np.array(start), [k for k in range(3) if k != fixed]
+        held = 0.0 if fixed is None else self._shares[:, fixed] * v[fixed]
+        cost = self.cost(v)
+        for _ in range(SCORINGS):
+            root = np.sqrt(self.weight) / (self._shares @ v)
+            columns = self._shares[:, free] * root[:, None]
+            size = np.sqrt((columns**2).sum(axis=0))
+            step = np.zeros(3)
+            step[free] = nnls(columns / size, (self.power / self.weight - held) * root)[0] / size - v[free]
+            step[0] = max(step[0], LEAST_WHITE - v[0])
+            before, share = cost, 1.0
+            while (cost := self.cost(v + share * step)) > before and share > CLOSE:
+                share /= 2
+            if cost > before:
+                return before, v
+            v = v + share * step
+            if before - cost < CLOSE:
+                break
+        return cost, v
+
+    def at(self, v: Array) -> NoiseModel:
+        """The model of some variances."""
+        return NoiseModel(*(float(x) for x in np.sqrt(v * self.scale)))
 
     def bounds(self, drop: float = 3.84) -> tuple[NoiseModel, NoiseModel]:
         """Models with as much flicker, and as much random walk, as the record allows: the cost rises by ``drop``."""
         model = self.model
         if not len(self.weight):
             return model, model
-        best = np.log(np.maximum(np.array([model.white, model.flicker, model.walk]) ** 2 / self.scale, 1e-26))
+        best = np.maximum(np.array([model.white, model.flicker, model.walk]) ** 2 / self.scale, np.finfo(float).eps ** 1.5)
         return self._bound(best, 1, drop), self._bound(best, 2, drop)
 
     def _bound(self, best: Array, which: int, drop: float) -> NoiseModel:
-        floor = self.cost(best)[0]
+        from scipy.optimize import brentq
+
+        floor = self.cost(best)
         low = 1 / float(self.inverse.max())
-        inside, outside = best[which], 6.0
-        inside = max(inside, (2 * which - 2) * np.log(low) - 14.0)
+        inside = max(float(np.log(best[which])), (2 * which - 2) * np.log(low) - 14.0)
         found = best
-        for _ in range(12):
-            middle = (inside + outside) / 2
-            start = best.copy()
-            start[which] = middle
-            cost, p = self.search(start, which)
+
+        def above(size: float) -> float:
+            nonlocal found
+            start = found.copy()
+            start[which] = np.exp(size)
+            cost, v = self.search(start, which)
             if cost - floor <= drop:
-                inside, found = middle, p
-            else:
-                outside = middle
+                found = v
+            return cost - floor - drop
+
+        if above(inside) < 0 < above(6.0):
+            brentq(above, inside, 6.0, xtol=0.01)
         return self.at(found)

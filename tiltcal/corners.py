@@ -6,7 +6,7 @@ it the level of the rest: that tells the rate beside a rest better than any wind
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations_with_replacement, pairwise, product
 
 import numpy as np
 
@@ -178,10 +178,28 @@ def _instants(
 
 def _left(u: Array, y: Array, powers: tuple[float, ...]) -> Array:
     """What the best sums of powers leave of each course, squares summed, (k, t). u: (k, t, n); y: (k, n)."""
-    columns = np.stack([u**p for p in powers], axis=-1)
-    gram = np.einsum("ktni,ktnj->ktij", columns, columns) + 1e-14 * np.eye(len(powers))  # none has moved: nothing to fit
-    c = np.linalg.solve(gram, np.einsum("ktni,kn->kti", columns, y)[..., None])
-    return np.asarray(((y[:, None, :] - (columns @ c)[..., 0]) ** 2).sum(axis=2))
+    columns = _powers(u, powers)
+    k = len(columns)
+    gram = np.empty((*u.shape[:2], k, k))
+    for i, j in combinations_with_replacement(range(k), 2):
+        gram[..., i, j] = gram[..., j, i] = _along(columns[i], columns[j])
+    gram += 1e-14 * np.eye(k)  # none has moved: nothing to fit
+    c = np.linalg.solve(gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None])[..., 0]
+    rest = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
+    return _along(rest, rest)
+
+
+def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:
+    """``u`` to each of these whole powers, in order: a product from one to the next."""
+    found = [u ** int(powers[0])]
+    for before, power in pairwise(powers):
+        found.append(found[-1] * u ** int(power - before))
+    return found
+
+
+def _along(one: Array, other: Array) -> Array:
+    """Sum of products along the last axis, (k, t)."""
+    return np.asarray(np.einsum("ktn,ktn->kt", one, other))
 
 
 def _corner(side: _Side, k: int, width: int, powers: tuple[float, ...], instant: float) -> Corner:

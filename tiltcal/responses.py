@@ -70,7 +70,7 @@ class Responses:
         """The small turns of an effect that ``moves_smoothly``, place by place."""
         rig = self.setup.rig
         if isinstance(effect, AngleEffect):
-            return {("axis", n): effect.deviation(self.drive, n, None) for n in rig.axis_names if effect.acts_on(n, rig)}
+            return {("axis", n): effect.slight(self.drive, n) for n in rig.axis_names if effect.acts_on(n, rig)}
         assert isinstance(effect, FrameEffect)
         found: dict[Place, Jet] = {}
         for slot in ("base", *(f"{name}_bearing" for name in rig.axis_names), "mount"):

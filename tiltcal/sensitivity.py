@@ -235,7 +235,7 @@ class Watch:
                 matrix = sense.input_vector[None, :]
             else:
                 matrix = self.matrices.get(name, np.eye(3)[list(sense.axes)])
-            found[name] = np.einsum("ki,ni...->nk...", matrix, source)
+            found[name] = np.moveaxis(np.tensordot(source, matrix, axes=(1, 1)), -1, 1)
         return found
 
     def _late(self, effect: DelayEffect) -> dict[str, Array]:

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.diagnosis.evidence import Ledger, basis_of, cosines
+from tiltcal.diagnosis.design import Design
+from tiltcal.diagnosis.evidence import Ledger, cosines
 from tiltcal.diagnosis.observations import Columns, Observations, TableObservations
 from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, column_space, estimate_noise
+from tiltcal.diagnosis.whitening import DISTINCT, NoiseFit, NoiseModel, column_space, estimate_noise
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 
@@ -105,13 +106,14 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
         return account
     effects = account.effects
     columns = [ledger.whitened(c) for c in columns_of(ledger.observations, terms, effects)]
-    J = _stacked(columns, lengths)
-    size = np.linalg.norm(J, axis=0)
+    design = Design(columns, lengths)
+    gram = design.gram()
+    size = np.sqrt(np.diag(gram))
     size[size == 0] = 1.0
     prior = np.array([1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names])
-    inverse = _pseudo_inverse(J / size, prior / size**2)
-    terms, residual = _descended(account.known, terms, ledger, J / size, inverse, prior, size, rounds)
-    basis = basis_of(columns, lengths) if len(units) else [np.zeros((n, 0)) for n in lengths]
+    inverse = _pseudo_inverse(gram / np.outer(size, size) + np.diag(prior / size**2))
+    terms, residual = _descended(account.known, terms, ledger, design, inverse, prior, size, rounds)
+    basis = design.basis()
     along = sum((Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1]))
     residual = [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
     covariance = inverse / np.outer(size, size) * np.outer(units, units)
@@ -122,7 +124,8 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
 
 
 def _descended(
-    known: Sequence[Effect], terms: list[Term], ledger: Ledger, J: Array, inverse: Array, prior: Array, size: Array, rounds: int
+    known: Sequence[Effect], terms: list[Term], ledger: Ledger, design: Design, inverse: Array, prior: Array, size: Array,
+    rounds: int,
 ) -> tuple[list[Term], list[Array]]:  # fmt: skip
     """Gauss-Newton steps with the columns kept, and the whitened residual where they end.
 
@@ -133,7 +136,7 @@ def _descended(
     least = sum(float(r @ r) for r in residual)
     for _ in range(rounds if len(units) else 0):
         at = np.array([v for t in terms for v in t.values]) / units
-        step = inverse @ (J.T @ np.concatenate(residual) - prior * at / size) / size
+        step = inverse @ ((design.along(residual) - prior * at) / size) / size
         if not np.isfinite(step).all():
             break
         moved = _moved(terms, step * units)
@@ -147,19 +150,10 @@ def _descended(
     return terms, residual
 
 
-def _stacked(columns: Sequence[Columns], lengths: Sequence[int]) -> Array:
-    starts = np.concatenate([[0], np.cumsum(lengths)])
-    J = np.zeros((int(starts[-1]), len(columns)))
-    for k, column in enumerate(columns):
-        for i, part in column.items():
-            J[starts[i] : starts[i + 1], k] = part
-    return J
-
-
-def _pseudo_inverse(J: Array, prior: Array) -> Array:
-    """(J'J + prior)^+ of a design with columns of unit length; what is left undetermined stays where it is."""
-    values, vectors = np.linalg.eigh(J.T @ J + np.diag(prior))
-    keep = values > 1e-9 * len(values)
+def _pseudo_inverse(gram: Array) -> Array:
+    """Of the inner products of columns of unit length; what is left undetermined stays where it is."""
+    values, vectors = np.linalg.eigh(gram)
+    keep = values > DISTINCT * len(values)
     return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T)
 
 

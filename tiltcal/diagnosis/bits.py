@@ -49,23 +49,25 @@ def _never_set(values: Array, sign: Array) -> float | None:
     if len(values) < LEAST or width == 0 or span < 2 * CYCLES * IN_A_BIT * cell:
         return None
     place = ((values - values.min()) / cell).astype(np.intp)
-    taken = np.zeros(int(place.max()) + 1)
+    taken = np.zeros(int(place.max()) + 1, np.float32)
     taken[place] = 1.0  # each value once: rests say no more than moves
     n = next_fast_len(4 * len(taken), real=True)
     coarsest, finest = CYCLES / span, 1 / (2 * max(IN_A_BIT * cell, CODES * width))
-    looked = np.arange(int(np.ceil(coarsest * n * cell)), min(int(finest * n * cell), n // 2) + 1)
-    frequency = looked / (n * cell)  # 1 / (2 bit)
-    turned = rfft(taken, n)[looked] * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))
-    alike = -turned.imag / taken.sum()
+    first = int(np.ceil(coarsest * n * cell))
+    waves, enough = rfft(taken, n)[first : min(int(finest * n * cell), n // 2) + 1], LIKE_HALF * float(taken.sum(dtype=float))
+    tried = len(waves)
+    strong = np.flatnonzero(waves.real**2 + waves.imag**2 >= enough**2)
+    frequency = (first + strong) / (n * cell)  # 1 / (2 bit)
+    alike = -(waves[strong] * np.exp(-2j * np.pi * frequency * (values.min() + cell / 2))).imag
     for k in np.argsort(alike)[::-1][:TRIES]:
-        if alike[k] < LIKE_HALF:
+        if alike[k] < enough:
             break
         best = _least_set(values, float(frequency[k]), 1 / (n * cell), width)
         if _bunched(values, best, 1 / (n * cell)):
             continue
         cycle = sign * (np.floor(values * best) + 1)
         visited, odd = len(np.unique(cycle)), len(np.unique(cycle[_set(values, best, width)]))
-        if at_least(visited - odd, visited, 0.5) * len(frequency) < CHANCE:
+        if at_least(visited - odd, visited, 0.5) * tried < CHANCE:
             return float(1 / (2 * best))
     return None
 

@@ -128,10 +128,8 @@ def undetectable_of(account: Account, ledger: Ledger) -> tuple[Undetectable, ...
     """What could not have been seen, or only at which size."""
     found: dict[str, Undetectable] = {}
     blamed = {t.suspect.id for t in account.terms}
-    for score in ledger.scores(account.basis, account.residual):
+    for score in ledger.scores(account.basis, account.residual, lambda s: not isinstance(s.effect, Learned) and s.id not in blamed):
         suspect = score.suspect
-        if isinstance(suspect.effect, Learned) or suspect.id in blamed:
-            continue
         sizes = {}
         for i, name in enumerate(suspect.names):
             p = _parameter_of(suspect, name)

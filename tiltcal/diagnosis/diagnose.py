@@ -1,6 +1,7 @@
 """From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who is to blame."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -38,6 +39,17 @@ def silent(words: str) -> None:
     """No progress."""
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread: of thousands of small matrices threads spend more time on waiting for each other."""
+    import scipy.linalg  # noqa: F401  # so that there is a library to tell
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield
+
+
+@one_thread()
 def diagnose(
     scenario: Scenario, recordings: Sequence[Recording], *, static: Recording | None = None, laboratory: Laboratory | None = None,
     progress: Progress = silent,

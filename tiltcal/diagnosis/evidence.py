@@ -5,17 +5,20 @@ B = U'(I - QQ')U hold all: the gain in deviance A'B^-1 A ~ chi2(rank, lambda), t
 Everything lives in the cosine basis, where whitening is a division.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from tiltcal.diagnosis.design import Design
 from tiltcal.diagnosis.families import KIN
 from tiltcal.diagnosis.observations import Columns, Observations
+from tiltcal.diagnosis.shelves import Shelf, Shelves, Waves
 from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.diagnosis.whitening import NoiseModel, column_space
+from tiltcal.diagnosis.whitening import NoiseModel
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
+from tiltcal.motion import Index
 
 SURVIVES = 1e-3  # share of a direction's energy below which nothing is left of it after the nuisance parameters
 
@@ -107,24 +110,24 @@ class Ledger:
         self.starts: list[int] = []
         self._width = 0
         self._places: dict[tuple[str, str | None], list[int]] = {}
-        self._parts: list[list[tuple[int, Array]]] = [[] for _ in observations.channels]
-        self._packed: list[tuple[Array, Array]] | None = None
+        self._shelves = Shelves()
         self.roots: list[Array] = []
-        self._inner: list[Array] = []
+        self._weighed: dict[int, tuple[Array, list[tuple[int, Index, Waves]]]] = {}
 
     def add(self, suspect: Suspect, around: Sequence[Effect]) -> None:
         """Keep a suspect's columns; one that changes nothing is left out."""
         parts = self.observations.columns(suspect.effect, suspect.names, around)
         if not parts:
             return
-        self._places.setdefault(_place(suspect), []).append(len(self.suspects))
+        owner = len(self.suspects)
+        self._places.setdefault(_place(suspect), []).append(owner)
         self.suspects.append(suspect)
         self.starts.append(self._width)
         for i, (which, block) in parts.items():
-            waves = cosines(block.astype(np.float32))
-            self._parts[i] += [(self._width + k, wave) for k, wave in zip(which, waves, strict=True)]
+            numbers = [self._width + k for k in which]
+            self._shelves.put(i, not suspect.textbook, owner, numbers, np.asarray(cosines(block.astype(np.float32)), np.float32))
         self._width += len(suspect.names)
-        self._packed = None
+        self._weighed = {}
 
     def near(self, suspect: Suspect) -> list[int]:
         """Numbers of those who may be of the family of a suspect: of its name, its kin, or nameless at its place, in order."""
@@ -132,21 +135,9 @@ class Ledger:
         keys = [*((n, None) for n in names), ("", suspect.effect.sensor), ("", None)]
         return sorted({k for key in keys for k in self._places.get(key, [])})
 
-    @property
-    def packed(self) -> list[tuple[Array, Array]]:
-        """Of each channel the numbers of its columns, (p,), and their coefficients, (p, n)."""
-        if self._packed is None:
-            self._packed = []
-            for i, channel in enumerate(self.observations.channels):  # one at a time: no two copies of all of them
-                parts, self._parts[i] = self._parts[i], []
-                index = np.array([k for k, _ in parts], dtype=int)
-                block: Array = np.empty((len(parts), len(channel.values)), np.float32)
-                for k in reversed(range(len(parts))):
-                    block[k] = parts.pop()[1]
-                self._packed.append((index, block))
-                self._parts[i] = [(int(k), row) for k, row in zip(index, block, strict=True)]
-            self._inner = []
-        return self._packed
+    def column(self, number: int) -> list[tuple[int, Waves]]:
+        """The channels that a column of the ledger changes, and its coefficients there, (n,)."""
+        return self._shelves.column(number)
 
     def under(self, noise: Sequence[NoiseModel]) -> None:
         """Weigh by this noise from now on."""
@@ -155,7 +146,7 @@ class Ledger:
     def weigh(self, roots: Sequence[Array]) -> None:
         """Weigh by these square roots of spectra from now on, (n,) each."""
         self.roots = list(roots)
-        self._inner = []
+        self._weighed = {}
 
     def whitened(self, columns: Columns) -> Columns:
         """Columns by channel as cosine coefficients in units of the noise."""
@@ -165,39 +156,47 @@ class Ledger:
         """Whitened residual of each channel."""
         return [cosines(r) / root for r, root in zip(self.observations.residuals(effects), self.roots, strict=True)]
 
-    def inner(self, vectors: Sequence[Array]) -> Array:
-        """U'V of all columns with some whitened vectors, given by channel, (n,) or (n, q): (P,) or (P, q)."""
-        total = np.zeros((self._width, *vectors[0].shape[1:]))
-        for (index, block), vector, root in zip(self.packed, vectors, self.roots, strict=True):
-            if len(index):
-                total[index] += block @ (vector / (root if vector.ndim == 1 else root[:, None])).astype(np.float32)
+    def scores(
+        self, basis: Sequence[Array], residual: Sequence[Array], wanted: Callable[[Suspect], bool] | None = None
+    ) -> list[Score]:  # fmt: skip
+        """The score of every suspect, or of those wanted. basis: Q by channel, (n, q); residual: whitened, by channel, (n,)."""
+        asked = np.array([wanted is None or wanted(s) for s in self.suspects], dtype=bool)
+        shelves = self._shelves.of(asked)
+        both = self._inner([np.column_stack([r, Q]) for r, Q in zip(project(basis, residual), basis, strict=True)], shelves)
+        A, UQ = both[:, 0], both[:, 1:]
+        own = self._own(shelves)
+        found = []
+        for k in np.flatnonzero(asked):
+            suspect, start = self.suspects[k], self.starts[k]
+            part = slice(start, start + len(suspect.names))
+            inner = own.get(int(k), np.zeros((len(suspect.names),) * 2))
+            found.append(Score(suspect, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy()))
+        return found
+
+    def _inner(self, vectors: Sequence[Array], shelves: Sequence[Shelf]) -> Array:
+        """U'V of the columns on some shelves with some whitened vectors, given by channel, (n, q): (P, q)."""
+        total = np.zeros((self._width, vectors[0].shape[1]))
+        there = [np.flatnonzero(v.any(axis=0)) for v in vectors]  # most columns of a basis are of one channel
+        weighed = [(v[:, k] / root[:, None]).astype(np.float32) for v, k, root in zip(vectors, there, self.roots, strict=True)]
+        for shelf in shelves:
+            total[np.ix_(shelf.numbers[: shelf.used], there[shelf.channel])] += shelf.columns @ weighed[shelf.channel]
         return total
 
-    def _own(self) -> list[Array]:
-        """U'U of each suspect."""
-        packed = self.packed
-        if not self._inner:
-            self._inner = [np.zeros((len(s.names), len(s.names))) for s in self.suspects]
-            owner = np.repeat(np.arange(len(self.suspects)), [len(s.names) for s in self.suspects])
-            for (index, block), root in zip(packed, self.roots, strict=True):
-                if not len(index):
-                    continue
-                cuts = np.flatnonzero(np.diff(owner[index])) + 1
-                for rows in np.split(np.arange(len(index)), cuts):
-                    who = int(owner[index[rows[0]]])
-                    part = block[rows] / root.astype(np.float32)
-                    place = [int(k) for k in index[rows] - self.starts[who]]
-                    self._inner[who][np.ix_(place, place)] += part @ part.T
-        return self._inner
-
-    def scores(self, basis: Sequence[Array], residual: Sequence[Array]) -> list[Score]:
-        """The score of every suspect. basis: Q by channel, (n, q); residual: whitened, by channel, (n,)."""
-        both = self.inner([np.column_stack([r, Q]) for r, Q in zip(project(basis, residual), basis, strict=True)])
-        A, UQ = both[:, 0], both[:, 1:]
-        found = []
-        for suspect, start, inner in zip(self.suspects, self.starts, self._own(), strict=True):
-            part = slice(start, start + len(suspect.names))
-            found.append(Score(suspect, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy()))
+    def _own(self, shelves: Sequence[Shelf]) -> dict[int, Array]:
+        """U'U of each suspect with a column on some shelves, by its number."""
+        weights = [(1 / root).astype(np.float32) for root in self.roots]
+        energies = np.zeros(self._width)
+        owners: set[int] = set()
+        for shelf in shelves:
+            if id(shelf) not in self._weighed:
+                self._weighed[id(shelf)] = shelf.energies(weights[shelf.channel])
+            energies[shelf.numbers[: shelf.used]] += self._weighed[id(shelf)][0]
+            owners.update(shelf.owners[: shelf.used].tolist())
+        found = {k: np.diag(energies[self.starts[k] : self.starts[k] + len(self.suspects[k].names)]) for k in owners}
+        for shelf in shelves:
+            for k, numbers, gram in self._weighed[id(shelf)][1]:
+                place = numbers - self.starts[k]
+                found[k][np.ix_(place, place)] += gram
         return found
 
 
@@ -214,12 +213,7 @@ def cosines(column: Array) -> Array:
 
 def basis_of(columns: Sequence[Columns], lengths: Sequence[int]) -> list[Array]:
     """An orthonormal basis of some whitened columns, split by channel, (n, q) each."""
-    stacked = np.zeros((len(columns), sum(lengths)))
-    starts = np.concatenate([[0], np.cumsum(lengths)])
-    for k, column in enumerate(columns):
-        for i, part in column.items():
-            stacked[k, starts[i] : starts[i + 1]] = part
-    return np.split(column_space(stacked.T), starts[1:-1])
+    return Design(columns, lengths).basis()
 
 
 def project(basis: Sequence[Array], vectors: Sequence[Array]) -> list[Array]:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.diagnosis.evidence import SURVIVES, Ledger
+from tiltcal.diagnosis.shelves import Waves
+from tiltcal.diagnosis.whitening import DISTINCT
 from tiltcal.frames import Array
 
 NEW = 9e-4  # share of a column's energy that has to be its own beside the chosen ones
-DISTINCT = 1e-9  # least eigenvalue of directions told apart, of columns of unit length, per column
 
 
 @dataclass(frozen=True)
@@ -80,17 +81,18 @@ def normal_equations(
         ledger: holds the columns.
     """
     places = [ledger.starts[m] + j for m in members for j in range(len(ledger.suspects[m].names))]
-    where = {column: k for k, column in enumerate(places)}
     p = len(places)
     gram, sides, inside = np.zeros((p, p)), np.zeros((p, 2)), np.zeros((p, basis[0].shape[1]))
-    for (index, block), root, Q, t, s in zip(ledger.packed, ledger.roots, basis, target, signal, strict=True):
-        rows = np.flatnonzero(np.isin(index, places))
-        if len(rows):
-            part = block[rows] / root
-            mine = [where[int(c)] for c in index[rows]]
-            gram[np.ix_(mine, mine)] += part @ part.T
-            sides[mine] += part @ np.column_stack([t, s])
-            inside[mine] += part @ Q
+    by_channel: dict[int, list[tuple[int, Waves]]] = {}
+    for k, place in enumerate(places):
+        for i, wave in ledger.column(place):
+            by_channel.setdefault(i, []).append((k, wave))
+    for i, rows in by_channel.items():
+        mine = [k for k, _ in rows]
+        part = np.array([wave for _, wave in rows]) / ledger.roots[i]
+        gram[np.ix_(mine, mine)] += part @ part.T
+        sides[mine] += part @ np.column_stack([target[i], signal[i]])
+        inside[mine] += part @ basis[i]
     raw = np.diag(gram).copy()
     gram -= inside @ inside.T
     gone = np.diag(gram) < SURVIVES * raw

@@ -139,13 +139,15 @@ class TableObservations(Observations):
         self.stops = [course.stop for course in self.courses]
         self.channels = tuple(self._channels())
         self._watches: dict[bytes, list[Watch]] = {}
+        self._around: tuple[tuple[Effect, ...], list[Watch]] | None = None
         self._bent: list[Array] = []
         self._whole: TableObservations | None = None
 
     def averaged(self, block: int) -> "TableObservations":
         """The same with so many samples averaged into one."""
         other = copy(self)
-        other.block, other._rows, other._watches, other._bent, other._whole = block, [], {}, [], self
+        other.block, other._rows, other._watches, other._around, other._bent, other._whole = block, [], {}, None, [], self
+        other.__dict__.pop("_blocks_of", None)
         other.channels = tuple(other._channels())
         return other
 
@@ -220,7 +222,17 @@ class TableObservations(Observations):
             values = readings(
                 self.scenario, course, dict.fromkeys(sorted({c.sensor for c in mine}), time), as_met(effects, recording.fingerprint)
             )
-            found += [values[c.sensor][np.minimum(c.rows // self.block, len(time) - 1), c.column] for c in mine]
+            found += [values[c.sensor][self._blocks_of[i], c.column] for i, c in enumerate(self.channels) if c.recording == number]
+        return found
+
+    @cached_property
+    def _blocks_of(self) -> list[Index | slice]:
+        """Of each channel the rows of its recording's blocks; a slice where it has them all."""
+        found: list[Index | slice] = []
+        for c in self.channels:
+            last = len(self._grid(self.recordings[c.recording])) - 1
+            rows = np.minimum(c.rows // self.block, last)
+            found.append(slice(None) if len(rows) == last + 1 and (np.diff(rows) == 1).all() else rows)
         return found
 
     def _grid(self, recording: Recording) -> Array:
@@ -248,7 +260,7 @@ class TableObservations(Observations):
             changes = watch.changes(effect)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
-                    column = changes[c.sensor][np.minimum(c.rows // self.block, len(watch.time) - 1), c.column]
+                    column = changes[c.sensor][self._blocks_of[i], c.column]
                     if np.any(column):
                         found[i] = column
         return found
@@ -264,8 +276,7 @@ class TableObservations(Observations):
             changes = watch.each(effect)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
-                    rows = np.minimum(c.rows // self.block, len(watch.time) - 1)
-                    block = changes[c.sensor][rows, c.column][:, which].T * sizes[:, None]
+                    block = changes[c.sensor][self._blocks_of[i], c.column].T[which] * sizes[:, None]
                     some = np.flatnonzero(block.any(axis=1))
                     if len(some):
                         found[i] = ([int(k) for k in some], block[some])
@@ -273,6 +284,8 @@ class TableObservations(Observations):
 
     def watches(self, around: Sequence[Effect]) -> list[Watch]:
         """What each recording's sensors sense at the nominal table, through the sensor matrix of these effects."""
+        if self._around is not None and self._around[0] == tuple(around):  # asked for each column of an account
+            return self._around[1]
         matrices = {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
         key = b"".join(m.tobytes() for m in matrices.values())
         if key not in self._watches:
@@ -281,6 +294,7 @@ class TableObservations(Observations):
                 for recording, course in zip(self.recordings, self.courses, strict=True)
             ]
             self._watches = {key: [watch.through(matrices) for watch in known]}
+        self._around = (tuple(around), self._watches[key])
         return self._watches[key]
 
 

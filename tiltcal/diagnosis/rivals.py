@@ -100,8 +100,8 @@ def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], 
     energy = sum(float(s @ s) for s in case.signal)
     seen: dict[Any, tuple[float, Suspect]] = {}
     price = price_of(ledger)
-    for score in ledger.scores(case.basis, case.target):
-        if not wanted(score.suspect) or (energy > 0 and score.gain()[0] < NEAR**2 * energy):
+    for score in ledger.scores(case.basis, case.target, wanted):
+        if energy > 0 and score.gain()[0] < NEAR**2 * energy:
             continue
         worth = score.best(price)[0] - 2 * np.log(score.suspect.variants)
         key = (score.suspect.place, score.suspect.alias) if score.suspect.listed else id(score.suspect)  # felt late: another form

@@ -20,6 +20,7 @@ BINS = 160  # of the logarithmic frequency axis: S is smooth
 LOW = 3000  # cosine coefficients in which flicker and walk may stand out of white noise
 SCORINGS = 60  # at most: it is quadratic in the end
 CLOSE = 1e-7  # of the cost, that a further step may bring
+DISTINCT = 1e-9  # least share of a column's energy that is a direction of its own, per column
 LEAST_WHITE = np.exp(-12.0)  # share of the mean power
 
 
@@ -63,14 +64,14 @@ def robust_white(residual: Array) -> float:
     return float(max(spread, 0.05 * np.std(second), ARITHMETIC))
 
 
-def column_space(columns: Array, tolerance: float = 1e-9) -> Array:
+def column_space(columns: Array) -> Array:
     """An orthonormal basis of the space of some columns, (n, rank)."""
     size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
     if not size.any():
         return columns[:, :0]
     size = np.where(size > 0, size, np.inf)
     values, vectors = np.linalg.eigh(columns.T @ columns / np.outer(size, size))
-    keep = values > tolerance * np.isfinite(size).sum()
+    keep = values > DISTINCT * np.isfinite(size).sum()
     Q = columns @ (vectors[:, keep] / np.sqrt(values[keep]) / size[:, None])
     values, vectors = np.linalg.eigh(Q.T @ Q)  # once more: what rounding left of the small directions, at the cost of a product
     return np.asarray(Q @ (vectors / np.sqrt(values)))

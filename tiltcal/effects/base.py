@@ -171,6 +171,10 @@ class AngleEffect(Effect):
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         """True angle of an axis minus its readout ``drive.axes[axis]``, as a jet of shape (n,), rad."""
 
+    def slight(self, drive: Drive, axis: str) -> Jet:
+        """The deviation while it is small: to first order in its sizes."""
+        return self.deviation(drive, axis, None)
+
     def acts_on(self, axis: str, rig: Rig) -> bool:
         """Whether it acts on that table axis (the outermost when none is named)."""
         return axis == (self.axis or rig.axis_names[0])

@@ -211,6 +211,7 @@ class EncoderSde(ReadoutError):
     source = "effects list; PHYSICS 3.2"
     excited_by = "angles that are no multiple of the line pitch"
     look = "a fast ripple over the angle; round steps alias it into a constant"
+    linear = True
 
     def error(self, true: Jet, axis: str) -> Jet:
         return true.harmonic(self.value("lines"), self.value("cos"), self.value("sin"))

@@ -26,6 +26,9 @@ class ReadoutError(AngleEffect):
             true = readout - self.error(true, axis)
         return true - readout
 
+    def slight(self, drive: Drive, axis: str) -> Jet:
+        return self.error(drive.axes[axis], axis).scaled(-1.0)
+
 
 class EncoderZero(ReadoutError):
     id = "table_encoder_zero"

@@ -44,7 +44,11 @@ def differentiate(time: Array, angle: Array, still: Mask) -> tuple[Array, Array]
     grid = np.linspace(time[0], time[-1], n)
     step, uniform = float(grid[1] - grid[0]), CubicSpline(time, angle)(grid)
     noise = noise_of_rests(angle, still) or _noise_of_motion(uniform)
-    v, a, variance = _by_best_windows(uniform, noise)
+    beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
+    wanted = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside), mode="same") > 0.5
+    v, a, variance = np.zeros((3, n))
+    if wanted.sum() >= WIDTHS[0]:
+        v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)
     variance = np.interp(time, grid, variance)
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)

@@ -63,7 +63,7 @@ class Responses:
 
     def __init__(self, setup: Setup, drive: Drive) -> None:
         self.setup, self.drive = setup, drive
-        self._kept: dict[Place, tuple[tuple[Array, Array], ...]] = {}
+        self._kept: dict[Place, tuple[tuple[Array | None, Array | None], ...]] = {}
         self._context = Context(drive, true_angles(setup, drive, ()), setup.rig, setup.site.gravity)
 
     def turns(self, effect: Effect) -> dict[Place, Jet]:
@@ -83,30 +83,31 @@ class Responses:
         """Change of force and rate by small turns, (n, 3) each; (n, 3, p) where their jets are (n, p)."""
         force: Array | float = 0.0
         rate: Array | float = 0.0
+        n = len(self.drive.time)
         for place, jet in turns.items():
             for part, (df, dw) in zip((jet.x, jet.v, jet.a), self._of(place), strict=True):
                 if np.any(part):
                     by = np.asarray(part)
                     wide = by.ndim == 2
-                    by = by[:, None, :] if wide else np.broadcast_to(by, len(df))[:, None]
-                    force = force + (df[:, :, None] if wide else df) * by
-                    rate = rate + (dw[:, :, None] if wide else dw) * by
-        n = len(self.drive.time)
+                    by = by[:, None, :] if wide else np.broadcast_to(by, n)[:, None]
+                    force = force if df is None else force + (df[:, :, None] if wide else df) * by
+                    rate = rate if dw is None else rate + (dw[:, :, None] if wide else dw) * by
         none = np.zeros((n, 3))
         return (none if np.isscalar(force) else np.asarray(force)), (none if np.isscalar(rate) else np.asarray(rate))
 
-    def _of(self, place: Place) -> tuple[tuple[Array, Array], ...]:
-        """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each."""
+    def _of(self, place: Place) -> tuple[tuple[Array | None, Array | None], ...]:
+        """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each; None where there is none."""
         if place not in self._kept:
             self._kept[place] = tuple(self._probed(place, k) for k in range(3))
         return self._kept[place]
 
-    def _probed(self, place: Place, which: int) -> tuple[Array, Array]:
+    def _probed(self, place: Place, which: int) -> tuple[Array | None, Array | None]:
         up, down = (
             force_and_rate(self.setup, self.drive, [_probe(place, [sign * STEP * (k == which) for k in range(3)])])
             for sign in (1, -1)
         )
-        return (up[0] - down[0]) / (2 * STEP), (up[1] - down[1]) / (2 * STEP)
+        force, rate = ((one - other) / (2 * STEP) for one, other in zip(up, down, strict=True))
+        return (force if force.any() else None), (rate if rate.any() else None)
 
 
 def _probe(place: Place, jet: Sequence[float]) -> Effect:

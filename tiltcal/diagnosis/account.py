@@ -81,6 +81,11 @@ class Account:
         return np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
 
+def whitened_of(ledger: Ledger, terms: Sequence[Term], effects: Sequence[Effect]) -> list[Columns]:
+    """Change of the readings per plausible size of each fitted value, as whitened cosine coefficients."""
+    return [ledger.weighed(ledger.waves(t.suspect, name, effects)) for t in terms for name in t.names]
+
+
 def columns_of(observations: Observations, terms: Sequence[Term], effects: Sequence[Effect]) -> list[Columns]:
     """Change of the readings per plausible size of each fitted value, SI."""
     return [observations.changes(t.suspect.alone(name), effects) for t in terms for name in t.names]
@@ -105,7 +110,7 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     if not lengths:  # every reading was at fault
         return account
     effects = account.effects
-    columns = [ledger.whitened(c) for c in columns_of(ledger.observations, terms, effects)]
+    columns = whitened_of(ledger, terms, effects)
     design = Design(columns, lengths)
     gram = design.gram()
     size = np.sqrt(np.diag(gram))
@@ -169,12 +174,14 @@ def _moved(terms: Sequence[Term], step: Array) -> list[Term]:
 def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | None = None) -> list[NoiseFit]:
     """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may hold any size in it."""
     observations = ledger.observations
-    columns = columns_of(observations, [*account.nuisance, *account.terms], account.effects)
+    effects = account.effects
+    fitted = [(t.suspect, name) for t in (*account.nuisance, *account.terms) for name in t.names]
+    waves = [ledger.waves(suspect, name, effects) for suspect, name in fitted]
     found = []
-    for i, r in enumerate(observations.residuals(account.effects)):
-        mine = [cosines(c[i]) for c in columns if i in c]
+    for i, r in enumerate(observations.residuals(effects)):
+        mine = [w[i] for w in waves if i in w]
         if least := observations.channels[i].white:
-            found.append(NoiseFit.whole(NoiseModel(max(least, _spread(r, [c[i] for c in columns if i in c])))))
+            found.append(NoiseFit.whole(NoiseModel(max(least, _spread(cosines(r), mine)))))
             continue
         mean = np.column_stack([*mine, *(cosines(c) for c in observations.saturating(i))] or [np.zeros((len(r), 0))])
         if extra is not None and i in extra:

@@ -113,6 +113,7 @@ class Ledger:
         self._shelves = Shelves()
         self.roots: list[Array] = []
         self._weighed: dict[int, tuple[Array, list[tuple[int, Index, Waves]]]] = {}
+        self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
     def add(self, suspect: Suspect, around: Sequence[Effect]) -> None:
         """Keep a suspect's columns; one that changes nothing is left out."""
@@ -150,7 +151,25 @@ class Ledger:
 
     def whitened(self, columns: Columns) -> Columns:
         """Columns by channel as cosine coefficients in units of the noise."""
-        return {i: cosines(column) / self.roots[i] for i, column in columns.items()}
+        return self.weighed({i: cosines(column) for i, column in columns.items()})
+
+    def weighed(self, waves: Columns) -> Columns:
+        """Cosine coefficients by channel in units of the noise."""
+        return {i: wave / self.roots[i] for i, wave in waves.items()}
+
+    def waves(self, suspect: Suspect, name: str, around: Sequence[Effect]) -> Columns:
+        """Cosine coefficients of the change by one plausible size, these effects being there, SI.
+
+        Those of calibration are asked for again and again, and kept as long as nothing changes them.
+        """
+        depends = self.observations.depends_on(around) if suspect.effect.role == "calibration" else None
+        kept = self._kept.get((suspect.place, name))
+        if kept is not None and kept[0] == depends:
+            return kept[1]
+        found = {i: cosines(column) for i, column in self.observations.changes(suspect.alone(name), around).items()}
+        if depends is not None:
+            self._kept[suspect.place, name] = (depends, found)
+        return found
 
     def residual(self, effects: Sequence[Effect]) -> list[Array]:
         """Whitened residual of each channel."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, columns_of, settle
+from tiltcal.diagnosis.account import Account, Term, settle, whitened_of
 from tiltcal.diagnosis.evidence import Ledger
 from tiltcal.diagnosis.select import findings
 from tiltcal.frames import Array
@@ -47,13 +47,13 @@ def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
     observations = ledger.observations
     used = [*account.nuisance, *terms]
     names = [(t, n) for t in used for n in t.names]
-    columns = [ledger.whitened(c) for c in columns_of(observations, used, account.effects)]
+    columns = whitened_of(ledger, used, account.effects)
     values = np.array([v / t.suspect.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)])
     residual = ledger.residual(account.effects)
     gone = [t for t in account.terms if t not in terms]
     for t in gone:
-        for column, n, v in zip(columns_of(observations, [t], account.effects), t.names, t.values, strict=True):
-            for i, part in ledger.whitened(column).items():
+        for column, n, v in zip(whitened_of(ledger, [t], account.effects), t.names, t.values, strict=True):
+            for i, part in column.items():
                 residual[i] = residual[i] + part * (v / t.suspect.size(n))
     total = 0.0
     grams = np.zeros((FOLDS, len(names) + 1, len(names) + 1))

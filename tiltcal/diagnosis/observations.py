@@ -78,6 +78,10 @@ class Observations(ABC):
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect, the others being there, SI."""
 
+    def depends_on(self, around: Sequence[Effect]) -> bytes | None:
+        """What of these effects the change by a term of calibration depends on; None where that is all of them."""
+        return None
+
     def columns(self, effect: Effect, names: Sequence[str], around: Sequence[Effect]) -> dict[int, tuple[list[int], Array]]:
         """Change of each channel by each of these sizes alone: their numbers, and the changes, (len(numbers), n)."""
         found: dict[int, tuple[list[int], list[Array]]] = {}
@@ -139,7 +143,7 @@ class TableObservations(Observations):
         self.stops = [course.stop for course in self.courses]
         self.channels = tuple(self._channels())
         self._watches: dict[bytes, list[Watch]] = {}
-        self._around: tuple[tuple[Effect, ...], list[Watch]] | None = None
+        self._around: tuple[tuple[Effect, ...], bytes] | None = None
         self._bent: list[Array] = []
         self._whole: TableObservations | None = None
 
@@ -284,18 +288,24 @@ class TableObservations(Observations):
 
     def watches(self, around: Sequence[Effect]) -> list[Watch]:
         """What each recording's sensors sense at the nominal table, through the sensor matrix of these effects."""
-        if self._around is not None and self._around[0] == tuple(around):  # asked for each column of an account
-            return self._around[1]
-        matrices = {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
-        key = b"".join(m.tobytes() for m in matrices.values())
+        key = self.depends_on(around)
         if key not in self._watches:
+            matrices = self._matrices(around)
             known = next(iter(self._watches.values()), None) or [
                 Watch(self.scenario, course, self._grid(recording))
                 for recording, course in zip(self.recordings, self.courses, strict=True)
             ]
             self._watches = {key: [watch.through(matrices) for watch in known]}
-        self._around = (tuple(around), self._watches[key])
         return self._watches[key]
+
+    def depends_on(self, around: Sequence[Effect]) -> bytes:
+        """The sensor matrices of these effects."""
+        if self._around is None or self._around[0] != tuple(around):  # asked for each column of an account
+            self._around = tuple(around), b"".join(m.tobytes() for m in self._matrices(around).values())
+        return self._around[1]
+
+    def _matrices(self, around: Sequence[Effect]) -> dict[str, Array]:
+        return {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
 
 
 def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> Array:

@@ -34,7 +34,7 @@ def plainer(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: C
         return other if other.terms else backward(rich, ledger, gate)
     after = ledger.roots
     plain = []
-    for forms in _forms(wanted):
+    for forms in _forms(wanted, ledger):
         plain.append(plainly(start, ledger, gate, forms))
         ledger.weigh(after)
     other = settle(rich, ledger)
@@ -53,7 +53,7 @@ def _several(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: 
     Looked for in white noise: together they are a random walk to the record.
     """
     usual = ledger.roots
-    for forms in _forms(wanted):
+    for forms in _forms(wanted, ledger):
         ledger.under([NoiseModel(robust_white(r)) for r in ledger.observations.residuals(start.effects)])
         several = plainly(start, ledger, gate, forms)
         if several.terms:
@@ -62,9 +62,10 @@ def _several(rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: 
     return rich
 
 
-def _forms(wanted: Callable[[Suspect], bool]) -> tuple[Callable[[Suspect], bool], Callable[[Suspect], bool]]:
-    """The laws as they are printed, then those that are felt late or bent among them: these are supple themselves."""
-    return lambda s: wanted(s) and s.alias is None, wanted
+def _forms(wanted: Callable[[Suspect], bool], ledger: Ledger) -> list[Callable[[Suspect], bool]]:
+    """The laws as they are printed, then those that are felt late or bent among them, if any: these are supple themselves."""
+    supple = any(wanted(s) and s.alias is not None for s in ledger.suspects)
+    return [lambda s: wanted(s) and s.alias is None, *([wanted] if supple else [])]
 
 
 def plainly(account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]) -> Account:

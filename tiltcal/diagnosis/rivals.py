@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.confusion import SEPARABLE
-from tiltcal.diagnosis.account import Account, Term, columns_of
+from tiltcal.diagnosis.account import Account, Term, whitened_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.families import FREE_FORM, completes
 from tiltcal.diagnosis.normal import Normal, normal_equations
@@ -82,12 +82,11 @@ def case_of(account: Account, ledger: Ledger, places: Sequence[int], beside: Seq
     effects, lengths = account.effects, [len(c.values) for c in ledger.observations.channels]
     inside = [account.terms[k] for k in places]
     others = [*account.nuisance, *(t for k, t in enumerate(account.terms) if k not in places)]
-    columns = [*columns_of(ledger.observations, others, effects), *beside]
-    basis = basis_of([ledger.whitened(c) for c in columns], lengths)
+    basis = basis_of([*whitened_of(ledger, others, effects), *(ledger.whitened(c) for c in beside)], lengths)
     signal = [np.zeros(n) for n in lengths]
     values = [v / t.suspect.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)]
-    for value, column in zip(values, columns_of(ledger.observations, inside, effects), strict=True):
-        for i, part in ledger.whitened(column).items():
+    for value, column in zip(values, whitened_of(ledger, inside, effects), strict=True):
+        for i, part in column.items():
             signal[i] = signal[i] + value * part
     signal = project(basis, signal)
     residual = ledger.residual(effects)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, columns_of, models, noise_under, noise_within_stops, settle, summed
+from tiltcal.diagnosis.account import Account, Term, models, noise_under, noise_within_stops, settle, summed, whitened_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project, projected
 from tiltcal.diagnosis.families import FREE_FORM, OF_INPUT, WANDER
 from tiltcal.diagnosis.observations import Columns, Observations
@@ -97,7 +97,7 @@ def standing(account: Account, ledger: Ledger, total: int, beside: Sequence[Colu
         step = inside[0].suspect.id in SHIFTS
         case = case_of(account, ledger, places, [*beside, *(near if step else ())])
         lengths = [len(t) for t in case.target]
-        columns = [ledger.whitened(c) for c in columns_of(ledger.observations, inside, account.effects)]
+        columns = whitened_of(ledger, inside, account.effects)
         mine = basis_of([projected(case.basis, c, lengths) for c in columns], lengths)
         along = np.sum([U.T @ r for U, r in zip(mine, case.target, strict=True)], axis=0)
         tries = sum(log_tries(t.suspect, len(t.names), total) for t in inside[:1])

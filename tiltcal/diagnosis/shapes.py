@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.account import Account, Term, columns_of
+from tiltcal.diagnosis.account import Account, Term, whitened_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, projected
 from tiltcal.diagnosis.observations import Observations, TableObservations
 from tiltcal.diagnosis.rivals import LOOSE, Case, explain, price_of
@@ -172,7 +172,7 @@ def _gain(terms: Sequence[Term], account: Account, ledger: Ledger) -> float:
     lengths = [len(c.values) for c in ledger.observations.channels]
     whole = isinstance(terms[0].suspect.effect, Learned) or terms[0].suspect.id in STEPS
     own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.suspect))]
-    columns = [ledger.whitened(c) for c in columns_of(ledger.observations, own, account.effects)]
+    columns = whitened_of(ledger, own, account.effects)
     mine = basis_of([projected(account.basis, c, lengths) for c in columns], lengths)
     along = sum((U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1]))
     return float(along @ along)

@@ -15,7 +15,7 @@ from tiltcal.frames import Array
 
 Waves = np.ndarray[tuple[int], np.dtype[np.complex128]]
 LINES = 1100  # a turn, of the finest scale that is looked for
-CIRCLE = 2**17  # angles of a turn: a hundredth of a radian of the finest line, rms
+CIRCLE = 2**15  # angles of a turn: a fifth of a radian of the finest line
 FIRST = 6  # fewer are curves of the angle
 PROBE = 36.0  # lines, from whose changes those of any other number follow
 SMALL = 1e-6  # rad
@@ -127,9 +127,15 @@ def _of_one_line(observations: TableObservations, axis: str, account: Account) -
 
 
 def _harmonics(angle: Array, signal: Array) -> Waves:
-    """sum signal exp(i n angle) for n = 0 .. LINES - 1: of angles rounded to a share of the finest line, so by one FFT."""
-    place = np.rint(angle / (2 * np.pi) * CIRCLE).astype(np.int64) % CIRCLE
-    return np.fft.rfft(np.bincount(place, signal, CIRCLE))[:LINES].conj()
+    """sum signal exp(i n angle) for n = 0 .. LINES - 1 by one FFT: each angle shared by its neighbours on a grid.
+
+    What is between two of them is a chord of the wave: of the finest line that is 0.4 % short on average.
+    """
+    place = angle / (2 * np.pi) * CIRCLE
+    below = np.floor(place)
+    above, before = place - below, below.astype(np.int64) % CIRCLE
+    shared = np.bincount(before, signal * (1 - above), CIRCLE) + np.bincount((before + 1) % CIRCLE, signal * above, CIRCLE)
+    return np.fft.rfft(shared)[:LINES].conj()
 
 
 def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
@@ -166,12 +172,15 @@ def _apart(found: Sequence[tuple[float, float]], width: Callable[[float], float]
 
 def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
     """(power over its surroundings, frequency) of peaks of the periodogram."""
+    from scipy.fft import next_fast_len
+
     if len(residual) < 256:
         return []
     values, rate = _evenly(time, residual - residual.mean())
     n = len(values)
-    spectrum = np.abs(np.fft.rfft(values * np.hanning(n), FINER * n)) ** 2
-    frequency = np.fft.rfftfreq(FINER * n, 1 / rate)
+    size = next_fast_len(FINER * n, real=True)
+    spectrum = np.abs(np.fft.rfft(values * np.hanning(n), size)) ** 2
+    frequency = np.fft.rfftfreq(size, 1 / rate)
     floor = _running_median(spectrum, FINER * max(n // 80, 16))
     ratio = spectrum / np.maximum(floor, 1e-300) * np.log(2)
     limit = np.log(n / CHANCE)

@@ -100,12 +100,15 @@ class Learned(Effect):
                 return np.asarray(spline(inside, order) + (spline(inside, 1) * beyond if order == 0 else 0.0))
             return np.asarray(np.where(beyond == 0, spline(inside, order), spline(inside) if order == 0 else 0.0))
         pace = 2 * np.pi / self.period if self.period else 1.0
-        columns = []
+        turn = np.exp(1j * pace * u)
+        wave = np.ones_like(turn)
+        columns = np.empty((len(u), self.count))
         for k in range(self.count):
-            n = (k // 2 + 1) * pace
-            wave = (1j * n) ** order * np.exp(1j * n * u) * (1 if k % 2 == 0 else -1j)
-            columns.append(wave.real)
-        return np.column_stack(columns)
+            if k % 2 == 0:
+                wave = wave * turn
+            slope = (1j * (k // 2 + 1) * pace) ** order * (1 if k % 2 == 0 else -1j)
+            columns[:, k] = (slope * wave).real
+        return columns
 
     def _power(self, u: Array, order: int) -> Array:
         """|u|^power, with the sign of u where it is odd, or its first or second derivative, (n,)."""

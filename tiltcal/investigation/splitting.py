@@ -15,7 +15,7 @@ import numpy as np
 
 from tiltcal.blocks import Block
 from tiltcal.confusion import SEPARABLE
-from tiltcal.diagnosis.account import columns_of
+from tiltcal.diagnosis.account import whitened_of
 from tiltcal.diagnosis.evidence import Ledger, basis_of, project
 from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.rivals import LOOSE, Case, Rival
@@ -222,7 +222,7 @@ def separations(question: Question, more: Recording) -> list[Pair]:
         ledger.add(suspect, effects)
     lengths = [len(c.values) for c in both.channels]
     fitted = [*question.account.nuisance, *question.account.terms]
-    basis = basis_of([ledger.whitened(c) for c in columns_of(both, fitted, effects)], lengths)
+    basis = basis_of(whitened_of(ledger, fitted, effects), lengths)
     found = []
     for truth in question.rivals:
         signal = project(basis, _signal(truth, both, ledger, effects, lengths))

@@ -179,6 +179,7 @@ class SettlingTransient(AngleEffect):
     source = "effects list; PHYSICS 3.2"
     excited_by = "the first samples after each move"
     look = "a decaying tone at the start of each dwell"
+    linear = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return ringing(drive, *(self.value(n) for n in ("amplitude", "frequency", "tau")))

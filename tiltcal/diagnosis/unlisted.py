@@ -63,8 +63,8 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     if curve is None:
         return None
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
-        one_cause = curve.worth > joint - MARGIN * (several - 1) - LOOSE * curve.gain  # is likelier than several
-        return curve if one_cause else None
+        fewer = several - _causes(curve)  # one is likelier than several
+        return curve if fewer > 0 and curve.worth > joint - MARGIN * fewer - LOOSE * curve.gain else None
     fits = len(inside) == 1 or (several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named))
     level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
     of_any_form = several_lines(inside) or (single is not None and single.form < OWN)  # no form that a name could keep to
@@ -74,6 +74,11 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     if several > 1 and curve.sizes <= sum(len(t.names) for t in inside) and curve.worth > joint - EQUAL:
         return curve if far_off else single  # one cause with as few numbers says the same as several
     return curve if far_off else None
+
+
+def _causes(curve: Rival) -> int:
+    """How many a curve stands for: those of two channels' readings have nothing to do with each other."""
+    return len({(e.sensor, e.axis) if isinstance(e, LearnedReading) else None for e in (t.suspect.effect for t in curve.terms)})
 
 
 def several_lines(inside: Sequence[Term]) -> bool:

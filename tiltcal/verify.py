@@ -1,7 +1,7 @@
 """Running scenarios: record, calibrate, judge against the acceptance limits; a folder of them with JUnit XML."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,14 +17,9 @@ from tiltcal.files import replacing
 from tiltcal.laboratory import Laboratory
 from tiltcal.methods.registry import calibrate, run_command
 from tiltcal.online.judging import OnlineResult, run_estimator
+from tiltcal.progress import Progress, silent
 from tiltcal.recording import Recording
 from tiltcal.scenario import EstimatorTable, MethodTable, Scenario, load_scenario
-
-Progress = Callable[[str], None]
-
-
-def silent(text: str) -> None:
-    """Progress that nobody watches."""
 
 
 @dataclass(frozen=True)

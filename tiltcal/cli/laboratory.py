@@ -13,11 +13,11 @@ from tiltcal.effects import to_file
 from tiltcal.errors import TiltcalError
 from tiltcal.files import replacing, write_json
 from tiltcal.laboratory import Laboratory
+from tiltcal.progress import Progress, silent
 from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording, write_csv, write_recording
 from tiltcal.scenario import Scenario, load_scenario
 from tiltcal.units import DEG
-from tiltcal.verify import Progress, silent
 
 
 def simulator(progress: Progress = silent) -> Laboratory:

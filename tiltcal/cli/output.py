@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from tiltcal.errors import TiltcalError
-from tiltcal.verify import Progress
+from tiltcal.progress import Progress
 
 
 def print_json(value: Any) -> None:

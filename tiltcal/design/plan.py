@@ -8,8 +8,9 @@ import numpy as np
 from tiltcal.design.ascent import Problem
 from tiltcal.design.classic import CLASSIC, baseline
 from tiltcal.design.criteria import gain, tilt_rms
-from tiltcal.design.search import Effort, Notice, poses_worth, search, silent
+from tiltcal.design.search import Effort, poses_worth, search
 from tiltcal.frames import Array
+from tiltcal.progress import Progress, silent
 from tiltcal.units import ARCSEC, DEG
 
 LARGE = 60  # parameters beyond which fewer paths are tried
@@ -96,7 +97,7 @@ def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
 
 def design(
     problem: Problem, axes: tuple[str, ...] = ("outer", "inner"), table: str = "dual", seed: int = 0, effort: Effort | None = None,
-    notice: Notice = silent,
+    notice: Progress = silent,
 ) -> Plan:  # fmt: skip
     """The sequence with the most information for a budget, never below any classic one.
 

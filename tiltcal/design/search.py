@@ -5,7 +5,7 @@ once; what it cannot do (another number of poses, another order, the same direct
 one change at a time, and the best is ascended again.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,7 @@ import numpy as np
 from tiltcal.design.ascent import Draft, Problem, ascend
 from tiltcal.design.clock import Clock
 from tiltcal.frames import Array
-
-Notice = Callable[[str], None]
-
-
-def silent(text: str) -> None:
-    """Tell nobody."""
+from tiltcal.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -38,7 +33,7 @@ class Effort:
     trials: int = 40
 
 
-def search(problem: Problem, starts: list[Draft], seed: int, effort: Effort, notice: Notice = silent) -> Draft:
+def search(problem: Problem, starts: list[Draft], seed: int, effort: Effort, notice: Progress = silent) -> Draft:
     """The best sequence found.
 
     Args:

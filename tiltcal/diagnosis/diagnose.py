@@ -1,6 +1,6 @@
 """From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who is to blame."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -29,14 +29,9 @@ from tiltcal.diagnosis.unlisted import nameless
 from tiltcal.diagnosis.views import views_of
 from tiltcal.diagnosis.wording import summary
 from tiltcal.laboratory import Laboratory
+from tiltcal.progress import Progress, silent
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, parse_scenario
-
-Progress = Callable[[str], None]
-
-
-def silent(words: str) -> None:
-    """No progress."""
 
 
 @contextmanager

@@ -18,7 +18,6 @@ from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.whitening import NoiseModel
 from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
-from tiltcal.motion import Index
 
 SURVIVES = 1e-3  # share of a direction's energy below which nothing is left of it after the nuisance parameters
 
@@ -112,7 +111,6 @@ class Ledger:
         self._places: dict[tuple[str, str | None], list[int]] = {}
         self._shelves = Shelves()
         self.roots: list[Array] = []
-        self._weighed: dict[int, tuple[Array, list[tuple[int, Index, Waves]]]] = {}
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
     def add(self, suspect: Suspect, around: Sequence[Effect]) -> None:
@@ -128,7 +126,6 @@ class Ledger:
             numbers = [self._width + k for k in which]
             self._shelves.put(i, not suspect.textbook, owner, numbers, np.asarray(cosines(block.astype(np.float32)), np.float32))
         self._width += len(suspect.names)
-        self._weighed = {}
 
     def near(self, suspect: Suspect) -> list[int]:
         """Numbers of those who may be of the family of a suspect: of its name, its kin, or nameless at its place, in order."""
@@ -147,7 +144,6 @@ class Ledger:
     def weigh(self, roots: Sequence[Array]) -> None:
         """Weigh by these square roots of spectra from now on, (n,) each."""
         self.roots = list(roots)
-        self._weighed = {}
 
     def whitened(self, columns: Columns) -> Columns:
         """Columns by channel as cosine coefficients in units of the noise."""
@@ -206,16 +202,16 @@ class Ledger:
         weights = [(1 / root).astype(np.float32) for root in self.roots]
         energies = np.zeros(self._width)
         owners: set[int] = set()
+        said = []
         for shelf in shelves:
-            if id(shelf) not in self._weighed:
-                self._weighed[id(shelf)] = shelf.energies(weights[shelf.channel])
-            energies[shelf.numbers[: shelf.used]] += self._weighed[id(shelf)][0]
+            single, several = shelf.energies(weights[shelf.channel])
+            energies[shelf.numbers[: shelf.used]] += single
             owners.update(shelf.owners[: shelf.used].tolist())
+            said += several
         found = {k: np.diag(energies[self.starts[k] : self.starts[k] + len(self.suspects[k].names)]) for k in owners}
-        for shelf in shelves:
-            for k, numbers, gram in self._weighed[id(shelf)][1]:
-                place = numbers - self.starts[k]
-                found[k][np.ix_(place, place)] += gram
+        for k, numbers, gram in said:
+            place = numbers - self.starts[k]
+            found[k][np.ix_(place, place)] += gram
         return found
 
 

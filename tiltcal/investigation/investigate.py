@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from tiltcal.errors import TiltcalError
 from tiltcal.files import write_json, write_text
 from tiltcal.investigation.next_block import Limits, NextBlock, next_block
-from tiltcal.investigation.splitting import Progress
+from tiltcal.progress import Progress
 from tiltcal.recording import Recording
 from tiltcal.recording_files import read_recording
 from tiltcal.scenario import Scenario

@@ -11,7 +11,8 @@ from tiltcal.confusion import tie_breaker
 from tiltcal.effects import CATALOGUE
 from tiltcal.errors import TiltcalError
 from tiltcal.investigation.question import questions
-from tiltcal.investigation.splitting import Design, Progress, Proposal, propose
+from tiltcal.investigation.splitting import Design, Proposal, propose
+from tiltcal.progress import Progress
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario
 from tiltcal.segments import resting_rows

@@ -7,7 +7,7 @@ difference of their deviances is then N(lambda, 4 lambda).
 Source: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62 (1975).
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import erf, sqrt
 
@@ -23,13 +23,13 @@ from tiltcal.effects.base import Effect
 from tiltcal.frames import Array
 from tiltcal.investigation.question import Question
 from tiltcal.laboratory import SimulatedLaboratory
+from tiltcal.progress import Progress
 from tiltcal.recording import Recording
 from tiltcal.scenario import Scenario, fresh
 from tiltcal.schedule import build_schedule
 from tiltcal.sequence import Step
 from tiltcal.units import ARCSEC, DEG
 
-Progress = Callable[[str], None]
 ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
 READOUT = 0.05 * ARCSEC / DEG  # deg, noise of an imagined readout
 HOPELESS = 0.2  # best chance of any block below which a pair is said to be out of this table's reach

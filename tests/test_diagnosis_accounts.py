@@ -1,6 +1,7 @@
 """Fitting and pruning an account: steps that run away, what belongs to a larger finding, what codes hide, plainer words."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,9 +22,9 @@ from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.span import Lines, Span
 from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
-from tiltcal.diagnosis.unlisted import nameless
+from tiltcal.diagnosis.unlisted import causes, nameless
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.learned import LearnedReading
+from tiltcal.effects.learned import LearnedReading, LearnedTilt
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 
@@ -234,6 +235,15 @@ def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_s
     account = plainly(found.start, found.ledger, gate, lambda s: s.textbook)
     for told in (account, nameless(account, found.ledger, gate)):
         assert {t.names for t in told.terms} == {(f"drift_{drift}",), ("bias_step_x",)}
+
+
+def test_curves_of_two_readings_are_two_causes_those_of_one_are_one():
+    """A law of x beside a law of y is not given up for a curve of each: that is no single cause."""
+    x, y = (LearnedReading({"c0": 1e-6}, "accel", axis, coordinate="table_outer") for axis in "xy")
+    tilt = LearnedTilt({"c0": 1e-6}, coordinate="table_outer", slot="mount", turn="x")
+    for effects, count in (((x, y), 2), ((x, x), 1), ((tilt, tilt), 1), ((tilt, y), 2)):
+        curve = SimpleNamespace(terms=[Term.start(Suspect(effect, ("c0",))) for effect in effects])
+        assert causes(curve) == count
 
 
 def test_a_loss_is_weighed_by_one_sample():

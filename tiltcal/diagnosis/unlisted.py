@@ -63,7 +63,7 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     if curve is None:
         return None
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
-        fewer = several - _causes(curve)  # one is likelier than several
+        fewer = several - causes(curve)  # one is likelier than several
         return curve if fewer > 0 and curve.worth > joint - MARGIN * fewer - LOOSE * curve.gain else None
     fits = len(inside) == 1 or (several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named))
     level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
@@ -76,7 +76,7 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     return curve if far_off else None
 
 
-def _causes(curve: Rival) -> int:
+def causes(curve: Rival) -> int:
     """How many a curve stands for: those of two channels' readings have nothing to do with each other."""
     return len({(e.sensor, e.axis) if isinstance(e, LearnedReading) else None for e in (t.suspect.effect for t in curve.terms)})
 

@@ -20,7 +20,7 @@ from tiltcal.diagnosis.observations import Observations
 from tiltcal.diagnosis.plain import plainer, reshaped
 from tiltcal.diagnosis.randoms import beside_stops, lawful_part, setting_error
 from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.select import Gate, absorbed, backward, plausible, select
+from tiltcal.diagnosis.select import Gate, absorbed, backward, plausible, select, worth_their_numbers
 from tiltcal.diagnosis.shapes import upright
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.suspects import Suspect
@@ -88,6 +88,9 @@ def diagnose(
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
     account = borne_out(plausible(account, ledger), ledger)  # its sizes have been fitted again since
+    account = worth_their_numbers(account, ledger, gate)
+    if bench.floors:  # in the noise that is left now its sizes are others
+        account = above(account, ledger, bench.floors, blurred)
     account = upright(account, bench.observations)
     progress("re-simulating")
     answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)

@@ -312,6 +312,25 @@ def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
     return settle(account, ledger)
 
 
+def worth_their_numbers(account: Account, ledger: Ledger, gate: Gate) -> Account:
+    """The account under the noise that it leaves itself, without findings that bring less there than their numbers cost."""
+    while True:
+        ledger.under(models(gate.noise(account, ledger)))
+        account = settle(account, ledger)
+        groups = findings(account)
+        worth = [_worth(account, ledger, places) for places in groups]
+        if not groups or min(worth) >= 0:
+            return account
+        worst = groups[worth.index(min(worth))]
+        account = replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in worst))
+
+
+def _worth(account: Account, ledger: Ledger, places: Sequence[int]) -> float:
+    """Fall of the deviance by a finding less the price of its numbers."""
+    gain = sum(float(t @ t) for t in case_of(account, ledger, places).target) - account.deviance
+    return gain - price_of(ledger) * sum(len(account.terms[k].names) for k in places)
+
+
 def plausible(account: Account, ledger: Ledger) -> Account:
     """The account without findings whose sizes, once all others are there, are those of no instrument.
 

@@ -1,6 +1,6 @@
 """What else could be it: every suspect, with the curves of its family, in a finding's place."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from tiltcal.diagnosis.normal import Normal, normal_equations
 from tiltcal.diagnosis.observations import Columns
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Parameter
 from tiltcal.effects.learned import Learned
 from tiltcal.frames import Array
 
@@ -159,17 +160,23 @@ def _terms(normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect)
 
 def fair(term: Term) -> bool:
     """Whether the sizes are ones that an instrument of some grade may have: of what comes in ones no small part of one."""
-    if not _gentle(term):
+    if not _gentle(term) or _plausible_sizes(term) > FAIR:
         return False
+    return not any((p.positive and value < 0) or (p.whole and abs(value) < 0.5) for p, value in _sizes(term))
+
+
+def _plausible_sizes(term: Term) -> float:
+    """How many times the largest plausible size of any grade the largest size is."""
+    return max((abs(value) / (max(p.plausible) * p.factor) for p, value in _sizes(term) if max(p.plausible)), default=0.0)
+
+
+def _sizes(term: Term) -> Iterator[tuple[Parameter, float]]:
+    """The sizes in use, SI, with what the catalogue says of each."""
     for parameter in term.suspect.effect.parameters:
-        limit = FAIR * max(parameter.plausible) * parameter.factor
         stem = parameter.name.split("{")[0].rstrip("_")
         for name, value in zip(term.names, term.values, strict=True):
-            if name != parameter.name and not ("{" in parameter.name and name.startswith(stem)):
-                continue
-            if abs(value) > limit or (parameter.positive and value < 0) or (parameter.whole and abs(value) < 0.5):
-                return False
-    return True
+            if name == parameter.name or ("{" in parameter.name and name.startswith(stem)):
+                yield parameter, value
 
 
 def _gentle(term: Term) -> bool:
@@ -188,7 +195,7 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
 
     What shows in one channel only is likelier of that channel's sensor; what shows in several moves them all: table or mount.
     A converter's transfer curve is the last thing to blame for what a sensor does as well. A form that is as worthy without
-    what completes it is as plain as any.
+    what completes it is as plain as any. A size that some grade of instrument has is likelier than one that none has.
     """
     top = max(r.worth for r in rivals)
     level = {id(r): top - EQUAL - LOOSE * r.gain for r in rivals}
@@ -198,12 +205,14 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
         energies = [float(s @ s) for s in signal]
         single = max(energies) > ONE_CHANNEL * sum(energies)
 
-    def rank(r: Rival) -> tuple[bool, bool, int, int, bool, float]:
+    def rank(r: Rival) -> tuple[bool, bool, bool, int, int, bool, float]:
         stage = CATALOGUE[r.suspect.id].stage if r.suspect.id in CATALOGUE else "sensor"
         pose = stage in ("table", "mount", "environment")
         alone = len(r.terms) == 1 or r.worth - (1 - r.form) * r.gain > level[id(r)]
         sizes = len(r.terms[0].names) if alone else r.sizes
-        return (r.suspect.alias is not None, not alone, sizes, r.sizes, stage == "electronics", -r.worth * (1 - (pose == single)))
+        usual = -r.worth * (1 - (pose == single))
+        beyond = _plausible_sizes(r.terms[0]) > 1
+        return (r.suspect.alias is not None, not alone, beyond, sizes, r.sizes, stage == "electronics", usual)
 
     return min(equal, key=rank)
 

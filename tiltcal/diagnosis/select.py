@@ -214,18 +214,26 @@ TONES = ("mains_pickup", "base_vibration")  # a line that wanders leaves lines b
 def absorbed(account: Account, ledger: Ledger) -> Account:
     """The account with small findings made a part of a much larger one that the same kind of motion excites, in its channels.
 
-    A law that is some per cent off its textbook form leaves something of its own kind over, and a neighbour takes it.
+    A law that is some per cent off its textbook form leaves something of its own kind over, and a neighbour takes it: a share of
+    what the law explains without that neighbour, for both may do nearly the same.
     """
     groups = findings(account)
-    power = [np.array([float(s @ s) for s in case_of(account, ledger, places).signal]) for places in groups]
+
+    def power_of(places: Sequence[int]) -> Array:
+        return np.array([float(s @ s) for s in case_of(account, ledger, places).signal])
+
+    power = [power_of(places) for places in groups]
     hosts = {}
     for j, small in enumerate(groups):
         mine = account.terms[small[0]].suspect.effect
         for k, large in enumerate(groups):
             other = account.terms[large[0]].suspect.effect
-            share = _left_over(mine, other)
-            inside = share == 1 or np.minimum(power[j], share * power[k]).sum() > OWN * power[j].sum()
-            if inside and power[j].sum() < share * power[k].sum() and k not in hosts:
+            share = _left_over(mine, other) if j != k else 0.0
+            if not share or k in hosts:
+                continue
+            alone = power_of(sorted([*small, *large])) - power[j]
+            inside = share == 1 or np.minimum(power[j], share * np.maximum(alone, 0.0)).sum() > OWN * power[j].sum()
+            if inside and power[j].sum() < min(share * alone.sum(), power[k].sum()):
                 hosts[j] = k
     if not hosts:
         return account

@@ -18,13 +18,15 @@ from tiltcal.diagnosis.floors import above
 from tiltcal.diagnosis.heldout import borne_out
 from tiltcal.diagnosis.plain import burden, plainer, plainly
 from tiltcal.diagnosis.randoms import lawful_part
-from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select
+from tiltcal.diagnosis.rivals import Rival, preferred
+from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select, worth_their_numbers
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.span import Lines, Span
 from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
 from tiltcal.diagnosis.unlisted import causes, nameless
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading, LearnedTilt
+from tiltcal.units import G0
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 
@@ -235,6 +237,39 @@ def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_s
     account = plainly(found.start, found.ledger, gate, lambda s: s.textbook)
     for told in (account, nameless(account, found.ledger, gate)):
         assert {t.names for t in told.terms} == {(f"drift_{drift}",), ("bias_step_x",)}
+
+
+@pytest.mark.parametrize(("latency_ms", "parts"), [(2.6, [2]), (-8.0, [1, 1])])
+def test_a_delay_that_a_skew_explains_most_of_is_a_part_of_it(latency_ms, parts):
+    """A clock that bends is a skew with a delay beside it, and a delay does much of what a skew does: that is the skew's."""
+    found = prepared(
+        {"id": "clock_skew", "sensor": "accel", "skew_ppm": 40.0},
+        {"id": "data_latency", "sensor": "accel", "latency_ms": latency_ms},
+    )
+    account = with_terms(found, suspect("clock_skew", ("skew",)), suspect("data_latency", ("latency",)))
+    assert [len(places) for places in findings(absorbed(account, found.ledger))] == parts
+
+
+def test_a_finding_that_does_not_pay_for_its_numbers_is_not_stated():
+    found = prepared(K2)
+    gate = Gate(None, 100)
+    for others, kept in (((), {"acc_K2"}), ((suspect("acc_K3", ("k3_x", "k3_y", "k3_z")),), {"acc_K2"})):
+        account = with_terms(found, suspect("acc_K2", ("k2_x",)), *others)
+        assert {t.suspect.id for t in worth_their_numbers(account, found.ledger, gate).terms} == kept
+    assert worth_their_numbers(found.start, found.ledger, gate).terms == ()
+
+
+def rival(of, value, worth):
+    return Rival((Term(of, of.names, (value,)),), 1000.0, worth, 1.0, 1.0, 0.0, True)
+
+
+def test_among_equals_a_size_that_some_instrument_has_is_preferred():
+    """A thermal tilt of 27 arcsec/degC and a bias of 130 ug/degC read the same: the bias is of this world."""
+    tilt = rival(suspect("mount_thermal_tilt", ("tilt_x",), None), 130e-6, 991.0)
+    bias = rival(suspect("acc_temp_bias", ("temp_bias_y",)), 130e-6 * G0, 990.0)
+    assert preferred([tilt, bias]) is bias
+    small = replace(tilt, terms=(replace(tilt.terms[0], values=(10e-6,)),))
+    assert preferred([small, bias], [np.ones(3), np.ones(3)]) is small  # it moves both channels
 
 
 def test_curves_of_two_readings_are_two_causes_those_of_one_are_one():

@@ -25,7 +25,7 @@ from tiltcal.diagnosis.shapes import upright
 from tiltcal.diagnosis.sizes import in_full
 from tiltcal.diagnosis.suspects import Suspect
 from tiltcal.diagnosis.tones import lines_of
-from tiltcal.diagnosis.unlisted import nameless
+from tiltcal.diagnosis.unlisted import nameless, without_a_form
 from tiltcal.diagnosis.views import views_of
 from tiltcal.diagnosis.wording import summary
 from tiltcal.laboratory import Laboratory
@@ -87,7 +87,7 @@ def diagnose(
         account = above(account, ledger, bench.floors, blurred)
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
-    account = borne_out(plausible(account, ledger), ledger)  # its sizes have been fitted again since
+    account = borne_out(plausible(without_a_form(account, ledger), ledger), ledger)  # its sizes have been fitted again since
     account = worth_their_numbers(account, ledger, gate)
     if bench.floors:  # in the noise that is left now its sizes are others
         account = above(account, ledger, bench.floors, blurred)

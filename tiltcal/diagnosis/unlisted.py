@@ -76,6 +76,20 @@ def _better(inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float =
     return curve if far_off else None
 
 
+def without_a_form(account: Account, ledger: Ledger) -> Account:
+    """The account with names taken from findings that hold by the curves beside them: no size of their own stands out any more."""
+    price = price_of(ledger)
+    terms: list[Term] = []
+    for places in findings(account):
+        first, *rest = (account.terms[k] for k in places)
+        told = (np.asarray(first.values) / np.maximum(account.sigmas(places[0]), np.finfo(float).tiny)) ** 2
+        if first.suspect.textbook and rest and told.max(initial=0.0) < price and not any(t.suspect.textbook for t in rest):
+            terms += [replace(t, host=None if t is rest[0] else rest[0].suspect) for t in rest]
+        else:
+            terms += [first, *rest]
+    return account if len(terms) == len(account.terms) else settle(replace(account, terms=tuple(terms)), ledger)
+
+
 def causes(curve: Rival) -> int:
     """How many a curve stands for: those of two channels' readings have nothing to do with each other."""
     return len({(e.sensor, e.axis) if isinstance(e, LearnedReading) else None for e in (t.suspect.effect for t in curve.terms)})

@@ -41,7 +41,10 @@ def heldout_misfit(account: Account, ledger: Ledger) -> float:
 
 
 def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
-    """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in time."""
+    """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in time.
+
+    What the other blocks do not tell of a size stays near nothing: it is expected to be as large as it was found, not larger.
+    """
     from scipy.fft import idct
 
     observations = ledger.observations
@@ -67,16 +70,18 @@ def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
             part = block[:, folds == f]
             grams[f][np.ix_(index, index)] += part @ part.T
     whole = grams.sum(axis=0)
+    free = sum(len(t.names) for t in account.nuisance)
+    expected = np.array([0.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]])
     for f in range(FOLDS):
-        b = _solve(whole - grams[f])
+        b = _solve(whole - grams[f], expected)
         G = grams[f]
         total += float(G[-1, -1] - 2 * b @ G[:-1, -1] + b @ G[:-1, :-1] @ b)
     return total
 
 
-def _solve(G: Array) -> Array:
-    """Least squares from a Gram matrix whose last row is the target."""
-    A, y = G[:-1, :-1], G[:-1, -1]
+def _solve(G: Array, prior: Array) -> Array:
+    """Least squares from a Gram matrix whose last row is the target, and the information that there is beforehand, (p,)."""
+    A, y = G[:-1, :-1] + np.diag(prior), G[:-1, -1]
     if not len(A):
         return y
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))

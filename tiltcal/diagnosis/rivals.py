@@ -18,7 +18,7 @@ from tiltcal.effects.base import Parameter
 from tiltcal.effects.learned import Learned
 from tiltcal.frames import Array
 
-FAIR = 5.0  # times the largest plausible size of any grade: beyond it an explanation is no explanation, and no rival
+FAIR = 10.0  # times the largest plausible size of any grade: beyond it an explanation is no explanation, and no rival
 OWN = 0.9  # least share of the gain that a name's own form brings; below it the name does not fit
 NEAR = 0.5  # least cosine with a finding's signal to be looked at
 LOOKED_AT = 14  # places that are worked out with their families

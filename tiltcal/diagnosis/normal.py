@@ -89,7 +89,7 @@ def normal_equations(
             by_channel.setdefault(i, []).append((k, wave))
     for i, rows in by_channel.items():
         mine = [k for k, _ in rows]
-        part = np.array([wave for _, wave in rows]) / ledger.roots[i]
+        part = np.array([wave for _, wave in rows]) * (1 / ledger.roots[i])
         gram[np.ix_(mine, mine)] += part @ part.T
         sides[mine] += part @ np.column_stack([target[i], signal[i]])
         inside[mine] += part @ basis[i]

@@ -15,9 +15,12 @@ from tiltcal.setup import Setup
 from tiltcal.units import ARCSEC, DEG, G0
 
 COLOURS = ("#2b6cb0", "#c05621", "#2f855a", "#6b46c1", "#b83280", "#4a5568")
+_AXIS = {"gridcolor": "#ebf0f8", "zerolinecolor": "#ebf0f8", "zerolinewidth": 2, "automargin": True, "title": {"standoff": 15}}
+TEMPLATE = {"layout": {"title": {"x": 0.05}, "plot_bgcolor": "white", "paper_bgcolor": "white", "xaxis": _AXIS, "yaxis": _AXIS}}
+"""White with a light grid: a named template is ten times as long, and is checked anew for each report."""
 LAYOUT = {
-    "template": "plotly_white", "height": 340, "margin": {"l": 60, "r": 20, "t": 40, "b": 50},
-    "font": {"family": "system-ui, sans-serif", "size": 13},
+    "template": TEMPLATE, "height": 340, "margin": {"l": 60, "r": 20, "t": 40, "b": 50},
+    "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#2a3f5f"},
 }  # fmt: skip
 
 

@@ -84,15 +84,16 @@ class Responses:
         force: Array | float = 0.0
         rate: Array | float = 0.0
         n = len(self.drive.time)
+        width: tuple[int, ...] = ()
         for place, jet in turns.items():
             for part, (df, dw) in zip((jet.x, jet.v, jet.a), self._of(place), strict=True):
                 if np.any(part):
                     by = np.asarray(part)
-                    wide = by.ndim == 2
+                    wide, width = by.ndim == 2, by.shape[1:]
                     by = by[:, None, :] if wide else np.broadcast_to(by, n)[:, None]
                     force = force if df is None else force + (df[:, :, None] if wide else df) * by
                     rate = rate if dw is None else rate + (dw[:, :, None] if wide else dw) * by
-        none = np.zeros((n, 3))
+        none = np.zeros((n, 3, *width))
         return (none if np.isscalar(force) else np.asarray(force)), (none if np.isscalar(rate) else np.asarray(rate))
 
     def _of(self, place: Place) -> tuple[tuple[Array | None, Array | None], ...]:

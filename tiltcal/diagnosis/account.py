@@ -175,8 +175,7 @@ def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | N
     """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may hold any size in it."""
     observations = ledger.observations
     effects = account.effects
-    fitted = [(t.suspect, name) for t in (*account.nuisance, *account.terms) for name in t.names]
-    waves = [ledger.waves(suspect, name, effects) for suspect, name in fitted]
+    waves = [ledger.waves(t.suspect, name, effects) for t in (*account.nuisance, *account.terms) for name in t.names]
     found = []
     for i, r in enumerate(observations.residuals(effects)):
         mine = [w[i] for w in waves if i in w]

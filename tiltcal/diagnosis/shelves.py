@@ -35,7 +35,6 @@ class Shelf:
     numbers: Index
     owners: Index
     used: int = 0
-    _said: tuple[int, Waves, Energies] = (0, np.zeros(0, np.float32), (np.zeros(0), []))
 
     @classmethod
     def empty(cls, channel: int, room: int, n: int) -> "Shelf":
@@ -48,18 +47,7 @@ class Shelf:
         return self.waves[: self.used]
 
     def energies(self, weight: Waves) -> Energies:
-        """What the columns hold. Asked again for the same weights, under which noise often comes back, it is said again.
-
-        Args:
-            weight: of each coefficient, (n,).
-        """
-        used, before, said = self._said
-        if used != self.used or not np.array_equal(before, weight):
-            said = self._energies(weight)
-            self._said = (self.used, weight, said)
-        return said
-
-    def _energies(self, weight: Waves) -> Energies:
+        """What the columns hold. weight: of each coefficient, (n,)."""
         starts = np.flatnonzero(np.diff(self.owners[: self.used], prepend=-1))
         counts = np.diff(starts, append=self.used)
         single = np.zeros(self.used)

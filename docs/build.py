@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.confusion import reference_scenario
+from tiltcal.design.identifiability import reference_scenario
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.scenario import Scenario
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario
 
 HERE = Path(__file__).parent
 OUT = HERE / "api"

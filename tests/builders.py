@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tiltcal.chain import readings
 from tiltcal.effects import make_effect
 from tiltcal.effects.base import Effect
-from tiltcal.kinematics import closed_form
-from tiltcal.motion import Attitude, Drive, Jet, Motion
-from tiltcal.schedule import Schedule, build_schedule
-from tiltcal.sequence import Climate, Step
-from tiltcal.setup import TABLE_AXES, Rig, Sensor, Setup, Site
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.signal_chain import readings
+from tiltcal.setup.schedule import Schedule, build_schedule
+from tiltcal.setup.sequence import Climate, Step
+from tiltcal.setup.setup import TABLE_AXES, Rig, Sensor, Setup, Site
+from tiltcal.setup.trajectory import Attitude, Drive, Jet, Motion
 
 G = 9.80123
 LATITUDE = 39.9

@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 from builders import INSTRUMENT, schedule_of, setup_of
 
-from tiltcal.chain import readings
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect, Parameter
-from tiltcal.setup import Sensor, Setup
+from tiltcal.forward.signal_chain import readings
+from tiltcal.setup.setup import Sensor, Setup
 
 SETTINGS = {"time": 20.0, "start": 20.0, "frequency": 3.3, "tau": 30.0}
 """Where and when an effect acts in these short recordings, in file units; any other with a default keeps that."""

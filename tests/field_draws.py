@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tiltcal.methods.field_log import BLOCK, FieldLog
-from tiltcal.units import DEG
+from tiltcal.calibration.methods.field_log import BLOCK, FieldLog
+from tiltcal.core.units import DEG
 
 U = np.ones(3) / np.sqrt(3)
 MEMS, FOG_NOISE = 0.34 * DEG / 60, 0.02 * DEG / 60  # rad per square root of s

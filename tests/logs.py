@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tiltcal.recording import Recording
-from tiltcal.setup import Sensor
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.setup import Sensor
 
 
 def log_of(

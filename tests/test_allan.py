@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import chi2
 from statistics_helpers import rng_of
 
-from tiltcal.allan import TERMS, AllanDeviation, allan_deviation, fit_noise, slopes
 from tiltcal.cli import main
+from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.sensor.noise import FLICKER_TAUS, draw_noise
-from tiltcal.errors import TiltcalError
-from tiltcal.recording import Recording
-from tiltcal.recording_files import write_recording
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import write_recording
+from tiltcal.statistics.allan import TERMS, AllanDeviation, allan_deviation, fit_noise, slopes
 
 RATE = 100.0
 

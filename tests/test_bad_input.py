@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import tomli_w
 
-from tiltcal.assets import folder
 from tiltcal.cli import main
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.recording import Recording
-from tiltcal.recording_files import write_recording
-from tiltcal.scenario import Scenario, load_scenario
+from tiltcal.core.assets import folder
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import write_recording
 
 
 def scenario_of(name, **changed):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.test_sequence_files import HEAD
-from tiltcal.recording_files import read_recording
+from tiltcal.recordings.recording_files import read_recording
 
 TESTS = Path(__file__).parent
 

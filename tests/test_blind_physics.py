@@ -17,8 +17,8 @@ from statistics_helpers import rng_of
 
 from tiltcal.cli import main
 from tiltcal.effects import CATALOGUE
-from tiltcal.recording_files import read_recording
-from tiltcal.scenario import load_scenario
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording_files import read_recording
 
 ARCSEC = np.pi / 648000
 TABLES = ("dual_tumble", "placing_sweep", "vertical_turn", "three_rates")

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tiltcal.blocks import REMOUNT, WORDS, Table, candidates, said, within
-from tiltcal.sequence_files import sequence_text
-from tiltcal.setup import Rig
+from tiltcal.design.recording_blocks import REMOUNT, WORDS, Table, candidates, said, within
+from tiltcal.setup.sequence_files import sequence_text
+from tiltcal.setup.setup import Rig
 
 FREE = {"outer": (0.0, 360.0), "middle": (0.0, 360.0), "inner": (0.0, 360.0)}
 
@@ -41,7 +41,7 @@ def test_a_block_out_of_reach_is_known() -> None:
 def test_flipped_poses_are_the_same_attitude_of_the_body() -> None:
     import numpy as np
 
-    from tiltcal.frames import rotation
+    from tiltcal.core.frames import rotation
 
     flip = next(b for b in candidates(table_of("dual")) if b.name == "flip")
     up = []
@@ -63,7 +63,7 @@ def test_two_blocks_after_one_another_cost_what_both_cost_and_the_way_between() 
 
 
 def test_the_words_of_a_tie_breaker_are_those_of_a_block() -> None:
-    from tiltcal.confusion import tie_breaker
+    from tiltcal.design.identifiability import tie_breaker
 
     assert tie_breaker("table_backlash", "table_encoder_2rev") == said("reverse")
     assert tie_breaker("acc_K2", "acc_K3") == said("tumble")

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from statistics_helpers import rng_of
 
-from tiltcal.assets import folder
-from tiltcal.budget import make_budget
+from tiltcal.calibration.methods.registry import METHODS, calibrate
 from tiltcal.cli import main
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC, G0
 from tiltcal.effects import make_effect
-from tiltcal.errors import TiltcalError
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.methods.registry import METHODS, calibrate
-from tiltcal.scenario import Scenario, SourceTable, load_scenario
-from tiltcal.units import ARCSEC, G0
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario, SourceTable, load_scenario
+from tiltcal.validation.uncertainty_budget import make_budget
 
 LAB = SimulatedLaboratory()
 

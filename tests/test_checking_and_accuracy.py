@@ -7,15 +7,15 @@ from logs import log_of, triad_readings
 from scipy.stats import kstest
 from statistics_helpers import rng_of
 
-from tiltcal.accuracy import mount_rotation, normalised_error, tilt_error, true_parameters
-from tiltcal.calibration import Calibration, Estimate
-from tiltcal.checking import check
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import base_rotation, rotation, sphere
-from tiltcal.methods.registry import calibrate
-from tiltcal.segments import Segment
-from tiltcal.setup import Setup
-from tiltcal.units import ARCSEC, G0
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import base_rotation, rotation, sphere
+from tiltcal.core.units import ARCSEC, G0
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.setup.setup import Setup
+from tiltcal.validation.accuracy import mount_rotation, normalised_error, tilt_error, true_parameters
+from tiltcal.validation.cross_check import check
 
 SETUP = setup_of("handheld", ACCEL)
 TRIAD_NAMES = [f"accel.{t}" for t in (

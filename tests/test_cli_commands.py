@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from bench import FACES
 
-from tiltcal.calibration import load_calibration
+from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
-from tiltcal.recording import Recording
-from tiltcal.recording_files import read_recording, write_recording
-from tiltcal.scenario import load_scenario
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording, write_recording
 
 SUFFIXES = (".csv", ".parquet", ".npz")
 

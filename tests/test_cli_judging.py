@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from bench import BENCH, EFFECTS, HEAD, SEQUENCE
 
+from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.cli import main
-from tiltcal.cli.concealing import CONCEALABLE, bench, concealed
+from tiltcal.cli.conceal import CONCEALABLE, bench, concealed
 from tiltcal.effects import CATALOGUE
-from tiltcal.methods.registry import METHODS
-from tiltcal.recording import Recording
-from tiltcal.recording_files import read_recording, write_recording
-from tiltcal.scenario import load_scenario, parse_scenario
+from tiltcal.laboratory.scenario import load_scenario, parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording, write_recording
 
 COMMANDS = (
     "simulate",

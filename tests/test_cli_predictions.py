@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tiltcal.cli import main
-from tiltcal.recording import Recording
-from tiltcal.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording, write_recording
 
 
 def predicted(toml, motion):

@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 
-from tiltcal.calibration import load_calibration
+from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
-from tiltcal.recording_files import read_recording, write_recording
-from tiltcal.scenario import load_scenario
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording_files import read_recording, write_recording
 
 
 def long_log(path, rows):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tiltcal.codes import code_grid
+from tiltcal.core.quantisation import code_grid
 
 
 def coded(rng, width, digits, n=2000):

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from builders import ACCEL, drive_of, setup_of
 
-from tiltcal.chain import make_sense
-from tiltcal.confusion import classes, confuse, tie_breaker
+from tiltcal.core.frames import rotation
+from tiltcal.core.units import G0
+from tiltcal.design.identifiability import classes, confuse, tie_breaker
 from tiltcal.effects import make_effect
 from tiltcal.effects.base import SignalEffect
-from tiltcal.frames import rotation
-from tiltcal.kinematics import closed_form
-from tiltcal.motion import Jet
-from tiltcal.scenario import load_scenario
-from tiltcal.units import G0
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.signal_chain import make_sense
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.setup.trajectory import Jet
 
 MICRO = 1e-6 * G0
 TURN = [np.eye(3), rotation("x", np.pi), rotation("y", np.pi / 2), rotation("z", np.pi / 2), rotation("x", np.pi / 2)]
@@ -190,7 +190,7 @@ def test_a_detectable_size_is_what_monte_carlo_finds_at_eighty_per_cent(rng):
     """Power of a one-parameter test at 0.1 % false alarm with the non-centrality that POWER states."""
     from scipy.stats import chi2, ncx2
 
-    from tiltcal.confusion import POWER
+    from tiltcal.design.identifiability import POWER
 
     assert ncx2.sf(chi2.isf(1e-3, 1), 1, POWER) == pytest.approx(0.8, abs=0.005)
     draws = (rng.normal(size=20000) + np.sqrt(POWER)) ** 2 > chi2.isf(1e-3, 1)

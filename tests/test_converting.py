@@ -5,11 +5,11 @@ import pytest
 from builders import LATITUDE, G
 from pydantic import ValidationError
 
-from tiltcal.converting import coded, converted, fine_grid
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.scenario import Scenario
-from tiltcal.setup import Converter, Sensor
-from tiltcal.units import ARCSEC, G0
+from tiltcal.core.units import ARCSEC, G0
+from tiltcal.forward.adc import coded, converted, fine_grid
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.setup.setup import Converter, Sensor
 
 AD7705 = Converter()
 

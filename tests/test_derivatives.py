@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tiltcal.derivatives import differentiate
+from tiltcal.recordings.differentiation import differentiate
 
 NOISE = 3e-7  # rad, of the readout
 STEP = 0.02  # s

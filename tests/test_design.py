@@ -9,20 +9,20 @@ import pytest
 from statistics_helpers import rng_of
 
 from tiltcal.cli import main
-from tiltcal.design.ascent import Draft, Problem, _Climb
+from tiltcal.core.frames import sphere
+from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.design.bounded_descent import minimise
 from tiltcal.design.classic import CLASSIC, baseline, classic, planes
-from tiltcal.design.clock import Clock, unwound
 from tiltcal.design.criteria import CRITERIA, gain, tilt_rms
-from tiltcal.design.descent import minimise
+from tiltcal.design.gradient_search import Draft, Problem, _Climb
 from tiltcal.design.plan import design, forecast
 from tiltcal.design.polynomial import KINDS, dual_up, regressors, textbook_model
 from tiltcal.design.search import Effort, folded, search
 from tiltcal.design.steps import designed_table, steps_of
 from tiltcal.design.terms import Wanted, scenario_model
-from tiltcal.frames import sphere
-from tiltcal.scenario import parse_scenario
-from tiltcal.schedule import build_schedule
-from tiltcal.units import ARCSEC, DEG
+from tiltcal.design.time_budget import Clock, unwound
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.setup.schedule import build_schedule
 
 BARS = {
     ("linear", False, 300): 92.64, ("linear", False, 900): 99.23, ("linear", True, 300): 90.42, ("linear", True, 900): 96.98,
@@ -237,7 +237,7 @@ def test_the_whole_catalogue_can_be_asked_for_and_a_design_sees_more_of_it_than_
 
 
 def test_table_effects_at_a_pose_are_the_closed_form_differenced():
-    from tiltcal.design.still import Still, watch
+    from tiltcal.design.static_instrument import Still, watch
     from tiltcal.effects import make_effect
 
     scenario = scenario_of()
@@ -276,7 +276,7 @@ def test_an_inclinometer_reads_angles_and_its_steep_end_is_not_exploited():
 def test_the_scenario_takes_the_table_time_that_was_planned(table):
     scenario = scenario_of(table)
     terms = ("bias", "scale", "cross_axis") if table != "placing" else ("bias", "K2")
-    from tiltcal.design.still import Still
+    from tiltcal.design.static_instrument import Still
 
     still = Still(scenario, 150.0)
     clock = Clock(150.0, limits=(None,) * len(still.axes))

@@ -5,17 +5,17 @@ import pytest
 from scipy.stats import chi2
 from statistics_helpers import FALSE_ALARM, rng_of, seed_of
 
+from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.cli.calibrating import read_segments
-from tiltcal.design.ascent import Problem
-from tiltcal.design.clock import Clock
+from tiltcal.core.units import G0
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import Plan, design
 from tiltcal.design.search import Effort
+from tiltcal.design.static_instrument import Still
 from tiltcal.design.steps import designed_table, segments_csv, steps_of
-from tiltcal.design.still import Still
 from tiltcal.design.terms import Wanted, scenario_model
-from tiltcal.methods.registry import calibrate
-from tiltcal.scenario import Scenario, parse_scenario
-from tiltcal.units import G0
+from tiltcal.design.time_budget import Clock
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltsim.laboratory import MujocoLaboratory
 
 TRIALS, WHITE = 40, 200.0

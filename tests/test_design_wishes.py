@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from bench import BENCH, refusal
 
-from tiltcal.design.ascent import Problem
-from tiltcal.design.clock import Clock
+from tiltcal.core.errors import TiltcalError
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.polynomial import textbook_model
-from tiltcal.errors import TiltcalError
+from tiltcal.design.time_budget import Clock
 
 
 @pytest.fixture

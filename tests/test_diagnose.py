@@ -9,8 +9,8 @@ from dossier import bench, honest, recorded
 
 from tiltcal.cli import main
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.recording_files import write_recording
-from tiltcal.scenario import parse_scenario
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording_files import write_recording
 
 LEFT_OUT = {  # what is concealed, its parameter with unit, table, sensor
     "table_levelling": ({"id": "table_levelling", "tilt_north_arcsec": 40.0}, "tilt_north_arcsec", "vertical", "incl"),
@@ -59,7 +59,7 @@ def test_the_amended_scenario_explains_the_recording(case):
 def test_the_amended_scenario_predicts_another_recording(case):
     effect, _, truth, _, found = case
     other = recorded(truth, None)
-    from tiltcal.laboratory import SimulatedLaboratory
+    from tiltcal.laboratory.laboratory import SimulatedLaboratory
 
     nominal = SimulatedLaboratory().predict(parse_scenario({**dict(found.amended), "effect": [
         e for e in found.amended["effect"] if e.get("role") != "found"]}), other)  # fmt: skip

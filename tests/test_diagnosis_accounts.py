@@ -8,25 +8,25 @@ import pytest
 from builders import FOG, GYRO
 from dossier import bench, honest, recorded, rewritten
 
-from tiltcal.byhand import earlier
-from tiltcal.diagnosis.account import Term, settle
-from tiltcal.diagnosis.bench import prepare
-from tiltcal.diagnosis.conclude import findings_of
+from tiltcal.core.units import G0
+from tiltcal.diagnosis.conclusions.concluding import findings_of
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_quality.quantisation_limit import above
+from tiltcal.diagnosis.data_quality.stop_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.filling import fill
-from tiltcal.diagnosis.floors import above
-from tiltcal.diagnosis.heldout import borne_out
-from tiltcal.diagnosis.plain import burden, plainer, plainly
-from tiltcal.diagnosis.randoms import lawful_part
-from tiltcal.diagnosis.rivals import Rival, preferred
-from tiltcal.diagnosis.select import Gate, absorbed, findings, plausible, select, worth_their_numbers
-from tiltcal.diagnosis.sizes import in_full
-from tiltcal.diagnosis.span import Lines, Span
-from tiltcal.diagnosis.suspects import Suspect, listed_suspects, step_suspects
-from tiltcal.diagnosis.unlisted import causes, nameless
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, Span
+from tiltcal.diagnosis.hypotheses.dictionary import fill
+from tiltcal.diagnosis.hypotheses.hypothesis import Suspect, listed_suspects, step_suspects
+from tiltcal.diagnosis.model.cross_validation import borne_out
+from tiltcal.diagnosis.model.fitted_model import Term, settle
+from tiltcal.diagnosis.search.alternatives import Rival, preferred
+from tiltcal.diagnosis.search.forward_selection import Gate, absorbed, findings, plausible, select, worth_their_numbers
+from tiltcal.diagnosis.search.predictive_parameters import in_full
+from tiltcal.diagnosis.search.swap_search import burden, plainer, plainly
+from tiltcal.diagnosis.search.unlisted_curves import causes, nameless
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading, LearnedTilt
-from tiltcal.units import G0
+from tiltcal.laboratory.handheld import earlier
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
 
@@ -180,7 +180,7 @@ def test_what_completes_a_form_has_a_size_that_a_file_may_give_it(width, kept, m
     found = prepared()
     plays = [suspect("table_backlash", ("width",), None, "outer", crossing=c) for c in (0.0, 0.3)]
     terms = (Term(plays[0], ("width",), (5e-4,)), Term(plays[1], ("width",), (width,), plays[0]))
-    monkeypatch.setattr("tiltcal.diagnosis.select.settle", lambda account, _: account)
+    monkeypatch.setattr("tiltcal.diagnosis.search.forward_selection.settle", lambda account, _: account)
     assert len(plausible(replace(found.start, terms=terms), found.ledger).terms) == kept
 
 

@@ -5,9 +5,9 @@ import pytest
 from dossier import BY_HAND, bench, faults_of, honest, recorded, rewritten
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.bench import prepare
-from tiltcal.diagnosis.bits import stuck_bit, was_set
-from tiltcal.recording import Recording
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_quality.stuck_bit import stuck_bit, was_set
+from tiltcal.recordings.recording import Recording
 
 LSB = 5e-4  # m/s2
 

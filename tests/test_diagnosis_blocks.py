@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from builders import ACCEL, GYRO, setup_of
 
-from tiltcal.diagnosis.blocks import MOST_ROWS, ROWS, block_of
-from tiltcal.diagnosis.observations import TableObservations
-from tiltcal.diagnosis.span import Lines
+from tiltcal.diagnosis.data.block_averaging import MOST_ROWS, ROWS, block_of
+from tiltcal.diagnosis.data.observations import TableObservations
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines
 from tiltcal.effects import make_effect
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.scenario import parse_scenario
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
 
 STEPS = [
     {"action": "move", "outer_deg": 100.0 * k % 360, "inner_deg": 70.0 * k % 360, "rate_deg_s": 40, "dwell_s": 6} for k in range(5)

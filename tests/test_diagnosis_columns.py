@@ -6,12 +6,12 @@ from dossier import bench, honest, recorded
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from tiltcal.diagnosis.bench import prepare
-from tiltcal.diagnosis.design import Design
+from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import one_thread
-from tiltcal.diagnosis.span import Lines, span_of
-from tiltcal.diagnosis.suspects import listed_suspects
-from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, span_of
+from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects
+from tiltcal.diagnosis.model.block_matrix import Design
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 
 LENGTHS = (40, 30, 50)
 

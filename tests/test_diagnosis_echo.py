@@ -5,8 +5,8 @@ import pytest
 from dossier import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.replay import replay
-from tiltcal.scenario import parse_scenario
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.replay import replay
 
 PERIOD = 0.83  # s
 

@@ -5,15 +5,15 @@ import pytest
 from dossier import BY_HAND, bench, faults_of, honest, recorded, rewritten, turned_by_hand
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.data.observations import Channel
+from tiltcal.diagnosis.data_quality.flat_and_repeated import inspect
+from tiltcal.diagnosis.data_quality.lost_samples import lost_as_another
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_quality.readout_jumps import jump_of
+from tiltcal.diagnosis.data_quality.units_signs_axes import meaning
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.faults import inspect
-from tiltcal.diagnosis.jumps import jump_of
-from tiltcal.diagnosis.lost import lost_as_another
-from tiltcal.diagnosis.meaning import meaning
-from tiltcal.diagnosis.observations import Channel
-from tiltcal.recording import Recording
-from tiltcal.scenario import parse_scenario
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
 
 
 @pytest.fixture(scope="module")

@@ -8,24 +8,33 @@ from dossier import rewritten
 from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 
-from tiltcal.assets import folder
-from tiltcal.diagnosis.account import Account, Term
-from tiltcal.diagnosis.bench import prepare
-from tiltcal.diagnosis.carrying import Carried, Windows, turns_between
-from tiltcal.diagnosis.curves import lags_of
+from tiltcal.core.assets import folder
+from tiltcal.diagnosis.data.handheld_rests import (
+    KEPT_AT_REST,
+    condensed,
+    inner,
+    known_stops,
+    no_less,
+    of_direction,
+    rest_steps,
+    undisturbed,
+)
+from tiltcal.diagnosis.data.observations import observe
+from tiltcal.diagnosis.data_quality.outliers import off_neighbours
+from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.gross import off_neighbours
-from tiltcal.diagnosis.observations import observe
-from tiltcal.diagnosis.rests import KEPT_AT_REST, condensed, inner, known_stops, no_less, of_direction, rest_steps, undisturbed
-from tiltcal.diagnosis.shapes import upright
-from tiltcal.diagnosis.suspects import LAGS, Suspect
-from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel
+from tiltcal.diagnosis.hypotheses.curves import lags_of
+from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Suspect
+from tiltcal.diagnosis.model.fitted_model import Account, Term
+from tiltcal.diagnosis.search.shape_refinement import upright
 from tiltcal.effects import make_effect
+from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.learned import LearnedReading
-from tiltcal.effects.memory import first_order_lag
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.recording import Recording
-from tiltcal.scenario import load_scenario, parse_scenario
+from tiltcal.forward.gravity_transport import Carried, Windows, turns_between
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario, parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 
 G = 9.80123
 TRIADS = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")

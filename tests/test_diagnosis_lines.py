@@ -5,13 +5,13 @@ import pytest
 from dossier import bench, honest, recorded
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.filling import fill, refill
-from tiltcal.diagnosis.tones import lines_of, wandering_of
-from tiltcal.recording import Recording
-from tiltcal.scenario import parse_scenario
-from tiltcal.sequence import Step
+from tiltcal.diagnosis.hypotheses.dictionary import fill, refill
+from tiltcal.diagnosis.hypotheses.spectral_lines import lines_of, wandering_of
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.sequence import Step
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample at 25 Hz, m/s2
 

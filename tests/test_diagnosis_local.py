@@ -5,7 +5,7 @@ import pytest
 from dossier import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.scenario import parse_scenario
+from tiltcal.laboratory.scenario import parse_scenario
 
 G = 9.81
 WHITE = 25e-6 * G * np.sqrt(10.0 / 2)  # of a sample, m/s2

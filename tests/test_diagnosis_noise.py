@@ -8,8 +8,8 @@ from scipy.stats import binom
 from statistics_helpers import FALSE_ALARM, mean_band, variance_band
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.evidence import cosines
-from tiltcal.diagnosis.whitening import NoiseFit, NoiseModel, estimate_noise
+from tiltcal.diagnosis.model.hypothesis_columns import cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, estimate_noise
 
 CONSTANT = cosines(np.ones(2000))[:, None]
 

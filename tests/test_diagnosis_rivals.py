@@ -1,8 +1,8 @@
 """Who may take the place of the best explanation."""
 
-from tiltcal.diagnosis.account import Term
-from tiltcal.diagnosis.rivals import Rival, inseparable, preferred
-from tiltcal.diagnosis.suspects import Suspect
+from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
+from tiltcal.diagnosis.model.fitted_model import Term
+from tiltcal.diagnosis.search.alternatives import Rival, inseparable, preferred
 from tiltcal.effects import CATALOGUE
 
 

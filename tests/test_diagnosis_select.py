@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from dossier import bench, honest, recorded, rewritten
 
-from tiltcal.diagnosis.account import Account, Term, noise_under, settle
-from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.rivals import fair
-from tiltcal.diagnosis.select import ALPHA, _grown, findings, joined, standing
-from tiltcal.diagnosis.span import Lines, Span
-from tiltcal.diagnosis.suspects import CREEPS, Suspect, listed_suspects, step_suspects, steps_at
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, Span
+from tiltcal.diagnosis.hypotheses.hypothesis import CREEPS, Suspect, listed_suspects, step_suspects, steps_at
+from tiltcal.diagnosis.model.fitted_model import Account, Term, noise_under, settle
+from tiltcal.diagnosis.search.alternatives import fair
+from tiltcal.diagnosis.search.forward_selection import ALPHA, _grown, findings, joined, standing
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 

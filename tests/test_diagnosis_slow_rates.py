@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.account import Term, settle
-from tiltcal.diagnosis.bench import prepare
-from tiltcal.diagnosis.curves import curves
+from tiltcal.diagnosis.data.observations import observe
+from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.filling import fill
-from tiltcal.diagnosis.observations import observe
-from tiltcal.diagnosis.plain import reshaped
-from tiltcal.diagnosis.shapes import refined
-from tiltcal.diagnosis.span import Lines, span_of
-from tiltcal.effects.memory import first_order_lag
-from tiltcal.recording import Recording
-from tiltcal.scenario import parse_scenario
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, span_of
+from tiltcal.diagnosis.hypotheses.curves import curves
+from tiltcal.diagnosis.hypotheses.dictionary import fill
+from tiltcal.diagnosis.model.fitted_model import Term, settle
+from tiltcal.diagnosis.search.shape_refinement import refined
+from tiltcal.diagnosis.search.swap_search import reshaped
+from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
 
 BESIDE = parse_scenario({
     "schema": 1, "name": "a FOG beside a gyro triad", "site": {"gravity_m_s2": 9.80123, "latitude_deg": 45.0},

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from dossier import bench, honest, recorded, rewritten
 
-from tiltcal.diagnosis.account import Term, noise_under, noise_within_stops, settle
-from tiltcal.diagnosis.bench import prepare
+from tiltcal.diagnosis.data_quality.outliers import off_neighbours
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, setting_error
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.evidence import cosines
-from tiltcal.diagnosis.gross import off_neighbours
-from tiltcal.diagnosis.randoms import beside_stops, setting_error
-from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.diagnosis.whitening import NoiseFit
+from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
+from tiltcal.diagnosis.model.fitted_model import Term, noise_under, noise_within_stops, settle
+from tiltcal.diagnosis.model.hypothesis_columns import cosines
 from tiltcal.effects import CATALOGUE
+from tiltcal.statistics.noise_spectrum import NoiseFit
 
 INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}
 HYSTERESIS = {"id": "acc_hysteresis", "sensor": "accel", "hysteresis_z_ug": 600.0, "width_unitless": 0.2}

@@ -9,9 +9,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from test_dynamics import DOWN, THERE_AND_BACK, UP, at, run, scenario_of, servo_of
 
-from tiltcal.errors import TiltcalError
-from tiltcal.kinematics import closed_form, true_angles
-from tiltcal.units import ARCSEC, DEG, G0
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC, DEG, G0
+from tiltcal.forward.kinematics import closed_form, true_angles
 from tiltsim import build
 from tiltsim.motion import mujoco_motion
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tiltcal.assets import folder
-from tiltcal.errors import TiltcalError
-from tiltcal.kinematics import closed_form, true_angles
-from tiltcal.motion import Jet
-from tiltcal.scenario import Scenario, parse_scenario
-from tiltcal.setup import TABLE_AXES
-from tiltcal.units import ARCSEC, DEG, G0
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC, DEG, G0
+from tiltcal.forward.kinematics import closed_form, true_angles
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.setup.setup import TABLE_AXES
+from tiltcal.setup.trajectory import Jet
 from tiltsim import build, log
 from tiltsim import dynamics as module
 from tiltsim.dynamics import DynamicCourse, run_dynamics

@@ -6,8 +6,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from tiltcal.assets import folder
-from tiltcal.confusion import nearest_rivals
+from tiltcal.core.assets import folder
+from tiltcal.design.identifiability import nearest_rivals
 from tiltcal.effects import CATALOGUE
 
 

@@ -5,10 +5,10 @@ import pytest
 from builders import AXLED, setup_of
 from catalogue_cases import INSTRUMENT, plausible, sensors_for
 
-from tiltcal.chain import readings
+from tiltcal.core.units import EARTH_RATE
 from tiltcal.effects import CATALOGUE
-from tiltcal.schedule import Leg, Schedule
-from tiltcal.units import EARTH_RATE
+from tiltcal.forward.signal_chain import readings
+from tiltcal.setup.schedule import Leg, Schedule
 
 EXACT = 1e-11 + 0.1 * EARTH_RATE**2  # a point 0.1 m off the laboratory's origin feels the Earth turn
 SILENT = {"motion", "temperature", "vibration", "direction"}  # nothing at all in one pose at rest and constant temperature

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, INCL, INSTRUMENT, drive_of, effect_of, read_poses, schedule_of, setup_of, still
 
-from tiltcal.chain import readings, stream
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC, DEG, DEG_H, G0
 from tiltcal.effects import make_effect
 from tiltcal.effects.base import Sense
-from tiltcal.errors import TiltcalError
-from tiltcal.motion import Jet
-from tiltcal.units import ARCSEC, DEG, DEG_H, G0
+from tiltcal.forward.signal_chain import readings, stream
+from tiltcal.setup.trajectory import Jet
 
 N = 200
 T = np.linspace(0.0, 40.0, N)  # s

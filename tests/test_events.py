@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from builders import ACCEL, read_poses, setup_of, still
 
+from tiltcal.core.units import G0
 from tiltcal.effects import make_effect
 from tiltcal.effects.events import afterwards, as_met
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.scenario import parse_scenario
-from tiltcal.units import G0
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
 
 SETUP = setup_of("dual", ACCEL)
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tiltcal import assets
-from tiltcal.errors import TiltcalError
-from tiltcal.files import make_folder, replacing, require_file, write_json, write_text
-from tiltcal.recording import Recording
-from tiltcal.recording_files import write_recording
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, replacing, require_file, write_json, write_text
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import write_recording
 
 
 def names(folder):

@@ -7,12 +7,12 @@ from bench import refusal
 from builders import ACCEL, G, setup_of
 from statistics_helpers import rng_of
 
-from tiltcal.calibration import calibration_from
+from tiltcal.calibration.c_export import header
+from tiltcal.calibration.methods.registry import _with_setup
+from tiltcal.calibration.result import calibration_from
 from tiltcal.cli import main
-from tiltcal.errors import TiltcalError
-from tiltcal.firmware.header import header
-from tiltcal.methods.registry import _with_setup
-from tiltcal.units import DEG
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import DEG
 
 SETUP = setup_of("placing", ACCEL.model_copy(update={"axes": ("x", "y")}))
 N = 1_000_000

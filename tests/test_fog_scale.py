@@ -9,18 +9,18 @@ from field_draws import BOUND, PLAIN, RATE, SCALE, U, turned_about_each_axis
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.accuracy import normalised_error, true_parameters
-from tiltcal.assets import folder
-from tiltcal.errors import TiltcalError
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.methods.fog_filter import augmented_problem, batch, kalman, patent_problem, smoothed
-from tiltcal.methods.registry import calibrate
-from tiltcal.recording import Recording
-from tiltcal.scenario import load_scenario
-from tiltcal.segments import find_segments
-from tiltcal.sequence import Step
-from tiltcal.setup import Sensor
-from tiltcal.units import DEG, EARTH_RATE
+from tiltcal.calibration.methods.fog_filter import augmented_problem, batch, kalman, patent_problem, smoothed
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import DEG, EARTH_RATE
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import find_segments
+from tiltcal.setup.sequence import Step
+from tiltcal.setup.setup import Sensor
+from tiltcal.validation.accuracy import normalised_error, true_parameters
 
 SCENARIO = load_scenario(folder("scenarios") / "fog_scale_by_hand.toml").model_copy(update={"dynamics": None})
 FAMILY = 1e-3  # of all comparisons of one method together
@@ -224,7 +224,7 @@ def test_given_dwells_are_taken_and_missing_parts_are_refused_in_words():
 
 def test_attitude_after_a_turn_is_better_than_before_by_what_the_scale_was_wrong():
     found = calibrate("fog_scale", recorded(), SCENARIO)
-    from tiltcal.attitude import attitude_error
+    from tiltcal.validation.gyro_accuracy import attitude_error
 
     error = attitude_error(SCENARIO, SCENARIO.effects, found)
     assert error.before == pytest.approx(360 * DEG * np.sqrt((0.01**2 + 0.008**2 + 0.005**2) / 3), rel=1e-6)

@@ -20,10 +20,10 @@ from builders import (
 )
 
 from tiltcal import frames
-from tiltcal.errors import TiltcalError
-from tiltcal.kinematics import closed_form
-from tiltcal.motion import Jet
-from tiltcal.units import ARCSEC, DEG, EARTH_RATE
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC, DEG, EARTH_RATE
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.setup.trajectory import Jet
 
 HALF, ROOT3 = 0.5, sqrt(3) / 2
 

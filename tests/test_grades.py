@@ -5,9 +5,10 @@ import pytest
 from builders import INSTRUMENT, setup_of
 
 from tiltcal.effects import CATALOGUE
-from tiltcal.grades import GRADES, ORDINARY, SPREAD, draw_instrument
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.scenario import parse_scenario
+from tiltcal.effects.base import GRADES
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.random_instrument import ORDINARY, SPREAD, draw_instrument
+from tiltcal.laboratory.scenario import parse_scenario
 
 
 @pytest.mark.parametrize("grade", GRADES)

@@ -10,11 +10,11 @@ from gymnasium.utils.env_checker import check_env
 from statistics_helpers import rng_of
 
 import tiltcal.gym
-from tiltcal.design.ascent import Problem
+from tiltcal.core.errors import TiltcalError
 from tiltcal.design.criteria import gain
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.polynomial import KINDS, textbook_model
-from tiltcal.errors import TiltcalError
-from tiltcal.gym.bench import Bench, Task
+from tiltcal.gym.calibrations import Bench, Task
 from tiltcal.gym.policies import BASELINES, following, greedy, leaderboard, named, rollout
 from tiltcal.gym.spaces import DWELLS, action_of, menu, pose_of
 from tiltcal.gym.training import START, law, train
@@ -59,7 +59,7 @@ def test_the_return_is_the_information_of_the_whole_sequence(model, drift):
             angle, dwell = pose_of(action[None], task)
             angles.append(angle[0])
             dwells.append(dwell[0])
-    from tiltcal.design.clock import unwound
+    from tiltcal.design.time_budget import unwound
 
     problem = Problem(textbook_model(model, drift, task.budget_s), task.clock)
     route = unwound(np.array(angles), problem.clock.limits)

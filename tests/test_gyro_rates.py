@@ -6,14 +6,14 @@ from builders import setup_of
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.accuracy import normalised_error, true_parameters
-from tiltcal.assets import folder
-from tiltcal.errors import TiltcalError
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.methods.gyro_rates import fit_blocks
-from tiltcal.methods.registry import calibrate
-from tiltcal.scenario import load_scenario
-from tiltcal.sequence import Step
+from tiltcal.calibration.methods.gyro_rates import fit_blocks
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.setup.sequence import Step
+from tiltcal.validation.accuracy import normalised_error, true_parameters
 
 FULL = load_scenario(folder("scenarios") / "gyro_rates_three.toml")
 TERMS = ["bias", "scale", "cross_axis", "gsens"]

@@ -9,20 +9,20 @@ from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 from test_real_recordings import FOLDER
 
-from tiltcal.accuracy import normalised_error, true_parameters
-from tiltcal.assets import folder
-from tiltcal.calibration import Calibration, Estimate, PoseSpan
-from tiltcal.correcting import corrected_columns
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import AXES
-from tiltcal.importing import import_recording, load_mapping
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.methods.gyro_turns import TERMS, Turns, _Rests, parameter_names, solve
-from tiltcal.methods.registry import calibrate
-from tiltcal.poses import Poses
-from tiltcal.scenario import load_scenario
-from tiltcal.segments import find_segments
-from tiltcal.units import DEG, G0
+from tiltcal.calibration.correction import corrected_columns
+from tiltcal.calibration.methods.gyro_turns import TERMS, Turns, _Rests, parameter_names, solve
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import AXES
+from tiltcal.core.units import DEG, G0
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.segmentation import find_segments
+from tiltcal.recordings.static_poses import Poses, PoseSpan
+from tiltcal.recordings.text_import import import_recording, load_mapping
+from tiltcal.validation.accuracy import normalised_error, true_parameters
 
 SCENARIO = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
 

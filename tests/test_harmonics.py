@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import ACCEL, G, effect_of, read_poses, setup_of, still
 
-from tiltcal.units import ARCSEC, G0
+from tiltcal.core.units import ARCSEC, G0
 
 SENSOR, TABLE = 1e-6 * G0, ARCSEC * G  # m/s2 per ug, per arcsec
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from tests.bench import refusal
-from tiltcal.blocks import Block
-from tiltcal.errors import TiltcalError
-from tiltcal.investigation import investigate as room
-from tiltcal.investigation.command import CommandLaboratory
-from tiltcal.investigation.investigate import Bench, Investigation, investigate
-from tiltcal.investigation.next_block import Limits, NextBlock
-from tiltcal.investigation.splitting import Pair, Proposal
-from tiltcal.recording import Recording
-from tiltcal.recording_files import write_recording
-from tiltcal.scenario import Scenario, parse_scenario
-from tiltcal.sequence import Step
+from tiltcal.core.errors import TiltcalError
+from tiltcal.design.recording_blocks import Block
+from tiltcal.diagnosis.investigation import investigate as room
+from tiltcal.diagnosis.investigation.command import CommandLaboratory
+from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
+from tiltcal.diagnosis.investigation.investigate import Bench, Investigation, investigate
+from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import write_recording
+from tiltcal.setup.sequence import Step
 
 PLACING: dict[str, Any] = {
     "schema": 1, "name": "loop", "site": {"gravity_m_s2": 9.8}, "rig": {"table": "placing"},

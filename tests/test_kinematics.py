@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from builders import AXLED, FOG, GYRO, LATITUDE, TABLES, schedule_of, setup_of, still, tossed
 
-from tiltcal.assets import folder
+from tiltcal.core.assets import folder
+from tiltcal.core.frames import earth_rate, rotation, skew
+from tiltcal.core.units import DEG, EARTH_RATE
 from tiltcal.effects.mechanisms import World
-from tiltcal.frames import earth_rate, rotation, skew
-from tiltcal.kinematics import closed_form
-from tiltcal.motion import Jet, sampled_jet
-from tiltcal.schedule import RAMP, Leg
-from tiltcal.units import DEG, EARTH_RATE
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.setup.schedule import RAMP, Leg
+from tiltcal.setup.trajectory import Jet, sampled_jet
 from tiltsim.motion import _Runner, mujoco_motion
 from tiltsim.rig import RigBuilder
 

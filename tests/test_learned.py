@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, drive_of, effect_of, read_poses, setup_of
 
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import G0
 from tiltcal.effects import make_effect
 from tiltcal.effects.catalogue import to_file
-from tiltcal.effects.memory import first_order_lag
-from tiltcal.errors import TiltcalError
-from tiltcal.kinematics import closed_form
-from tiltcal.motion import Jet
-from tiltcal.units import G0
+from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.setup.trajectory import Jet
 from tiltsim.motion import mujoco_motion
 
 N = 200

@@ -11,10 +11,10 @@ import pytest
 import tomli_w
 
 from tiltcal.cli import main
-from tiltcal.recording_files import read_recording
-from tiltcal.sequence import Step
-from tiltcal.sequence_files import sequence_text
-from tiltcal.setup import Rig
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.setup.sequence import Step
+from tiltcal.setup.sequence_files import sequence_text
+from tiltcal.setup.setup import Rig
 
 TESTS = Path(__file__).parent
 QUARTER = [{"action": "move", "outer_deg": float(a), "dwell_s": 3.0} for a in range(0, 91, 5)]

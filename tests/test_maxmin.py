@@ -11,8 +11,8 @@ from statistics_helpers import rng_of
 from tiltcal.cli import main
 from tiltcal.cli.designing import TEXTBOOK
 from tiltcal.cli.maxmin import summary
+from tiltcal.core.units import DEG
 from tiltcal.design.classic import classic
-from tiltcal.design.clock import Clock
 from tiltcal.design.maxmin import (
     REQUIRED,
     Goal,
@@ -24,11 +24,11 @@ from tiltcal.design.maxmin import (
     most_visible,
 )  # fmt: skip
 from tiltcal.design.signatures import Field, catalogue_signatures
-from tiltcal.design.still import Still
-from tiltcal.design.visiting import energies_in_order, visiting_order
+from tiltcal.design.static_instrument import Still
+from tiltcal.design.time_budget import Clock
+from tiltcal.design.visit_order import energies_in_order, visiting_order
 from tiltcal.effects import CATALOGUE
-from tiltcal.scenario import parse_scenario
-from tiltcal.units import DEG
+from tiltcal.laboratory.scenario import parse_scenario
 
 LISTED = (
     "acc_K2", "acc_K3", "acc_Kip", "acc_Kio", "acc_Kpo", "acc_scale_asym", "acc_bias_asym", "table_encoder_eccentricity",

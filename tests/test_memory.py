@@ -8,8 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tiltcal.effects.memory import crossed, first_order_lag, last_direction, motion_direction, onset, play, rounded_play, smooth_lag
-from tiltcal.motion import Jet
+from tiltcal.effects.hysteresis_and_lag import (
+    crossed,
+    first_order_lag,
+    last_direction,
+    motion_direction,
+    onset,
+    play,
+    rounded_play,
+    smooth_lag,
+)
+from tiltcal.setup.trajectory import Jet
 
 WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda k: k / 2))
 

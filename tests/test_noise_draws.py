@@ -8,9 +8,9 @@ from builders import effect_of, read_poses, setup_of, still
 from scipy.linalg import toeplitz
 from statistics_helpers import mean_band, rng_of, variance_band
 
+from tiltcal.core.units import ARCSEC, DEG, DEG_H, G0
 from tiltcal.effects.sensor.noise import FLICKER_TAUS, draw_flicker, draw_noise
-from tiltcal.setup import Sensor
-from tiltcal.units import ARCSEC, DEG, DEG_H, G0
+from tiltcal.setup.setup import Sensor
 
 RATE, CHANNELS = 2.0, 400  # Hz
 

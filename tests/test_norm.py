@@ -7,14 +7,14 @@ from logs import log_of, triad_readings
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.accuracy import normalised_error
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import parse_up, sphere
-from tiltcal.methods import norm as norm_module
-from tiltcal.methods.norm import names_of
-from tiltcal.methods.norm_iteration import product_and_sum
-from tiltcal.methods.registry import calibrate
-from tiltcal.segments import find_segments
+from tiltcal.calibration.methods import norm as norm_module
+from tiltcal.calibration.methods.norm import names_of
+from tiltcal.calibration.methods.norm_iteration import product_and_sum
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import parse_up, sphere
+from tiltcal.recordings.segmentation import find_segments
+from tiltcal.validation.accuracy import normalised_error
 
 SENSOR = ACCEL.model_copy(update={"rate_hz": 50.0})
 SETUP = setup_of("handheld", SENSOR)

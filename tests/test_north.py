@@ -6,16 +6,16 @@ from builders import setup_of
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.accuracy import normalised_error
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import rotation
-from tiltcal.methods.north import Turntable, start_of
-from tiltcal.methods.north import solve as solve_table
-from tiltcal.methods.registry import calibrate
-from tiltcal.recording import Recording
-from tiltcal.segments import Segment
-from tiltcal.setup import Rig, Sensor, Setup, Site
-from tiltcal.units import ARCSEC, DEG, DEG_H, EARTH_RATE
+from tiltcal.calibration.methods.north_seeking import Turntable, start_of
+from tiltcal.calibration.methods.north_seeking import solve as solve_table
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import rotation
+from tiltcal.core.units import ARCSEC, DEG, DEG_H, EARTH_RATE
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.setup.setup import Rig, Sensor, Setup, Site
+from tiltcal.validation.accuracy import normalised_error
 
 G, FAMILY = 9.80665, 1e-3
 FOG = Sensor(name="fog", kind="fog", axes=("a",), input_axis=(1, 0, 0), rate_hz=10)

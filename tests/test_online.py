@@ -8,19 +8,19 @@ import pytest
 from bench import HEAD
 from builders import ACCEL, GYRO, G, setup_of
 
-from tiltcal.calibration import Calibration
+from tiltcal.calibration.c_export import header
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.calibration.result import Calibration
 from tiltcal.cli import main
 from tiltcal.cli.laboratory import simulator
-from tiltcal.errors import TiltcalError
-from tiltcal.firmware.header import header
-from tiltcal.frames import rotation
-from tiltcal.methods.registry import calibrate
-from tiltcal.online import process
-from tiltcal.online.estimators import make_estimator
-from tiltcal.online.judging import OnlineResult, feed, part_of, run_estimator
-from tiltcal.scenario import EstimatorTable, parse_scenario
-from tiltcal.units import ARCSEC
-from tiltcal.verify import run_scenario
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import rotation
+from tiltcal.core.units import ARCSEC
+from tiltcal.laboratory.scenario import EstimatorTable, parse_scenario
+from tiltcal.validation.acceptance import run_scenario
+from tiltcal.validation.online import process
+from tiltcal.validation.online.estimators import make_estimator
+from tiltcal.validation.online.judging import OnlineResult, feed, part_of, run_estimator
 
 SWEEP = [{"action": "rest", "dwell_s": 2}] + [
     {"action": "sweep", "outer_deg": a, "step_deg": 10, "dwell_s": 1.5, "rate_deg_s": 60} for a in (90, 0)
@@ -96,7 +96,7 @@ def test_the_exported_c_runs_as_a_process_and_errs_as_the_corrector_does(live, t
 
 def swung(error) -> OnlineResult:
     """Errors (rad) of a recording with a rest, a move of 2 s and a rest, judged."""
-    from tiltcal.online.judging import judge
+    from tiltcal.validation.online.judging import judge
 
     scenario = parse_scenario(
         PLACING | {"sequence": [{"action": "rest", "dwell_s": 5}, {"action": "move", "outer_deg": 32, "dwell_s": 5}]}

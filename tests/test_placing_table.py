@@ -10,12 +10,12 @@ from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
 from tiltcal import poses
-from tiltcal.accuracy import normalised_error
-from tiltcal.correcting import corrected_columns
-from tiltcal.errors import TiltcalError
-from tiltcal.methods.registry import calibrate
-from tiltcal.segments import Segment
-from tiltcal.units import ARCSEC, DEG
+from tiltcal.calibration.correction import corrected_columns
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.validation.accuracy import normalised_error
 
 SENSOR = ACCEL.model_copy(update={"axes": ("x", "y"), "rate_hz": 50.0})
 SETUP = setup_of("placing", SENSOR)

@@ -8,11 +8,11 @@ import pytest
 from test_real_recordings import FOLDER, LOGS, MILLI_G, WORDS, imported
 
 from tiltcal.cli import main
-from tiltcal.diagnosis.observations import observe
-from tiltcal.poses import group_directions
-from tiltcal.recording_files import read_recording
-from tiltcal.scenario import load_scenario
-from tiltcal.units import DEG
+from tiltcal.core.units import DEG
+from tiltcal.diagnosis.data.observations import observe
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.static_poses import group_directions
 
 pytestmark = [
     pytest.mark.slow,

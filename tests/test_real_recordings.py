@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from tiltcal.cli import main
-from tiltcal.recording_files import read_recording
-from tiltcal.scenario import load_scenario
-from tiltcal.segments import dwells, find_segments
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.segmentation import dwells, find_segments
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 WORDS = Path(__file__).parent / "real"

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tiltcal.errors import TiltcalError, nearest
-from tiltcal.recording import Recording, stem
-from tiltcal.setup import Input, Sensor
-from tiltcal.units import COLUMN_UNITS, DEG, G0, PARAMETER_UNITS, split_unit
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.units import COLUMN_UNITS, DEG, G0, PARAMETER_UNITS, split_unit
+from tiltcal.recordings.recording import Recording, stem
+from tiltcal.setup.setup import Input, Sensor
 
 NAN = np.nan
 TIME = np.array([100.0, 100.5, 101.0, 101.5])

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pyarrow import parquet
 
-from tiltcal.errors import TiltcalError
-from tiltcal.recording import Recording
-from tiltcal.recording_files import SUFFIXES, read_recording, write_recording
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import SUFFIXES, read_recording, write_recording
 
 NUMBERS = ("accel_x_m_s2", "accel_y_ug", "gyro_z_deg_h", "table_outer_deg", "pressure_V", "temperature_degC")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

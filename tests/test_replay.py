@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, INCL, setup_of
 
-from tiltcal.errors import TiltcalError
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.recording import Recording
-from tiltcal.replay import replay
-from tiltcal.scenario import parse_scenario
+from tiltcal.core.errors import TiltcalError
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import replay
 
 LABORATORY = SimulatedLaboratory()
 STEPS = [

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from builders import ACCEL, GYRO, effect_of, setup_of, tossed
 
-from tiltcal.kinematics import force_and_rate
-from tiltcal.motion import Jet
-from tiltcal.responses import Responses, moves_smoothly
+from tiltcal.forward.kinematics import force_and_rate
+from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
+from tiltcal.setup.trajectory import Jet
 
 SMALL = 1e-5
 CASES = {

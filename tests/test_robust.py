@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import chi2
 from statistics_helpers import rng_of
 
-from tiltcal.frames import base_tilt
-from tiltcal.robust import ESTIMATORS, locations
-from tiltcal.setup import Converter
-from tiltcal.units import ARCSEC, G0
+from tiltcal.core.frames import base_tilt
+from tiltcal.core.units import ARCSEC, G0
+from tiltcal.setup.setup import Converter
+from tiltcal.statistics.robust_location import ESTIMATORS, locations
 
 FAMILY, N, SIGMA = 1e-3, 200, 50e-6 * G0
 CODE = Converter().code

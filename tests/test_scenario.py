@@ -8,13 +8,13 @@ import re
 import pytest
 from builders import effect_of, setup_of
 
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import earth_rate
+from tiltcal.core.units import ARCSEC, DEG, G0
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import earth_rate
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.scenario import load_scenario, parse_scenario, scenario_schema
-from tiltcal.setup import Sensor
-from tiltcal.units import ARCSEC, DEG, G0
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario, parse_scenario, scenario_schema
+from tiltcal.setup.setup import Sensor
 
 MINIMAL = """
 schema = 1

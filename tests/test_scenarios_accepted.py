@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from tiltcal.assets import folder
+from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.cli.laboratory import simulator
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.methods.registry import METHODS
-from tiltcal.scenario import load_scenario
-from tiltcal.verify import run_scenario
+from tiltcal.core.assets import folder
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.validation.acceptance import run_scenario
 
 PATHS = sorted(folder("scenarios").glob("*.toml"))
 SCENARIOS = {path.stem: load_scenario(path) for path in PATHS}

@@ -5,14 +5,14 @@ import pytest
 from builders import ACCEL, G, setup_of
 from pydantic import ValidationError
 
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import parse_up
-from tiltcal.kinematics import closed_form
-from tiltcal.methods.terms import term_columns
-from tiltcal.schedule import build_schedule
-from tiltcal.schemes import directions, label_of
-from tiltcal.sequence import Step
-from tiltcal.setup import Rig
+from tiltcal.calibration.methods.terms import term_columns
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import parse_up
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.setup.pose_schemes import directions, label_of
+from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.sequence import Step
+from tiltcal.setup.setup import Rig
 
 COUNTS = {"6": 6, "8": 8, "12": 12, "24": 24, "tumble": 36}
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from builders import setup_of
 
-from tiltcal.errors import TiltcalError
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.recording import Recording
-from tiltcal.scenario import parse_scenario
-from tiltcal.segments import dwells, find_segments, majority, resting_rows
+from tiltcal.core.errors import TiltcalError
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import dwells, find_segments, majority, resting_rows
 
 DWELL = 5.0  # s
 POSES = {

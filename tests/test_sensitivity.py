@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from builders import FOG, GYRO, INCL, G, setup_of
 
-from tiltcal.chain import readings
+from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects import make_effect
-from tiltcal.schedule import build_schedule
-from tiltcal.sensitivity import Rows, candidates, gram, rows_of, sensitivity, white_noise
-from tiltcal.sequence import Climate, Step
-from tiltcal.setup import Sensor
-from tiltcal.units import PARAMETER_UNITS
+from tiltcal.forward.jacobian import Rows, candidates, gram, rows_of, sensitivity, white_noise
+from tiltcal.forward.signal_chain import readings
+from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.sequence import Climate, Step
+from tiltcal.setup.setup import Sensor
 
 ACCEL = Sensor(name="accel", kind="accelerometer", rate_hz=20, adjustable=("bias",))
 STEPS = {

@@ -5,11 +5,11 @@ import pytest
 from builders import schedule_of, setup_of
 from pydantic import ValidationError
 
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import parse_mount
-from tiltcal.schedule import RAMP, build_schedule
-from tiltcal.sequence import Climate, Step
-from tiltcal.units import DEG
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import parse_mount
+from tiltcal.core.units import DEG
+from tiltcal.setup.schedule import RAMP, build_schedule
+from tiltcal.setup.sequence import Climate, Step
 
 
 def course(table, *steps, **climate):

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tiltcal.errors import TiltcalError
-from tiltcal.schedule import build_schedule
-from tiltcal.sequence import Step
-from tiltcal.sequence_files import COLUMNS, read_sequence, sequence_text
-from tiltcal.setup import Rig
+from tiltcal.core.errors import TiltcalError
+from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.sequence import Step
+from tiltcal.setup.sequence_files import COLUMNS, read_sequence, sequence_text
+from tiltcal.setup.setup import Rig
 
 DUAL = Rig(table="dual")
 HEAD = ",".join(COLUMNS) + "\n"

@@ -7,11 +7,11 @@ from logs import log_of, triad_readings
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.accuracy import normalised_error
-from tiltcal.errors import TiltcalError
-from tiltcal.methods import six_position
-from tiltcal.methods.registry import calibrate
-from tiltcal.segments import find_segments
+from tiltcal.calibration.methods import six_position
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.segmentation import find_segments
+from tiltcal.validation.accuracy import normalised_error
 
 FACES = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=float)
 LABELS = ["+z", "-z", "+x", "-x", "+y", "-y"]

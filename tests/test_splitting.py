@@ -7,18 +7,28 @@ import pytest
 
 from tests.bench import refusal
 from tests.statistics_helpers import seed_of
-from tiltcal.blocks import Block, Table, candidates, said
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import G0
+from tiltcal.design.recording_blocks import Block, Table, candidates, said
+from tiltcal.diagnosis.investigation.discriminating_blocks import (
+    ENOUGH,
+    Pair,
+    blank,
+    come_to,
+    imagined,
+    judged,
+    last_sides,
+    propose,
+    separations,
+)
+from tiltcal.diagnosis.investigation.next_block import Limits, next_block, table_of
+from tiltcal.diagnosis.investigation.rival_hypotheses import Question, questions
 from tiltcal.effects import to_file
-from tiltcal.errors import TiltcalError
-from tiltcal.investigation.next_block import Limits, next_block, table_of
-from tiltcal.investigation.question import Question, questions
-from tiltcal.investigation.splitting import ENOUGH, Pair, blank, come_to, imagined, judged, last_sides, propose, separations
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.recording import Recording
-from tiltcal.scenario import Scenario, fresh, parse_scenario
-from tiltcal.schedule import build_schedule
-from tiltcal.sequence import Step
-from tiltcal.units import G0
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.sequence import Step
 
 UP = [{"action": "move", "outer_deg": float(a), "dwell_s": 2.0} for a in range(0, 91, 10)]
 PLACING: dict[str, Any] = {
@@ -127,7 +137,7 @@ def test_what_no_motion_splits_is_said_with_what_would() -> None:
 
 
 def test_a_heater_that_cannot_be_commanded_is_named() -> None:
-    from tiltcal.investigation.next_block import _needs
+    from tiltcal.diagnosis.investigation.next_block import _needs
 
     assert "no heater can be commanded" in _needs("acc_temp_bias", "acc_drift")
     assert "heater" not in _needs("acc_K2", "acc_K3")
@@ -192,7 +202,7 @@ def test_design_split_names_what_it_lacks(tmp_path: Any, capsys: pytest.CaptureF
 @pytest.mark.parametrize("table", ["placing", "dual"])
 def test_every_block_rests_long_enough_for_its_moves_to_be_seen(table: str) -> None:
     """What hardly ever rests is taken for rest by the search for dwells, and all its rates for zero."""
-    from tiltcal.replay import replay
+    from tiltcal.recordings.replay import replay
 
     scenario = parse_scenario({**PLACING, "rig": {"table": table}, "sequence": [{"action": "rest", "dwell_s": 5.0}]})
     reach = dict.fromkeys(scenario.rig.axis_names, (0.0, 360.0))

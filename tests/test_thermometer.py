@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tiltcal.thermometer import smooth_temperature
+from tiltcal.recordings.temperature import smooth_temperature
 
 TIME = np.arange(0.0, 400.0, 0.1)
 TRUE = 25 + 2 * np.sin(2 * np.pi * TIME / 300) + TIME / 200

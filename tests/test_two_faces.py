@@ -7,12 +7,12 @@ import pytest
 from builders import ACCEL, AXLED, GYRO, drive_of, read_poses, setup_of
 from catalogue_cases import plausible
 
+from tiltcal.core.frames import parse_mount
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import AngleEffect, DelayEffect, FrameEffect, SignalEffect, WritingEffect
 from tiltcal.effects.mechanisms import Spring
-from tiltcal.frames import parse_mount
-from tiltcal.kinematics import closed_form
-from tiltcal.motion import Jet
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.setup.trajectory import Jet
 from tiltsim.motion import mujoco_motion
 
 MOVERS = tuple(id for id, cls in CATALOGUE.items() if not issubclass(cls, SignalEffect | DelayEffect | WritingEffect))

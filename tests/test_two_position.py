@@ -7,13 +7,13 @@ from logs import log_of
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import rotation
-from tiltcal.methods.registry import calibrate
-from tiltcal.recording import Recording
-from tiltcal.segments import Segment, find_segments
-from tiltcal.setup import Rig, Sensor, Setup, Site
-from tiltcal.units import ARCSEC, DEG, G0
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import rotation
+from tiltcal.core.units import ARCSEC, DEG, G0
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment, find_segments
+from tiltcal.setup.setup import Rig, Sensor, Setup, Site
 
 G = 9.80665
 ACCEL = Sensor(name="accel", kind="accelerometer", axes=("x", "y"), rate_hz=20.0)

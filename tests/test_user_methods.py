@@ -7,15 +7,15 @@ from importlib.metadata import EntryPoint
 import pytest
 from bench import BENCH, EFFECTS, HEAD, SEQUENCE
 
+from tiltcal.calibration.methods import registry
+from tiltcal.calibration.methods.six_position import six_position
 from tiltcal.cli import main
-from tiltcal.methods import registry
-from tiltcal.methods.six_position import six_position
-from tiltcal.setup import Setup
+from tiltcal.setup.setup import Setup
 
 MODULE = '''
 from dataclasses import replace
 
-from tiltcal.methods.six_position import six_position
+from tiltcal.calibration.methods.six_position import six_position
 
 seen = []
 
@@ -81,7 +81,7 @@ def test_a_function_that_is_wrong_is_not_accepted(module, here, capsys):
 
 
 @pytest.mark.parametrize(("function", "words"), [
-    ("rubbish", "found a dict, need a tiltcal.calibration.Calibration"),
+    ("rubbish", "found a dict, need a tiltcal.calibration.result.Calibration"),
     ("missing", "has no attribute 'missing'"),
     ("elsewhere", "sensor 'acel': found no such sensor, need one of accel"),
     ("own\"\noptions = { gian = 2 }\n#", "found option 'gian', need an option of it; did you mean 'gain'?"),
@@ -105,8 +105,8 @@ def test_a_function_calibrates_from_the_command_line(module, good, capsys):
 
 
 def test_an_installed_entry_point_stands_wherever_a_name_does(here, monkeypatch, capsys):
-    entry = EntryPoint("lab_six", "tiltcal.methods.six_position:six_position", registry.GROUP)
-    for place in ("tiltcal.methods.registry", "tiltcal.cli.reference"):
+    entry = EntryPoint("lab_six", "tiltcal.calibration.methods.six_position:six_position", registry.GROUP)
+    for place in ("tiltcal.calibration.methods.registry", "tiltcal.cli.reference"):
         monkeypatch.setattr(f"{place}.entry_points", lambda group: (entry,) if group == registry.GROUP else ())
     assert registry.find_method("lab_six") is six_position
     assert judged(here, capsys, 'name = "lab_six"', status=0)["accepted"]

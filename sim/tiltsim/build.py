@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from tiltcal.core.frames import parse_mount
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring
 from tiltcal.effects.table.readout import ReadoutError
-from tiltcal.frames import parse_mount
-from tiltcal.kinematics import world_of
-from tiltcal.scenario import Dynamics, Scenario
+from tiltcal.forward.kinematics import world_of
+from tiltcal.laboratory.scenario import Dynamics, Scenario
 from tiltsim.rig import Rig, RigBuilder
 
 RESOLVED = 0.7  # rad: largest phase a free spring may go through in a step; beyond, it follows at once

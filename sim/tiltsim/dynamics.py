@@ -25,15 +25,15 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from tiltcal.chain import stream
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import Effect
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import Array
-from tiltcal.kinematics import true_angles, world_of
-from tiltcal.motion import Attitude, Drive, Jet
-from tiltcal.scenario import Dynamics, Scenario
+from tiltcal.forward.kinematics import true_angles, world_of
+from tiltcal.forward.signal_chain import stream
+from tiltcal.laboratory.scenario import Dynamics, Scenario
+from tiltcal.setup.trajectory import Attitude, Drive, Jet
+from tiltsim.actuators import Torques
 from tiltsim.build import build, mechanisms_of, readout_errors, realised, resolved
-from tiltsim.faces import Torques
 from tiltsim.log import Log
 from tiltsim.motion import Progress
 from tiltsim.rig import Rig

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass, field
 
-from tiltcal.chain import Mover
-from tiltcal.laboratory import SimulatedLaboratory
-from tiltcal.motion import Course
-from tiltcal.scenario import Scenario
+from tiltcal.forward.signal_chain import Mover
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.setup.trajectory import Course
 from tiltsim.motion import Progress, mujoco_motion
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.frames import Array
-from tiltcal.motion import Attitude, Index, Jet
+from tiltcal.core.arrays import Array, Index
+from tiltcal.setup.trajectory import Attitude, Jet
 
 
 @dataclass(frozen=True)

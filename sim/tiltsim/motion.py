@@ -11,12 +11,12 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, Streams, no_streams
 from tiltcal.effects.mechanisms import Spring, World
-from tiltcal.frames import Array
-from tiltcal.kinematics import true_angles, world_of
-from tiltcal.motion import Drive, Motion, sampled_jet
-from tiltcal.setup import Setup
+from tiltcal.forward.kinematics import true_angles, world_of
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Drive, Motion, sampled_jet
 from tiltsim.rig import ARMATURE, Rig, RigBuilder
 
 BLOCK = 4096  # states a batch holds at once: 20 MiB

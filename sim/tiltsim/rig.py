@@ -11,16 +11,17 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tiltcal.assets import folder
+from tiltcal.core.arrays import Array
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import rotation, unit
 from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
 from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, Spring, Turn, World
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import Array, rotation, unit
-from tiltcal.kinematics import link_offset, turns_at
-from tiltcal.motion import Drive, Jet
-from tiltcal.scenario import Dynamics
-from tiltcal.setup import Setup
-from tiltsim.faces import install_drives, install_rings
+from tiltcal.forward.kinematics import link_offset, turns_at
+from tiltcal.laboratory.scenario import Dynamics
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Drive, Jet
+from tiltsim.actuators import install_drives, install_rings
 
 ARMATURE = 1e15  # kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
 GAP_FRICTION = 2.0  # N m on a load with play: stops it against its own inertia up to some 5 rad/s2

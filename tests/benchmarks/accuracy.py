@@ -4,12 +4,12 @@ import secrets
 
 import numpy as np
 
-from tiltcal.accuracy import TiltError, normalised_error, tilt_error, true_parameters
-from tiltcal.assets import folder
-from tiltcal.attitude import attitude_error
-from tiltcal.calibration import Calibration
-from tiltcal.methods.registry import calibrate
-from tiltcal.scenario import Scenario, load_scenario
+from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.calibration.result import Calibration
+from tiltcal.core.assets import folder
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.validation.accuracy import TiltError, normalised_error, tilt_error, true_parameters
+from tiltcal.validation.gyro_accuracy import attitude_error
 
 CASES = (
     "six_faces_dual",

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tiltcal.allan import allan_deviation
+from tiltcal.statistics.allan import allan_deviation
 
 RATE, SECONDS = 100.0, 3600
 

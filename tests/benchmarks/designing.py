@@ -8,18 +8,18 @@ import time
 import numpy as np
 
 from tiltcal.cli.designing import TEXTBOOK
-from tiltcal.design.ascent import Problem
-from tiltcal.design.clock import Clock
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.maxmin import blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.signatures import catalogue_signatures
-from tiltcal.design.still import Still
-from tiltcal.gym.bench import Task
+from tiltcal.design.static_instrument import Still
+from tiltcal.design.time_budget import Clock
+from tiltcal.gym.calibrations import Task
 from tiltcal.gym.policies import leaderboard
 from tiltcal.gym.training import train
 from tiltcal.gym.vector import CalibrationVector
-from tiltcal.scenario import parse_scenario
+from tiltcal.laboratory.scenario import parse_scenario
 
 BARS = {
     ("linear", False, 300): 92.64, ("linear", False, 900): 99.23, ("linear", True, 300): 90.42, ("linear", True, 900): 96.98,

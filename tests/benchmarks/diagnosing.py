@@ -13,8 +13,8 @@ from typing import Any
 
 import tomli_w
 
-from tiltcal.recording_files import write_recording
-from tiltcal.scenario import Scenario, parse_scenario
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.recordings.recording_files import write_recording
 
 ROWS = (15000, 30000, 60000)
 RATE = 100.0  # Hz

@@ -13,7 +13,7 @@ def moving() -> dict[str, float]:
     import resource
 
     from tests.benchmarks.simulation import scenario
-    from tiltcal.sensitivity import Rows, gram, sensitivity
+    from tiltcal.forward.jacobian import Rows, gram, sensitivity
 
     case = scenario(moving=True)
     start = time.perf_counter()
@@ -26,8 +26,8 @@ def moving() -> dict[str, float]:
 
 def poses() -> dict[str, float]:
     """The whole answer for 64 poses on the dual table."""
-    from tiltcal.confusion import confuse
-    from tiltcal.scenario import parse_scenario
+    from tiltcal.design.identifiability import confuse
+    from tiltcal.laboratory.scenario import parse_scenario
 
     steps = [
         {"action": "move", "outer_deg": o, "inner_deg": i, "dwell_s": 5.0, "rate_deg_s": 30}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.placing import LOOKUPS, BiasTable, PlacingCorrector
-from tiltcal.units import ARCSEC, DEG, G0
+from tiltcal.calibration.bias_table import LOOKUPS, BiasTable, PlacingCorrector
+from tiltcal.core.units import ARCSEC, DEG, G0
 
 G, DAY, RATE = 9.80123, 86_400, 50
 
@@ -48,7 +48,7 @@ def exported() -> str:
     import host
     from test_firmware import SETUP, calibration
 
-    from tiltcal.firmware.header import header
+    from tiltcal.calibration.c_export import header
 
     if host.compiler() is None:
         return "no C compiler"

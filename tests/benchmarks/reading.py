@@ -22,9 +22,9 @@ def main() -> None:
     if not LOG.exists():
         print(f"real log: {LOG.name} is not here; left out")
         return
-    from tiltcal.importing import import_recording, load_mapping
-    from tiltcal.methods.registry import calibrate
-    from tiltcal.scenario import load_scenario
+    from tiltcal.calibration.methods.registry import calibrate
+    from tiltcal.laboratory.scenario import load_scenario
+    from tiltcal.recordings.text_import import import_recording, load_mapping
 
     setup, mapping = load_scenario(ROOT / "tests/real/xsens.toml"), load_mapping(ROOT / "tests/real/xsens_map.toml")
     fits, whole = [], []

@@ -9,7 +9,7 @@ import time
 import mujoco
 import numpy as np
 
-from tiltcal.scenario import Scenario, parse_scenario
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
 
 RATE, HOUR = 100.0, 3600.0
 ERRORS = [
@@ -65,7 +65,7 @@ def scenario(moving: bool) -> Scenario:
 
 def bare_loop(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
     """Seconds of a plain Python loop of mj_inverse over all samples, without any error."""
-    from tiltcal.assets import folder
+    from tiltcal.core.assets import folder
 
     spec = mujoco.MjSpec.from_file(str(folder("models") / "three.xml"))
     for axis in "xyz":

@@ -8,7 +8,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command, never with a traceback; the entry point of ``tiltcal``."""
     import os
 
-    from tiltcal.errors import TiltcalError
+    from tiltcal.core.errors import TiltcalError
 
     try:
         status = _run(arguments)

@@ -9,19 +9,19 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TextIO
 
-from tiltcal.budget import Budget, make_budget
-from tiltcal.calibration import Calibration, load_calibration
+from tiltcal.calibration.methods.registry import calibrate as run_method
+from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.output import print_json, print_table, require_output
-from tiltcal.errors import TiltcalError
-from tiltcal.files import replacing, require_file
-from tiltcal.methods.registry import calibrate as run_method
-from tiltcal.recording import Recording
-from tiltcal.recording_files import read_recording
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import replacing, require_file
+from tiltcal.core.units import ARCSEC
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.segmentation import Segment, dwells, find_segments, majority
 from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
 from tiltcal.report.html import parameter_rows
-from tiltcal.scenario import load_scenario
-from tiltcal.segments import Segment, dwells, find_segments, majority
-from tiltcal.units import ARCSEC
+from tiltcal.validation.uncertainty_budget import Budget, make_budget
 
 
 def calibrate(args: argparse.Namespace) -> int:
@@ -92,7 +92,7 @@ def print_budget(budget: Budget) -> None:
 
 def correct(args: argparse.Namespace) -> int:
     """Correct a recording."""
-    from tiltcal.correcting import correct_stream
+    from tiltcal.calibration.correction import correct_stream
 
     require_output(args, "the corrected recording")
     calibration = load_calibration(args.calibration)
@@ -117,7 +117,7 @@ def _tell(notes: list[str]) -> None:
 
 def check(args: argparse.Namespace) -> int:
     """Judge a calibration on another recording."""
-    from tiltcal.checking import check as judge
+    from tiltcal.validation.cross_check import check as judge
 
     recording = read_recording(args.recording).require_increasing()
     segments = read_segments(Path(args.segments), recording) if args.segments else None

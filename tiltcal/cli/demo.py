@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.assets import folder
-from tiltcal.cli.concealing import bench, concealed, ordinary
+from tiltcal.cli.conceal import bench, concealed, ordinary
 from tiltcal.cli.diagnosing import diagnose
 from tiltcal.cli.judging import finish
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_table, progress_line
-from tiltcal.files import make_folder, write_text
-from tiltcal.recording_files import write_recording
-from tiltcal.scenario import load_scenario, parse_scenario
-from tiltcal.verify import Verification, run_scenario
+from tiltcal.core.assets import folder
+from tiltcal.core.files import make_folder, write_text
+from tiltcal.laboratory.scenario import load_scenario, parse_scenario
+from tiltcal.recordings.recording_files import write_recording
+from tiltcal.validation.acceptance import Verification, run_scenario
 
 SHOWN = (
     "six_faces_dual",

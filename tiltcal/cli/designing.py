@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.cli.output import print_json, print_table, progress_line
-from tiltcal.design.ascent import Problem
-from tiltcal.design.clock import Clock
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, write_json, write_text
+from tiltcal.core.units import DEG, G0
+from tiltcal.design.feasibility import check_possible
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import Plan, design
 from tiltcal.design.polynomial import textbook_model
+from tiltcal.design.static_instrument import Still
 from tiltcal.design.steps import designed_table, printable, segments_csv, steps_csv, steps_of
-from tiltcal.design.still import Still
 from tiltcal.design.terms import Wanted, scenario_model
-from tiltcal.design.wishes import check_possible
-from tiltcal.errors import TiltcalError
-from tiltcal.files import make_folder, write_json, write_text
-from tiltcal.scenario import Scenario, load_scenario, parse_scenario
-from tiltcal.setup import Sensor
-from tiltcal.units import DEG, G0
+from tiltcal.design.time_budget import Clock
+from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
+from tiltcal.setup.setup import Sensor
 
 TEXTBOOK = {
     "schema": 1, "name": "textbook triad on a dual table", "site": {"gravity_m_s2": G0}, "rig": {"table": "dual"},

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_json, progress_line
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, write_json, write_text
+from tiltcal.diagnosis.conclusions.finding import Diagnosis
 from tiltcal.diagnosis.diagnose import diagnose as explain
-from tiltcal.diagnosis.finding import Diagnosis
-from tiltcal.errors import TiltcalError
-from tiltcal.files import make_folder, write_json, write_text
-from tiltcal.recording_files import read_recording
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.recording_files import read_recording
 from tiltcal.report.diagnosis import write_diagnosis
-from tiltcal.scenario import Scenario, load_scenario
 
 
 def diagnose(args: argparse.Namespace) -> int:

@@ -4,11 +4,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from tiltcal.calibration import load_calibration
+from tiltcal.calibration.c_export import header
+from tiltcal.calibration.correction import setup_of
+from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.output import print_json, require_output
-from tiltcal.correcting import setup_of
-from tiltcal.files import write_text
-from tiltcal.firmware.header import header
+from tiltcal.core.files import write_text
 
 
 def export(args: argparse.Namespace) -> int:

@@ -12,16 +12,16 @@ from typing import Any
 from tiltcal.cli.diagnosing import honest_scenario, write_answer
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_json, progress_line
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, require_file, write_json, write_text
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.investigation.command import CommandLaboratory
+from tiltcal.diagnosis.investigation.investigate import Bench, Investigation, investigate
+from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
 from tiltcal.effects import to_file
-from tiltcal.errors import TiltcalError
-from tiltcal.files import make_folder, require_file, write_json, write_text
-from tiltcal.investigation.command import CommandLaboratory
-from tiltcal.investigation.investigate import Bench, Investigation, investigate
-from tiltcal.investigation.next_block import Limits, NextBlock, next_block
-from tiltcal.recording_files import read_recording, write_recording
-from tiltcal.scenario import EffectTable, fresh, load_scenario
-from tiltcal.sequence_files import read_sequence, sequence_text
+from tiltcal.laboratory.scenario import EffectTable, fresh, load_scenario
+from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.setup.sequence_files import read_sequence, sequence_text
 
 
 def investigate_(args: argparse.Namespace) -> int:

@@ -4,15 +4,15 @@ import argparse
 import time
 from pathlib import Path
 
-from tiltcal.accuracy import TiltError
-from tiltcal.assets import folder
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.output import print_json, print_table, progress_line
-from tiltcal.errors import TiltcalError
-from tiltcal.files import make_folder
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder
+from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.report import write_report
-from tiltcal.scenario import load_scenario
-from tiltcal.verify import Verification, run_scenario, verify_folder, write_junit
+from tiltcal.validation.acceptance import Verification, run_scenario, verify_folder, write_junit
+from tiltcal.validation.accuracy import TiltError
 
 
 def run(args: argparse.Namespace) -> int:

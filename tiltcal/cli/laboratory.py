@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.cli.output import print_json, progress_line, require_output
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import replacing, write_json
+from tiltcal.core.progress import Progress, silent
+from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
-from tiltcal.errors import TiltcalError
-from tiltcal.files import replacing, write_json
-from tiltcal.laboratory import Laboratory
-from tiltcal.progress import Progress, silent
-from tiltcal.recording import Recording
-from tiltcal.recording_files import read_recording, write_csv, write_recording
-from tiltcal.scenario import Scenario, load_scenario
-from tiltcal.units import DEG
+from tiltcal.laboratory.laboratory import Laboratory
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording, write_csv, write_recording
 
 
 def simulator(progress: Progress = silent) -> Laboratory:
@@ -70,7 +70,7 @@ def _deliver(recording: Recording, args: argparse.Namespace) -> None:
 
 def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:
     """What was injected, and the true angles and up of each stop."""
-    from tiltcal.kinematics import closed_form
+    from tiltcal.forward.kinematics import closed_form
 
     truth: dict[str, object] = {
         "schema": 1, "scenario": scenario.name, "seed": seed, "effects": [to_file(e) for e in scenario.effects]

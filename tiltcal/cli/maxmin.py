@@ -7,17 +7,17 @@ import numpy as np
 
 from tiltcal.cli.designing import problem_of, sensor_of, write_plan
 from tiltcal.cli.output import print_json, print_table
-from tiltcal.design.ascent import Problem
-from tiltcal.design.clock import Clock
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.maxmin import REQUIRED, MaxMin, blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import Plan
 from tiltcal.design.signatures import catalogue_signatures
+from tiltcal.design.static_instrument import Still
 from tiltcal.design.steps import printable
-from tiltcal.design.still import Still
+from tiltcal.design.time_budget import Clock
 from tiltcal.effects import CATALOGUE
-from tiltcal.errors import TiltcalError
-from tiltcal.files import make_folder
-from tiltcal.scenario import Scenario
+from tiltcal.laboratory.scenario import Scenario
 
 SEEN = 0.002  # least share from which an effect counts as seen
 

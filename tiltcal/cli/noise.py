@@ -4,13 +4,13 @@ import argparse
 
 import numpy as np
 
-from tiltcal.allan import NAMES, TERMS, NoiseModel, allan_deviation, fit_noise
 from tiltcal.cli.output import print_json, print_table
-from tiltcal.errors import TiltcalError
-from tiltcal.recording import Recording
-from tiltcal.recording_files import read_recording
-from tiltcal.segments import dwells, find_segments
-from tiltcal.units import COLUMN_UNITS, DEG, DEG_H, G0, split_unit
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, split_unit
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.segmentation import dwells, find_segments
+from tiltcal.statistics.allan import NAMES, TERMS, NoiseModel, allan_deviation, fit_noise
 
 SUFFIX = {"Q": " s", "N": "/rtHz", "B": "", "K": "/rts", "R": "/s"}
 

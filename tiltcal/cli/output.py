@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from tiltcal.errors import TiltcalError
-from tiltcal.progress import Progress
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.progress import Progress
 
 
 def print_json(value: Any) -> None:

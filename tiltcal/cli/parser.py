@@ -4,9 +4,9 @@ import argparse
 from typing import NoReturn
 
 from tiltcal import __version__
-from tiltcal.cli.words import calibration, design, diagnosis, judging, recordings, reference
-from tiltcal.cli.words.commands import Commands
-from tiltcal.errors import TiltcalError
+from tiltcal.cli.arguments import calibration, design, diagnosis, judging, recordings, reference
+from tiltcal.cli.arguments.commands import Commands
+from tiltcal.core.errors import TiltcalError
 
 TOP = """\
 A testbed for calibrating inclinometers, accelerometers and gyroscopes.

@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tiltcal.assets import beside
-from tiltcal.errors import TiltcalError
+from tiltcal.core.assets import beside
+from tiltcal.core.errors import TiltcalError
 
 
 def prove(args: argparse.Namespace) -> int:

@@ -4,11 +4,11 @@ import argparse
 import inspect
 from importlib.metadata import entry_points
 
+from tiltcal.calibration.methods.registry import GROUP, METHODS
 from tiltcal.cli.output import print_json, print_table
-from tiltcal.confusion import nearest_rivals
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.design.identifiability import nearest_rivals
 from tiltcal.effects import CATALOGUE, Effect
-from tiltcal.errors import TiltcalError, nearest
-from tiltcal.methods.registry import GROUP, METHODS
 
 GRADES = ("precision", "mid_mems", "consumer")
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.cli.output import print_json
-from tiltcal.errors import TiltcalError
-from tiltcal.files import write_text
-from tiltcal.frames import normal_gravity
-from tiltcal.recording import Recording
-from tiltcal.recording_files import read_recording, write_recording
-from tiltcal.setup import RESERVED
-from tiltcal.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import write_text
+from tiltcal.core.frames import normal_gravity
+from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.setup.setup import RESERVED
 
 SEQUENCE = """
 # What the table does, in laboratory words: rest, move, turn, sweep, oscillate, remount. Labels are the operator's.
@@ -79,7 +79,7 @@ better_by = 20
 def init(args: argparse.Namespace) -> int:
     """Write a scenario to start from."""
     if args.json_schema:
-        from tiltcal.scenario import scenario_schema
+        from tiltcal.laboratory.scenario import scenario_schema
 
         print_json(scenario_schema())
         return 0
@@ -168,7 +168,7 @@ def _sensors(recording: Recording) -> list[str]:
 
 def import_(args: argparse.Namespace) -> int:
     """Bring a foreign log in."""
-    from tiltcal.importing import import_recording, load_mapping
+    from tiltcal.recordings.text_import import import_recording, load_mapping
 
     recording = import_recording(args.file, load_mapping(args.map))
     write_recording(recording, args.output)

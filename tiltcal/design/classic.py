@@ -4,13 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tiltcal.design.ascent import Draft, Problem
-from tiltcal.design.clock import unwound
-from tiltcal.errors import one_of
-from tiltcal.frames import Array, sphere
-from tiltcal.schemes import directions, table_angles
-from tiltcal.setup import Rig
-from tiltcal.units import DEG
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import one_of
+from tiltcal.core.frames import sphere
+from tiltcal.core.units import DEG
+from tiltcal.design.gradient_search import Draft, Problem
+from tiltcal.design.time_budget import unwound
+from tiltcal.setup.pose_schemes import directions, table_angles
+from tiltcal.setup.setup import Rig
 
 CLASSIC = ("six", "8", "12", "24", "tumble", "sweep", "two_position", "spiral")
 MOST = 400  # poses that a baseline is tried with

@@ -10,8 +10,8 @@
 
 import numpy as np
 
-from tiltcal.design.model import Mask, Model
-from tiltcal.frames import Array
+from tiltcal.core.arrays import Array, Mask
+from tiltcal.design.model import Model
 
 CRITERIA = ("both", "tilt", "D", "A", "I")
 

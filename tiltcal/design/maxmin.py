@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.design.clock import Clock
-from tiltcal.design.descent import minimise
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import DEG
+from tiltcal.design.bounded_descent import minimise
 from tiltcal.design.signatures import Field, Signatures
-from tiltcal.design.visiting import visiting_order
-from tiltcal.frames import Array
-from tiltcal.units import DEG
+from tiltcal.design.time_budget import Clock
+from tiltcal.design.visit_order import visiting_order
 
 GRID = {1: 2 * DEG, 2: 10 * DEG}  # by the number of axes
 SHARP = 300.0  # of the soft minimum

@@ -4,11 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from tiltcal.frames import Array
+from tiltcal.core.arrays import Array, Mask
 
-Mask = npt.NDArray[np.bool_]
 Rows = Callable[[Array, Array], Array]
 """(angles (n, axes), time (n,)) -> change of the k channels at a pose per prior standard deviation, (n, k, p)."""
 

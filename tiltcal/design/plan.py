@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.design.ascent import Problem
+from tiltcal.core.arrays import Array
+from tiltcal.core.progress import Progress, silent
+from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.design.classic import CLASSIC, baseline
 from tiltcal.design.criteria import gain, tilt_rms
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.search import Effort, poses_worth, search
-from tiltcal.frames import Array
-from tiltcal.progress import Progress, silent
-from tiltcal.units import ARCSEC, DEG
 
 LARGE = 60  # parameters beyond which fewer paths are tried
 SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)

@@ -13,9 +13,10 @@ cubic           48          and seven independent products of third degree
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import one_of
+from tiltcal.core.frames import sphere
 from tiltcal.design.model import Model
-from tiltcal.errors import one_of
-from tiltcal.frames import Array, sphere
 
 KINDS = ("linear", "K2", "K2K3", "quadratic", "cubic")
 WHITE = 1e-4  # g per root hertz: 1e-3 g per sample at 100 Hz

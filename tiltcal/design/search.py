@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.design.ascent import Draft, Problem, ascend
-from tiltcal.design.clock import Clock
-from tiltcal.frames import Array
-from tiltcal.progress import Progress, silent
+from tiltcal.core.arrays import Array
+from tiltcal.core.progress import Progress, silent
+from tiltcal.design.gradient_search import Draft, Problem, ascend
+from tiltcal.design.time_budget import Clock
 
 
 @dataclass(frozen=True)

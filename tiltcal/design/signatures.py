@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.design.still import Still, pointwise
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError, one_of
+from tiltcal.core.units import DEG
+from tiltcal.design.static_instrument import Still, pointwise
 from tiltcal.design.tabulated import Table, changes_of, tabulate
 from tiltcal.design.terms import STEEPEST, Parameter, direct_columns
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect
-from tiltcal.errors import TiltcalError, one_of
-from tiltcal.frames import Array
-from tiltcal.sensitivity import candidates
-from tiltcal.setup import Sensor
-from tiltcal.units import DEG
+from tiltcal.forward.jacobian import candidates
+from tiltcal.setup.setup import Sensor
 
 SOFT_SIGN = np.sin(5 * DEG)
 SIGN = "acc_bias_asym"  # the effect that follows the sign of f

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import DEG
 from tiltcal.design.plan import Plan
-from tiltcal.frames import Array
-from tiltcal.scenario import Scenario
-from tiltcal.schedule import move_time
-from tiltcal.schemes import label_of
-from tiltcal.sequence import Step
-from tiltcal.units import DEG
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.setup.pose_schemes import label_of
+from tiltcal.setup.schedule import move_time
+from tiltcal.setup.sequence import Step
 
 COLUMNS = ("step", "action", "outer_deg", "middle_deg", "inner_deg", "rate_deg_s", "dwell_s", "mount", "label")
 DECIMALS = 6  # of a degree

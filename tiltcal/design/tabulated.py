@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.design.still import Still, watch
+from tiltcal.core.arrays import Array
+from tiltcal.design.static_instrument import Still, watch
 from tiltcal.effects.base import Effect
-from tiltcal.frames import Array
-from tiltcal.setup import Sensor
+from tiltcal.setup.setup import Sensor
 
 NODES = 24  # a turn, of each axis
 ORDER = 6  # highest harmonic of an axis that is kept

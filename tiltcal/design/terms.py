@@ -11,19 +11,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tiltcal.calibration.methods.terms import effect_of_term
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.frames import sphere
+from tiltcal.core.units import G0, PARAMETER_UNITS
 from tiltcal.design.model import Model
 from tiltcal.design.polynomial import tilt_loss
-from tiltcal.design.still import Still, pointwise, still_sense
+from tiltcal.design.static_instrument import Still, pointwise, still_sense
 from tiltcal.design.tabulated import Table, tabulate
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect, TermEffect
-from tiltcal.errors import TiltcalError, nearest
-from tiltcal.frames import Array, sphere
-from tiltcal.methods.terms import effect_of_term
-from tiltcal.scenario import Scenario
-from tiltcal.sensitivity import candidates, white_noise
-from tiltcal.setup import Sensor
-from tiltcal.units import G0, PARAMETER_UNITS
+from tiltcal.forward.jacobian import candidates, white_noise
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.setup.setup import Sensor
 
 DIRECTIONS = 400  # of the working range
 STEEPEST = 0.5  # cosine of the steepest tilt at which an inclinometer's angle counts for its slope: 60 deg
@@ -188,7 +189,7 @@ def direct_columns(still: Still, sensor: Sensor, parameters: Sequence[Parameter]
 
 def _loss(still: Still, sensor: Sensor, ordered: Sequence[Parameter], wanted: Wanted) -> Array:
     """Mean square tilt error over the working range, per axis, as a quadratic form of the sensor's own parameters."""
-    from tiltcal.design.still import sense_of
+    from tiltcal.design.static_instrument import sense_of
 
     g = still.scenario.site.gravity
     cone = min(wanted.range, np.pi / 4) if sensor.kind == "inclinometer" else wanted.range

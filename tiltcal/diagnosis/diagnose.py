@@ -5,33 +5,33 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from tiltcal.diagnosis.account import Account, as_it_began, noise_under, settle
-from tiltcal.diagnosis.bench import Bench, enough, prepare, static_noise, thinned
-from tiltcal.diagnosis.blocks import block_of
-from tiltcal.diagnosis.columns import MASKED, MEANINGS
-from tiltcal.diagnosis.conclude import amended_of, findings_of, fitness_of, undetectable_of
-from tiltcal.diagnosis.evidence import Ledger
-from tiltcal.diagnosis.faults import Fault
-from tiltcal.diagnosis.filling import fill, refill
-from tiltcal.diagnosis.finding import Diagnosis, Finding, verdict_of
-from tiltcal.diagnosis.floors import above
-from tiltcal.diagnosis.heldout import borne_out
-from tiltcal.diagnosis.observations import Observations
-from tiltcal.diagnosis.plain import plainer, reshaped
-from tiltcal.diagnosis.randoms import beside_stops, lawful_part, setting_error
-from tiltcal.diagnosis.resimulate import resimulate
-from tiltcal.diagnosis.select import Gate, absorbed, backward, plausible, select, worth_their_numbers
-from tiltcal.diagnosis.shapes import upright
-from tiltcal.diagnosis.sizes import in_full
-from tiltcal.diagnosis.suspects import Suspect
-from tiltcal.diagnosis.tones import lines_of
-from tiltcal.diagnosis.unlisted import nameless, without_a_form
-from tiltcal.diagnosis.views import views_of
-from tiltcal.diagnosis.wording import summary
-from tiltcal.laboratory import Laboratory
-from tiltcal.progress import Progress, silent
-from tiltcal.recording import Recording
-from tiltcal.scenario import Scenario, parse_scenario
+from tiltcal.core.progress import Progress, silent
+from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, fitness_of, undetectable_of
+from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, verdict_of
+from tiltcal.diagnosis.conclusions.residual_plots import views_of
+from tiltcal.diagnosis.conclusions.resimulation import resimulate
+from tiltcal.diagnosis.conclusions.statements import summary
+from tiltcal.diagnosis.data.block_averaging import block_of
+from tiltcal.diagnosis.data.channels import MASKED, MEANINGS
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.prepare import Bench, enough, prepare, static_noise, thinned
+from tiltcal.diagnosis.data_quality.quantisation_limit import above
+from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, lawful_part, setting_error
+from tiltcal.diagnosis.hypotheses.dictionary import fill, refill
+from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
+from tiltcal.diagnosis.hypotheses.spectral_lines import lines_of
+from tiltcal.diagnosis.model.cross_validation import borne_out
+from tiltcal.diagnosis.model.fitted_model import Account, as_it_began, noise_under, settle
+from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.search.forward_selection import Gate, absorbed, backward, plausible, select, worth_their_numbers
+from tiltcal.diagnosis.search.predictive_parameters import in_full
+from tiltcal.diagnosis.search.shape_refinement import upright
+from tiltcal.diagnosis.search.swap_search import plainer, reshaped
+from tiltcal.diagnosis.search.unlisted_curves import nameless, without_a_form
+from tiltcal.laboratory.laboratory import Laboratory
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.recordings.recording import Recording
 
 
 @contextmanager

@@ -19,14 +19,16 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
-from tiltcal.frames import Array
-from tiltcal.motion import Drive, Jet, Rests
-from tiltcal.setup import Rig, Sensor
-from tiltcal.units import PARAMETER_UNITS
+from tiltcal.setup.setup import Rig, Sensor
+from tiltcal.setup.trajectory import Drive, Jet, Rests
 
 Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
 STAGES: tuple[Stage, ...] = ("environment", "table", "mount", "sensor", "electronics", "timing", "data")
+GRADES = ("precision", "mid_mems", "consumer")
+"""Grades of instruments, for which plausible sizes are stated."""
 Need = Literal["pose", "motion", "direction", "temperature", "vibration", "time", "remount", "any"]
 """What a recording has to hold for an effect to show: several poses, motion, both directions of approach, ..."""
 ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})

@@ -7,17 +7,17 @@ from dataclasses import replace
 from math import isfinite
 from typing import Any
 
+from tiltcal.core.errors import TiltcalError, nearest, one_of
+from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects.base import STAGES, Effect, Parameter
 from tiltcal.effects.learned import Learned, learned_table, make_learned
-from tiltcal.errors import TiltcalError, nearest, one_of
-from tiltcal.setup import Sensor, Setup
-from tiltcal.units import PARAMETER_UNITS, split_unit
+from tiltcal.setup.setup import Sensor, Setup
 
 FAMILIES = (
     "environment.world", "environment.ground", "table.readout", "table.geometry", "table.drive", "mount.mounting",
     "mount.lever", "mount.triad",
     "sensor.accelerometer", "sensor.environmental", "sensor.gyro", "sensor.dynamics", "sensor.noise",
-    "electronics.converter", "electronics.mains", "electronics.supply", "timing.delays", "data.faults", "data.meaning",
+    "electronics.converter", "electronics.mains", "electronics.supply", "timing.delays", "data.faults", "data.labelling_faults",
 )  # fmt: skip
 
 

@@ -13,13 +13,14 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError, nearest, one_of
+from tiltcal.core.frames import AXES
 from tiltcal.effects.base import STAGES, AngleEffect, Effect, FrameEffect, Parameter, Sense, SignalEffect, Stage
+from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
-from tiltcal.effects.memory import first_order_lag
-from tiltcal.errors import TiltcalError, nearest, one_of
-from tiltcal.frames import AXES, Array
-from tiltcal.motion import Drive, Jet
-from tiltcal.setup import Setup
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Drive, Jet
 
 ANGLES = {f"table_{axis}": axis for axis in ("outer", "middle", "inner")}
 INPUTS = {f"{quantity}_{axis}": (quantity, "xyz".index(axis)) for quantity in ("force", "rate") for axis in "xyz"}

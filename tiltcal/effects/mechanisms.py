@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.frames import Array
-from tiltcal.motion import Drive, Jet
-from tiltcal.setup import Rig, Setup
+from tiltcal.core.arrays import Array
+from tiltcal.setup.setup import Rig, Setup
+from tiltcal.setup.trajectory import Drive, Jet
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from tiltcal.errors import TiltcalError
-from tiltcal.gym.bench import Bench, Task
+from tiltcal.core.errors import TiltcalError
+from tiltcal.gym.calibrations import Bench, Task
 from tiltcal.gym.spaces import DWELLS, action_space, menu, observation_space, observe, pose_of
 
 

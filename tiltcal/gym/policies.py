@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from tiltcal.design.ascent import Problem
+from tiltcal.core.arrays import Array
 from tiltcal.design.classic import baseline
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
-from tiltcal.frames import Array
-from tiltcal.gym.bench import Bench, Task
+from tiltcal.gym.calibrations import Bench, Task
 from tiltcal.gym.spaces import DWELLS, action_of, menu
 from tiltcal.gym.vector import CalibrationVector
 

@@ -5,10 +5,10 @@ from itertools import product
 import numpy as np
 from gymnasium import spaces
 
-from tiltcal.frames import Array
-from tiltcal.gym.bench import Bench, Task
-from tiltcal.schemes import table_angles
-from tiltcal.setup import Rig
+from tiltcal.core.arrays import Array
+from tiltcal.gym.calibrations import Bench, Task
+from tiltcal.setup.pose_schemes import table_angles
+from tiltcal.setup.setup import Rig
 
 DEEPEST = -20.0  # log of posterior over prior that is shown at most
 DWELLS = (5.0, 10.0, 20.0)  # s, of the discrete variant

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.frames import Array
-from tiltcal.gym.bench import Task
+from tiltcal.core.arrays import Array
+from tiltcal.gym.calibrations import Task
 from tiltcal.gym.policies import Policy, named, rollout
 
 FEATURES = 6

@@ -7,7 +7,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from tiltcal.gym.bench import Bench, Task
+from tiltcal.gym.calibrations import Bench, Task
 from tiltcal.gym.environment import with_options
 from tiltcal.gym.spaces import DWELLS, action_space, menu, observation_space, observe, pose_of
 

@@ -5,7 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from tiltcal.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError
 
 
 class StepAngles(gymnasium.ActionWrapper[Any, Any, Any]):

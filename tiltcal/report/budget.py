@@ -1,7 +1,7 @@
 """The uncertainty budget as rows of a table, for the terminal and the report."""
 
-from tiltcal.budget import Budget
-from tiltcal.units import ARCSEC
+from tiltcal.core.units import ARCSEC
+from tiltcal.validation.uncertainty_budget import Budget
 
 BUDGET_COLUMNS = ("parameter", "source", "kind", "size", "distribution", "standard", "sensitivity", "contribution", "unit")
 NEGLIGIBLE = 0.01  # of the combined uncertainty

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.diagnosis.finding import Diagnosis, Finding
-from tiltcal.diagnosis.views import View
-from tiltcal.files import write_text
+from tiltcal.core.files import write_text
+from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding
+from tiltcal.diagnosis.conclusions.residual_plots import View
 from tiltcal.report.figures import COLOURS, LAYOUT
 
 TEMPLATE = Path(__file__).parent / "diagnosis.html.jinja"

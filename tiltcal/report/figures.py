@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.accuracy import TiltError
-from tiltcal.calibration import Calibration
-from tiltcal.errors import TiltcalError
-from tiltcal.frames import Array
-from tiltcal.poses import find_poses
-from tiltcal.recording import Recording
-from tiltcal.setup import Setup
-from tiltcal.units import ARCSEC, DEG, G0
+from tiltcal.calibration.result import Calibration
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC, DEG, G0
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.static_poses import find_poses
+from tiltcal.setup.setup import Setup
+from tiltcal.validation.accuracy import TiltError
 
 COLOURS = ("#2b6cb0", "#c05621", "#2f855a", "#6b46c1", "#b83280", "#4a5568")
 _AXIS = {"gridcolor": "#ebf0f8", "zerolinecolor": "#ebf0f8", "zerolinewidth": 2, "automargin": True, "title": {"standoff": 15}}

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from tiltcal import __version__
-from tiltcal.calibration import Calibration
-from tiltcal.files import write_text
+from tiltcal.calibration.result import Calibration
+from tiltcal.core.files import write_text
+from tiltcal.core.units import ARCSEC
 from tiltcal.report.budget import budget_rows
 from tiltcal.report.figures import parameter_figure, residual_figures, tilt_figure
-from tiltcal.units import ARCSEC
-from tiltcal.verify import MethodResult, ScenarioResult, Verification
+from tiltcal.validation.acceptance import MethodResult, ScenarioResult, Verification
 
 TEMPLATE = Path(__file__).parent / "report.html.jinja"
 

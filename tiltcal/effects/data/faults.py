@@ -4,9 +4,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
-from tiltcal.frames import Array
 
 
 class DataOutlier(SignalEffect):

@@ -5,9 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
 from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage, TermEffect
-from tiltcal.frames import Array
-from tiltcal.units import G0
 
 ANALOG = frozenset({"accelerometer", "inclinometer", "gyro", "fog"})
 

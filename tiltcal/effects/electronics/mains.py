@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Parameter, Sense, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
-from tiltcal.frames import Array
 
 
 class MainsPickup(TermEffect):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Parameter, Sense, SignalEffect
 from tiltcal.effects.electronics.converter import ANALOG
-from tiltcal.effects.memory import first_order_lag
+from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.sensor.environmental import FollowsState
-from tiltcal.frames import Array
 
 
 class ReferenceDrift(SignalEffect):

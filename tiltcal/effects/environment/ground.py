@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import FrameEffect, Parameter, Sense, TermEffect
+from tiltcal.effects.hysteresis_and_lag import recursion
 from tiltcal.effects.mechanisms import Context, Turn
-from tiltcal.effects.memory import recursion
-from tiltcal.frames import Array
-from tiltcal.motion import Jet, sampled_jet
+from tiltcal.setup.trajectory import Jet, sampled_jet
 
 
 def base_tilt_turns(slot: str, east: Jet, north: Jet) -> Sequence[Turn]:

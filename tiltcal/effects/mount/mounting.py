@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tiltcal.core.units import G0
 from tiltcal.effects.base import FrameEffect, Parameter
+from tiltcal.effects.hysteresis_and_lag import onset
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring, Turn
-from tiltcal.effects.memory import onset
 from tiltcal.effects.table.drive import ringing
-from tiltcal.motion import Jet, sampled_jet
-from tiltcal.setup import Rig
-from tiltcal.units import G0
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.trajectory import Jet, sampled_jet
 
 
 class MountMisalignment(FrameEffect):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Parameter, Sense, TermEffect
-from tiltcal.frames import Array
 
 PLACE = {"x": 1, "y": 2, "z": 0}  # the x accelerometer is displaced along y, y along z, z along x
 

@@ -7,9 +7,9 @@ from abc import abstractmethod
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, TermEffect
-from tiltcal.frames import Array
-from tiltcal.units import G0
 
 WIDTH = Parameter("width", "unitless", (0.2, 0.2, 0.2), positive=True, shape=True)
 """In g, of what a law does about zero force; 0: sharp."""

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
-from tiltcal.effects.memory import smooth_lag, vibration_power
+from tiltcal.effects.hysteresis_and_lag import smooth_lag, vibration_power
 from tiltcal.effects.sensor.environmental import GYROS
-from tiltcal.frames import Array
-from tiltcal.units import G0
 
 
 class AccBandwidth(SignalEffect):

@@ -5,10 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, Stage, TermEffect
-from tiltcal.effects.memory import onset, play, rounded_play
-from tiltcal.frames import Array
-from tiltcal.units import G0
+from tiltcal.effects.hysteresis_and_lag import onset, play, rounded_play
 
 GYROS = frozenset({"gyro", "fog"})
 

@@ -4,11 +4,11 @@ from abc import abstractmethod
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
 from tiltcal.effects.base import Parameter, Sense, SignalEffect, TermEffect
-from tiltcal.effects.memory import vibration_power
+from tiltcal.effects.hysteresis_and_lag import vibration_power
 from tiltcal.effects.sensor.environmental import GYROS, FollowsState, warming_rate
-from tiltcal.frames import Array
-from tiltcal.units import G0
 
 TRIAD = frozenset({"gyro"})
 FOG = frozenset({"fog"})

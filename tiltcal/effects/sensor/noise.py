@@ -4,11 +4,11 @@ from math import log, pi
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect
-from tiltcal.effects.memory import steady_recursion
+from tiltcal.effects.hysteresis_and_lag import steady_recursion
 from tiltcal.effects.sensor.environmental import GYROS
-from tiltcal.frames import Array
-from tiltcal.units import G0
 
 FLICKER_TAUS = tuple(4.0**k for k in range(6))  # s: 1, 4, ... 1024
 

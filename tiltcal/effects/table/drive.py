@@ -5,8 +5,8 @@ import numpy as np
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.mechanisms import Ballast, Cable, Cogging, Friction, Lag, Mechanism, Ring, Spring
 from tiltcal.effects.table.readout import CROSSING, ReadoutError, TableSag, lost_motion
-from tiltcal.motion import Drive, Jet, Rests
-from tiltcal.setup import Rig
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.trajectory import Drive, Jet, Rests
 
 
 class ServoDroop(TableSag):

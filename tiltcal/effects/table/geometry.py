@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import FrameEffect, LinkEffect, Parameter
 from tiltcal.effects.mechanisms import Context, Turn
-from tiltcal.frames import Array
-from tiltcal.motion import Jet
-from tiltcal.setup import Rig
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.trajectory import Jet
 
 
 class TableLevelling(FrameEffect):

@@ -5,10 +5,10 @@ from abc import abstractmethod
 import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
+from tiltcal.effects.hysteresis_and_lag import crossed
 from tiltcal.effects.mechanisms import Gap, Mechanism, Spring
-from tiltcal.effects.memory import crossed
-from tiltcal.motion import Drive, Jet
-from tiltcal.setup import Rig
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.trajectory import Drive, Jet
 
 
 class ReadoutError(AngleEffect):

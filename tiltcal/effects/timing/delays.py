@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.effects.base import DelayEffect, Parameter
 from tiltcal.effects.electronics.converter import ANALOG
-from tiltcal.frames import Array
 
 
 class DataLatency(DelayEffect):

@@ -1,0 +1,75 @@
+"""What all methods share: picking the sensor, wrapping up a Calibration."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal import __version__
+from tiltcal.calibration.result import Calibration, Estimate, Test, Verdict
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.static_poses import Poses
+from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.statistics.least_squares import Fit
+
+
+def pick_sensor(setup: Setup, recording: Recording, kinds: Sequence[str], name: str | None, method: str) -> Sensor:
+    """The sensor a method works on: the named one, or the only fitting one that was recorded.
+
+    Raises:
+        TiltcalError: none or several fit.
+    """
+    if name is not None:
+        sensor = setup.named(name)
+        if sensor.kind not in kinds:
+            raise TiltcalError(
+                f"method {method}",
+                found=f"sensor {name} of kind {sensor.kind}",
+                need=" or ".join(kinds),
+                do="name another",
+            )
+        return sensor
+    fitting = [s for s in setup.sensors(*kinds) if recording.has(s)]
+    if len(fitting) == 1:
+        return fitting[0]
+    names = ", ".join(s.name for s in (fitting or setup.sensors(*kinds))) or "none"
+    if not fitting and setup.sensors(*kinds):
+        recording.sensor(setup.sensors(*kinds)[0])  # says which column is missing
+    raise TiltcalError(
+        f"method {method}", found=f"{len(fitting)} recorded sensors that fit ({names})", need=f"one {' or '.join(kinds)}",
+        do="name it with --option sensor=NAME" if fitting else "use a method for the sensors you have",
+    )  # fmt: skip
+
+
+def wrap_up(
+    method: str, verdict: Verdict, fit: Fit, units: Sequence[str], tests: Sequence[Test], warnings: Sequence[str],
+    poses: Poses, recording: Recording, *, equation: str, inverse: str, heldout: dict[str, float] | None = None,
+) -> Calibration:  # fmt: skip
+    """A Calibration from a fit. Where the fit is worse than its noise, the covariance is widened by chi2/dof and says so."""
+    widen = 1.0
+    notes = list(warnings)
+    lacking = [t for t in tests if t.name == "fit" and not t.passed]
+    if lacking and fit.chi2_per_dof > 1 and not fit.dropped:
+        widen = fit.chi2_per_dof
+        notes.append(f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are widened by that factor")
+    covariance = fit.covariance * widen
+    sigmas = np.sqrt(np.diag(covariance))
+    parameters = {n: Estimate(float(v), float(s), u) for n, v, s, u in zip(fit.names, fit.values, sigmas, units, strict=True)}
+    if fit.dropped:
+        notes.append("not determined by these poses: " + ", ".join(fit.dropped))
+    return Calibration(
+        method, verdict, parameters, covariance, equation, inverse, poses=poses.spans, tests=list(tests),
+        chi2_per_dof=fit.chi2_per_dof, dof=fit.dof, heldout_rms=heldout or {}, warnings=notes, provenance=provenance(recording),
+    )  # fmt: skip
+
+
+def provenance(recording: Recording) -> dict[str, str]:
+    """Where a calibration came from."""
+    return {"recording": recording.source, "made by": f"tiltcal {__version__}", **dict(recording.metadata)}
+
+
+def leave_out_rms(residuals: Sequence[Array]) -> float:
+    """Root mean square over all left-out residuals, SI."""
+    stacked = np.concatenate([np.ravel(r) for r in residuals])
+    return float(np.sqrt(np.mean(stacked**2)))

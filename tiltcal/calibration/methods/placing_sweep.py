@@ -1,0 +1,236 @@
+"""The sweeps behind a placing-angle table: visits of each angle, up and down, drift taken off, table split from sensor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.frames import parse_mounts
+from tiltcal.core.units import DEG
+from tiltcal.effects.sensor.dynamics import placing_angle
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import GUARD, Segment
+from tiltcal.recordings.static_poses import Poses
+from tiltcal.setup.setup import Setup
+
+SAME = 0.02 * DEG  # dwells nearer than this stand at one angle
+OFF_GRID = 0.1  # of a step
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The dwells of one mounting in which one axis lies along the table's.
+
+    Args:
+        axis: x or y; sign: +1 when it points North, -1 when it was turned round by 180 deg.
+        node: number of the angle each dwell stands at, on the grid common to all sweeps of an axis, (m,).
+        beta: its placing angle, rad; time: of its middle, s; value: its mean reading, m/s2; variance: of that mean, (m,).
+    """
+
+    axis: str
+    sign: int
+    node: npt.NDArray[np.intp]
+    beta: Array
+    time: Array
+    value: Array
+    variance: Array
+
+    def solve(self) -> "Table":
+        """Table entries with a linear drift of the zero beside them: ``y = b_node + d (t - t_mid)``.
+
+        Source: least squares in closed form; drift shows in repeated visits only.
+        """
+        nodes, where = np.unique(self.node, return_inverse=True)
+        w = 1 / self.variance
+        weight = np.bincount(where, w)
+        middle = float(np.mean(self.time))
+        t = self.time - middle
+        mean_t, mean_y = np.bincount(where, w * t) / weight, np.bincount(where, w * self.value) / weight
+        mean_b = np.bincount(where, w * self.beta) / weight
+        dt, dy = t - mean_t[where], self.value - mean_y[where]
+        information = float(np.sum(w * dt * dt))
+        repeats = np.bincount(where) > 1
+        drifting = bool(information > 0 and repeats.sum() >= 2)
+        drift = float(np.sum(w * dt * dy)) / information if drifting else 0.0
+        covariance = np.diag(1 / weight)
+        if drifting:
+            covariance += np.outer(mean_t, mean_t) / information
+        residuals = (dy - drift * dt) * np.sqrt(w)
+        rank = len(nodes) + drifting
+        return Table(nodes, mean_b, mean_y - drift * mean_t, covariance, residuals, rank, drift if drifting else None)
+
+    @property
+    def repeated(self) -> float:
+        """Share of the angles that were visited more than once: what shows a drift."""
+        return float(np.mean(np.unique(self.node, return_counts=True)[1] > 1))
+
+    @property
+    def both_ways(self) -> float:
+        """Share of the inner angles that were approached from both sides."""
+        came = np.sign(np.diff(self.beta, prepend=np.nan))
+        up, down = set(self.node[came > 0]), set(self.node[came < 0])
+        inner = set(self.node) - {self.node.min(), self.node.max()}
+        return len(inner & up & down) / max(len(inner), 1)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Bias against placing angle, solved.
+
+    Args:
+        node: numbers of the angles, (n,); beta: mean angle, rad; value: m/s2; covariance: (n, n).
+        residuals: whitened, of the single visits; rank: parameters fitted to them; drift: m/s2 per s, None if not seen.
+    """
+
+    node: npt.NDArray[np.intp]
+    beta: Array
+    value: Array
+    covariance: Array
+    residuals: Array
+    rank: int
+    drift: float | None
+
+    def at_nodes(self, node: npt.NDArray[np.intp]) -> "Table":
+        """The entries at some of the nodes."""
+        keep = np.isin(self.node, node)
+        return replace(
+            self, node=self.node[keep], beta=self.beta[keep], value=self.value[keep], covariance=self.covariance[np.ix_(keep, keep)]
+        )
+
+
+@dataclass(frozen=True)
+class AxisTable:
+    """All that was found about one axis.
+
+    Args:
+        axis: x or y; start, step: of the grid, rad.
+        sensor: its table; axle: elevation of the table's axis as a reading, m/s2, where a reversed sweep split it off.
+        sweeps: what it came from; solved: each of them.
+    """
+
+    axis: str
+    start: float
+    step: float
+    sensor: Table
+    axle: Table | None
+    sweeps: tuple[Sweep, ...]
+    solved: tuple[Table, ...]
+
+    @property
+    def angles(self) -> Array:
+        """Nominal angle of each entry, rad, (n,)."""
+        return np.asarray(self.start + self.sensor.node * self.step, dtype=float)
+
+    @property
+    def missing(self) -> list[float]:
+        """Angles of the grid without a dwell, deg."""
+        first, last = self.sensor.node[[0, -1]]
+        absent = sorted(set(range(first, last + 1)) - set(self.sensor.node.tolist()))
+        return [(self.start + k * self.step) / DEG for k in absent]
+
+
+def split_at_remounts(segments: Sequence[Segment], recording: Recording, setup: Setup) -> list[Segment]:
+    """Dwells cut where the mounting changes, hands off included: at rest a remount need not show."""
+    found: list[Segment] = []
+    time = recording.time
+    starts = [when for when, _ in mountings(recording, setup)[1:]]
+    for s in segments:
+        cuts = [when for when in starts if s.start - GUARD < when < s.end + GUARD]
+        for after, before in pairwise([-np.inf, *cuts, np.inf]):
+            first = max(s.first, int(np.searchsorted(time, after + GUARD)))
+            last = min(s.last, int(np.searchsorted(time, before - GUARD, side="right")))
+            if last > first:
+                found.append(replace(s, start=float(time[first]), end=float(time[last - 1]), first=first, last=last))
+    return found
+
+
+def mountings(recording: Recording, setup: Setup) -> list[tuple[float, Array]]:
+    """(from time, R_mount) of each mounting."""
+    return parse_mounts(recording.metadata.get("mount", setup.rig.mount))
+
+
+def mounting_of(poses: Poses, recording: Recording, setup: Setup) -> tuple[npt.NDArray[np.intp], list[Array]]:
+    """Number of the mounting of each pose, (m,), and the mountings."""
+    stated = mountings(recording, setup)
+    starts = np.array([when for when, _ in stated])
+    middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
+    return np.searchsorted(starts, middle, side="right") - 1, [R for _, R in stated]
+
+
+def find_sweeps(poses: Poses, recording: Recording, setup: Setup, axis: str) -> tuple[list[Sweep], tuple[float, float], list[str]]:
+    """All sweeps of one axis, the (start, step) of their grid, and notes on dwells that were left out."""
+    which, mounts = mounting_of(poses, recording, setup)
+    channel = poses.sensor.axes.index(axis)
+    lying = np.array([R[1, "xyz".index(axis)] for R in mounts])[which]  # North component of the axis, whatever the table does
+    used = np.abs(np.abs(lying) - 1) < 1e-6
+    if not used.any():
+        return [], (0.0, 0.0), []
+    beta = placing_angle(axis, poses.up)
+    start, step = _grid(beta[used])
+    node = np.round((beta - start) / step).astype(np.intp) if step else np.zeros(len(beta), np.intp)
+    off = used & (np.abs(beta - start - node * step) > OFF_GRID * step)
+    notes = []
+    if off.any():
+        angles = ", ".join(f"{b / DEG:.4g}" for b in beta[off][:6])
+        notes.append(f"dwells off the steps of {step / DEG:.4g} deg are not used: axis {axis} at {angles} deg")
+    time = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
+    variance = np.array([poses.covariance(k)[channel, channel] for k in range(len(poses))])
+    value = poses.means[:, channel] - setup.site.gravity * poses.up[:, channel]
+    sweeps = []
+    for number in np.unique(which[used]):
+        k = np.flatnonzero(used & ~off & (which == number))
+        sweeps.append(Sweep(axis, int(np.sign(lying[k[0]])), node[k], beta[k], time[k], value[k], variance[k]))
+    return sweeps, (start, step), notes
+
+
+def _grid(beta: Array) -> tuple[float, float]:
+    """First angle and step, rad: what the operator dialled, to a thousandth of a degree."""
+    ordered = np.sort(beta)
+    gaps = np.diff(ordered)
+    gaps = gaps[gaps > SAME]
+    step = round(float(np.median(gaps)) / DEG, 3) if len(gaps) else 0.0
+    first = float(ordered[ordered <= ordered[0] + SAME].mean()) / DEG
+    if step and abs(first / step - round(first / step)) < OFF_GRID:
+        first = round(first / step) * step
+    return round(first, 3) * DEG, step * DEG
+
+
+def solve_axis(axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float]) -> AxisTable:
+    """One table of an axis from all its sweeps; a sweep turned round by 180 deg splits the table's axis from the sensor.
+
+    With the axis pointing North a dwell reads b + e, turned round b - e (e: elevation of the table's axis as a reading):
+    half the sum is the sensor's, half the difference the table's. What of e is odd in the table's angle stays in b.
+
+    Source: PHYSICS 6 (0).
+    """
+    solved = [s.solve() for s in sweeps]
+    forth = [t for s, t in zip(sweeps, solved, strict=True) if s.sign > 0]
+    back = [t for s, t in zip(sweeps, solved, strict=True) if s.sign < 0]
+    axle = None
+    if forth and back:
+        common = np.array(sorted(set.intersection(*(set(t.node.tolist()) for t in (_average(forth), _average(back))))), np.intp)
+        plus, minus = (_average(tables).at_nodes(common) for tables in (forth, back))
+        both = (plus.covariance + minus.covariance) / 4
+        sensor = replace(plus, value=(plus.value + minus.value) / 2, covariance=both, beta=(plus.beta + minus.beta) / 2)
+        axle = replace(sensor, value=(plus.value - minus.value) / 2)
+    else:
+        sensor = _average(forth or back)
+    nominal = grid[0] + sensor.node * grid[1]
+    if len(nominal) > 1:  # a readout a little off the step: along the table's own slope
+        sensor = replace(sensor, value=sensor.value + np.gradient(sensor.value, sensor.beta) * (nominal - sensor.beta))
+    return AxisTable(axis, *grid, sensor, axle, tuple(sweeps), tuple(solved))
+
+
+def _average(tables: Sequence[Table]) -> Table:
+    """Plain mean of tables over the nodes they share."""
+    if len(tables) == 1:
+        return tables[0]
+    common = np.array(sorted(set.intersection(*(set(t.node.tolist()) for t in tables))), np.intp)
+    parts = [t.at_nodes(common) for t in tables]
+    value = sum((p.value for p in parts), np.zeros(len(common))) / len(parts)
+    beta = sum((p.beta for p in parts), np.zeros(len(common))) / len(parts)
+    covariance = sum((p.covariance for p in parts), np.zeros((len(common), len(common)))) / len(parts) ** 2
+    return replace(parts[0], value=value, beta=beta, covariance=covariance)

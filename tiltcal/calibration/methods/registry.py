@@ -1,0 +1,177 @@
+"""Names of methods: built in, an entry point of ``tiltcal.methods``, ``package.module:function``, or a command."""
+
+import importlib
+import inspect
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from tiltcal.calibration.methods.fog_scale import fog_scale
+from tiltcal.calibration.methods.gyro_rates import gyro_rates
+from tiltcal.calibration.methods.gyro_turns import gyro_turns
+from tiltcal.calibration.methods.norm import norm
+from tiltcal.calibration.methods.north_seeking import north
+from tiltcal.calibration.methods.placing_table import placing_table
+from tiltcal.calibration.methods.six_position import six_position
+from tiltcal.calibration.methods.two_position import two_position
+from tiltcal.calibration.result import Calibration, load_calibration
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import write_recording
+from tiltcal.setup.setup import Setup
+
+Method = Callable[..., Calibration]
+METHODS: dict[str, Method] = {
+    "placing_table": placing_table, "six_position": six_position, "norm": norm, "two_position": two_position,
+    "gyro_turns": gyro_turns, "fog_scale": fog_scale, "north": north, "gyro_rates": gyro_rates,
+}  # fmt: skip
+GROUP = "tiltcal.methods"
+
+
+def find_method(name: str) -> Method:
+    """The method of that name.
+
+    Raises:
+        TiltcalError: it is not known, or does not import.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    if ":" in name:
+        return import_named(name)
+    installed = {e.name: e for e in entry_points(group=GROUP)}
+    if name in installed:
+        return _checked(installed[name].load(), name)
+    raise TiltcalError(
+        f"method '{name}'", found="no such method", need="a built-in, an entry point, or package.module:function",
+        do=nearest(name, [*METHODS, *installed]),
+    )  # fmt: skip
+
+
+def import_named(name: str) -> Callable[..., Any]:
+    """The function a user names as ``package.module:function``.
+
+    Raises:
+        TiltcalError: it does not import, or cannot be called.
+    """
+    module, _, attribute = name.partition(":")
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # a user's own file lies in the folder they stand in
+    try:
+        target: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            target = getattr(target, part)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise TiltcalError(
+            f"method '{name}'",
+            found=str(error),
+            need="an importable package.module:function",
+            do="check the name and the folder",
+        ) from error
+    return _checked(target, name)
+
+
+def _checked(target: Any, name: str) -> Callable[..., Any]:
+    if not callable(target):
+        raise TiltcalError(f"method '{name}'", found=type(target).__name__, need="a function", do="name the function itself")
+    return target
+
+
+def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> Calibration:
+    """Run a method on a recording. It is handed the recording and the set-up, never a truth.
+
+    Raises:
+        TiltcalError: an option is unknown, or the method returns no Calibration.
+    """
+    method = find_method(name)
+    accepted = inspect.signature(method).parameters
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
+    given = list(accepted)[:2]  # the recording and the set-up are not the user's to name
+    unknown = [key for key in options if key in given or (key not in accepted and not takes_any)]
+    if unknown:
+        valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
+        raise TiltcalError(
+            f"method {name}",
+            found=f"option '{unknown[0]}'",
+            need="an option of it",
+            do=nearest(unknown[0], valid or ["none"]),
+        )
+    bare = setup if type(setup) is Setup else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
+    result = method(recording, bare, **options) if name in METHODS else _foreign(method, name, recording, bare, options)
+    if not isinstance(result, Calibration):
+        raise TiltcalError(
+            f"method {name}",
+            found=f"a {type(result).__name__}",
+            need="a tiltcal.calibration.result.Calibration",
+            do="return one",
+        )
+    return _with_setup(result, bare)
+
+
+def _foreign(method: Method, name: str, recording: Recording, setup: Setup, options: dict[str, Any]) -> Calibration:
+    """Call a method that is not ours: whatever goes wrong in it is said to be its own."""
+    try:
+        return method(recording, setup, **options)
+    except TiltcalError:
+        raise
+    except Exception as error:
+        if os.environ.get("TILTCAL_TRACEBACK"):
+            raise
+        raise TiltcalError(
+            f"method {name}", found=f"an error in it ({type(error).__name__}: {error})", need="a function that returns",
+            do="mend it; TILTCAL_TRACEBACK=1 shows where",
+        ) from error  # fmt: skip
+
+
+def _with_setup(result: Calibration, setup: Setup) -> Calibration:
+    """The calibration with the set-up in its provenance, so that CAL.json alone can correct a recording."""
+    stated = json.loads(setup.model_dump_json(exclude_none=True))
+    return replace(result, provenance={**result.provenance, "setup": stated})
+
+
+def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> Calibration:
+    """A program as the method: it gets files and writes CAL.json; no shell.
+
+    Args:
+        command: words with {recording}, {scenario}, {cal} where the paths go.
+
+    Raises:
+        TiltcalError: it fails, or writes no calibration.
+    """
+    import tomli_w
+
+    with tempfile.TemporaryDirectory(prefix="tiltcal-") as folder:
+        paths = {key: str(Path(folder) / name) for key, name in _FILES.items()}
+        write_recording(recording, paths["recording"])
+        bare = Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
+        stated = json.loads(bare.model_dump_json(exclude_none=True))
+        Path(paths["scenario"]).write_text(tomli_w.dumps({"schema": 1, "name": "under test", **stated}), encoding="utf-8")
+        words = [_filled(word, paths) for word in command]
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, check=False)
+        except OSError as error:
+            raise TiltcalError(f"command {words[0]}", found=str(error), need="a program that runs", do="check the path") from error
+        if done.returncode != 0:
+            last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
+            raise TiltcalError(
+                f"command {words[0]}",
+                found=f"exit status {done.returncode} ({last[0]})",
+                need="0",
+                do="run it by hand",
+            )
+        return _with_setup(load_calibration(paths["cal"]), bare)
+
+
+_FILES = {"recording": "recording.csv", "scenario": "scenario.toml", "cal": "CAL.json"}
+
+
+def _filled(word: str, paths: dict[str, str]) -> str:
+    for key, path in paths.items():
+        word = word.replace("{" + key + "}", path)
+    return word

@@ -1,0 +1,1 @@
+"""Constants and units, sign conventions, array types, the users' error, files, progress, rounding codes."""

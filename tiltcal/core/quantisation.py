@@ -1,0 +1,34 @@
+"""The codes that a column was rounded to."""
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+
+LEAST = 16  # different steps that tell a grid
+
+
+def code_width(column: Array) -> float:
+    """The smallest step between successive samples, in the column's unit; 0 when it never changes. (n,)"""
+    steps = np.abs(np.diff(column[:20000]))
+    steps = steps[steps > 0]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def code_grid(column: Array) -> float | None:
+    """The code that all values of a column are whole multiples apart of, in its unit; None where there is no such grid.
+
+    A text file rounds codes of a converter to its own digits, so the smallest step is refined by larger and larger ones.
+    """
+    steps = np.abs(np.diff(column))
+    steps = steps[steps > 0]
+    if len(np.unique(steps)) < LEAST and len(np.unique(column)) > 2 * LEAST:
+        return None  # a computed course repeats its few steps
+    if len(steps) < 8:
+        return None
+    width = float(steps.min())
+    for reach in (3.5, 12.5, 50.5, 1e9):
+        near = steps[steps < reach * width]
+        counts = np.rint(near / width)
+        width = float(near @ counts / (counts @ counts))
+    off = np.abs(steps / width - np.rint(steps / width))
+    return width if float(off.max()) < 0.03 else None  # without a grid it is up to a half

@@ -1,0 +1,1 @@
+"""From a fitted model to the answer: findings, statements, plots, the amended scenario."""

@@ -1,0 +1,159 @@
+"""From a finished account to what is said of it: findings and classes, fitness, what could not be seen, the amended scenario."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.design.identifiability import POWER
+from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
+from tiltcal.diagnosis.conclusions.finding import Finding, Fitness, Undetectable, Where
+from tiltcal.diagnosis.conclusions.residual_plots import unit_of
+from tiltcal.diagnosis.conclusions.statements import coordinate_of_effect, harmonic_of, learned_name, next_step, shown, stage_of
+from tiltcal.diagnosis.data.channels import MASKED, MEANINGS
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
+from tiltcal.diagnosis.model.cross_validation import heldout_gain, heldout_misfit
+from tiltcal.diagnosis.model.fitted_model import Account, Term
+from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, Ledger
+from tiltcal.diagnosis.search.alternatives import OWN, Case, Rival, case_of, explanations, inseparable, price_of
+from tiltcal.diagnosis.search.forward_selection import Gate, findings
+from tiltcal.diagnosis.search.thermal_lag import lateness
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Effect, Parameter
+from tiltcal.effects.learned import Learned
+
+SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
+
+
+def findings_of(account: Account, ledger: Ledger, gate: Gate) -> list[Finding]:
+    """The findings of an account, each with its class and its place."""
+    values = gate.log_p(account, ledger) if account.terms else []
+    return [_finding(account, ledger, places, values[k]) for k, places in enumerate(findings(account))]
+
+
+def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: float) -> Finding:
+    """One finding, with its class and its place."""
+    observations = ledger.observations
+    term = account.terms[places[0]]
+    case = case_of(account, ledger, places)
+    effect = term.effect
+    sensors, axes = _shown(case.signal, observations)
+    sizes = sum(len(account.terms[k].names) for k in places)
+    gain = sum(float(t @ t) for t in case.target) - account.deviance
+    held = heldout_gain(account, ledger, places)
+    where = Where(coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect))
+    if not term.suspect.listed and isinstance(effect, Learned):
+        named = explanations(case, ledger, lambda s: s.listed)
+        rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in named[:5])
+        words = f"{learned_name(effect).capitalize()}: no named effect has this form."
+        return Finding(
+            None, (), stage_of(effect), sensors, axes, where, {}, float(np.exp(log_p)), price_of(ledger) * sizes - gain, held,
+            rivals, words, next_step((), effect),
+        )  # fmt: skip
+    rivals_, names = _class_of(term, case, ledger)
+    id = term.suspect.id
+    late, same = lateness([account.terms[k] for k in places], case, account, ledger)
+    names = (*names, *(n for n in same if n not in names))
+    parameters = {} if isinstance(effect, Learned) else _parameters(term, account.sigmas(places[0]))
+    cls = CATALOGUE[id]
+    other = f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)" if len(names) > 1 else ""
+    size = shown(parameters) if parameters else f"as a curve over {where.coordinate}"
+    words = f"{cls.title[:1].upper()}{cls.title[1:]} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}.{late}"
+    return Finding(
+        id, names, cls.stage, sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
+        held, rivals_, words, next_step(names, effect),
+    )  # fmt: skip
+
+
+def _class_of(term: Term, case: Case, ledger: Ledger) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
+    found = explanations(case, ledger, lambda s: s.textbook or s.id == term.suspect.id)
+    mine = next((r for r in found if r.suspect.place == term.suspect.place), None)
+    nearest: dict[str, tuple[str, float, float]] = {}
+    for r in found:
+        if r.suspect.id != term.suspect.id:
+            nearest.setdefault(r.suspect.id, (r.suspect.id, r.cosine, r.separation))
+    rivals = tuple(nearest.values())
+    best = max((r for r in found if r.fair and r.own >= OWN), key=lambda r: r.worth, default=mine)
+    if best is None:
+        return rivals[:8], (term.suspect.id,)
+    members: list[Rival] = inseparable(best, found)
+    ids = dict.fromkeys([term.suspect.id, *(r.suspect.id for r in members)])
+    return rivals[:8], tuple(ids)
+
+
+def _shown(signal: Sequence[Array], observations: Observations) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Sensors and axes that hold the signal, the strongest first."""
+    energy: dict[tuple[str, str], float] = {}
+    for channel, part in zip(observations.channels, signal, strict=True):
+        energy[channel.sensor, channel.axis] = energy.get((channel.sensor, channel.axis), 0.0) + float(part @ part)
+    total = max(sum(energy.values()), 1e-300)
+    strong = [key for key, e in sorted(energy.items(), key=lambda item: -item[1]) if e > SHOWN * total]
+    return tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong))
+
+
+def _interval(effect: Effect) -> tuple[float, float | None] | None:
+    return (float(effect.values["time"]), None) if "time" in effect.values else None
+
+
+def _parameters(term: Term, sigmas: Array) -> dict[str, tuple[float, float]]:
+    """Values by name with unit, as files have them."""
+    found = {}
+    for name, value, sigma in zip(term.names, term.values, sigmas, strict=True):
+        p = _parameter_of(term.suspect, name)
+        found[f"{name}{p.suffix}"] = (value / p.factor, float(sigma) / p.factor)
+    return found
+
+
+def _parameter_of(suspect: Suspect, name: str) -> Parameter:
+    for p in suspect.effect.parameters:
+        if name in p.expand(tuple("xyza")) or name == p.name:
+            return p
+    raise KeyError(name)
+
+
+def fitness_of(account: Account, ledger: Ledger) -> Fitness:
+    observations = ledger.observations
+    used = account.basis[0].shape[1] if account.basis else 0
+    rms: dict[str, float] = {}
+    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit_of(channel, observations)}", float(np.sqrt(np.mean(r * r))))
+    return Fitness(account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger))
+
+
+def undetectable_of(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
+    """What could not have been seen, or only at which size."""
+    found: dict[str, Undetectable] = {}
+    blamed = {t.suspect.id for t in account.terms}
+    for score in ledger.scores(account.basis, account.residual, lambda s: not isinstance(s.effect, Learned) and s.id not in blamed):
+        suspect = score.suspect
+        sizes = {}
+        for i, name in enumerate(suspect.names):
+            p = _parameter_of(suspect, name)
+            if score.B[i, i] > SURVIVES * score.raw[i] > 0:
+                sizes[f"{name}{p.suffix}"] = float(np.sqrt(POWER / score.B[i, i]) * suspect.size(name) / p.factor)
+        old = found.get(suspect.id)
+        if old is None or (not old.size and sizes):
+            found[suspect.id] = Undetectable(suspect.id, sizes, float(np.clip(score.absorbed, 0, 1)))
+    return tuple(found.values())
+
+
+def amended_of(account: Account, observations: Observations, faults: Sequence[Fault]) -> dict[str, Any]:
+    """The scenario with calibration and findings in it."""
+    first = observations.recordings[0]
+    temperature = first.temperature()
+    reference = observations.scenario.climate.reference_degC
+    if reference is None and temperature is not None:
+        reference = float(np.mean(temperature))
+    meanings = [e for e in observations.scenario.effects if e.id in (*MEANINGS, *MASKED)]
+    effects: list[Effect] = [*account.known, *meanings, *(t.effect for t in account.nuisance)]
+    effects += [f.effect for f in faults if f.effect not in effects]
+    for k, term in enumerate(account.terms):
+        effect = term.effect
+        event = any("time" in e.values or "frequency" in e.values for e in (effect, *([term.host.effect] if term.host else [])))
+        sigmas = dict(zip(term.names, (float(s) for s in account.sigmas(k)), strict=True))
+        effects.append(replace(effect, sigmas=sigmas, seen_in=first.fingerprint if event else None))
+    return amended_table(observations.scenario, effects, reference)

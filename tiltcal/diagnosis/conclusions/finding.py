@@ -1,0 +1,142 @@
+"""What a diagnosis says: findings, verdict and figures, as the file ``diagnosis.json`` has them (CONTRACT section 6)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from tiltcal.diagnosis.conclusions.residual_plots import View
+
+Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where in the recording an effect shows.
+
+    Args:
+        coordinate: what it follows; harmonic: orders over the outer and inner angle; interval: s from the first stamp.
+    """
+
+    coordinate: str
+    harmonic: tuple[int, int] | None = None
+    interval: tuple[float, float | None] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {
+            "coordinate": self.coordinate, "harmonic": list(self.harmonic) if self.harmonic else None,
+            "interval_s": None if self.interval is None else list(self.interval),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that the scenario does not know.
+
+    Args:
+        effect: catalogue id; None when no name fits.
+        names: ids that the recording cannot tell from it, itself first.
+        stage: of the chain.
+        sensors, axes: where it shows, the strongest first.
+        where: coordinate, harmonic, interval.
+        parameters: name with unit -> (value, standard uncertainty).
+        p_value: after correction for all that was tried.
+        delta_bic: BIC with it minus without; heldout_gain: nats.
+        rivals: (id, cosine, separation).
+        statement, next_measurement: in words.
+    """
+
+    effect: str | None
+    names: tuple[str, ...]
+    stage: str
+    sensors: tuple[str, ...]
+    axes: tuple[str, ...]
+    where: Where
+    parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    p_value: float = 0.0
+    delta_bic: float = 0.0
+    heldout_gain: float = 0.0
+    rivals: tuple[tuple[str, float, float], ...] = ()
+    statement: str = ""
+    next_measurement: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {
+            "effect": self.effect, "class": list(self.names), "stage": self.stage, "sensors": list(self.sensors),
+            "axes": list(self.axes), "where": self.where.to_json(),
+            "parameters": {n: {"value": v, "sigma": s} for n, (v, s) in self.parameters.items()},
+            "p_value": self.p_value, "delta_bic": self.delta_bic, "heldout_gain": self.heldout_gain,
+            "rivals": [{"effect": e, "cosine": c, "separation": s} for e, c, s in self.rivals],
+            "statement": self.statement, "next_measurement": self.next_measurement,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """How well a model fits: whitened chi-square per degree of freedom, rms by channel (SI), the same on held-out blocks."""
+
+    chi2_per_dof: float = 0.0
+    rms: Mapping[str, float] = field(default_factory=dict)
+    heldout_chi2_per_dof: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {"chi2_per_dof": self.chi2_per_dof, "rms": dict(self.rms), "heldout_chi2_per_dof": self.heldout_chi2_per_dof}
+
+
+@dataclass(frozen=True)
+class Undetectable:
+    """An effect that was not found: the size (name with unit) it would have been found at, and its absorbed share."""
+
+    effect: str
+    size: Mapping[str, float]
+    absorbed: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {"effect": self.effect, "detectable_size": dict(self.size), "absorbed": self.absorbed}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer.
+
+    Args:
+        verdict: the first that applies (CONTRACT section 6).
+        statement: in words.
+        findings, notes, undetectable: see there.
+        before, after: fit of the scenario as it is and of the amended one.
+        amended: the amended scenario, as a table.
+        views: of what is left, for a picture.
+    """
+
+    verdict: Verdict
+    statement: str
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+    undetectable: tuple[Undetectable, ...] = ()
+    before: Fitness = Fitness()
+    after: Fitness = Fitness()
+    amended: Mapping[str, Any] = field(default_factory=dict)
+    views: tuple[View, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {
+            "schema": 1, "verdict": self.verdict, "statement": self.statement,
+            "findings": [f.to_json() for f in self.findings], "notes": list(self.notes),
+            "undetectable": [u.to_json() for u in self.undetectable],
+            "fit": {"before": self.before.to_json(), "after": self.after.to_json()},
+        }  # fmt: skip
+
+
+def verdict_of(findings: tuple[Finding, ...], enough: bool) -> Verdict:
+    """The first that applies."""
+    if not enough and not findings:
+        return "cannot_tell"
+    if any(f.effect is None for f in findings):
+        return "unlisted"
+    if any(len(f.names) > 1 for f in findings):
+        return "ambiguous"
+    return "explained" if findings else "match"

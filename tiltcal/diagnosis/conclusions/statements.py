@@ -1,0 +1,113 @@
+"""Findings in words, and what they follow."""
+
+import numpy as np
+
+from tiltcal.design.identifiability import tie_breaker
+from tiltcal.diagnosis.conclusions.finding import Finding
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Effect
+from tiltcal.effects.learned import ANGLES, ORDERS, Learned, LearnedReadout, LearnedTilt
+from tiltcal.setup.setup import Setup
+
+FOLLOWS = {"temperature": "temperature", "time": "time", "direction": "move", "motion": "rate", "vibration": "frequency"}
+OWN_WORD = {
+    "mains_pickup": "frequency", "base_vibration": "frequency", "fog_deadband": "rate", "fog_axis_error": "rate",
+    "gyr_scale_asym": "rate", "fog_shupe": "temperature", "settling_transient": "move", "lever_arm": "rate",
+    "magnetic_field": "tilt",
+    "gyr_gsens": "tilt", "gyr_g2sens": "tilt", "table_levelling": "table_outer", "axis_nonorthogonality": "table_inner",
+    "mount_compliance": "tilt", "servo_lag": "rate", "acc_hysteresis": "tilt", "earth_rate": "rate",
+}  # fmt: skip
+LEARNED_WORD = {"input": "tilt", "transverse": "rate", "warming": "temperature", "since_move": "move", "moves": "move"}
+
+
+def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
+    """What an effect follows, in the words of the contract."""
+    if isinstance(effect, Learned):
+        if effect.coordinate.startswith("force"):
+            return "tilt"
+        if effect.coordinate.startswith("rate"):
+            return "rate"
+        if effect.coordinate == "input" and effect.sensor is not None and setup.named(effect.sensor).quantity == "rate":
+            return "rate"
+        return LEARNED_WORD.get(effect.coordinate, effect.coordinate)
+    if effect.id in OWN_WORD:
+        return OWN_WORD[effect.id]
+    if effect.axis_wise and effect.needs == "pose":
+        return f"table_{effect.axis or setup.rig.axis_names[0]}"
+    if effect.needs in FOLLOWS:
+        return FOLLOWS[effect.needs]
+    if effect.stage == "data":
+        return "sample"
+    return "tilt" if effect.stage in ("sensor", "electronics", "mount") else "table_outer"
+
+
+def stage_of(effect: Effect) -> str:
+    """Stage of the chain that an effect is blamed on."""
+    return effect.place if isinstance(effect, Learned) else effect.stage
+
+
+def harmonic_of(effect: Effect) -> tuple[int, int] | None:
+    """Orders over the outer and the inner angle, where an effect has one."""
+    order = {"table_encoder_eccentricity": 1, "table_encoder_2rev": 2, "table_sag": 1}.get(effect.id)
+    if isinstance(effect, Learned) and effect.beside:
+        m, n = divmod(int(np.argmax(np.abs(effect.coefficients))) // 4, ORDERS)
+        return m + 1, n + 1
+    if order is None and isinstance(effect, Learned) and not effect.knots and effect.coordinate in ANGLES:
+        order = 1 + int(np.argmax(np.abs(effect.coefficients))) // 2
+    if order is None:
+        return None
+    axis = effect.axis or (ANGLES.get(effect.coordinate) if isinstance(effect, Learned) else None) or "outer"
+    return (order, 0) if axis == "outer" else (0, order)
+
+
+def learned_name(effect: Learned) -> str:
+    """A curve in words."""
+    words = {"table_outer": "the outer angle", "table_inner": "the inner angle", "table_middle": "the middle angle",
+            "input": "its own input", "transverse": "the rate across its axis", "warming": "the rate of warming",
+            "since_move": "the time since the last move", "moves": "the number of moves"}  # fmt: skip
+    what = words.get(effect.coordinate, effect.coordinate.replace("_", " along body "))
+    if effect.beside:
+        what += f" times {words[effect.beside]}"
+    if effect.period and effect.coordinate in ("since_move", "moves"):
+        what += f", with a period of {effect.period:.3g}{' s' if effect.coordinate == 'since_move' else ''}"
+    if effect.period and effect.knots:
+        what += f" and begins anew after each {np.degrees(effect.period):.4g} deg"
+    if effect.lag and effect.coordinate != "temperature":
+        what += f" and is forgotten in some {effect.lag:.0f} s"
+    if isinstance(effect, LearnedReadout):
+        return f"an error of the {effect.axis} axis' readout that follows {what}"
+    if isinstance(effect, LearnedTilt):
+        return f"a tilt of the frame '{effect.slot}' about {effect.turn} that follows {what}"
+    kind = "a scale factor" if effect.per_input else "an addition to the reading"
+    return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
+
+
+def shown(parameters: dict[str, tuple[float, float]]) -> str:
+    """Values with their uncertainties, each with as many digits as it deserves."""
+    words = []
+    for name, (value, sigma) in list(parameters.items())[:4]:
+        digits = max(0, 1 - int(np.floor(np.log10(sigma)))) if sigma > 0 else 3
+        words.append(f"{name} = {value:.{min(digits, 9)}f} +- {sigma:.{min(digits, 9)}f}")
+    return ", ".join(words)
+
+
+def next_step(names: tuple[str, ...], effect: Effect) -> str:
+    """What to record to split a class, or to confirm a single name."""
+    others = [n for n in names if n != effect.id and n in CATALOGUE]
+    if effect.id in CATALOGUE and others:
+        return "; ".join(dict.fromkeys(tie_breaker(effect.id, other) for other in others[:3]))
+    if isinstance(effect, Learned):
+        return "record the same coordinate again in another order, to see that the curve repeats"
+    return f"record {effect.excited_by} again, to confirm"
+
+
+def summary(findings: tuple[Finding, ...], verdict: str, before: float, after: float, kind: str) -> str:
+    """Two or three sentences that a metrologist would sign."""
+    if verdict == "cannot_tell":
+        return "This recording leaves no degrees of freedom to test the model by; whatever is wrong with it fits as well."
+    if verdict == "match":
+        agrees = f"The recording agrees with the scenario: nothing stands out of its noise ({kind})"
+        return f"{agrees}, chi-square per degree of freedom {after:.3f}."
+    told = " ".join(f.statement for f in findings)
+    fall = f"Chi-square per degree of freedom falls from {before:.3f} to {after:.3f}."
+    return f"{told} {fall}"

@@ -1,0 +1,1 @@
+"""What was read and what the model predicts, channel by channel, on a table or by hand."""

@@ -1,0 +1,31 @@
+"""How many samples of a long record are averaged into one: it needs no more to tell what physics it holds."""
+
+import numpy as np
+
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, fastest
+
+MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
+ROWS = 6500  # what is left of them
+SURVIVES = 0.8  # share of a line's power that a block should leave, while there are no more than MOST_ROWS
+HALF = 0.5  # period
+
+
+def block_of(observations: Observations, lines: Lines) -> int:
+    """Samples in a block: as few as a line asks for, as long as MOST_ROWS are not exceeded."""
+    longest = max(len(c.values) for c in observations.channels)
+    if longest <= MOST_ROWS:
+        return 1
+    step = max(float(np.median(np.diff(r.time))) for r in observations.recordings)
+    least, most = -(-longest // MOST_ROWS), -(-longest // ROWS)
+    ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
+    beats = [*lines.tones, *lines.shakes, *lines.echoes]
+    beats += [f for f in ripples if f * step * least < HALF]  # what a quick turn blurs anyway asks for nothing
+    left = {block: min((_survives(f * step, block) for f in beats), default=1.0) for block in range(least, most + 1)}
+    return max((b for b in left if left[b] > SURVIVES), default=max(left, key=lambda b: left[b]))
+
+
+def _survives(turns: float, block: int) -> float:
+    """Share of a line's power that is left in means over blocks. turns: periods between samples."""
+    one = np.sin(np.pi * turns)
+    return float((np.sin(np.pi * turns * block) / (block * one)) ** 2) if abs(one) > 1e-9 else 1.0

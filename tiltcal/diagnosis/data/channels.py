@@ -1,0 +1,140 @@
+"""Single channels of a recording, in SI, and recordings with some of their values changed."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index
+from tiltcal.core.quantisation import code_width
+from tiltcal.core.units import COLUMN_UNITS
+from tiltcal.effects.base import Effect
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.setup import Sensor, Setup
+
+
+def column_values(recording: Recording, sensor: Sensor, axis: str) -> tuple[Index, Array, Array]:
+    """Rows, times and SI values of a channel where it was sampled, (n,) each."""
+    samples = recording.sensor(sensor)
+    values = samples.values[:, sensor.axes.index(axis)]
+    there = ~np.isnan(values)
+    return samples.rows[there], samples.time[there], values[there]
+
+
+def written(recording: Recording, sensor: Sensor, axis: str) -> Array:
+    """A channel as the file has it, in the file's unit, (n,); NaN where it was not sampled."""
+    return recording.column(str(recording.channel(f"{sensor.name}_{axis}")))
+
+
+def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
+    """A copy with these columns in place of its own."""
+    return Recording.from_columns(
+        recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata,
+        source=recording.source,
+    )  # fmt: skip
+
+
+def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float | Array) -> Recording:
+    """A copy with some rows of a channel set to a value, or one each, as written (NaN: not sampled)."""
+    if not len(rows):
+        return recording
+    name = str(recording.channel(f"{sensor.name}_{axis}"))
+    columns = {n: recording.column(n).copy() for n in recording.column_names}
+    columns[name][rows] = value
+    return _rewritten(recording, columns)
+
+
+def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Recording:
+    """A copy whose readings of a sensor are moved on by ``lost`` samples from a time (s) on, none where they were lost."""
+    rows = _sampled(recording.sensor(sensor).rows)
+    start = int(np.searchsorted(recording.time[rows], time))
+    columns = {n: recording.column(n).copy() for n in recording.column_names}
+    for axis in sensor.axes:
+        values = columns[str(recording.channel(f"{sensor.name}_{axis}"))]
+        later = values[rows[start : len(rows) - lost]].copy()
+        values[rows[start : start + lost]] = np.nan
+        values[rows[start + lost :]] = later
+    return _rewritten(recording, columns)
+
+
+def _sampled(rows: Index) -> Index:
+    """The rows on which a sensor was sampled, the empty ones among them: where it reads on every k-th row, all of these."""
+    step = int(np.median(np.diff(rows)))
+    regular = not np.any((rows - rows[0]) % step)
+    return np.arange(rows[0], rows[-1] + 1, step) if regular else rows
+
+
+def without_readout(recording: Recording, rows: Index) -> Recording:
+    """A copy whose table was not read on some rows."""
+    columns = {n: recording.column(n).copy() for n in recording.column_names}
+    for name in columns:
+        if name.startswith("table_"):
+            columns[name][rows] = np.nan
+    return _rewritten(recording, columns)
+
+
+def at_least(k: int, n: int, p: float) -> float:
+    """Chance of k or more of n when each has the chance p."""
+    from scipy.special import betainc
+
+    return float(betainc(k, n - k + 1, p)) if k > 0 else 1.0
+
+
+def repeat_chance(values: Array) -> float:
+    """Chance that two independent samples of a noisy column fall on the same code."""
+    second = values[2:] - 2 * values[1:-1] + values[:-2]
+    noise = float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
+    width = code_width(values)
+    if width <= 0:
+        return 0.0
+    if noise < 0.4 * width:
+        return 1.0  # the code hides the noise: repeats say nothing
+    return float(min(width / (2 * noise * np.sqrt(np.pi)), 1.0))
+
+
+CHANCE = 1e-6  # of a fault in a sound recording
+MEANINGS = ("data_unit", "data_sign", "data_hand", "data_axis_swap")
+"""What is undone in the columns."""
+MASKED = (
+    "data_stuck", "data_outlier", "emi_spike", "data_duplicate", "acc_saturation", "gyr_saturation", "adc_quantisation",
+    "gyr_quantisation", "data_pose_label", "adc_stuck_bit",
+)  # fmt: skip
+"""What is taken out of the recording sample by sample: the model need not hold it."""
+
+
+def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> Recording:
+    """A copy whose columns mean what they say: units, signs and exchanged axes of these effects undone."""
+    for effect in sorted((e for e in effects if e.id in MEANINGS), key=lambda e: -getattr(e, "order", 0)):
+        sensor = setup.named(str(effect.sensor))
+        if not recording.has(sensor):
+            continue
+        samples = recording.sensor(sensor)
+        n = len(sensor.axes)
+        P = meant_matrix(effect, sensor)
+        values = samples.values @ np.linalg.inv(P).T if n > 1 else samples.values / P[0, 0]
+        columns = {name: recording.column(name).copy() for name in recording.column_names}
+        for k, axis in enumerate(sensor.axes):
+            name = str(recording.channel(f"{sensor.name}_{axis}"))
+            unit = samples.units[k]
+            written = values if sensor.input is None else sensor.input.from_si(values)
+            factor = COLUMN_UNITS[unit].factor if sensor.input is None else 1.0
+            columns[name][samples.rows] = written[:, k] / factor
+        recording = _rewritten(recording, columns)
+    return recording
+
+
+def meant_matrix(effect: Effect, sensor: Sensor) -> Array:
+    """What an effect of meaning does to the channels of a sensor, (k, k): it is linear."""
+    if effect.id == "data_unit":
+        return (effect.value("factor") or 1.0) * np.eye(len(sensor.axes))
+    P = np.eye(len(sensor.axes))
+    if sensor.axes == ("a",):
+        return np.array([[1 - 2 * effect.value("flip_a")]]) if effect.id == "data_sign" else P
+    if effect.id == "data_hand" and "y" in sensor.axes:
+        P[sensor.axes.index("y")] *= 1 - 2 * effect.value("mirror")
+    for k, axis in enumerate(sensor.axes):
+        P[k] *= 1 - 2 * effect.value(f"flip_{axis}") if effect.id == "data_sign" else 1
+    for pair in ("xy", "yz", "zx"):
+        if effect.id == "data_axis_swap" and effect.value(f"swap_{pair}") and set(pair) <= set(sensor.axes):
+            a, b = (sensor.axes.index(x) for x in pair)
+            P[[a, b]] = P[[b, a]]
+    return P

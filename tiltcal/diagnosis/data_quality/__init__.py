@@ -1,0 +1,1 @@
+"""Faults of the data: found, reported, and repaired before any physics is fitted."""

@@ -1,0 +1,115 @@
+"""Stretches whose written angle jumps away from the course and back: the readout did, and no sensor followed.
+
+A wrong angle of one stop is far off where gravity tells (``randoms.wrong_stop``). Of an axis that stands upright gravity tells
+nothing, and beside another stop of the same angle the search for stops finds none; but between two samples no table goes far.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Mask
+from tiltcal.diagnosis.data.observations import Observations, TableObservations
+from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.stop_errors import mistyped
+from tiltcal.diagnosis.model.fitted_model import Account
+from tiltcal.effects.base import Effect
+from tiltcal.effects.events import as_met
+from tiltcal.forward.signal_chain import readings
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import Replay
+from tiltcal.statistics.dwell_noise import ARITHMETIC
+from tiltcal.statistics.noise_spectrum import robust_white
+
+GROSS = 8.0  # sigma of the readout's own noise
+AGREE = 0.2  # relative: how equal the jumps there and back are; the end of a move adds its own bend to one of them
+RISE = 9  # samples in which a table would have gone there: quick, and slow enough for a rate to be told from its readout
+SURE = 100.0  # fall of the deviance: ten sigma
+SHARE = 0.25  # of the deviance, at most, that may be left where the jump would be seen
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A stretch of one axis between two jumps of its readout.
+
+    Args:
+        axis: of the table.
+        rows: of the recording between the jumps, (n,) mask.
+        error: rad.
+        sigma: half of what the two jumps differ by, rad.
+    """
+
+    axis: str
+    rows: Mask
+    error: float
+    sigma: float
+
+
+def jumps(observations: Observations, account: Account) -> tuple[list[Fault], tuple[Recording, ...]]:
+    """Stretches of wrong written angles that the readout itself shows, and the recordings without their readout."""
+    faults: list[Fault] = []
+    recordings = list(observations.recordings)
+    if not isinstance(observations, TableObservations):
+        return faults, tuple(recordings)
+    for number, course in enumerate(observations.courses):
+        for axis, angle in course.angles.items():
+            jump = jump_of(axis, angle, course.known)
+            if jump is not None and _unfollowed(observations, account.effects, number, jump):
+                fault, recordings[number] = mistyped(
+                    observations, number, recordings[number], jump.rows, axis, jump.error, jump.sigma
+                )  # fmt: skip
+                faults.append(fault)
+    return faults, tuple(recordings)
+
+
+def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
+    """The two sharpest bends of a readout (rad, (n,)) where it was read, if it jumped there, as far there as back."""
+    step, read = np.diff(angle), known[1:] & known[:-1]
+    bent = np.zeros(len(step))  # a table gathers speed, and loses it, over several samples
+    bent[1:-1] = np.where(read[:-2] & read[1:-1] & read[2:], step[1:-1] - (step[:-2] + step[2:]) / 2, 0.0)
+    noise, sharp = 1.4826 * float(np.median(np.abs(bent))), _sharp(bent)
+    first = int(np.argmax(np.abs(sharp)))
+    others = np.where(np.abs(np.arange(len(bent)) - first) > 2, sharp, 0.0)
+    first, last = sorted((first, int(np.argmax(np.abs(others)))))
+    there, back = float(bent[first]), float(bent[last])
+    error = (there - back) / 2
+    if abs(error) <= max(GROSS * noise, ARITHMETIC) or abs(there + back) > AGREE * abs(error):
+        return None
+    row = np.arange(len(angle))
+    return Jump(axis, (row > first) & (row <= last), error, max(abs(there + back) / 2, noise))
+
+
+def _sharp(bent: Array) -> Array:
+    """The bends where a course may have jumped, (n,), else 0: a jump bends it back by half on both sides; a steep one bends on."""
+    around = np.zeros(len(bent))
+    around[1:-1] = bent[:-2] + bent[2:]
+    return np.where(-around * np.sign(bent) > np.abs(bent) / 2, bent, 0.0)
+
+
+def _unfollowed(observations: TableObservations, effects: Sequence[Effect], number: int, jump: Jump) -> bool:
+    """Whether the sensors, wherever a table that jumps would show in them, say that it did not."""
+    course = observations.courses[number]
+    angle = course.angles[jump.axis] - jump.error * jump.rows
+    level = replace(course, angles={**course.angles, jump.axis: angle})
+    own = [c for c in observations.channels if c.recording == number]
+    met = as_met(effects, observations.recordings[number].fingerprint)
+    times = dict.fromkeys(sorted({c.sensor for c in own}), course.time)
+    gone, stayed = (readings(observations.scenario, c, times, met) for c in (_with_moves(level, jump), level))
+    before = after = 0.0
+    for c in own:
+        off, without = (np.nan_to_num(c.values - p[c.sensor][c.rows, c.column]) for p in (gone, stayed))
+        noise = robust_white(without)
+        seen = np.abs(off - without) > noise
+        before += float(np.sum(off[seen] ** 2)) / noise**2
+        after += float(np.sum(without[seen] ** 2)) / noise**2
+    return before - after > SURE and after < SHARE * before
+
+
+def _with_moves(level: Replay, jump: Jump) -> Replay:
+    """A course without a jump, with quick moves in place of it: how a table would have gone there and back."""
+    rise = np.hanning(RISE + 2)
+    share = np.convolve(jump.rows, rise / rise.sum(), "same")
+    moving = np.convolve(np.abs(np.diff(share, prepend=share[0])), np.ones(RISE), "same") > 0
+    angles = {**level.angles, jump.axis: level.angles[jump.axis] + jump.error * share}
+    return replace(level, angles=angles, stop=np.where(moving, -1, level.stop))

@@ -1,0 +1,1 @@
+"""What may explain a misfit: effects of the catalogue at their shapes, curves, spectral lines."""

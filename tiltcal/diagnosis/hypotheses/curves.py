@@ -1,0 +1,205 @@
+"""Curves that no name fits, and names without a form: over every coordinate, at every place of the chain."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Span
+from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Suspect, with_values
+from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.setup.setup import Sensor
+
+PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
+SHOWS = 7.0  # times a lag that a recording has to last
+MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
+POWERS = ((0.5, False), (0.5, True), (1.0, False), (2.0, False), (2.0, True), (3.0, True))  # of a force or a rate; whether odd
+
+
+def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
+    """Curves over every coordinate at every place of the chain: the open world."""
+    scenario = observations.scenario
+    read = {c.sensor for c in observations.channels}
+    if not scenario.rig.axes:  # the gyros say where the FOG should be: what is wrong with them shows in it
+        read |= {s.name for s in scenario.sensors("gyro")}
+    for sensor in scenario.sensor:
+        for axis in sensor.axes:
+            if sensor.name in read:
+                yield from _reading_curves(scenario, sensor, axis, span)
+    for axis in scenario.rig.axis_names:
+        for other in scenario.rig.axis_names:
+            for basis in (_waves(4), _knots(f"table_{other}", span, 10)):
+                if not basis:
+                    continue
+                yield _curve(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
+                for turn in _across(dict(scenario.rig.axes)[axis]):
+                    yield _curve(LearnedTilt, f"table_{other}", basis, slot=f"{axis}_bearing", turn=turn, place="table")
+    if scenario.rig.axes:
+        for slot, turns in (("base", "xy"), ("mount", "xyz")):
+            for turn, coordinate in product(turns, ("time", "temperature")):
+                if knots := _knots(coordinate, span, 5):
+                    place = "environment" if slot == "base" else "mount"
+                    tilt = _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
+                    floor = (slot, coordinate) == ("base", "time")  # whatever its course, that is what the name says
+                    yield replace(tilt, alias="floor_tilt_drift") if floor else tilt
+        for turn, axis in product("xyz", scenario.rig.axis_names):
+            for basis in (_waves(4), _knots(f"table_{axis}", span, 10)):
+                if basis:
+                    yield _curve(LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount")
+        for turn, lag in product("xyz", LAGS):
+            if knots := _knots("temperature", span, 3):
+                tilt = _curve(LearnedTilt, "temperature", knots, lag=lag, slot="mount", turn=turn, place="mount")
+                yield _late(tilt, "mount_thermal_tilt")
+                if lag:  # without, that is the law itself
+                    yield _straight(tilt, len(LAGS), "mount_thermal_tilt")
+
+
+def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    yield from _angle_curves(scenario, sensor, axis, span)
+    for count in (9, 17, 33) if sensor.is_accelerometer else ():
+        if knots := _knots(f"{sensor.name}_input", span, count):
+            yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
+    inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
+    own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
+    across = ["transverse"] if sensor.kind == "fog" else []
+    for coordinate in ("input", "time", "temperature", "warming", *inputs, *across):
+        if coordinate == own or (sensor.is_accelerometer and coordinate.startswith("rate")):
+            continue
+        if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):
+            yield _curve(LearnedReading, coordinate, knots, **where)
+            if coordinate in (*inputs, "transverse"):
+                yield from _powers(coordinate, where)
+    for coordinate in ("time", "temperature"):
+        if knots := _knots(coordinate, span, 5):
+            scale = _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+            yield scale
+            if not sensor.is_accelerometer:  # its own law is in the catalogue
+                yield _straight(scale)
+    yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
+    if scenario.rig.axes or not sensor.is_accelerometer:  # by hand only the length of its reading is known
+        yield from _histories(sensor, axis, inputs, span)
+
+
+def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Suspect]:
+    """Laws with one number: a root, a modulus, a square, a cube."""
+    for power, odd in POWERS:
+        if not (odd and coordinate == "transverse"):
+            yield _curve(LearnedReading, coordinate, 1, power=power, odd=odd, variants=len(POWERS), **where)
+
+
+def _straight(curve: Suspect, variants: int = 1, alias: str | None = None) -> Suspect:
+    """What is in proportion to the coordinate of a curve, in its place."""
+    effect = curve.effect
+    assert isinstance(effect, Learned)
+    return Suspect(replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True), ("c0",), variants, alias)
+
+
+def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+    """Of the table's angles, one by one and in products of two."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    names = scenario.rig.axis_names
+    for name in names:
+        for basis in (_waves(4), _waves(10), _knots(f"table_{name}", span, 10)):
+            if basis:
+                yield _curve(LearnedReading, f"table_{name}", basis, **where)
+    for one, other in combinations(names, 2):
+        yield _curve(LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where)
+    if sensor.is_accelerometer and scenario.rig.table == "placing":  # its form is nobody's law, its place is
+        yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias")
+
+
+def lags_of(duration: float) -> tuple[float, ...]:
+    """Lags of a temperature that a recording of some duration may show, s: a heavy case is late by many minutes."""
+    found = list(LAGS)
+    while PACE * found[-1] * SHOWS < duration:
+        found.append(PACE * found[-1])
+    return tuple(found)
+
+
+_ACCELEROMETER = (("acc_temp_bias", "temperature", False), ("acc_temp_scale", "temperature", True))
+_LATE: dict[str, tuple[tuple[str, str, bool], ...]] = {
+    "accelerometer": _ACCELEROMETER, "inclinometer": _ACCELEROMETER, "gyro": (("gyr_temp", "temperature", False),),
+    "fog": (("gyr_temp", "temperature", False), ("fog_shupe", "warming", False)),
+}  # fmt: skip
+"""What a sensor may feel late, by its kind: the law, what it follows, and whether it multiplies the input.
+
+An accelerometer's late rate is not among them: its temperature is late by minutes, and ``lateness`` says what tells its branches.
+"""
+
+
+def _late_laws(sensor: Sensor, axis: str, span: Span, on_table: bool) -> Iterator[Suspect]:
+    """Laws of temperature and of its rate where the thermometer and the sensor are not of one temperature.
+
+    A rate that is late by more than a recording shows, (T - late T) / lag, is the temperature itself.
+    """
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    for (name, coordinate, per_input), lag in product(_LATE[sensor.kind], lags_of(span.duration)):
+        knots = _knots(coordinate, span, 3)
+        if knots and (coordinate != "warming" or lag * SHOWS < span.duration):
+            late = _curve(LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where)
+            yield _late(late, name)
+            if lag and on_table:  # by hand, in few poses, every law of temperature bends
+                yield _straight(late, len(LAGS), name)
+
+
+def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> Iterator[Suspect]:
+    """What went before: the number of moves, the time since the last one, forces and rates that leak away."""
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    if knots := _spread("since_move", span):
+        yield _curve(LearnedReading, "since_move", knots, **where)
+        for frequency in span.lines.echoes:
+            yield _curve(LearnedReading, "since_move", _waves(3), period=1 / frequency, **where)
+        yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
+        for period in (2, 3, 4, 5):
+            yield _curve(LearnedReading, "moves", 2 * (period // 2) - (period % 2 == 0), period=float(period), **where)
+    for coordinate, lag in product(inputs, MEMORIES):
+        if knots := _knots(coordinate, span, 3):
+            curve = _curve(LearnedReading, coordinate, knots, lag=lag, **where)
+            yield replace(_odd(curve), variants=len(MEMORIES))
+            yield _straight(curve, len(MEMORIES))
+
+
+def _odd(curve: Suspect) -> Suspect:
+    """A curve through nothing at the middle of its range."""
+    names = (curve.names[0], curve.names[-1])
+    return Suspect(with_values(curve.effect, {n: curve.effect.values[n] for n in names}), names)
+
+
+def _spread(coordinate: str, span: Span) -> tuple[float, ...]:
+    """Knots ever further apart: what follows a move is quick at first."""
+    high = span.ranges.get(coordinate, (0.0, 0.0))[1]
+    knots = (0.0, *np.geomspace(0.4, high, 7)) if high > 2.0 else ()
+    return tuple(float(k) for k in knots)
+
+
+def _late(curve: Suspect, alias: str) -> Suspect:
+    """A law of temperature that is felt late and may bend: nothing at the middle of the range, as the law has nothing at T0."""
+    return replace(_odd(curve), variants=len(LAGS), alias=alias)
+
+
+def _knots(coordinate: str, span: Span, count: int) -> tuple[float, ...]:
+    low, high = span.ranges.get(coordinate, (0.0, 0.0))
+    return tuple(np.linspace(low, high, count)) if high > low else ()
+
+
+def _waves(harmonics: int) -> int:
+    return 2 * harmonics
+
+
+def _across(axis: str) -> tuple[str, str]:
+    i = "xyz".index(axis)
+    return "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]
+
+
+def _curve(cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any) -> Suspect:
+    knots = () if isinstance(basis, int) else basis
+    names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
+    variants = where.pop("variants", 1)
+    effect = cls(dict.fromkeys(names, 1e-6), where.pop("sensor", None), where.pop("axis", None), "found",
+                 coordinate=coordinate, knots=knots, **where)  # fmt: skip
+    return Suspect(effect, names, variants)

@@ -1,0 +1,232 @@
+"""Lines that stand out of the noise, at frequencies nobody told us."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import TableObservations
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, fastest
+from tiltcal.diagnosis.hypotheses.families import WANDER
+from tiltcal.diagnosis.model.fitted_model import Account
+from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.effects import CATALOGUE
+from tiltcal.statistics.noise_spectrum import robust_white
+
+Waves = np.ndarray[tuple[int], np.dtype[np.complex128]]
+LINES = 1100  # a turn, of the finest scale that is looked for
+CIRCLE = 2**15  # angles of a turn: a fifth of a radian of the finest line
+FIRST = 6  # fewer are curves of the angle
+PROBE = 36.0  # lines, from whose changes those of any other number follow
+SMALL = 1e-6  # rad
+CHANCE = 1e-4  # of a line in any recording without one
+MOST = 5
+FINER = 4  # frequencies a width of a line
+SLOWEST = 8  # periods of a recording: below it a drift looks like a line
+WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line may fill
+
+
+def lines_of(ledger: Ledger, account: Account) -> Lines:
+    """All that beats in what an account leaves."""
+    return Lines(tones_of(ledger, account), shakes_of(ledger, account), echoes_of(ledger, account), ripples_of(ledger, account))
+
+
+def tones_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+    """Frequencies, Hz, of lines in what is left, the strongest first."""
+    found: list[tuple[float, float]] = []
+    for channel, residual in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
+        found += _lines(channel.time, residual)
+    return _apart(found, lambda _: 0.02)
+
+
+def wandering_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+    """Frequencies, Hz, of a line that wanders in what is left: none of its own stands out, together they do, the strongest first.
+
+    By hand none is looked for: the hand trembles at no steady frequency either.
+    """
+    observations = ledger.observations
+    if not isinstance(observations, TableObservations):
+        return ()
+    duration = float(np.ptp(observations.recordings[0].time))
+    found: list[tuple[float, float]] = []
+    for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        if not _lines(channel.time, residual):  # a strong one has skirts
+            found += _smeared(channel.time, residual)
+    return _apart(found, lambda _: 1 / duration)
+
+
+def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+    """Frequencies, Hz, of lines in what is left of accelerometers, turned into the world: what shakes the base is one line there.
+
+    In the body it is split: the pose modulates it.
+    """
+    observations = ledger.observations
+    if not isinstance(observations, TableObservations):
+        return ()
+    left = observations.residuals(account.effects)
+    found: list[tuple[float, float]] = []
+    for number, watch in enumerate(observations.watches(account.effects)):
+        for sensor in observations.scenario.sensors("accelerometer", "inclinometer"):
+            own = [
+                (c, r) for c, r in zip(observations.channels, left, strict=True) if (c.recording, c.sensor) == (number, sensor.name)
+            ]
+            if not own:
+                continue
+            up, north = watch.sense[sensor.name].up, watch.sense[sensor.name].north
+            world = np.zeros((len(up), 3))
+            for c, r in own:
+                k = "xyz".index(c.axis)
+                rows = np.minimum(c.rows // observations.block, len(up) - 1)
+                world[rows] += r[:, None] * np.column_stack([np.cross(north, up)[rows, k], north[rows, k], up[rows, k]])
+            for column in world.T:
+                found += _lines(watch.time, column)
+    duration = float(np.ptp(observations.recordings[0].time))
+    slowest = max(20 / duration, 4 * fastest(observations) / (2 * np.pi))  # slower than that the table's own turns look like lines
+    return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
+
+
+def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
+    """Whole numbers of lines a turn, of an error of an axis' readout that stands out of what is left, the strongest first."""
+    observations = ledger.observations
+    found: list[tuple[float, int]] = []
+    if not isinstance(observations, TableObservations):
+        return ()
+    left, each = observations.residuals(account.effects), np.arange(LINES)
+    for axis in observations.scenario.rig.axis_names:
+        power, weight = np.zeros(LINES, complex), np.zeros(LINES)
+        for i, turned in _of_one_line(observations, axis, account).items():
+            channel = observations.channels[i]
+            angle = observations.courses[channel.recording].angles[axis][channel.rows]
+            noise = robust_white(left[i])
+            of_angle, of_rate = turned.real, turned.imag / PROBE  # what n lines do to the readings: of_angle + 1j n of_rate
+            power += _harmonics(angle, of_angle * left[i] / noise**2) + 1j * each * _harmonics(angle, of_rate * left[i] / noise**2)
+            weight += (of_angle @ of_angle + each**2 * (of_rate @ of_rate)) / noise**2
+        if weight.any():
+            gain = 2 * np.abs(power) ** 2 / np.maximum(weight, np.finfo(float).tiny)
+            floor = max(float(np.median(gain[FIRST:])) / np.log(2), 1.0)
+            peak = [n for n in range(FIRST, LINES - 1) if gain[n] >= max(gain[n - 1], gain[n + 1])]
+            found += [(float(gain[n]), n) for n in peak if gain[n] > 2 * floor * np.log(LINES / CHANCE)]
+    return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
+
+
+def _of_one_line(observations: TableObservations, axis: str, account: Account) -> dict[int, Waves]:
+    """What an error of a readout does to each channel: of the angle, plus 1j PROBE times of its rate, which a gyro sees.
+
+    Of PROBE lines a turn the cosine changes a channel by the real part of that times exp(1j PROBE angle), the sine by the other.
+    """
+    cos, sin = (
+        observations.changes(CATALOGUE["table_encoder_sde"]({name: SMALL, "lines": PROBE}, None, axis, "found"), account.effects)
+        for name in ("cos", "sin")
+    )
+    found: dict[int, Waves] = {}
+    for i in cos.keys() | sin.keys():
+        channel = observations.channels[i]
+        angle = observations.courses[channel.recording].angles[axis][channel.rows]
+        found[i] = (cos.get(i, 0.0) + 1j * sin.get(i, 0.0)) * np.exp(-1j * PROBE * angle)
+    return found
+
+
+def _harmonics(angle: Array, signal: Array) -> Waves:
+    """sum signal exp(i n angle) for n = 0 .. LINES - 1 by one FFT: each angle shared by its neighbours on a grid.
+
+    What is between two of them is a chord of the wave: of the finest line that is 0.4 % short on average.
+    """
+    place = angle / (2 * np.pi) * CIRCLE
+    below = np.floor(place)
+    above, before = place - below, below.astype(np.int64) % CIRCLE
+    shared = np.bincount(before, signal * (1 - above), CIRCLE) + np.bincount((before + 1) % CIRCLE, signal * above, CIRCLE)
+    return np.fft.rfft(shared)[:LINES].conj()
+
+
+def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+    """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the move, over all rests."""
+    observations = ledger.observations
+    found: list[tuple[float, float]] = []
+    for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        stops = range(int(channel.stop.max(initial=-1)) + 1)
+        rests = [rows for k in stops if len(rows := np.flatnonzero(channel.stop == k)) >= 32]
+        if len(rests) < 4:
+            continue
+        level = np.concatenate([residual[rows] - residual[rows].mean() for rows in rests])
+        since = np.concatenate([channel.time[rows] - channel.time[rows[0]] for rows in rests])
+        cell, length = float(np.median(np.diff(channel.time))) / FINER, float(np.median([np.ptp(channel.time[r]) for r in rests]))
+        summed = np.bincount(np.rint(since / cell).astype(np.intp), level)
+        size = 2 * FINER * len(summed)
+        power, frequency = np.abs(np.fft.rfft(summed, size)) ** 2, np.fft.rfftfreq(size, cell)
+        seen = (frequency > 1.5 / length) & (frequency < 0.5 / (FINER * cell))
+        floor = float(np.median(power[seen])) / np.log(2)
+        k = int(np.argmax(np.where(seen, power, 0.0)))
+        if power[k] > floor * np.log(len(summed) / CHANCE):
+            found.append((float(power[k] / floor), float(frequency[k])))
+    return _apart(found, lambda f: 0.03 * f)
+
+
+def _apart(found: Sequence[tuple[float, float]], width: Callable[[float], float]) -> tuple[float, ...]:
+    """The strongest of (power, frequency) that are further apart than the width of a line."""
+    kept: list[float] = []
+    for _, f in sorted(found, reverse=True):
+        if len(kept) < MOST and all(abs(f - other) > width(f) for other in kept):
+            kept.append(f)
+    return tuple(kept)
+
+
+def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
+    """(power over its surroundings, frequency) of peaks of the periodogram."""
+    from scipy.fft import next_fast_len
+
+    if len(residual) < 256:
+        return []
+    values, rate = _evenly(time, residual - residual.mean())
+    n = len(values)
+    size = next_fast_len(FINER * n, real=True)
+    spectrum = np.abs(np.fft.rfft(values * np.hanning(n), size)) ** 2
+    frequency = np.fft.rfftfreq(size, 1 / rate)
+    floor = _running_median(spectrum, FINER * max(n // 80, 16))
+    ratio = spectrum / np.maximum(floor, 1e-300) * np.log(2)
+    limit = np.log(n / CHANCE)
+    peak = (ratio > limit) & (ratio >= np.roll(ratio, 1)) & (ratio >= np.roll(ratio, -1))
+    slow = SLOWEST / max(float(time[-1] - time[0]), 1e-9)
+    peak &= frequency > slow
+    return [(float(ratio[k]), float(frequency[k])) for k in np.flatnonzero(peak)[:40]]
+
+
+def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
+    """(power over its surroundings, frequency) of the peaks in bands of the periodogram that hold more than noise does.
+
+    Of white noise the powers at whole numbers of periods are independent, so their sum is gamma distributed.
+    """
+    from scipy.special import gammaincc
+
+    if len(residual) < 256:
+        return []
+    values, rate = _evenly(time, residual - residual.mean())
+    n = len(values)
+    power = np.abs(np.fft.rfft(values)) ** 2
+    ratio = power / np.maximum(_running_median(power, max(n // 80, 16)), 1e-300) * np.log(2)
+    widths = [m for m in WIDE if m * rate / n < 2 * WANDER and m < n // 160]
+    found: dict[int, float] = {}
+    for m in widths:
+        total = np.convolve(ratio[SLOWEST:-1], np.ones(m), "valid")
+        chance = gammaincc(m, total) * n * len(widths)
+        for first in SLOWEST + np.flatnonzero(chance < CHANCE):
+            found |= {k: float(ratio[k]) for k in range(first, first + m) if ratio[k] > np.log(m)}
+    return [(strength, k * rate / n) for k, strength in found.items()]
+
+
+def _evenly(time: Array, values: Array) -> tuple[Array, float]:
+    """The values on an even grid, nothing where a row was lost, (m,), and its rate, Hz: a lost row shifts the phase of the rest."""
+    step = float(np.median(np.diff(time)))
+    place = np.rint((time - time[0]) / step).astype(np.intp)
+    if place[-1] > 2 * len(time):  # long gaps, or stamps of no rate
+        return values, (len(values) - 1) / float(time[-1] - time[0])
+    even = np.zeros(int(place[-1]) + 1)
+    even[place] = values
+    return even, float(place[-1]) / float(time[-1] - time[0])
+
+
+def _running_median(values: Array, width: int) -> Array:
+    """Median over blocks, interpolated, (n,)."""
+    count = max(len(values) // width, 1)
+    blocks = np.array_split(values, count)
+    centres = np.cumsum([len(b) for b in blocks]) - np.array([len(b) for b in blocks]) / 2
+    return np.interp(np.arange(len(values)), centres, [float(np.median(b)) for b in blocks])

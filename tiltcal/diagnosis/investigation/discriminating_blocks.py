@@ -1,0 +1,251 @@
+"""The block that tells rivals apart: the largest least separated non-centrality a minute of table time (T-optimal design).
+
+For a block, the recordings so far and an imagined recording of it are put together. Each rival in turn is taken for the truth, at
+the size that the recordings give it; every other one is fitted to what it would read, with the adjustable terms and the other
+findings, at the noise and by the threshold of `diagnose`. What is left is the separated non-centrality of the pair; the
+difference of their deviances is then N(lambda, 4 lambda).
+Source: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62 (1975).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import erf, sqrt
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.progress import Progress
+from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.design.identifiability import SEPARABLE
+from tiltcal.design.recording_blocks import Block
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.investigation.rival_hypotheses import Question
+from tiltcal.diagnosis.model.fitted_model import whitened_of
+from tiltcal.diagnosis.model.hypothesis_columns import Ledger, basis_of, project
+from tiltcal.diagnosis.search.alternatives import LOOSE, Case, Rival
+from tiltcal.effects.base import Effect
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario, fresh
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.sequence import Step
+
+ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
+READOUT = 0.05 * ARCSEC / DEG  # deg, noise of an imagined readout
+HOPELESS = 0.2  # best chance of any block below which a pair is said to be out of this table's reach
+COMING = 5.0  # deg before the first pose of an imagined block
+MOVED = 0.1  # of the largest step between samples: what is no noise of the readout
+SHORT_LIST = 3  # blocks that are tried together when none is enough by itself
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One rival taken for the truth, another fitted to it.
+
+    Args:
+        truth, rival: ids.
+        separation: what is left of the truth's signal, non-centrality; needed: at which the diagnosis calls them apart.
+    """
+
+    truth: str
+    rival: str
+    separation: float
+    needed: float
+
+    @property
+    def chance(self) -> float:
+        """Of being told apart: the log-likelihood ratio is N(separation, 4 separation)."""
+        if self.separation <= 0:
+            return 0.0
+        return 0.5 * (1 + erf((self.separation - self.needed) / (2 * sqrt(self.separation)) / sqrt(2)))
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A block with what it should bring.
+
+    Args:
+        block: what to record; minutes: of table time; pairs: that some block can tell apart, the hardest first.
+    """
+
+    block: Block
+    minutes: float
+    pairs: tuple[Pair, ...]
+
+    @property
+    def least(self) -> Pair | None:
+        """The pair that is hardest to tell apart; None where there are no rivals."""
+        return self.pairs[0] if self.pairs else None
+
+    @property
+    def chance(self) -> float:
+        """Of telling the hardest pair apart."""
+        return self.least.chance if self.least is not None else 0.0
+
+    @property
+    def rate(self) -> float:
+        """Least separated non-centrality a minute."""
+        return min((p.separation for p in self.pairs), default=0.0) / self.minutes
+
+    @property
+    def worth(self) -> tuple[int, float]:
+        """Blocks that are enough first, by non-centrality a minute; then the others by the chances of all pairs.
+
+        A remounted instrument does not sit as it did: only where nothing else is enough.
+        """
+        if self.chance >= ENOUGH:
+            return (1 if self.block.remounts else 2), self.rate
+        return 0, self.chance + float(np.mean([p.chance for p in self.pairs])) - 0.02 * self.minutes
+
+
+@dataclass(frozen=True)
+class Design:
+    """What to record next.
+
+    Args:
+        proposals: the best first; none when no block tells anything apart.
+        twins: (truth, rival) that no block of this table tells apart.
+    """
+
+    proposals: tuple[Proposal, ...]
+    twins: tuple[tuple[str, str], ...]
+
+    @property
+    def best(self) -> Proposal | None:
+        """The block to record."""
+        return self.proposals[0] if self.proposals else None
+
+
+def propose(
+    asked: Sequence[Question], blocks: Iterable[Block], scenario: Scenario, most_minutes: float, progress: Progress
+) -> Design:  # fmt: skip
+    """Blocks no longer than ``most_minutes``, the best first; two after one another too where none is enough by itself."""
+    tried: dict[str, tuple[Block, list[Pair]]] = {}
+
+    def attempt(block: Block) -> None:
+        if block.name not in tried and block.seconds(scenario.rig) <= 60 * most_minutes:
+            progress(f"what a block would tell: {block.name}")
+            tried[block.name] = (block, judged(block, asked, scenario))
+
+    for block in blocks:
+        attempt(block)
+    design = _ranked(tried, scenario)
+    if design.best is not None and design.best.chance < ENOUGH:
+        best = [p.block for p in design.proposals[:SHORT_LIST]]
+        for one, other in ((a, b) for k, a in enumerate(best) for b in best[k + 1 :]):
+            attempt(one + other)
+        design = _ranked(tried, scenario)
+    return design
+
+
+def _ranked(tried: Mapping[str, tuple[Block, Sequence[Pair]]], scenario: Scenario) -> Design:
+    """Blocks in order of worth, pairs that no block can tell apart set aside."""
+    top: dict[tuple[str, str], float] = {}
+    for _, pairs in tried.values():
+        for p in pairs:
+            top[p.truth, p.rival] = max(top.get((p.truth, p.rival), 0.0), p.chance)
+    twins = tuple(key for key, chance in top.items() if chance < HOPELESS)
+    found = []
+    for block, pairs in tried.values():
+        left = sorted((p for p in pairs if (p.truth, p.rival) not in twins), key=lambda p: p.chance)
+        if left:
+            found.append(Proposal(block, block.seconds(scenario.rig) / 60, tuple(left)))
+    return Design(tuple(sorted(found, key=lambda p: p.worth, reverse=True)), twins)
+
+
+def judged(block: Block, asked: Sequence[Question], scenario: Scenario) -> list[Pair]:
+    """What a block would tell of every pair of every question."""
+    return [pair for q in asked for pair in separations(q, imagined(block, scenario, q))]
+
+
+def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
+    """What a block would read if nothing were wrong, in a room that goes back the way it came."""
+    last = question.observations.recordings[-1]
+    recording = come_to(block, scenario, last_sides(last, scenario))
+    temperature = last.temperature()
+    if temperature is None:
+        return recording
+    age = np.minimum(recording.time - recording.time[0], last.time[-1] - last.time[0])
+    columns = {n: recording.column(n) for n in recording.column_names}
+    columns["temperature_degC"] = np.interp(last.time[-1] - age, last.time, temperature)
+    return Recording.from_columns(recording.time, columns, metadata=recording.metadata, source="imagined block")
+
+
+def last_sides(recording: Recording, scenario: Scenario) -> dict[str, float]:
+    """Which way each axis of the table moved last, +1 or -1."""
+    found = {}
+    for axis in scenario.rig.axis_names:
+        readout = recording.table(axis)
+        steps = np.diff(readout[~np.isnan(readout)]) if readout is not None else np.zeros(0)
+        moved = steps[np.abs(steps) > MOVED * np.abs(steps).max(initial=0.0)]
+        found[axis] = float(np.sign(moved[-1])) if len(moved) else 1.0
+    return found
+
+
+def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Recording:
+    """What a block would read without effects, its first pose come to as the table moved last.
+
+    From which side a table will come to it nobody has said: a block must not promise what it would tell if that were new.
+    After remounting the table has moved anyhow.
+    """
+    if block.remounts or not sides:
+        return blank(block, scenario)
+    first = {f"{axis}_deg": 0.0 for axis in sides}
+    for step in reversed(block.steps):
+        first |= {key: angle for key in first if (angle := getattr(step, key)) is not None}
+    away = Step(action="move", **{f"{axis}_deg": first[f"{axis}_deg"] - side * COMING for axis, side in sides.items()})
+    steps = (away, Step(action="move", **first, dwell_s=1.0), *block.steps)
+    recording = blank(replace(block, steps=steps), scenario)
+    known = recording.time >= build_schedule((away,), scenario.rig).times[1]  # how it got away is no part of the block
+    columns = {n: recording.column(n)[known] for n in recording.column_names}
+    return Recording.from_columns(recording.time[known], columns, metadata=recording.metadata, source=recording.source)
+
+
+def blank(block: Block, scenario: Scenario) -> Recording:
+    """A recording of a block without effects or noise, but for that of the readout: what rests is told by it."""
+    recording = SimulatedLaboratory().record(fresh(scenario, sequence=block.steps, effect=(), grade=None, dynamics=None))
+    rng = np.random.default_rng(0)
+    columns = {n: recording.column(n) for n in recording.column_names}
+    for name in columns:
+        if name.startswith("table_"):
+            columns[name] = columns[name] + READOUT * rng.standard_normal(len(recording))
+    return Recording.from_columns(recording.time, columns, metadata=recording.metadata, source=f"block {block.name}")
+
+
+def separations(question: Question, more: Recording) -> list[Pair]:
+    """Every pair of rivals, with this recording beside those so far."""
+    both = question.joined(more)
+    ledger = Ledger(both)
+    ledger.under([question.noise[c.sensor, c.axis] for c in both.channels])
+    effects = question.account.effects
+    for suspect in question.suspects:
+        ledger.add(suspect, effects)
+    lengths = [len(c.values) for c in both.channels]
+    fitted = [*question.account.nuisance, *question.account.terms]
+    basis = basis_of(whitened_of(ledger, fitted, effects), lengths)
+    found = []
+    for truth in question.rivals:
+        signal = project(basis, _signal(truth, both, ledger, effects, lengths))
+        found += _against(truth, Case(basis, signal, signal), ledger, question)
+    return found
+
+
+def _signal(truth: Rival, both: Observations, ledger: Ledger, effects: Sequence[Effect], lengths: Sequence[int]) -> list[Array]:
+    """What a rival, at its own form only, would put into all readings, whitened."""
+    total = [np.zeros(n) for n in lengths]
+    for term in truth.terms[:1]:
+        for name, value in zip(term.names, term.values, strict=True):
+            for i, part in ledger.whitened(both.changes(term.suspect.alone(name), effects)).items():
+                total[i] += part * (value / term.suspect.size(name))
+    return total
+
+
+def _against(truth: Rival, case: Case, ledger: Ledger, question: Question) -> list[Pair]:
+    """The truth against every other name, each at its best shape and sizes."""
+    energy = sum(float(s @ s) for s in case.signal)
+    needed = SEPARABLE + LOOSE * energy
+    best: dict[str, float] = {}
+    for score in ledger.scores(case.basis, case.target):
+        best[score.suspect.id] = max(best.get(score.suspect.id, 0.0), score.gain()[0])
+    id = truth.suspect.id
+    return [Pair(id, name, max(energy - best.get(name, 0.0), 0.0), needed) for name in question.names if name != id]

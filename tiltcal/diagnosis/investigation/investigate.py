@@ -1,0 +1,242 @@
+"""The loop: diagnose, design the block that splits what is ambiguous, have it recorded, diagnose together, until explained."""
+
+import json
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import write_json, write_text
+from tiltcal.core.progress import Progress
+from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.sequence import Step
+from tiltcal.setup.sequence_files import sequence_text
+
+DONE = ("match", "explained")
+Diagnose = Callable[[Sequence[Path], Path], None]
+"""Diagnoses the recordings in some files and leaves diagnosis.json and amended.toml in a folder."""
+
+
+class Recorder(Protocol):
+    """Whoever records a sequence file."""
+
+    def record(self, sequence: Path, recording: Path) -> Recording:
+        """The recording, and its file."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One block that was recorded.
+
+    Args:
+        block: its name; words: why; minutes: of table time; confidence: that it splits the hardest pair.
+        sequence, recording: file names.
+    """
+
+    block: str
+    words: str
+    minutes: float
+    confidence: float
+    sequence: str
+    recording: str
+
+
+@dataclass(frozen=True)
+class Investigation:
+    """How far it is.
+
+    Args:
+        given: recordings that it began with; entries: blocks recorded since; verdicts: after each diagnosis.
+        statement: where it stands, in words.
+    """
+
+    given: tuple[str, ...]
+    entries: tuple[Entry, ...] = ()
+    verdicts: tuple[str, ...] = ()
+    statement: str = ""
+
+    @property
+    def minutes(self) -> float:
+        """Table time of all that was recorded."""
+        return sum(e.minutes for e in self.entries)
+
+    @property
+    def designed(self) -> int:
+        """How many blocks were designed: with nothing given the first one was not."""
+        return len(self.entries) - (0 if self.given else 1)
+
+    @property
+    def explained(self) -> bool:
+        """Whether nothing is left open."""
+        return bool(self.verdicts) and self.verdicts[-1] in DONE
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {
+            "schema": 1, "explained": self.explained, "statement": self.statement, "given": list(self.given),
+            "verdicts": list(self.verdicts), "blocks": [asdict(e) for e in self.entries], "table_minutes": self.minutes,
+        }  # fmt: skip
+
+    @classmethod
+    def from_json(cls, table: Mapping[str, Any]) -> "Investigation":
+        """From the file."""
+        entries = tuple(Entry(**e) for e in table["blocks"])
+        return cls(tuple(table["given"]), entries, tuple(table["verdicts"]), table["statement"])
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What an investigation works with.
+
+    Args:
+        scenario: what is known; folder: where everything is kept.
+        diagnose: writes a diagnosis; laboratory: records.
+        limits: of a block; blocks: at most; minutes: of table time for all of them.
+    """
+
+    scenario: Scenario
+    folder: Path
+    diagnose: Diagnose
+    laboratory: Recorder
+    limits: Limits
+    blocks: int
+    minutes: float
+
+
+def investigate(bench: Bench, given: Sequence[str], progress: Progress, resume: bool = False) -> Investigation:
+    """Run until explained, or nothing more can be recorded; kept in the folder after every step.
+
+    Raises:
+        TiltcalError: an investigation is in the folder already, or the laboratory fails.
+    """
+    state = _begun(bench, tuple(given), resume)
+    if not state.given and not state.entries:
+        state = _first(bench, state, progress)
+    while True:
+        state = _diagnosed(bench, state, progress)
+        answer = _answer(bench, len(state.entries))
+        if state.explained:
+            return _kept(bench, replace(state, statement=answer["statement"]))
+        if state.designed >= bench.blocks:
+            return _kept(bench, replace(state, statement=f"Not explained within {bench.blocks} blocks. {answer['statement']}"))
+        plan = _plan(bench, state, answer, progress)
+        if plan.proposal is None:
+            return _kept(bench, replace(state, statement=plan.statement))
+        if state.minutes + plan.proposal.minutes > bench.minutes:
+            words = f"The budget of {bench.minutes:g} min does not hold another block. {plan.statement}"
+            return _kept(bench, replace(state, statement=words))
+        state = _recorded(bench, state, plan, progress)
+
+
+def _begun(bench: Bench, given: tuple[str, ...], resume: bool) -> Investigation:
+    """A new investigation, or the one in the folder."""
+    file = bench.folder / "investigation.json"
+    if not file.exists():
+        return Investigation(given)
+    if not resume:
+        raise TiltcalError(
+            f"output {bench.folder}", found="an investigation", need="an empty folder", do="choose another, or go on with --resume"
+        )
+    try:
+        state = Investigation.from_json(json.loads(file.read_text(encoding="utf-8")))
+    except (ValueError, KeyError, TypeError) as error:
+        raise TiltcalError(f"{file}", found=f"no investigation ({error})", need="the file it wrote", do="begin anew") from error
+    if given and given != state.given:
+        raise TiltcalError(
+            f"output {bench.folder}", found=f"an investigation of {', '.join(state.given) or 'no recordings'}",
+            need="the same recordings", do="choose another folder, or leave the recordings out",
+        )  # fmt: skip
+    return replace(state, verdicts=state.verdicts[: len(state.entries) + 1])
+
+
+def _kept(bench: Bench, state: Investigation) -> Investigation:
+    """Written down."""
+    write_json(bench.folder / "investigation.json", state.to_json())
+    write_text(bench.folder / "log.md", log_of(state))
+    return state
+
+
+def log_of(state: Investigation) -> str:
+    """The story in words."""
+    lines = ["# Investigation", "", f"Began with: {', '.join(state.given) or 'nothing recorded'}.", ""]
+    verdicts = list(state.verdicts)
+    if state.given and verdicts:
+        lines.append(f"- Diagnosed: **{verdicts.pop(0)}**.")
+    for entry in state.entries:
+        sure = f", a chance of {100 * entry.confidence:.0f} % to tell the hardest pair apart" if entry.confidence else ""
+        lines.append(
+            f"- Recorded '{entry.block}' as {entry.recording} ({entry.minutes:.1f} min of table time{sure}): {entry.words}."
+        )
+        if verdicts:
+            lines.append(f"  Diagnosed with all that was recorded before: **{verdicts.pop(0)}**.")
+    lines += ["", f"Table time: {state.minutes:.1f} min.", "", state.statement, ""]
+    return "\n".join(lines)
+
+
+def _first(bench: Bench, state: Investigation, progress: Progress) -> Investigation:
+    """With nothing recorded the scenario's own sequence comes first."""
+    steps = bench.scenario.sequence
+    if not steps:
+        raise TiltcalError(
+            f"scenario {bench.scenario.name}", found="no recording given and no [[sequence]]", need="something to begin with",
+            do="give a recording, or a sequence to record first",
+        )  # fmt: skip
+    start, end = build_schedule(steps, bench.scenario.rig).times
+    return _run(bench, state, steps, ("first sequence", "the scenario's own sequence", (end - start) / 60, 0.0), progress)
+
+
+def _recorded(bench: Bench, state: Investigation, plan: NextBlock, progress: Progress) -> Investigation:
+    """The state with one more block recorded."""
+    assert plan.proposal is not None
+    p = plan.proposal
+    return _run(bench, state, p.block.steps, (p.block.name, p.block.words, p.minutes, p.chance), progress)
+
+
+def _run(
+    bench: Bench, state: Investigation, steps: Sequence[Step], said: tuple[str, str, float, float], progress: Progress
+) -> Investigation:  # fmt: skip
+    """Write the sequence, have it recorded, and keep both."""
+    number = len(state.entries) + 1
+    sequence, recording = bench.folder / f"sequence_{number}.csv", bench.folder / f"recording_{number}.csv"
+    write_text(sequence, sequence_text(steps, bench.scenario.rig))
+    progress(f"recording {said[0]}")
+    bench.laboratory.record(sequence, recording)
+    entry = Entry(*said, sequence.name, recording.name)
+    return _kept(bench, replace(state, entries=(*state.entries, entry)))
+
+
+def _diagnosed(bench: Bench, state: Investigation, progress: Progress) -> Investigation:
+    """The state with a diagnosis of everything recorded so far; one that is there already is kept."""
+    folder = bench.folder / f"diagnosis_{len(state.entries)}"
+    if not (folder / "diagnosis.json").exists():
+        progress("diagnosing")
+        bench.diagnose(_files(bench, state), folder)
+    verdict = _answer(bench, len(state.entries))["verdict"]
+    known = state.verdicts[: state.designed]
+    return _kept(bench, replace(state, verdicts=(*known, verdict)))
+
+
+def _files(bench: Bench, state: Investigation) -> list[Path]:
+    """Of all recordings so far, in order."""
+    return [*map(Path, state.given), *(bench.folder / e.recording for e in state.entries)]
+
+
+def _answer(bench: Bench, number: int) -> dict[str, Any]:
+    path = bench.folder / f"diagnosis_{number}" / "diagnosis.json"
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _plan(bench: Bench, state: Investigation, answer: Mapping[str, Any], progress: Progress) -> NextBlock:
+    """What to record next, kept beside the diagnosis."""
+    folder = bench.folder / f"diagnosis_{len(state.entries)}"
+    amended = tomllib.loads((folder / "amended.toml").read_text(encoding="utf-8"))
+    recordings = [read_recording(path) for path in _files(bench, state)]
+    plan = next_block(bench.scenario, recordings, answer, amended, bench.limits, progress)
+    write_json(folder / "next_block.json", plan.to_json())
+    return plan

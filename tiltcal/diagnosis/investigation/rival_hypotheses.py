@@ -1,0 +1,140 @@
+"""What has to be told apart: the explanations that a diagnosis could not choose between, at the sizes the recordings give them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
+
+from tiltcal.diagnosis.data.block_averaging import block_of
+from tiltcal.diagnosis.data.observations import Observations, TableObservations, observe
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, span_of
+from tiltcal.diagnosis.hypotheses.curves import curves
+from tiltcal.diagnosis.hypotheses.dictionary import instants
+from tiltcal.diagnosis.hypotheses.families import completes
+from tiltcal.diagnosis.hypotheses.hypothesis import Suspect, listed_suspects, step_suspects
+from tiltcal.diagnosis.hypotheses.spectral_lines import lines_of
+from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
+from tiltcal.diagnosis.model.fitted_model import Account, Term, models, noise_under, settle
+from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.search.alternatives import Rival, case_of, explanations
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Effect
+from tiltcal.effects.learned import Learned
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.noise_spectrum import NoiseModel
+
+CURVE = 1e-6  # SI, of a curve's coefficients: any size will do
+
+
+@dataclass(frozen=True)
+class Question:
+    """Rivals of one finding, with all that the recordings so far say.
+
+    Args:
+        names: ids of the class, the finding's own first.
+        account: adjustable terms and other findings, fitted.
+        rivals: one a name: how it would explain the finding.
+        suspects: the class at all its shapes.
+        observations: what was read so far, thinned.
+        noise: of each sensor's axis.
+        block: rows that were averaged into one.
+        reference: T0, degC.
+    """
+
+    names: tuple[str, ...]
+    account: Account
+    rivals: tuple[Rival, ...]
+    suspects: tuple[Suspect, ...]
+    observations: Remembering
+    noise: Mapping[tuple[str, str], NoiseModel]
+    block: int
+    reference: float
+
+    def joined(self, more: Recording) -> Joined:
+        """The recordings so far with this one."""
+        return Joined(self.observations, more, self.block, self.reference)
+
+
+def questions(
+    scenario: Scenario, recordings: Sequence[Recording], diagnosis: Mapping[str, Any], amended: Mapping[str, Any]
+) -> list[Question]:
+    """One question for each finding with more than one name that a model can speak for.
+
+    Args:
+        scenario: as the diagnosis had it.
+        recordings: that were diagnosed.
+        diagnosis: the table of diagnosis.json; amended: that of amended.toml.
+    """
+    open_ = [f for f in diagnosis["findings"] if len(f["class"]) > 1]
+    found = [e for e in parse_scenario(dict(amended), "amended.toml").effects if e.role == "found"]
+    if not open_ or not found or not scenario.rig.axes:
+        return []
+    bench = prepare(scenario, recordings)
+    old = bench.observations
+    lines = lines_of(bench.ledger, bench.start)
+    block = block_of(old, lines)
+    thin = observe(scenario, old.recordings, old.known, block)
+    terms = [_term(e) for e in found]
+    stated = {(e.id, e.sensor, e.axis) for e in old.known}
+    terms = [t for t in terms if (t.suspect.effect.id, t.suspect.effect.sensor, t.suspect.effect.axis) not in stated]
+    asked = []
+    for finding in open_:
+        names = tuple(finding["class"])
+        own = _own(terms, finding["effect"], diagnosis)
+        if own:
+            asked.append(_question(names, terms, own, Remembering(thin), bench.start, block, lines))
+    return asked
+
+
+def _term(effect: Effect) -> Term:
+    """A found effect as a fitted term of a suspect of plausible size."""
+    sizes = {n: p.plausible[1] * p.factor for p in effect.parameters if not p.is_shape for n in p.expand(tuple("xyza")) or [p.name]}
+    names = tuple(n for n, v in effect.sizes.items() if v)
+    plausible = {n: CURVE if isinstance(effect, Learned) else sizes[n] for n in names}
+    plain = replace(effect, values={**effect.values, **plausible}, sigmas={}, seen_in=None)
+    return Term(Suspect(plain, names), names, tuple(effect.values[n] for n in names))
+
+
+def _own(terms: Sequence[Term], id: str, diagnosis: Mapping[str, Any]) -> list[int]:
+    """Places of the terms of a finding: its effect with what completes it, or the curves of a law without a form."""
+    hosts = [k for k, t in enumerate(terms) if t.suspect.id == id]
+    if not hosts:
+        others = {f["effect"] for f in diagnosis["findings"]}
+        return [k for k, t in enumerate(terms) if isinstance(t.suspect.effect, Learned) and id in others - set(CATALOGUE)] or [
+            k for k, t in enumerate(terms) if isinstance(t.suspect.effect, Learned)
+        ]
+    return [k for k, t in enumerate(terms) if k in hosts or any(completes(t.suspect, terms[h].suspect) for h in hosts)]
+
+
+def _question(
+    names: tuple[str, ...], terms: Sequence[Term], own: Sequence[int], old: Remembering, start: Account, block: int, lines: Lines
+) -> Question:  # fmt: skip
+    ledger = Ledger(old)
+    account = replace(start, terms=tuple(terms))
+    noise = noise_under(account, ledger)
+    ledger.under(models(noise))
+    account = settle(account, ledger)
+    suspects = _suspects(names, old, [terms[k].suspect for k in own], lines)
+    for suspect in suspects:
+        ledger.add(suspect, account.effects)
+    case = case_of(account, ledger, list(own))
+    found = explanations(case, ledger, lambda s: s.id in names)
+    rivals: dict[str, Rival] = {}
+    for r in found:
+        rivals.setdefault(r.suspect.id, r)
+    rest = settle(replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in own)), ledger, rounds=0)
+    by_axis = {(c.sensor, c.axis): f.model for c, f in zip(old.channels, noise, strict=True)}
+    ordered = tuple(rivals[n] for n in names if n in rivals)
+    reference = old.inner.courses[0].reference if isinstance(old.inner, TableObservations) else 0.0
+    return Question(names, rest, ordered, tuple(suspects), old, by_axis, block, reference)
+
+
+def _suspects(names: Sequence[str], observations: Observations, own: Sequence[Suspect], lines: Lines) -> list[Suspect]:
+    """The class at all its shapes; a name without a textbook form only where the finding itself has it."""
+    scenario = observations.scenario
+    span = span_of(observations, lines)
+    times = sorted({s.effect.values["time"] for s in own if "time" in s.effect.values}) or instants(observations)[::4]
+    every = chain(own, listed_suspects(scenario, span), step_suspects(scenario, times), curves(observations, span))
+    return [s for s in every if s.id in names and (s.textbook or s.id == names[0])]

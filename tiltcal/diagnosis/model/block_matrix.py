@@ -1,0 +1,87 @@
+"""Columns of a least-squares design by the channels that they change: a term of calibration changes one of them, most of a
+dense matrix would be zeros.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Columns
+from tiltcal.statistics.noise_spectrum import DISTINCT, column_space
+
+
+class Design:
+    """Columns, p of them, as those parts that are not zero.
+
+    Args:
+        columns: by channel, (n,) each.
+        lengths: of the channels.
+    """
+
+    def __init__(self, columns: Sequence[Columns], lengths: Sequence[int]) -> None:
+        self.count, self.lengths = len(columns), list(lengths)
+        self.where = [[k for k, c in enumerate(columns) if i in c] for i in range(len(lengths))]
+        self.blocks = [
+            np.column_stack([columns[k][i] for k in numbers]) if numbers else np.zeros((n, 0))
+            for i, (numbers, n) in enumerate(zip(self.where, lengths, strict=True))
+        ]
+
+    def gram(self) -> Array:
+        """Inner products of the columns, (p, p)."""
+        total = np.zeros((self.count, self.count))
+        for numbers, block in zip(self.where, self.blocks, strict=True):
+            total[np.ix_(numbers, numbers)] += block.T @ block
+        return total
+
+    def along(self, vectors: Sequence[Array]) -> Array:
+        """Inner products of the columns with a vector by channel, (p,)."""
+        total = np.zeros(self.count)
+        for numbers, block, vector in zip(self.where, self.blocks, vectors, strict=True):
+            total[numbers] += block.T @ vector
+        return total
+
+    def basis(self) -> list[Array]:
+        """An orthonormal basis of the columns' space, by channel, (n, q) each.
+
+        Channel by channel of the columns that change no other, then of what the rest have beside these.
+        """
+        channels = np.bincount([k for numbers in self.where for k in numbers], minlength=self.count)
+        own, rest, shared = [], [], []
+        for numbers, block in zip(self.where, self.blocks, strict=True):
+            alone = channels[numbers] == 1
+            Q = column_space(block[:, alone])
+            own.append(Q)
+            shared.append([k for k, single in zip(numbers, alone, strict=True) if not single])
+            rest.append(_without(block[:, ~alone], Q))
+        ends = np.cumsum([0, *(Q.shape[1] for Q in own)])
+        joint = self._joint(own, rest, shared)
+        found = [np.zeros((n, ends[-1] + joint[0].shape[1]), order="F") for n in self.lengths]
+        for whole, Q, start, other in zip(found, own, ends, joint, strict=False):
+            whole[:, start : start + Q.shape[1]] = Q
+            whole[:, ends[-1] :] = other
+        return found
+
+    def _joint(self, own: Sequence[Array], rest: Sequence[Array], shared: Sequence[Sequence[int]]) -> list[Array]:
+        """An orthonormal basis of what columns of several channels have beside the channels' own, (n, q) each."""
+        names = sorted({k for numbers in shared for k in numbers})
+        if not names:
+            return [np.zeros((n, 0)) for n in self.lengths]
+        whole = self.gram().diagonal()[names]
+        size = np.where(whole > 0, np.sqrt(whole), np.inf)
+        place = {k: j for j, k in enumerate(names)}
+        index = [[place[k] for k in numbers] for numbers in shared]
+        gram = np.zeros((len(names), len(names)))
+        for numbers, block in zip(index, rest, strict=True):
+            gram[np.ix_(numbers, numbers)] += block.T @ block
+        values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+        keep = values > DISTINCT * np.isfinite(size).sum()
+        turn = vectors[:, keep] / np.sqrt(values[keep]) / size[:, None]
+        found = [_without(block @ turn[numbers], Q) for numbers, block, Q in zip(index, rest, own, strict=True)]
+        values, vectors = np.linalg.eigh(sum((B.T @ B for B in found), np.zeros((int(keep.sum()),) * 2)))  # rounding, once more
+        return [B @ (vectors / np.sqrt(values)) for B in found]
+
+
+def _without(block: Array, Q: Array) -> Array:
+    """Columns without their part in an orthonormal basis, (n, p)."""
+    return block - Q @ (Q.T @ block) if block.size and Q.size else block

@@ -1,0 +1,1 @@
+"""The search for the hypotheses that explain a recording, and for their alternatives."""

@@ -1,0 +1,177 @@
+"""Effects with memory, in one place: play over turning points, direction of the last motion, stops."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
+from tiltcal.setup.trajectory import Jet
+
+
+def play(u: Array, width: float) -> Array:
+    """State of a play (backlash) operator of half-width ``width / 2``, in [-1, 1], (n,).
+
+    The output follows the input only where it is pushed; (input - output) / (width / 2) is returned, 0 before the
+    first motion. It depends on turning points only, so runs of equal direction are done at once.
+    """
+    half = width / 2
+    if half <= 0 or len(u) == 0:
+        return np.asarray(np.sign(last_direction(u)))
+    state = np.empty_like(u)
+    output = float(u[0])
+    turning = _turning_points(u)
+    for start, end in pairwise(turning):
+        run = u[start : end + 1]
+        follow = np.maximum(output, run - half) if run[-1] >= run[0] else np.minimum(output, run + half)
+        state[start : end + 1] = (run - follow) / half
+        output = float(follow[-1])
+    return state
+
+
+def rounded_play(u: Array, width: float) -> Array:
+    """State of a memory that gives way gradually, in [-1, 1], (n,): dz = (sign(du) - z) |du| / width (Dahl 1968), 0 at first."""
+    if width <= 0 or len(u) == 0:
+        return play(u, width)
+    step = np.diff(u)
+    decay = np.exp(-np.abs(step) / width)
+    return recursion(decay, np.concatenate([np.zeros(1), np.sign(step) * (1 - decay)]))
+
+
+def _turning_points(u: Array) -> list[int]:
+    direction = last_direction(u)
+    change = np.flatnonzero(np.diff(direction) != 0)
+    return [0, *[int(c) for c in change if c > 0], len(u) - 1] if len(u) > 1 else [0, 0]
+
+
+def last_direction(u: Array) -> Array:
+    """Sign of the last change at or before each sample, (n,): +1, -1, or 0 before the first motion."""
+    return _held(np.sign(np.diff(u, prepend=u[:1])))
+
+
+def _held(sign: Array) -> Array:
+    """The last value that was not zero, 0 before the first, (n,)."""
+    last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), -1))
+    return np.where(last >= 0, sign[np.maximum(last, 0)], 0.0)
+
+
+ARRIVED = 1e-9  # of half a play: nearer to a side than this it is pushed
+RINGS = 0.05  # of the largest rate of a motion: what a local polynomial makes of its ends
+
+
+def motion_direction(angle: Jet) -> Array:
+    """Sign of the last motion of an axis at each sample, (n,): from its rate, which is zero at rest where a readout is noisy;
+    from its steps when only poses are known."""
+    rate = np.broadcast_to(angle.v, np.shape(angle.x))
+    if not rate.any():
+        return last_direction(np.asarray(angle.x))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rate != 0, [False]]).astype(int)))
+    limit = np.zeros_like(rate)  # of each motion by itself: a readout differentiated rings where a fast one stops
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        limit[start:end] = RINGS * np.abs(rate[start:end]).max()
+    limit = np.maximum(limit, 1e-4 * np.abs(rate).max())
+    sign = np.sign(rate)
+    ways = np.flatnonzero(np.diff(sign, prepend=2.0))  # where each way begins: a soft start is part of it, however slow
+    lengths = np.diff(ways, append=len(rate))
+    fastest = np.repeat(np.maximum.reduceat(np.abs(rate), ways), lengths)
+    return _held(np.where(fastest > limit, sign, 0.0))
+
+
+def crossed(angle: Jet, travel: float) -> Jet:
+    """On which side of its play an axis is pushed, in [-1, 1], with its derivatives, (n,).
+
+    Args:
+        angle: of what pushes, rad.
+        travel: from one side to the other, rad; 0: at once.
+    """
+    if travel <= 0:
+        side = motion_direction(angle)
+        return Jet(side, np.zeros_like(side), np.zeros_like(side))
+    side = play(np.asarray(angle.x), travel)
+    slope = np.where(np.abs(side) < 1 - ARRIVED, 2 / travel, 0.0)
+    return Jet(side, slope * angle.v, slope * angle.a)
+
+
+def onset(elapsed: Array, time: float, creep: float) -> Array:
+    """A step at ``time``, or, with a time constant ``creep`` (s), what sets in there and goes on to one, (n,)."""
+    since = np.maximum(elapsed - time, 0.0)
+    return np.where(elapsed >= time, 1 - np.exp(-since / creep) if creep > 0 else 1.0, 0.0)
+
+
+def first_order_lag(time: Array, u: Array, tau: float) -> Array:
+    """Output of 1/(1 + tau s) for an input that is linear between samples, starting settled. time, u: (n,).
+
+    Exact for irregular stamps.
+    """
+    if tau <= 0 or len(u) < 2:
+        return u
+    dt = np.diff(time)
+    decay = np.exp(-dt / tau)
+    slope = np.diff(u) / dt
+    # y1 = decay y0 + (u1 - slope tau) - decay (u0 - slope tau)
+    drive = np.concatenate([u[:1], (u[1:] - slope * tau) - decay * (u[:-1] - slope * tau)])
+    return recursion(decay, drive)
+
+
+def smooth_lag(time: Array, u: Array, tau: float) -> Array:
+    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting settled. time, u: (n,).
+
+    On each interval of the cubic spline through the samples y = p + (y0 - p0) exp(-t / tau), where p is u less tau times its
+    slope and so on to the third derivative. A lag much shorter than the interval needs the slope at the sample, which an input
+    that is linear between samples has half an interval too early.
+    """
+    if tau <= 0 or len(u) < 4:
+        return first_order_lag(time, u, tau)
+    from scipy.interpolate import CubicSpline
+
+    third, second, slope, _ = CubicSpline(time, u).c  # of u = slope h + second h^2 + third h^3
+    h = np.diff(time)
+    start = u[:-1] - tau * slope + 2 * tau**2 * second - 6 * tau**3 * third
+    end = u[1:] - tau * (slope + (2 * second + 3 * third * h) * h) + tau**2 * (2 * second + 6 * third * h) - 6 * tau**3 * third
+    decay = np.exp(-h / tau)
+    return recursion(decay, np.concatenate([u[:1], end - decay * start]))
+
+
+def recursion(decay: Array | float, drive: Array) -> Array:
+    """y_0 = drive_0, y_k = decay_k y_(k-1) + drive_k, (n,), as a bidiagonal system. decay: (n - 1,) or a number."""
+    from scipy.linalg import solve_banded
+
+    bands = np.ones((2, len(drive)))
+    bands[1, :-1] = -np.asarray(decay)
+    return np.asarray(solve_banded((1, 0), bands, drive, overwrite_ab=True, check_finite=False))
+
+
+def steady_recursion(decay: float, drive: Array) -> Array:
+    """``recursion`` with one decay in (0, 1) for all samples, much faster: cumulative sums in blocks short enough to be exact."""
+    n = len(drive)
+    length = min(max(int(-18 / np.log(decay)), 1), n)  # within a block the weights span e^18, six digits from overflow
+    if length < 8:
+        return recursion(decay, drive)
+    blocks = -(-n // length)
+    powers = decay ** np.arange(length)
+    local = np.zeros((blocks, length))
+    local.ravel()[:n] = drive
+    local /= powers
+    np.cumsum(local, axis=1, out=local)
+    local *= powers
+    carry = 0.0
+    onward = decay * powers
+    for row in local:
+        row += carry * onward
+        carry = row[-1]
+    return local.ravel()[:n]
+
+
+def vibration_power(force: Array, rate_hz: float) -> Array:
+    """Mean square over 1 s of what is faster than 0.25 s, in g^2, (n,). force: m/s2."""
+    fast = force / G0
+    fast = fast - moving_mean(fast, rate_hz * 0.25)
+    return moving_mean(fast * fast, rate_hz)
+
+
+def moving_mean(u: Array, width: float) -> Array:
+    """Centred mean over ``width`` samples, ends held, (n,)."""
+    n = max(round(width), 1)
+    padded = np.pad(u, (n // 2, n - n // 2 - 1), mode="edge")
+    total = np.cumsum(np.concatenate([np.zeros(1), padded]))
+    return (total[n:] - total[:-n]) / n

@@ -1,1 +1,0 @@
-"""Calibrations as C headers for firmware."""

@@ -1,0 +1,155 @@
+"""Gravity's direction carried across a hand turn by the gyro, and what small errors of force and rate do to where it lands."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index
+
+WILD = 1e3  # rad/s: beyond it a trial of sizes is absurd, and its rotation would not be a number
+EDGE = 0.5  # s at the edge of a rest over which gravity's direction is averaged
+LONGEST = 20.0  # s of a turn over which a gyro is trusted
+
+
+def turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
+    """Last row of each dwell and first row of the next, where both are long enough to know gravity's direction."""
+    edges = []
+    for k in range(int(stop.max(initial=-1))):
+        before, after = np.flatnonzero(stop == k), np.flatnonzero(stop == k + 1)
+        if len(before) > 8 and len(after) > 8 and time[after[0]] - time[before[-1]] < LONGEST:
+            edges.append((int(before[-1]), int(after[0])))
+    return edges
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The rows of some turns with the edges of the rests around them, all as long as the longest: (m, L).
+
+    Args:
+        rows: of the recording; the last one again where a turn is shorter.
+        step: s to the next row, (m, L - 1); 0 beyond the end.
+        before, after: weight of each row in the mean direction before and after the turn.
+        middle: row in the middle of each turn, (m,).
+    """
+
+    rows: Index
+    step: Array
+    before: Array
+    after: Array
+    middle: Index
+
+    @classmethod
+    def around(cls, time: Array, spans: Sequence[tuple[int, int]]) -> "Windows":
+        """The windows of turns given by the last row before and the first row after each."""
+        reach = max(round(EDGE / float(np.median(np.diff(time)))), 4)
+        starts = np.array([max(first - reach, 0) for first, _ in spans])
+        ends = np.array([min(last + reach, len(time) - 1) for _, last in spans])
+        rows = np.minimum(starts[:, None] + np.arange(int((ends - starts).max()) + 1), ends[:, None])
+        there = starts[:, None] + np.arange(rows.shape[1]) <= ends[:, None]
+        before = (rows <= np.array([first for first, _ in spans])[:, None]) & there
+        after = (rows >= np.array([last for _, last in spans])[:, None]) & there
+        share = [mask / mask.sum(axis=1, keepdims=True) for mask in (before, after)]
+        middle = np.array([(a + b) // 2 for a, b in spans])
+        return cls(rows, np.diff(time[rows], axis=1), share[0], share[1], middle)
+
+
+class Carried:
+    """Directions of the force around turns, in the frame before each, as the gyro carries them.
+
+    Every sample at the edges of the rests is carried: a hand never holds quite still there.
+
+    Args:
+        windows: of m turns.
+        force, rate: of all rows, body frame, (n, 3).
+    """
+
+    def __init__(self, windows: Windows, force: Array, rate: Array) -> None:
+        self.windows = windows
+        f, w = force[windows.rows], np.clip(np.nan_to_num(rate[windows.rows]), -WILD, WILD)
+        self._length = np.linalg.norm(f, axis=2)
+        self._turn = (w[:, :-1] + w[:, 1:]) / 2 * windows.step[:, :, None]
+        self._attitude = running(quaternions(self._turn))
+        self._unit = f / self._length[:, :, None]
+        self._carried = np.einsum("mlij,mlj->mli", matrices(self._attitude), self._unit)
+        self._means = tuple(np.einsum("ml,mli->mi", share, self._carried) for share in (windows.before, windows.after))
+
+    @property
+    def errors(self) -> Array:
+        """Direction after each turn minus that before, (m, 3)."""
+        before, after = (mean / np.linalg.norm(mean, axis=1)[:, None] for mean in self._means)
+        return np.asarray(after - before)
+
+    @cached_property
+    def slopes(self) -> tuple[Array, Array]:
+        """Change of the errors by one of each component of force and rate at each row of the windows, (m, 3, L, 3) each.
+
+        A small turn ``d`` of the body at row l carries all later directions c by d x c: a row's rate changes the mean
+        direction by its own turn across the sum of all later ones.
+        """
+        windows = self.windows
+        R = matrices(self._attitude)
+        middle = matrices(products(self._attitude[:, :-1], quaternions(self._turn / 2)))
+        to_force, to_rate = np.zeros((2, *windows.rows.shape, 3, 3))
+        lateral = (np.eye(3) - self._unit[..., :, None] * self._unit[..., None, :]) / self._length[..., None, None]
+        for sign, share, mean in zip((-1.0, 1.0), (windows.before, windows.after), self._means, strict=True):
+            length = np.linalg.norm(mean, axis=1)
+            unit = mean / length[:, None]
+            across = sign * (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length[:, None, None]
+            to_force += np.einsum("mij,ml,mljk,mlkn->mlin", across, share, R, lateral, optimize=True)
+            later = np.cumsum((share[:, :, None] * self._carried)[:, ::-1], axis=1)[:, ::-1][:, 1:]
+            half = np.einsum("mij,mljk,mlkn,ml->mlin", across, -cross_matrices(later), middle, windows.step / 2, optimize=True)
+            to_rate[:, :-1] += half
+            to_rate[:, 1:] += half
+        return np.moveaxis(to_force, 1, 2), np.moveaxis(to_rate, 1, 2)
+
+    def answer(self, slopes: Array, change: Array) -> Array:
+        """Change of the errors by changes of force or rate at all rows, (n, 3, p) -> (m, 3, p)."""
+        m, _, L, _ = slopes.shape
+        return np.asarray(slopes.reshape(m, 3, 3 * L) @ change[self.windows.rows].reshape(m, 3 * L, change.shape[2]))
+
+
+def quaternions(turn: Array) -> Array:
+    """Quaternions (x, y, z, w) of rotation vectors, (..., 3) -> (..., 4)."""
+    angle = np.linalg.norm(turn, axis=-1, keepdims=True)
+    return np.concatenate([turn * np.sinc(angle / (2 * np.pi)) / 2, np.cos(angle / 2)], axis=-1)
+
+
+def running(q: Array) -> Array:
+    """Running products 1, q1, q1 q2, ... of quaternions along the second axis, (m, l, 4) -> (m, l + 1, 4), by doubling."""
+    total = np.concatenate([np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(q), 1, 4)), q], axis=1)
+    shift = 1
+    while shift < total.shape[1]:
+        total[:, shift:] = products(total[:, :-shift], total[:, shift:])
+        shift *= 2
+    return np.asarray(total / np.linalg.norm(total, axis=-1, keepdims=True))
+
+
+def products(a: Array, b: Array) -> Array:
+    """Products of quaternions, (..., 4)."""
+    x, y, z, w = np.moveaxis(a, -1, 0)
+    i, j, k, s = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            w * i + x * s + y * k - z * j,
+            w * j - x * k + y * s + z * i,
+            w * k + x * j - y * i + z * s,
+            w * s - x * i - y * j - z * k,
+        ],
+        axis=-1,
+    )
+
+
+def matrices(q: Array) -> Array:
+    """Rotation matrices of unit quaternions, (..., 4) -> (..., 3, 3)."""
+    v, w = q[..., :3], q[..., 3, None, None]
+    return np.asarray((2 * w**2 - 1) * np.eye(3) + 2 * v[..., :, None] * v[..., None, :] + 2 * w * cross_matrices(v))
+
+
+def cross_matrices(v: Array) -> Array:
+    """The matrices of v x, (..., 3) -> (..., 3, 3)."""
+    x, y, z = np.moveaxis(v, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

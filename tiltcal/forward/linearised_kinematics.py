@@ -1,0 +1,118 @@
+"""How force and rate in the body frame answer a small turn at each place of the chain: first order, exact in time.
+
+At an instant the motion depends on a turn's angle, rate and acceleration at that instant and on nothing else. So a few
+probes through the closed form, one for each of the three, hold the answer to every small turn of that place.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, Parameter, Stage
+from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.forward.kinematics import force_and_rate, true_angles
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Drive, Jet
+
+STEP = 1e-4  # rad, rad/s, rad/s2: central differences of sines leave its square
+
+
+@dataclass(frozen=True)
+class _TurnProbe(FrameEffect):
+    """One turn at one slot."""
+
+    stage: ClassVar[Stage] = "table"
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    slot: str = ""
+    turn: Turn = field(default_factory=lambda: Turn("x", Jet(0.0)))
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        return (self.turn,) if slot == self.slot else ()
+
+
+@dataclass(frozen=True)
+class _AngleProbe(AngleEffect):
+    """A deviation of one axis."""
+
+    stage: ClassVar[Stage] = "table"
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    jet: Jet = field(default_factory=lambda: Jet(0.0))
+
+    def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
+        return self.jet
+
+
+Place = tuple[str, str]
+"""(slot, coordinate axis) of a turn; ("axis", name) of a table axis."""
+
+
+def moves_smoothly(effect: Effect) -> bool:
+    """Whether all that an effect does is turn frames or axes by angles that do not ask for the force there."""
+    return isinstance(effect, AngleEffect) or (isinstance(effect, FrameEffect) and not effect.mechanised)
+
+
+class Responses:
+    """Answers of force and rate along a nominal drive, each place probed when it is first asked for.
+
+    Args:
+        setup: site, rig, sensors; drive: what the table does.
+    """
+
+    def __init__(self, setup: Setup, drive: Drive) -> None:
+        self.setup, self.drive = setup, drive
+        self._kept: dict[Place, tuple[tuple[Array | None, Array | None], ...]] = {}
+        self._context = Context(drive, true_angles(setup, drive, ()), setup.rig, setup.site.gravity)
+
+    def turns(self, effect: Effect) -> dict[Place, Jet]:
+        """The small turns of an effect that ``moves_smoothly``, place by place."""
+        rig = self.setup.rig
+        if isinstance(effect, AngleEffect):
+            return {("axis", n): effect.slight(self.drive, n) for n in rig.axis_names if effect.acts_on(n, rig)}
+        assert isinstance(effect, FrameEffect)
+        found: dict[Place, Jet] = {}
+        for slot in ("base", *(f"{name}_bearing" for name in rig.axis_names), "mount"):
+            for turn in effect.turns(slot, self._context):
+                place = (slot, turn.axis)
+                found[place] = found[place] + turn.angle if place in found else turn.angle
+        return found
+
+    def to(self, turns: Mapping[Place, Jet]) -> tuple[Array, Array]:
+        """Change of force and rate by small turns, (n, 3) each; (n, 3, p) where their jets are (n, p)."""
+        force: Array | float = 0.0
+        rate: Array | float = 0.0
+        n = len(self.drive.time)
+        width: tuple[int, ...] = ()
+        for place, jet in turns.items():
+            for part, (df, dw) in zip((jet.x, jet.v, jet.a), self._of(place), strict=True):
+                if np.any(part):
+                    by = np.asarray(part)
+                    wide, width = by.ndim == 2, by.shape[1:]
+                    by = by[:, None, :] if wide else np.broadcast_to(by, n)[:, None]
+                    force = force if df is None else force + (df[:, :, None] if wide else df) * by
+                    rate = rate if dw is None else rate + (dw[:, :, None] if wide else dw) * by
+        none = np.zeros((n, 3, *width))
+        return (none if np.isscalar(force) else np.asarray(force)), (none if np.isscalar(rate) else np.asarray(rate))
+
+    def _of(self, place: Place) -> tuple[tuple[Array | None, Array | None], ...]:
+        """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each; None where there is none."""
+        if place not in self._kept:
+            self._kept[place] = tuple(self._probed(place, k) for k in range(3))
+        return self._kept[place]
+
+    def _probed(self, place: Place, which: int) -> tuple[Array | None, Array | None]:
+        up, down = (
+            force_and_rate(self.setup, self.drive, [_probe(place, [sign * STEP * (k == which) for k in range(3)])])
+            for sign in (1, -1)
+        )
+        force, rate = ((one - other) / (2 * STEP) for one, other in zip(up, down, strict=True))
+        return (force if force.any() else None), (rate if rate.any() else None)
+
+
+def _probe(place: Place, jet: Sequence[float]) -> Effect:
+    small = Jet(*jet)
+    if place[0] == "axis":
+        return replace(_AngleProbe(axis=place[1]), jet=small)
+    return replace(_TurnProbe(), slot=place[0], turn=Turn(place[1], small))

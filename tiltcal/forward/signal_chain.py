@@ -1,0 +1,135 @@
+"""The chain: motion -> ordered effects -> readings. The same for the laboratory that draws and the fit that predicts."""
+
+import zlib
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.frames import tilt_of_force
+from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect, Streams, WritingEffect, no_streams
+from tiltcal.forward.adc import coded, converted, fine_grid
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.trajectory import Course, Drive, Motion
+
+Mover = Callable[[Setup, Drive, Sequence[Effect], Streams], Motion]
+"""What turns a drive into motion: ``kinematics.closed_form``, or MuJoCo."""
+
+CONVERSION = 70  # order of an inclinometer's arcsine: after what acts on the force, before noise and codes
+
+
+def stream(seed: int, *names: str | None) -> np.random.Generator:
+    """The random stream of one effect on one sensor: adding an effect does not change the others' numbers."""
+    return np.random.default_rng([seed, *(zlib.crc32((name or "").encode()) for name in names)])
+
+
+def readings(
+    setup: Setup, course: Course, times: dict[str, Array], effects: Sequence[Effect], *,
+    seed: int | None = None, mover: Mover = closed_form,
+) -> dict[str, Array]:  # fmt: skip
+    """What every sensor reads.
+
+    Args:
+        setup: site, rig, sensors.
+        course: what the table does.
+        times: stamps of each sensor by name, s, (n,).
+        effects: all effects; those of no size are skipped.
+        seed: of the random effects; None switches every random effect and quantisation off.
+        mover: what moves.
+
+    Returns:
+        SI readings by sensor name, (n, k).
+    """
+    live = [e for e in effects if not e.is_identity]
+    geometry = [e for e in live if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)]
+    seen: list[tuple[Array, Motion, Drive]] = []
+
+    def move(time: Array) -> tuple[Motion, Drive]:
+        for known, motion, drive in seen:
+            if known is time or (len(known) == len(time) and np.array_equal(known, time)):
+                return motion, drive
+        drive = course.drive(time)
+        motion = mover(setup, drive, geometry, streams_of(seed))
+        seen.append((time, motion, drive))
+        return motion, drive
+
+    return {name: _read(setup.named(name), setup, time, live, seed, move, course) for name, time in times.items()}
+
+
+def streams_of(seed: int | None) -> Streams:
+    """The random numbers of a recording's geometry; none without a seed."""
+    if seed is None:
+        return no_streams
+    return lambda effect: stream(seed, effect.id, effect.axis)
+
+
+def _read(
+    sensor: Sensor, setup: Setup, time: Array, effects: Sequence[Effect], seed: int | None,
+    move: Callable[[Array], tuple[Motion, Drive]], course: Course,
+) -> Array:  # fmt: skip
+    mine = [e for e in effects if e.sensor == sensor.name or (e.sensor is None and isinstance(e, DelayEffect))]
+    signal = sorted((e for e in mine if isinstance(e, SignalEffect)), key=lambda e: e.order)
+    before = [e for e in signal if not e.random and e.order < CONVERSION]
+    after = [e for e in signal if e.random or e.order >= CONVERSION]
+    delays = _delays(sensor, time, [e for e in mine if isinstance(e, DelayEffect)], seed, course.times[0])
+    if sensor.converter is not None:
+        return _converted(sensor, setup, time, before, after, delays, seed, move)
+    columns = np.empty((len(time), len(sensor.axes)))
+    done: list[tuple[Array | float, Array]] = []
+    for channel, delay in enumerate(delays):
+        reading = next((r for d, r in done if np.array_equal(d, delay)), None)
+        if reading is None:
+            moment = time if np.ndim(delay) == 0 and delay == 0 else time - delay
+            motion, drive = move(moment)
+            sense = make_sense(sensor, setup, motion, drive)
+            reading = sense.true_input()
+            for effect in before:
+                reading = effect.apply(reading, sense, None)
+            done.append((delay, reading))
+        columns[:, channel] = reading[:, channel]
+    if sensor.kind == "inclinometer":
+        columns = tilt_of_force(columns, setup.site.gravity)
+    for effect in after:
+        rng = None if seed is None else stream(seed, effect.id, sensor.name)
+        columns = effect.apply(columns, sense, rng)
+    return columns
+
+
+def _converted(
+    sensor: Sensor, setup: Setup, time: Array, before: Sequence[SignalEffect], after: Sequence[SignalEffect],
+    delays: list[Array | float], seed: int | None, move: Callable[[Array], tuple[Motion, Drive]],
+) -> Array:  # fmt: skip
+    """What a sensor behind a converter reads: the analogue signal on a fine grid, then the converter, then noise and codes."""
+    assert sensor.converter is not None
+    grid = fine_grid(sensor.converter, time, max(float(np.max(d)) for d in delays))
+    sense = make_sense(sensor, setup, *move(grid))
+    signal = sense.true_input()
+    for effect in before:
+        signal = effect.apply(signal, sense, None)
+    columns = converted(sensor.converter, grid, signal, [time - delay for delay in delays])
+    sense = make_sense(sensor, setup, *move(time))
+    for effect in after:
+        columns = effect.apply(columns, sense, None if seed is None else stream(seed, effect.id, sensor.name))
+    return columns if seed is None else coded(sensor.converter, columns)
+
+
+def _delays(sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: int | None, start: float) -> list[Array | float]:
+    totals: list[Array | float] = []
+    for channel in range(len(sensor.axes)):
+        total: Array | float = 0.0
+        for effect in effects:  # each channel draws the same numbers: the stamp is wrong for all of them
+            rng = None if seed is None else stream(seed, effect.id, sensor.name)
+            total = total + effect.delay(time - start, channel, rng)
+        totals.append(total)
+    return totals
+
+
+def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Sense:
+    """What a sensor senses of a motion."""
+    return Sense(
+        motion.time, drive.elapsed, motion.force, motion.rate, motion.up, motion.north, motion.angular_acceleration,
+        drive.temperature - drive.reference_temperature, sensor.axis_indices, sensor.kind,
+        sensor.input_vector if sensor.kind == "fog" else np.zeros(3), setup.site.gravity, sensor.rate_hz,
+        sensor.full_scale, {name: np.asarray(jet.x) for name, jet in drive.axes.items()}, drive.stop, drive.rests,
+    )  # fmt: skip

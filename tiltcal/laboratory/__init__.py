@@ -1,0 +1,1 @@
+"""Scenario files, and who makes recordings from them: simulated laboratories, random instruments."""

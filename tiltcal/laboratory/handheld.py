@@ -1,0 +1,227 @@
+"""Hand-held recordings: the attitude is known from the recording's own sensors only, so only what is redundant is predicted."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index
+from tiltcal.core.errors import TiltcalError
+from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import dwells, find_segments
+from tiltcal.setup.setup import Sensor, Setup
+
+ITERATIONS = 6
+CONVERGED = 1e-10  # of the largest reading
+
+
+def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> dict[str, Array]:
+    """What each sensor should read, SI, (n, k) at the recording's rows; NaN where nothing predicts it.
+
+    FOGs from the gyro triad's rate, interpolated to their stamps; an accelerometer triad at rest from |f| = g along its
+    own corrected direction. Gyro triads predict themselves.
+
+    Raises:
+        TiltcalError: there is no gyro triad and no accelerometer triad.
+    """
+    gyros = [s for s in setup.sensors("gyro") if motion.has(s) and len(s.axes) == 3]
+    triads = [s for s in setup.sensors("accelerometer") if motion.has(s) and len(s.axes) == 3]
+    if not gyros and not triads:
+        raise TiltcalError(
+            motion.source, found="no gyro triad and no accelerometer triad", need="one of them to take the attitude from",
+            do="predict a recording of a table instead",
+        )  # fmt: skip
+    n = len(motion)
+    force = whole(motion, triads[0], inverted(triads[0], setup, motion, effects)) if triads else np.full((n, 3), np.nan)
+    found: dict[str, Array] = {}
+    rate = np.zeros((n, 3))
+    if gyros:
+        rate = whole(motion, gyros[0], inverted(gyros[0], setup, motion, effects, force))
+        found[gyros[0].name] = motion_values(motion, gyros[0])
+    for fog in setup.sensors("fog"):
+        felt = earlier(rate, motion.time, effects, fog, gyros[0]) if gyros else rate
+        sense = sense_of(fog, setup, motion, np.where(np.isnan(force), 0.0, force), felt)
+        found[fog.name] = forward(fog, effects, sense)
+    if triads:
+        found[triads[0].name] = at_rest(triads[0], setup, motion, effects, force)
+    return found
+
+
+def earlier(rate: Array, time: Array, effects: Sequence[Effect], fog: Sensor, gyro: Sensor) -> Array:
+    """The body's rate when a FOG's reading was taken, (n, 3), from what a gyro triad says of it, each as late as it is."""
+    late = [e for e in effects if isinstance(e, DelayEffect) and e.sensor in (fog.name, gyro.name) and not e.is_identity]
+    if not late:
+        return rate
+    from scipy.interpolate import CubicSpline
+
+    elapsed = time - time[0]
+    found = np.empty_like(rate)
+    for k, axis in enumerate(gyro.axis_indices):
+        shift = np.zeros_like(time)
+        for effect in late:
+            shift += effect.delay(elapsed, 0, None) if effect.sensor == fog.name else -effect.delay(elapsed, k, None)
+        found[:, axis] = CubicSpline(time, rate[:, axis])(np.clip(time - shift, time[0], time[-1]))
+    return found
+
+
+def motion_values(motion: Recording, sensor: Sensor) -> Array:
+    """A sensor's own readings at full length, SI, (n, k)."""
+    samples = motion.sensor(sensor)
+    full = np.full((len(motion), len(sensor.axes)), np.nan)
+    full[samples.rows] = samples.values
+    return full
+
+
+def whole(motion: Recording, sensor: Sensor, values: Array) -> Array:
+    """Values at the sensor's rows, interpolated to all rows, (n, 3)."""
+    time = motion.sensor(sensor).time
+    return np.column_stack([np.interp(motion.time, time, values[:, i]) for i in range(values.shape[1])])
+
+
+def inverted(
+    sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None,
+    read: Array | None = None,
+) -> Array:  # fmt: skip
+    """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
+    samples = motion.sensor(sensor)
+    y = quiet_readings(sensor, motion) if read is None else read
+    true = y.copy()
+    f = np.zeros_like(true) if force is None else np.where(np.isnan(force), 0.0, force)[samples.rows]
+    for _ in range(ITERATIONS):
+        inputs = (true, np.zeros_like(true)) if sensor.kind == "accelerometer" else (f, true)
+        sense = sense_of(sensor, setup, motion, *inputs, rows=samples.rows)
+        step = y - forward(sensor, effects, sense)
+        true = true + step
+        if np.abs(step).max(initial=0.0) < CONVERGED * np.abs(y).max(initial=0.0):
+            break
+    return true
+
+
+def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None) -> Array:
+    """A triad's readings without gaps, and a gyro's without most of its noise, (m, 3): that would be taken for motion."""
+    samples = motion.sensor(sensor)
+    y = bridged(sensor, motion)
+    if sensor.kind != "gyro":
+        return y
+    return smoothed(y, (stops_of(motion) if stop is None else stop)[samples.rows])
+
+
+LEVEL = 1.03  # of what is left by the shortest window: a longer one that leaves more has cut into the motion
+HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
+
+
+def smoothed(values: Array, stop: Index) -> Array:
+    """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving, means at rest.
+
+    The window is the longest that leaves no more of any channel than the shorter ones do (their residual is noise only).
+    """
+    if len(values) < 4 * HALF_WINDOWS[-1]:
+        return values
+    found = values.copy()
+    for k in range(values.shape[1]):
+        trials = [_quartic(values[:, k], half) for half in HALF_WINDOWS]
+        left = np.array([np.std(values[:, k] - smooth) / np.sqrt(1 - own) for smooth, own in trials])
+        good = [j for j in range(len(left)) if left[j] <= LEVEL * left[: j + 1].min()]
+        found[:, k] = trials[max(good)][0]
+    for number in range(int(stop.max(initial=-1)) + 1):
+        there = stop == number
+        found[there] = values[there].mean(axis=0)
+    return found
+
+
+def _quartic(u: Array, half: int) -> tuple[Array, float]:
+    """Local quartic fit over 2 half + 1 samples, (m,), and the weight of a sample in its own value."""
+    k = np.arange(-half, half + 1)
+    weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[0]
+    padded = np.pad(u, half, mode="reflect", reflect_type="odd")
+    return np.convolve(padded, weights[::-1], mode="valid"), float(weights[half])
+
+
+def bridged(sensor: Sensor, motion: Recording) -> Array:
+    """A triad's readings without gaps, (m, k)."""
+    samples = motion.sensor(sensor)
+    return _bridged(samples.time, samples.values)
+
+
+def _bridged(time: Array, values: Array) -> Array:
+    """Values with what is missing interpolated, channel by channel, (m, k)."""
+    found = values.copy()
+    for column in found.T:
+        missing = np.isnan(column)
+        if missing.any() and not missing.all():
+            column[missing] = np.interp(time[missing], time[~missing], column[~missing])
+    return found
+
+
+def sense_of(
+    sensor: Sensor, setup: Setup, motion: Recording, force: Array, rate: Array,
+    rows: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None,
+) -> Sense:  # fmt: skip
+    time = motion.time if rows is None else motion.time[rows]
+    temperature = motion.temperature()
+    warm = np.zeros(len(motion)) if temperature is None else temperature - temperature.mean()
+    vector = sensor.input_vector if sensor.kind == "fog" else np.zeros(3)
+    return Sense(
+        time, time - motion.time[0], force, rate, force / setup.site.gravity, np.zeros_like(rate), np.zeros_like(rate),
+        warm if rows is None else warm[rows], sensor.axis_indices, sensor.kind, vector, setup.site.gravity, sensor.rate_hz,
+        sensor.full_scale,
+    )  # fmt: skip
+
+
+def forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
+    reading = sense.true_input()
+    mine = [e for e in effects if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random]
+    for effect in sorted(mine, key=lambda e: e.order):
+        if not effect.is_identity:
+            reading = effect.apply(reading, sense, None)
+    return reading
+
+
+def at_rest(
+    sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array, stop: Index | None = None
+) -> Array:  # fmt: skip
+    """The triad's reading in its dwells: |f| = g along the dwell's own mean direction; NaN while moving."""
+    means = dwell_means(force, stops_of(motion) if stop is None else stop)
+    length = np.linalg.norm(means, axis=1)
+    full = np.where(length[:, None] > 0, means * setup.site.gravity / np.where(length > 0, length, 1.0)[:, None], np.nan)
+    known = ~np.isnan(full[:, 0])
+    felt = np.where(known[:, None], full, np.nan_to_num(force))  # what is felt late comes out of the move before
+    sense = sense_of(sensor, setup, motion, felt, np.zeros_like(full))
+    predicted = forward(sensor, effects, sense)
+    predicted[~known] = np.nan
+    return predicted
+
+
+def rate_known(motion: Recording, gyro: Sensor) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    """Rows between two whole readings of a gyro triad that follow each other, (n,)."""
+    values = motion_values(motion, gyro)
+    sampled = ~np.isnan(values).all(axis=1)
+    broken = sampled & np.isnan(values).any(axis=1)
+    time = motion.sensor(gyro).time
+    cadence = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    whole = np.flatnonzero(sampled & ~broken)
+    if len(whole) < 2:
+        return np.zeros(len(motion), bool)
+    k = np.clip(np.searchsorted(whole, np.arange(len(motion))), 1, len(whole) - 1)
+    near = motion.time[whole[k]] - motion.time[whole[k - 1]] < 2.5 * cadence
+    return np.asarray((near | np.isin(np.arange(len(motion)), whole)) & ~broken)
+
+
+def stops_of(motion: Recording) -> Index:
+    """Number of the dwell of each row, -1 while moving, (n,)."""
+    stop = np.full(len(motion), -1, dtype=np.intp)
+    for k, s in enumerate(dwells(find_segments(motion))):
+        stop[s.first : s.last] = k
+    return stop
+
+
+def dwell_means(values: Array, stop: Index) -> Array:
+    """The mean over the dwell of each row, (n, k); 0 while moving, and in a dwell without values."""
+    resting = (stop >= 0) & ~np.isnan(values).any(axis=1)
+    count = np.bincount(stop[resting], minlength=int(stop.max(initial=-1)) + 1)
+    found = np.zeros_like(values)
+    there = stop >= 0
+    for k in range(values.shape[1]):
+        means = np.bincount(stop[resting], values[resting, k], len(count)) / np.maximum(count, 1)
+        found[there, k] = means[stop[there]]
+    return found

@@ -1,0 +1,213 @@
+"""What may ask for recordings gets a Laboratory as an argument: a simulated one, or a real table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from tiltcal import __version__
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect, WritingEffect
+from tiltcal.effects.events import as_met
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.signal_chain import CONVERSION, Mover, readings, streams_of
+from tiltcal.laboratory.handheld import predicted_readings
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import Replay, replay
+from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.trajectory import Course, Drive, Jet
+
+NEW = ""  # fingerprint of a recording that does not exist yet: events that were seen in another are over
+
+
+class Laboratory(Protocol):
+    """Somewhere recordings come from."""
+
+    def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
+        """A recording of the scenario's sequence; ``seed`` None: without random effects and quantisation."""
+
+    def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
+        """What the model says ``motion`` should have read: its stamps and readout replayed."""
+
+
+@dataclass(frozen=True)
+class SimulatedLaboratory:
+    """A laboratory that runs the effects of a scenario; this one moves by the closed form.
+
+    Args:
+        mover: what turns angles into motion.
+    """
+
+    mover: Mover = field(default=closed_form)
+
+    def course(self, scenario: Scenario, seed: int | None) -> Course:
+        """What the table does: the scenario's schedule, prescribed."""
+        if scenario.dynamics is not None:
+            raise TiltcalError(
+                f"scenario {scenario.name}",
+                found="[dynamics]",
+                need="a laboratory with mechanics",
+                do="use the MuJoCo one",
+            )
+        return scenario.schedule
+
+    def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
+        """A recording of the scenario's sequence."""
+        if not scenario.sensor:
+            raise TiltcalError(f"scenario {scenario.name}", found="no sensors", need="at least one [[sensor]]", do="add one")
+        course = self.course(scenario, seed)
+        start, end = course.times
+        own = {s.name: _stamps(start, end, s.rate_hz) for s in scenario.sensor}
+        values = readings(scenario, course, own, as_met(scenario.effects, NEW), seed=seed, mover=self.mover)
+        time = own[scenario.sensor[0].name]
+        for stamps in own.values():
+            if not np.array_equal(stamps, time):
+                time = np.union1d(time, stamps)
+        drive = course.drive(time)
+        columns = {f"table_{name}_deg": angle / DEG for name, angle in written_readout(scenario.effects, drive).items()}
+        for sensor in scenario.sensor:
+            columns |= _columns(sensor, values[sensor.name], np.searchsorted(time, own[sensor.name]), len(time), seed)
+        columns["temperature_degC"] = drive.temperature
+        labels = scenario.schedule.labels(time)
+        metadata = _metadata(scenario, seed)
+        mounts = scenario.schedule.mountings(time)
+        if len(mounts) > 1 or mounts[0][1] != scenario.rig.mount:
+            metadata["mount"] = "; ".join(text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts)
+        return Recording.from_columns(
+            written_stamps(scenario.effects, time),
+            columns,
+            labels=labels if any(labels) else None,
+            metadata=metadata,
+            source=f"recording of {scenario.name}",
+        )
+
+    def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
+        """What the model says ``motion`` should have read."""
+        effects = as_met(scenario.effects, motion.fingerprint)
+        if scenario.rig.table == "handheld":
+            values = predicted_readings(scenario, motion.require_increasing(), effects)
+        else:
+            course = restored(replay(motion, scenario, scenario.climate.reference_degC), effects)
+            times = {s.name: motion.time for s in scenario.sensor}
+            values = readings(scenario, course, times, effects, seed=seed, mover=self.mover)
+            for value in values.values():
+                value[~course.known] = np.nan
+        columns: dict[str, Array] = {}
+        for sensor in scenario.sensor:
+            if sensor.name in values:
+                columns |= _like(sensor, values[sensor.name], motion, seed)
+        kept = {n: motion.column(n) for n in motion.column_names if n.startswith(("table_", "temperature_"))}
+        metadata = dict(motion.metadata) | _metadata(scenario, seed) | {"predicts": motion.source}
+        return Recording.from_columns(motion.time, kept | columns, labels=motion.labels, metadata=metadata, source="prediction")
+
+    def true_up(self, scenario: Scenario, seed: int | None, time: Array) -> Array:
+        """The world's up in the body frame at these instants of ``record``, (n, 3): what an estimator should have found."""
+        geometry = [e for e in scenario.effects if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)]
+        return self.mover(scenario, self.course(scenario, seed).drive(time), geometry, streams_of(seed)).up
+
+
+@runtime_checkable
+class TruthfulLaboratory(Laboratory, Protocol):
+    """A laboratory that knows what truly happened: a simulated one."""
+
+    def true_up(self, scenario: Scenario, seed: int | None, time: Array) -> Array:
+        """The world's up in the body frame, (n, 3)."""
+
+
+def written_readout(effects: Sequence[Effect], drive: Drive) -> dict[str, Array]:
+    """The readout of each axis as the file has it, rad, (n,): what WritingEffects make of it."""
+    found = {}
+    for name, jet in drive.axes.items():
+        angle = np.asarray(jet.x)
+        for effect in effects:
+            if isinstance(effect, WritingEffect) and not effect.is_identity:
+                changed = effect.written(name, replace(drive, axes={**drive.axes, name: Jet(angle, jet.v, jet.a)}))
+                angle = angle if changed is None else changed
+        found[name] = angle
+    return found
+
+
+def written_stamps(effects: Sequence[Effect], time: Array) -> Array:
+    """The stamps as the file has them, s, (n,)."""
+    for effect in effects:
+        if isinstance(effect, WritingEffect) and not effect.is_identity:
+            time = effect.stamps(time)
+    return time
+
+
+def restored(course: Replay, effects: Sequence[Effect]) -> Replay:
+    """A replayed readout with known writing faults undone."""
+    for effect in reversed(effects):
+        if isinstance(effect, WritingEffect) and not effect.is_identity:
+            angles = {n: effect.restored(n, course.time, angle) for n, angle in course.angles.items()}
+            course = replace(course, angles=angles)
+    return course
+
+
+def _stamps(start: float, end: float, rate_hz: float) -> Array:
+    return start + np.arange(int(np.floor((end - start) * rate_hz + 1e-9)) + 1) / rate_hz
+
+
+def to_column(sensor: Sensor, values: Array, unit: str, rounded: bool) -> Array:
+    """SI readings, (n, k), in the unit of a column; raw codes are whole numbers."""
+    if sensor.input is not None and unit == sensor.input.unit:
+        raw = sensor.input.from_si(values)
+        return np.rint(raw) if rounded and unit == "LSB" else raw
+    return np.asarray(values / COLUMN_UNITS[unit].factor)
+
+
+def _columns(
+    sensor: Sensor, values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: int, seed: int | None
+) -> dict[str, Array]:
+    written = to_column(sensor, values, sensor.column_unit, seed is not None)
+    columns = {}
+    for i, axis in enumerate(sensor.axes):
+        full = np.full(n, np.nan)
+        full[rows] = written[:, i]
+        columns[f"{sensor.name}_{axis}_{sensor.column_unit}"] = full
+    return columns
+
+
+def _like(sensor: Sensor, values: Array, motion: Recording, seed: int | None) -> dict[str, Array]:
+    """The columns of ``motion``, where it has them, with predicted values."""
+    columns = {}
+    for i, axis in enumerate(sensor.axes):
+        name = motion.channel(f"{sensor.name}_{axis}") or f"{sensor.name}_{axis}_{sensor.column_unit}"
+        columns[name] = to_column(sensor, values, str(split_unit(name)[1]), seed is not None)[:, i]
+    return columns
+
+
+def _metadata(scenario: Scenario, seed: int | None) -> dict[str, str]:
+    return {
+        "scenario": scenario.name,
+        "seed": "none (noise off)" if seed is None else str(seed),
+        "made by": f"tiltcal {__version__}",
+    }
+
+
+def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[str, Array]:
+    """What each accelerometer or inclinometer reads at rest in given attitudes, by its own effects alone, without noise.
+
+    Args:
+        setup: site, rig, sensors.
+        up: unit vectors in the body frame, (n, 3).
+        effects: those that act on a sensor are used.
+    """
+    found = {}
+    for sensor in setup.sensors("accelerometer", "inclinometer"):
+        sense = Sense.at_rest(sensor, setup.site.gravity, setup.site.gravity * up)
+        reading = sense.true_input()
+        for effect in effects:
+            if (
+                isinstance(effect, SignalEffect)
+                and effect.sensor == sensor.name
+                and not effect.random
+                and effect.order < CONVERSION
+            ):
+                reading = effect.apply(reading, sense, None)
+        found[sensor.name] = reading
+    return found

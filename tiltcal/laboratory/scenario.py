@@ -1,0 +1,318 @@
+"""The scenario file: set-up, effects, sequence, methods and limits. All errors at once, each with its path."""
+
+import tomllib
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.files import require_file
+from tiltcal.effects import CATALOGUE, Effect, make_effect
+from tiltcal.laboratory.random_instrument import draw_instrument
+from tiltcal.setup.schedule import Schedule, build_schedule
+from tiltcal.setup.sequence import Climate, Step
+from tiltcal.setup.setup import Part, Setup
+
+CALIBRATION_TERMS = ("bias", "scale", "cross_axis")
+
+
+class EffectTable(BaseModel):
+    """One ``[[effect]]``: an id, where it acts, and its parameters with their units."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    id: str
+    sensor: str | None = None
+    axis: str | None = None
+    role: Literal["calibration", "found", "concealed"] | None = None
+    fit: bool = False
+    seen_in: str | None = None
+
+
+class SourceTable(BaseModel):
+    """One ``[[budget]]``: a source of uncertainty that is not in the record's noise, with its size.
+
+    An effect of the catalogue, or gravity, latitude, heading, fog_axis; each parameter with its unit is a line of the budget.
+    ``distribution`` says what the size is: a standard uncertainty (normal), a half-width (rectangular), or U at k = 2 (expanded).
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    id: str
+    sensor: str | None = None
+    axis: str | None = None
+    distribution: Literal["normal", "rectangular", "expanded"] = "normal"
+
+
+class Dynamics(Part):
+    """A run by time steps instead of prescribed motion: the servo follows, the structure rings.
+
+    Args:
+        timestep_s: of the integration.
+        stiffness_N_m_rad, damping_N_m_s_rad: of every axis servo (or of the hand), in place of the model's own.
+        friction_N_m: dry friction of every table axis.
+        hand_torque_N_m: rms about each body axis of a hand's irregular torque at full speed.
+    """
+
+    timestep_s: Annotated[float, Field(gt=0, le=0.002)] = 0.0005
+    stiffness_N_m_rad: Annotated[float, Field(gt=0)] | None = None
+    damping_N_m_s_rad: Annotated[float, Field(ge=0)] | None = None
+    friction_N_m: Annotated[float, Field(ge=0)] = 0.0
+    hand_torque_N_m: Annotated[float, Field(ge=0)] = 0.1
+
+
+class Accept(Part):
+    """What a method has to reach. Bands are computed from statistics; the numbers here are choices, not tolerances.
+
+    Args:
+        parameters: every recovered parameter agrees with the injected truth within the band that holds all of them at
+            once with probability 1 - false_alarm.
+        false_alarm: of that band.
+        tilt_arcsec: largest rms tilt error over all directions.
+        tilt_over_bound: the same, as a multiple of what the covariance predicts.
+        better_by: rms tilt error before calibration over after, at least.
+    """
+
+    parameters: bool = True
+    false_alarm: Annotated[float, Field(gt=0, lt=1)] = 1e-3
+    tilt_arcsec: Annotated[float, Field(gt=0)] | None = None
+    tilt_over_bound: Annotated[float, Field(gt=0)] | None = None
+    better_by: Annotated[float, Field(gt=0)] | None = None
+
+
+class MethodTable(Part):
+    """One ``[[method]]``: which algorithm, how often, and what it has to reach."""
+
+    name: str | None = None
+    command: tuple[str, ...] | None = None
+    options: dict[str, Any] = {}
+    expect: Literal["good", "suspect", "cannot_tell"] = "good"
+    runs: Annotated[int, Field(ge=1)] = 1
+    accept: Accept = Accept()
+
+    @model_validator(mode="after")
+    def _one(self) -> "MethodTable":
+        if (self.name is None) == (self.command is None):
+            raise ValueError("give either name or command")
+        return self
+
+    @property
+    def title(self) -> str:
+        """Its name, or the command's."""
+        return self.name or " ".join(self.command or ())
+
+
+class AcceptOnline(Part):
+    """What an estimator that is fed sample by sample has to reach; its tilt error is the angle between true and found up.
+
+    Args:
+        rms_arcsec, worst_arcsec: over all judged samples.
+        rest_arcsec, moving_arcsec: rms over the samples at rest, in moves and swings.
+        settled_arcsec, settling_s: longest time after a move until the error stays within the band.
+        sample_us: mean time a sample.
+        answered: least share of samples with an answer.
+    """
+
+    rms_arcsec: Annotated[float, Field(gt=0)] | None = None
+    worst_arcsec: Annotated[float, Field(gt=0)] | None = None
+    rest_arcsec: Annotated[float, Field(gt=0)] | None = None
+    moving_arcsec: Annotated[float, Field(gt=0)] | None = None
+    settled_arcsec: Annotated[float, Field(gt=0)] = 60.0
+    settling_s: Annotated[float, Field(ge=0)] | None = None
+    sample_us: Annotated[float, Field(gt=0)] | None = None
+    answered: Annotated[float, Field(ge=0, le=1)] = 1.0
+
+
+class EstimatorTable(Part):
+    """One ``[[estimator]]``: an algorithm that runs sample by sample.
+
+    Args:
+        name: of its factory: built in, or package.module:factory; command: or a program, fed on its standard input.
+        calibrate: a method that is run first, on what was recorded before from_s; its result is handed to the factory.
+        from_s: where feeding and judging begin, s.
+    """
+
+    name: str | None = None
+    command: tuple[str, ...] | None = None
+    options: dict[str, Any] = {}
+    calibrate: str | None = None
+    calibrate_options: dict[str, Any] = {}
+    from_s: float = 0.0
+    accept: AcceptOnline = AcceptOnline()
+
+    @model_validator(mode="after")
+    def _one(self) -> "EstimatorTable":
+        if (self.name is None) == (self.command is None):
+            raise ValueError("give either name or command")
+        if self.calibrate is not None and self.command is not None:
+            raise ValueError("a command gets no calibration: export it, or pass it as one of its words")
+        return self
+
+    @property
+    def title(self) -> str:
+        """Its name, or the command's."""
+        return self.name or " ".join(self.command or ())
+
+
+class Scenario(Setup):
+    """A whole scenario."""
+
+    schema_: Annotated[Literal[1], Field(alias="schema")]
+    name: str = "scenario"
+    role: Literal["concealed"] | None = None
+    about: str = ""
+    seed: int = 0
+    grade: Literal["precision", "mid_mems", "consumer"] | None = None
+    grade_seed: int = 0
+    climate: Climate = Climate()
+    effect: tuple[EffectTable, ...] = ()
+    sequence: tuple[Step, ...] = ()
+    dynamics: Dynamics | None = None
+    method: tuple[MethodTable, ...] = ()
+    estimator: tuple[EstimatorTable, ...] = ()
+    budget: tuple[SourceTable, ...] = ()
+
+    @field_validator("sensor")
+    @classmethod
+    def _distinct(cls, sensors: tuple[Any, ...]) -> tuple[Any, ...]:
+        names = [s.name for s in sensors]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two sensors are named '{name}'")
+        for s in sensors:
+            for term in s.adjustable:
+                if term not in CALIBRATION_TERMS and term not in CATALOGUE:
+                    hint = nearest(term, [*CALIBRATION_TERMS, *CATALOGUE])
+                    raise ValueError(f"sensor {s.name}: adjustable '{term}' is neither a calibration term nor an effect; {hint}")
+        return sensors
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that are named, and with a grade those of a plausible instrument for which none is named.
+
+        Raises:
+            TiltcalError: one of them is wrong.
+        """
+        named = tuple(
+            make_effect(
+                t.id,
+                t.model_extra or {},
+                self,
+                sensor=t.sensor,
+                axis=t.axis,
+                role=t.role,
+                fit=t.fit,
+                seen_in=t.seen_in,
+                subject=f"effect {k}",
+            )
+            for k, t in enumerate(self.effect, start=1)
+        )
+        drawn = [] if self.grade is None else draw_instrument(self, self.grade, self.grade_seed)
+        return named + tuple(e for e in drawn if all((e.id, e.sensor) != (n.id, n.sensor) for n in named))
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """The sequence as angles against time.
+
+        Raises:
+            TiltcalError: there is none, or a step does not fit the table.
+        """
+        return build_schedule(self.sequence, self.rig, self.climate)
+
+
+def load_scenario(path: Path | str) -> Scenario:
+    """Read a scenario file.
+
+    Raises:
+        TiltcalError: naming every wrong key, with the nearest valid one, in one message.
+    """
+    path = require_file(Path(path), "scenario")
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise TiltcalError(
+            f"scenario {path.name}", found="bytes that are no text", need="TOML in UTF-8", do="check the file"
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise TiltcalError(f"scenario {path.name}", found=str(error), need="valid TOML", do="correct that line") from error
+    return parse_scenario(table, path.name)
+
+
+def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:
+    """A scenario from a table, with all errors at once.
+
+    Raises:
+        TiltcalError: naming every wrong key.
+    """
+    problems: list[str] = []
+    scenario = None
+    try:
+        scenario = Scenario.model_validate(table)
+    except ValidationError as error:
+        problems = [_problem(e) for e in error.errors()]
+    if scenario is not None:
+        for k, t in enumerate(scenario.effect, start=1):
+            try:
+                make_effect(t.id, t.model_extra or {}, scenario, sensor=t.sensor, axis=t.axis, subject=f"effect {k}")
+            except TiltcalError as error:
+                problems.append(str(error))
+        if scenario.sequence:
+            try:
+                build_schedule(scenario.sequence, scenario.rig)
+            except TiltcalError as error:
+                problems.append(str(error))
+    if scenario is None or problems:
+        count = "1 error" if len(problems) == 1 else f"{len(problems)} errors"
+        raise TiltcalError(
+            f"scenario {source}", found=count + ":\n  " + "\n  ".join(problems) + "\n", need="a valid scenario",
+            do="see `tiltcal init` for a commented one",
+        )  # fmt: skip
+    return scenario
+
+
+def _problem(error: Any) -> str:
+    """One pydantic error in words, with its path and the nearest valid key."""
+    path = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        return f"{path}: unknown key; {nearest(str(error['loc'][-1]), _fields_at(error['loc'][:-1]))}"
+    if error["type"] == "missing":
+        return f"{path}: missing; add it"
+    found = error.get("input")
+    shown = f"found {found!r}; " if isinstance(found, str | int | float | bool) else ""
+    return f"{path}: {shown}{error['msg'].removeprefix('Value error, ')}"
+
+
+def _fields_at(location: tuple[Any, ...]) -> list[str]:
+    """Valid keys of the part of a scenario at a path."""
+    model: Any = Scenario
+    for part in location:
+        if isinstance(part, int):
+            continue
+        annotation = model.model_fields[part].annotation if part in getattr(model, "model_fields", {}) else None
+        models = [a for a in _arguments(annotation) if isinstance(a, type) and issubclass(a, BaseModel)]
+        if not models:
+            return []
+        model = models[0]
+    return [f.alias or name for name, f in model.model_fields.items()]
+
+
+def _arguments(annotation: Any) -> list[Any]:
+    from typing import get_args
+
+    inner = get_args(annotation)
+    return [annotation, *(a for part in inner for a in _arguments(part))] if inner else [annotation]
+
+
+def fresh(scenario: Scenario, **changes: Any) -> Scenario:
+    """A copy with some fields changed, and nothing remembered of what they were."""
+    copy = scenario.model_copy(update=changes)
+    for name in ("effects", "schedule"):
+        copy.__dict__.pop(name, None)
+    return copy
+
+
+def scenario_schema() -> dict[str, Any]:
+    """JSON Schema of a scenario file, for editors."""
+    return Scenario.model_json_schema(by_alias=True)

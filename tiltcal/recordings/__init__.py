@@ -1,0 +1,1 @@
+"""Recordings: files, imports, dwells and moves found in them, poses, and their readout played again."""

@@ -1,0 +1,243 @@
+"""Recording: a continuous log as frozen blocks of channels, each on its own rows of one time axis."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.recordings.temperature import smooth_temperature
+from tiltcal.setup.setup import Sensor
+
+Rows = npt.NDArray[np.intp]
+Labels = npt.NDArray[np.object_]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns that were sampled together.
+
+    Args:
+        rows: indices into the recording's time axis, (m,), increasing; None for every row.
+        columns: name with unit -> values as written in the file, (m,) each.
+    """
+
+    rows: Rows | None
+    columns: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One sensor's readings in SI.
+
+    Args:
+        time: s, (m,).
+        values: (m, k), NaN where one channel was not sampled.
+        axes: names of the k channels.
+        units: the unit each column was written in.
+        rows: rows of the recording, (m,).
+    """
+
+    time: Array
+    values: Array
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: Rows
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A continuous log.
+
+    Args:
+        time: one stamp a row, s, (n,), any epoch.
+        blocks: the numeric channels.
+        labels: the operator's words, (n,) of str or None; None when there is no such column.
+        extra: columns that are no channel (no unit in their name), kept as text.
+        metadata: ``# key: value`` lines.
+        source: where it came from, for messages.
+    """
+
+    time: Array
+    blocks: tuple[Block, ...] = ()
+    labels: Labels | None = None
+    extra: Mapping[str, Labels] = field(default_factory=dict)
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    source: str = "recording"
+
+    @classmethod
+    def from_columns(
+        cls,
+        time: Array,
+        columns: Mapping[str, Array],
+        *,
+        labels: Labels | None = None,
+        extra: Mapping[str, Labels] | None = None,
+        metadata: Mapping[str, str] | None = None,
+        source: str = "recording",
+    ) -> "Recording":
+        """Group columns of full length, (n,) each with NaN for 'not sampled', into blocks."""
+        groups: dict[bytes, dict[str, Array]] = {}
+        for name, values in columns.items():
+            missing = np.isnan(values)
+            key = np.packbits(missing).tobytes() if missing.any() else b""
+            groups.setdefault(key, {})[name] = values
+        blocks = []
+        for key, group in groups.items():
+            if key == b"":
+                blocks.append(Block(None, group))
+                continue
+            rows = np.flatnonzero(~np.isnan(next(iter(group.values()))))
+            blocks.append(Block(rows, {name: values[rows] for name, values in group.items()}))
+        return cls(time, tuple(blocks), labels, dict(extra or {}), dict(metadata or {}), source)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What tells this recording from another: a digest of its stamps."""
+        return hashlib.sha256(np.ascontiguousarray(np.round(self.time, 6)).tobytes()).hexdigest()[:16]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def column_names(self) -> list[str]:
+        """Names of the numeric columns, without ``time_s``."""
+        return [name for block in self.blocks for name in block.columns]
+
+    def column(self, name: str) -> Array:
+        """A numeric column at full length, as written, (n,), NaN where not sampled.
+
+        Raises:
+            TiltcalError: there is no such column.
+        """
+        for block in self.blocks:
+            if name in block.columns:
+                if block.rows is None:
+                    return block.columns[name]
+                full = np.full(len(self.time), np.nan)
+                full[block.rows] = block.columns[name]
+                return full
+        hint = nearest(name, self.column_names) if self.column_names else "it has none"
+        raise TiltcalError(f"{self.source}, column {name}", found="no such column", need="that channel", do=hint)
+
+    def channel(self, channel: str) -> str | None:
+        """The full column name of a channel, whatever its unit; None when absent.
+
+        Raises:
+            TiltcalError: it stands there in two units.
+        """
+        names = [name for name in self.column_names if split_unit(name)[0] == channel]
+        if len(names) > 1:
+            raise TiltcalError(
+                f"{self.source}, channel {channel}", found=" and ".join(names), need="one column a channel", do="remove the other"
+            )
+        return names[0] if names else None
+
+    def has(self, sensor: Sensor) -> bool:
+        """Whether every axis of ``sensor`` has a column."""
+        return all(self.channel(f"{sensor.name}_{axis}") is not None for axis in sensor.axes)
+
+    def sensor(self, sensor: Sensor) -> Samples:
+        """The readings of one sensor in SI, on the rows where any of its channels was sampled.
+
+        Raises:
+            TiltcalError: a column is missing or its unit does not fit the sensor.
+        """
+        names, columns = [], []
+        for axis in sensor.axes:
+            name = self.channel(f"{sensor.name}_{axis}")
+            if name is None:
+                raise TiltcalError(
+                    f"{self.source}, sensor {sensor.name}", found=f"no column {sensor.name}_{axis}_<unit>",
+                    need=f"one column for each of its axes {', '.join(sensor.axes)}",
+                    do=nearest(f"{sensor.name}_{axis}_{sensor.column_unit}", self.column_names or ["no column at all"]),
+                )  # fmt: skip
+            names.append(name)
+            columns.append(self.column(name))
+        raw = np.column_stack(columns)
+        rows = np.flatnonzero(~np.isnan(raw).all(axis=1))
+        units = tuple(str(split_unit(name)[1]) for name in names)
+        return Samples(self.time[rows], self._si(sensor, names, raw[rows]), sensor.axes, units, rows)
+
+    def _si(self, sensor: Sensor, names: list[str], raw: Array) -> Array:
+        units = [split_unit(name)[1] for name in names]
+        if sensor.input is not None and all(u == sensor.input.unit for u in units):
+            return sensor.input.to_si(raw)
+        factors = []
+        for name, unit in zip(names, units, strict=True):
+            known = COLUMN_UNITS[str(unit)]
+            if known.quantity != sensor.quantity:
+                fix = "add input = {unit = ..., zero = ..., per_...} to the sensor" if known.quantity == "raw" else "rename it"
+                raise TiltcalError(
+                    f"{self.source}, column {name}",
+                    found=f"unit {unit}",
+                    need=f"a unit of {sensor.quantity}",
+                    do=fix,
+                )
+            factors.append(known.factor)
+        return np.asarray(raw * np.array(factors))
+
+    def table(self, axis: str, suffix: str = "") -> Array | None:
+        """Readout of a table axis, rad, (n,), NaN where it was not read; None without such a column."""
+        return self._scaled(f"table_{axis}{suffix}")
+
+    def temperature(self) -> Array | None:
+        """Temperature, degC, (n,), smooth over rounding, noise and the rows where it was not sampled; None without a column."""
+        return self._temperature
+
+    @cached_property
+    def _temperature(self) -> Array | None:
+        values = self._scaled("temperature")
+        return None if values is None or np.isnan(values).all() else smooth_temperature(self.time, values)
+
+    def _scaled(self, channel: str) -> Array | None:
+        name = self.channel(channel)
+        if name is None:
+            return None
+        return np.asarray(self.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor)
+
+    def require_increasing(self) -> "Recording":
+        """Itself, when time runs forward.
+
+        Raises:
+            TiltcalError: naming the first row where it does not.
+        """
+        step = np.diff(self.time)
+        if not np.all(np.isfinite(self.time)):
+            row = int(np.argmax(~np.isfinite(self.time)))
+            raise TiltcalError(
+                f"{self.source}, data row {row + 1}", found=f"the time {self.time[row]}", need="finite time stamps", do="correct it"
+            )
+        if np.any(step <= 0):
+            row = int(np.argmax(step <= 0)) + 1
+            what = "time goes back by" if step[row - 1] < 0 else "a repeated time stamp, step"
+            raise TiltcalError(
+                f"{self.source}, data row {row + 1}", found=f"{what} {abs(step[row - 1]):.6g} s (at {self.time[row]:.10g} s)",
+                need="time stamps that increase", do="sort it or split it there; `tiltcal diagnose` reads it as it is",
+            )  # fmt: skip
+        return self
+
+    def with_columns(self, columns: Mapping[str, Array]) -> "Recording":
+        """A copy with further full-length columns, (n,) each."""
+        more = Recording.from_columns(self.time, columns)
+        return replace(self, blocks=self.blocks + more.blocks)
+
+    def unknown(self, sensors: Iterable[Sensor]) -> list[str]:
+        """Columns that belong to no sensor, table axis or temperature: kept, and reported."""
+        prefixes = {f"{s.name}_{axis}" for s in sensors for axis in s.axes}
+        strange = [
+            name for name in self.column_names
+            if (c := split_unit(name)[0]) not in prefixes and not c.startswith("table_") and c != "temperature"
+        ]  # fmt: skip
+        return strange + list(self.extra)
+
+
+def stem(source: str) -> str:
+    """The short name of a recording for messages."""
+    return Path(source).name

@@ -1,0 +1,254 @@
+"""A recorded readout played again: the Course that a model needs to predict what a recording should read."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import parse_mounts
+from tiltcal.core.quantisation import code_width
+from tiltcal.recordings.differentiation import differentiate, noise_of_rests
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.rest_edges import edges
+from tiltcal.recordings.segmentation import resting_rows
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Drive, Jet, Rests
+
+EDGE = 2  # samples beside a move that are left to the polynomial
+BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
+WANDER = 2e-3  # rad: what a readout covers within a stop; more is a slow move, or the turning point of an oscillation
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The readout of a recording as a Course.
+
+    Args:
+        time: the recording's stamps, s, (n,).
+        angles: of each axis, rad, (n,), gaps interpolated.
+        known: rows where every axis was read, (n,).
+        temperature: degC, (n,); reference: T0.
+        mounts: (from time, R_mount).
+        stop: number of the stop of each row, -1 while moving, (n,).
+    """
+
+    time: Array
+    angles: dict[str, Array]
+    known: Mask
+    temperature: Array
+    reference: float
+    mounts: tuple[tuple[float, Array], ...]
+    stop: Index
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """First and last instant, s."""
+        return float(self.time[0]), float(self.time[-1])
+
+    def drive(self, time: Array) -> Drive:
+        """The drive at these times; between the stamps by interpolation."""
+        axes = {}
+        nearest = nearest_rows(self.time, time)
+        for name, angle in self.angles.items():
+            v, a = self._rates[name]
+            if len(time) == len(self.time) and np.array_equal(time, self.time):
+                axes[name] = Jet(angle, v, a)
+                continue
+            shift = time - self.time[nearest]  # a short step along the nearest stamp's own motion
+            axes[name] = Jet(
+                angle[nearest] + v[nearest] * shift + a[nearest] * shift**2 / 2,
+                v[nearest] + a[nearest] * shift,
+                a[nearest],
+            )
+        return self.standing(time, axes)
+
+    @cached_property
+    def _rates(self) -> dict[str, tuple[Array, Array]]:
+        """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for many times."""
+        found = {}
+        for name, angle in self.angles.items():
+            sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0  # counted the other way it has the same rates, turned
+            v, a = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
+            found[name] = (sign * v, sign * a)
+        return found
+
+    @cached_property
+    def rests(self) -> Rests:
+        """When each rest began and ended: to a part of a sample where the readout tells it."""
+        said = [_edges(self.time.tobytes(), angle.tobytes()) for angle in self.angles.values()]
+        leaves, comes = (np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0) for side in (0, 1))
+        return rests_between(self.time, self.stop, leaves, comes)
+
+    def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
+        """A drive at these times whose axes are known already: nothing is differentiated."""
+        nearest = nearest_rows(self.time, time)
+        return Drive(
+            time, axes, float(self.time[0]), np.interp(time, self.time, self.temperature), self.reference,
+            self.stop[nearest], tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts), None,
+            self.known[nearest], rests=lambda: self.rests,
+        )  # fmt: skip
+
+
+def replay(recording: Recording, setup: Setup, reference_temperature: float | None = None) -> Replay:
+    """The readout of ``recording`` as a Course on the table of ``setup``.
+
+    Raises:
+        TiltcalError: a table column is missing, or time does not increase.
+    """
+    recording.require_increasing()
+    angles: dict[str, Array] = {}
+    known = np.ones(len(recording), bool)
+    for axis in setup.rig.axis_names:
+        angle = recording.table(axis)
+        if angle is None or np.isnan(angle).all():
+            raise TiltcalError(
+                f"{recording.source}", found=f"no column table_{axis}_<unit>", need=f"the readout of the {setup.rig.table} table",
+                do="record it, or label the poses",
+            )  # fmt: skip
+        read = ~np.isnan(angle)
+        known &= _near(recording.time, recording.time[read])
+        angles[axis] = np.interp(recording.time, recording.time[read], angle[read])
+    temperature = recording.temperature()
+    if temperature is None:
+        temperature = np.full(len(recording), setup.site.temperature_degC)
+    reference = float(np.mean(temperature)) if reference_temperature is None else reference_temperature
+    mounts = tuple(parse_mounts(recording.metadata.get("mount", setup.rig.mount)))
+    resting = np.ones(len(recording), bool)
+    if angles:
+        stacked = np.column_stack(list(angles.values()))
+        resting = still_rows(stacked, resting_rows(recording.time, stacked))
+    starts = np.flatnonzero(np.diff(resting.astype(int), prepend=0) == 1)
+    stop = np.where(resting, np.searchsorted(starts, np.arange(len(recording)), side="right") - 1, -1)
+    return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
+
+
+def _near(time: Array, read: Array) -> Mask:
+    """Rows whose readout is known: read there, or between two readings at the table's ordinary cadence, (n,)."""
+    there = np.isin(time, read)
+    if len(read) < 2:
+        return there
+    after = np.clip(np.searchsorted(read, time), 1, len(read) - 1)
+    inside = (time > read[after - 1]) & (time < read[after])
+    return there | (inside & (read[after] - read[after - 1] <= 1.5 * float(np.median(np.diff(read)))))
+
+
+def nearest_rows(stamps: Array, time: Array) -> Index:
+    """The row whose stamp is nearest to each time, (n,). stamps: increasing."""
+    between = (stamps[1:] + stamps[:-1]) / 2
+    return np.searchsorted(between, time)
+
+
+def still_rows(angles: Array, resting: Mask) -> Mask:
+    """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one code, of the dwell's level.
+
+    The search for dwells takes the very start and end of a move for rest, and the slow parts of a table that never rests; a
+    rate of zero there would be wrong. A slow move within a dwell parts it into rests with a level each.
+    """
+    still = resting.copy()
+    codes = 1.01 * np.array([code_width(column) for column in angles.T])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        for begin, end, level in _levels(angles[first:last], codes):
+            part = angles[first + begin : first + end]
+            off = np.abs(part - np.median(part[level], axis=0))
+            half, most = np.quantile(off[level], (0.5, 0.8), axis=0)  # half of the readings of one code: the rest tell the spread
+            spread = 6 * np.maximum(1.4826 * half, most / 1.2816)
+            quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
+            for _ in range(EDGE):  # the first samples of a move hide in the noise
+                quiet[1:-1] &= quiet[:-2] & quiet[2:]
+                quiet[0] &= first + begin == 0
+                quiet[-1] &= first + end == len(angles)
+            still[first + begin : first + end] = quiet & bool(
+                (np.ptp(part[quiet], axis=0) <= WANDER).all() if quiet.any() else False
+            )
+    return still
+
+
+def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
+    """The rests of a dwell: from row, to row, and which of these rows tell the level.
+
+    Slow moves lie between them, each half a rest's. A readout that hardly ever stays where it is wanders: that is one rest.
+
+    Args:
+        part: rad, (n, axes). codes: of each axis, rad.
+    """
+    n = len(part)
+    whole = [(0, n, slice(None))]
+    if n <= 4 * BESIDE:
+        yield from whole
+        return
+    means = sliding_window_view(part, BESIDE, axis=0).mean(axis=-1)
+    noise = 1.4826 * np.median(np.abs(np.diff(part, axis=0)), axis=0) / np.sqrt(2)
+    steps = np.abs(means[BESIDE:] - means[:-BESIDE])
+    slow = np.ones(n, bool)
+    slow[BESIDE : n - BESIDE + 1] = (steps > 6 * noise * np.sqrt(2 / BESIDE) + codes).any(axis=1)
+    slow[:BESIDE], slow[n - BESIDE :] = slow[BESIDE], slow[n - BESIDE]
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], ~slow, [0]])))
+    rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= BESIDE]
+    if len(rests) < 2 or sum(b - a for a, b in rests) < n / 3:
+        yield from whole
+        return
+    parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(rests)), n]
+    for (a, b), begin, end in zip(rests, parted, parted[1:], strict=False):
+        yield begin, end, slice(a - begin, b - begin)
+
+
+def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rests:
+    """The rests of a readout.
+
+    A stop has lost its ends to the margins that the search for it keeps; where an instant is not told it is as far from the
+    stop's end as usually.
+
+    Args:
+        time: s, (n,).
+        stop: number of the stop of each row, -1 while moving, (n,).
+        leaves, comes: instants at which an axis left a rest, and came to one, s, sorted.
+    """
+    rows = Rests.of_rows(time, stop)
+    first, last = (side[np.isfinite(side)] for side in (rows.begin, rows.end))
+    if not len(first):
+        return rows
+    begin = np.concatenate([[-np.inf], comes])[np.searchsorted(comes, last)]
+    begin = np.where(begin > np.concatenate([[-np.inf], last[:-1]]), begin, -np.inf)
+    end = np.concatenate([leaves, [np.inf]])[np.searchsorted(leaves, first)]
+    end = np.where(end < np.concatenate([first[1:], [np.inf]]), end, np.inf)
+    begin, end = _as_usual(begin, first), _as_usual(end, last)
+    begin[0] = time[0] if stop[0] >= 0 else begin[0]
+    end[-1] = np.inf if stop[-1] >= 0 else end[-1]
+    return Rests(begin, end).led_in(bool(stop[0] < 0))
+
+
+def _as_usual(told: Array, rough: Array) -> Array:
+    """Instants, s, (k,): those that are not told, infinite, as far from the rough ones as the others usually are."""
+    there = np.isfinite(told)
+    usual = float(np.median(told[there] - rough[there])) if there.any() else 0.0
+    return np.where(there, told, rough + usual)
+
+
+@lru_cache(maxsize=24)
+def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
+    """When an axis left a rest and when it came to one, s, of the contents of arrays."""
+    t, x = np.frombuffer(time), np.frombuffer(angle)
+    if len(t) < 9 or np.ptp(x) == 0:
+        return np.zeros(0), np.zeros(0)
+    still = still_rows(x[:, None], resting_rows(t, x[:, None]))
+    noise, step = noise_of_rests(x, still), float(np.median(np.diff(t)))
+    if noise is None:
+        return np.zeros(0), np.zeros(0)
+    leaves, comes = edges(t / step, x, still, noise)
+    return leaves * step, comes * step
+
+
+@lru_cache(maxsize=24)
+def _differentiated(time: bytes, angle: bytes) -> tuple[Array, Array]:
+    """Rate and acceleration of one axis, of the contents of arrays: one recording is replayed many times, its columns read anew.
+
+    An axis rests for itself, whatever the others do.
+    """
+    t, x = np.frombuffer(time), np.frombuffer(angle)
+    return differentiate(t, x, still_rows(x[:, None], resting_rows(t, x[:, None])))

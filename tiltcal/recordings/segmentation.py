@@ -1,0 +1,218 @@
+"""Dwells and moves of a continuous log, found by themselves.
+
+A window is quiet when the variance of every channel in it is near that channel's floor. The floor is the channel's own
+quiet level; the limit between quiet and moving is the best split of the logarithm of the variance ratio into two
+classes (Otsu 1979), never below what noise alone would reach in that many windows.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.quantisation import code_width
+from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.recordings.recording import Recording
+
+WINDOW = 0.5  # s
+GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
+SHORTEST = 1.0  # s, of a dwell
+STEADY = 1.0 * DEG  # rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
+_MOVING = {"acceleration", "angle", "rate", "raw"}
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A dwell or a move.
+
+    Args:
+        start, end: s.
+        first, last: rows, last exclusive.
+        kind: ``dwell`` or ``move``.
+        label: the operator's word on most of its rows, or None.
+    """
+
+    start: float
+    end: float
+    first: int
+    last: int
+    kind: str
+    label: str | None = None
+
+
+def find_segments(recording: Recording, window: float = WINDOW, guard: float = GUARD, shortest: float = SHORTEST) -> list[Segment]:
+    """All dwells and moves of a recording, in order.
+
+    Args:
+        recording: with table, accelerometer, inclinometer or gyro columns.
+        window: s, over which quiet is judged; the result hardly depends on it.
+        guard: s cut off at both ends of a dwell (not at the ends of the log).
+        shortest: s; what is at rest for less counts as moving.
+
+    Raises:
+        TiltcalError: no channel can tell rest from motion, or the log is shorter than the window.
+    """
+    recording.require_increasing()
+    if len(recording) < 4:
+        raise TiltcalError(recording.source, found=f"{len(recording)} row(s)", need="a continuous log", do="record longer")
+    groups = _signals(recording)
+    if not groups:
+        raise TiltcalError(
+            recording.source, found="no table, accelerometer, inclinometer or gyro column", need="one that shows motion",
+            do="name columns as <sensor>_<axis>_<unit>",
+        )  # fmt: skip
+    moving = np.zeros(len(recording), bool)
+    for rows, values, rates in groups:  # a long window misses the edges of a move, a short one its slow parts
+        quiet = np.ones(len(rows), bool)
+        for width in {window, min(window, WINDOW)}:
+            quiet &= _quiet(recording.time[rows], values, width, recording.source)
+        moving |= _spread(rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording))
+    return _segments(recording, ~moving, guard, shortest)
+
+
+def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
+    """Rows at which a table's readout rests, (n,). angles: rad, (n, axes)."""
+    if len(time) < 3:
+        return np.ones(len(time), bool)
+    return _quiet(time, angles, window, "readout")
+
+
+def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Array]]:
+    """Rows, all moving channels as written (n, k), and those among them that are rates in rad/s (n, j), of each block."""
+    found = []
+    for block in recording.blocks:
+        columns, rates = [], []
+        for name, values in block.columns.items():
+            unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
+            if unit.quantity in _MOVING:
+                columns.append(values)
+            if unit.quantity == "rate":
+                rates.append(values * unit.factor)
+        rows = np.arange(len(recording)) if block.rows is None else block.rows
+        if columns and len(rows):
+            found.append((rows, np.column_stack(columns), np.array(rates).reshape(-1, len(rows)).T))
+    return found
+
+
+def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
+    """Rows of a steady turn: quiet, but a gyro reads more than STEADY off its usual quiet reading, (n,)."""
+    turning = np.zeros(len(time), bool)
+    if not quiet.any():
+        return turning
+    width = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
+    first = np.clip(np.arange(len(time)) - width // 2, 0, max(len(time) - width, 0))
+    last = np.minimum(first + width, len(time))
+    counted = np.cumsum(np.concatenate([[0], quiet]))
+    whole = counted[last] - counted[first] == last - first  # windows without any motion
+    for rate in rates.T:
+        total = np.cumsum(np.concatenate([np.zeros(1), rate]))
+        mean = (total[last] - total[first]) / (last - first)
+        turning |= whole & (np.abs(mean - np.median(mean[quiet])) > STEADY)
+    return turning
+
+
+def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
+    n = len(time)
+    if n < 4:
+        return np.ones(n, bool)
+    dt = float(np.median(np.diff(time)))
+    width = max(round(window / dt), 6)
+    if n <= width:
+        raise TiltcalError(source, found=f"{n} rows", need=f"more than one window of {width} rows", do="record longer")
+    ratio = np.zeros(n - width + 1)
+    for column in values.T:
+        np.maximum(ratio, _variance_ratio(np.ascontiguousarray(column), width), out=ratio)
+    score = np.log10(np.maximum(ratio, 1e-3))
+    return _cover(score <= _limit(score, values.shape[1], width), width, n)
+
+
+def _variance_ratio(column: Array, width: int) -> Array:
+    """Variance of one channel in every full window over its quiet floor, (n - width + 1,).
+
+    The floor is the tenth percentile of the windows, not below what rounding makes.
+    """
+    centred = column - column.mean()
+    squares = centred * centred
+    total = np.cumsum(squares)
+    s, q = np.cumsum(centred), total
+    variance = q[width - 1 :].copy()
+    variance[1:] -= q[:-width]
+    mean = s[width - 1 :].copy()
+    mean[1:] -= s[:-width]
+    variance -= mean * mean / width
+    variance /= width - 1
+    quantile = float(np.quantile(variance[:: max(1, width // 2)], 0.1))
+    arithmetic = 64 * np.finfo(float).eps * total[-1] / width
+    return variance / max(quantile, code_width(column) ** 2 / 12, arithmetic, 1e-30)
+
+
+def _limit(score: Array, channels: int, width: int) -> float:
+    """The split between quiet and moving windows, on the log10 scale."""
+    from scipy.special import chdtri  # inverse of the chi-square survival function
+
+    n = len(score) * channels
+    # floor sits at the 10 % quantile of quiet windows; the largest of n quiet ones at the (1 - 1e-3/n) quantile
+    noise = float(np.log10(chdtri(width - 1, 1e-3 / n) / chdtri(width - 1, 0.9)))
+    if score.max() <= noise:
+        return noise
+    counts, edges = np.histogram(score, bins=128)
+    centres = (edges[:-1] + edges[1:]) / 2
+    weight = np.cumsum(counts) / counts.sum()
+    mean = np.cumsum(counts * centres) / counts.sum()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = (mean[-1] * weight - mean) ** 2 / (weight * (1 - weight))
+    return max(float(edges[1:][np.nanargmax(np.where(np.isfinite(between), between, -1.0))]), noise)
+
+
+def _cover(quiet: Mask, width: int, n: int) -> Mask:
+    """Rows covered by at least one quiet window, (n,)."""
+    steps = np.zeros(n + 1, np.int32)
+    steps[: len(quiet)] += quiet
+    steps[width : width + len(quiet)] -= quiet
+    return np.cumsum(steps[:-1]) > 0
+
+
+def _spread(rows: npt.NDArray[np.intp], mask: Mask, n: int) -> Mask:
+    """A mask known on some rows, held over the rows between them."""
+    if len(rows) == n:
+        return mask
+    where = np.clip(np.searchsorted(rows, np.arange(n), side="right") - 1, 0, len(rows) - 1)
+    return mask[where]
+
+
+def _segments(recording: Recording, resting: Mask, guard: float, shortest: float) -> list[Segment]:
+    time = recording.time
+    edges = [0, *(np.flatnonzero(np.diff(resting.astype(int))) + 1).tolist(), len(time)]
+    found: list[Segment] = []
+    for first, last in pairwise(edges):
+        dwell = bool(resting[first])
+        if dwell:
+            cut_first = first if first == 0 else int(np.searchsorted(time, time[first] + guard))
+            cut_last = last if last == len(time) else int(np.searchsorted(time, time[last - 1] - guard, side="right"))
+            dwell = cut_last - cut_first >= 3 and time[last - 1] - time[first] >= shortest
+            if dwell:
+                first, last = cut_first, cut_last
+        kind = "dwell" if dwell else "move"
+        label = majority(recording, first, last)
+        found.append(Segment(float(time[first]), float(time[last - 1]), first, last, kind, label))
+    return found
+
+
+def majority(recording: Recording, first: int, last: int) -> str | None:
+    """The label on most of these rows; None when most have none."""
+    if recording.labels is None:
+        return None
+    words = [str(w) for w in recording.labels[first:last] if w]
+    if 2 * len(words) < last - first:
+        return None
+    values, counts = np.unique(words, return_counts=True)
+    return str(values[np.argmax(counts)])
+
+
+def dwells(segments: Iterable[Segment]) -> list[Segment]:
+    """The dwells among them."""
+    return [s for s in segments if s.kind == "dwell"]

@@ -1,0 +1,167 @@
+"""Poses: the dwells of a log as means with covariance and, where known, the true up direction."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import force_of_tilt, parse_up
+from tiltcal.core.units import DEG
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import replay
+from tiltcal.recordings.segmentation import Segment, dwells, find_segments
+from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.trajectory import Drive, Jet
+from tiltcal.statistics.dwell_noise import pooled_noise
+
+
+@dataclass(frozen=True)
+class PoseSpan:
+    """A dwell that was used."""
+
+    start_s: float
+    end_s: float
+    label: str | None = None
+
+
+@dataclass(frozen=True)
+class Poses:
+    """The dwells that one sensor saw.
+
+    Args:
+        sensor: which.
+        spans: where they lie.
+        means: of the sensing form, f or rate, SI, (m, k).
+        counts: samples each, (m,).
+        noise: covariance of one sample, SI, (k, k): pooled over the dwells.
+        inflation: variance of a mean over that of white noise, >= 1: correlated noise averages worse.
+        up: true up in the body frame by readout or label, (m, 3); rows of NaN where unknown.
+        angles: mean readout of each table axis, rad, (m,) each.
+        spread: noise of one sample at each pose over the pooled, (m, k); 1 but for inclinometers.
+        stated: where ``up`` comes from: readout, label or nothing.
+    """
+
+    sensor: Sensor
+    spans: tuple[PoseSpan, ...]
+    means: Array
+    counts: Array
+    noise: Array
+    inflation: float
+    up: Array
+    angles: dict[str, Array]
+    spread: Array
+    stated: str
+
+    def __len__(self) -> int:
+        return len(self.spans)
+
+    def covariance(self, k: int) -> Array:
+        """Covariance of the mean of pose ``k``, (channels, channels)."""
+        return np.asarray(self.noise * np.outer(self.spread[k], self.spread[k]) * self.inflation / self.counts[k])
+
+    def subset(self, mask: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> "Poses":
+        """Some of the poses."""
+        return Poses(
+            self.sensor, tuple(s for s, keep in zip(self.spans, mask, strict=True) if keep), self.means[mask],
+            self.counts[mask], self.noise, self.inflation, self.up[mask], {n: a[mask] for n, a in self.angles.items()},
+            self.spread[mask], self.stated,
+        )  # fmt: skip
+
+
+def find_poses(recording: Recording, setup: Setup, sensor: Sensor, segments: Sequence[Segment] | None = None) -> Poses:
+    """The poses of a recording.
+
+    Raises:
+        TiltcalError: no dwell was found.
+    """
+    recording.require_increasing()
+    found = dwells(find_segments(recording) if segments is None else segments)
+    samples = recording.sensor(sensor)
+    values = samples.values
+    if sensor.kind == "inclinometer":
+        values = force_of_tilt(values, setup.site.gravity)
+    complete = ~np.isnan(values).any(axis=1)
+    rows, values = samples.rows[complete], values[complete]
+    chunks, kept = [], []
+    for s in found:
+        first, last = np.searchsorted(rows, [s.first, s.last])
+        if last - first >= 3:
+            chunks.append(values[first:last])
+            kept.append(s)
+    if not kept:
+        raise TiltcalError(
+            recording.source, found="no dwell of this sensor", need="stretches at rest of half a second or more",
+            do="look at `tiltcal segments`, or give edited ones with --segments",
+        )  # fmt: skip
+    means = np.array([c.mean(axis=0) for c in chunks])
+    spread = _spread_of(sensor, means, setup.site.gravity)
+    noise, inflation = pooled_noise([(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)])
+    up, angles, stated = _known_up(recording, setup, kept)
+    spans = tuple(PoseSpan(s.start, s.end, s.label) for s in kept)
+    counts = np.array([len(c) for c in chunks], dtype=float)
+    return Poses(sensor, spans, means, counts, noise, inflation, up, angles, spread, stated)
+
+
+def _spread_of(sensor: Sensor, means: Array, g: float) -> Array:
+    """Noise of the sensing form against its pose: an inclinometer's acts on the angle, so on f with cos(tilt)."""
+    if sensor.kind != "inclinometer":
+        return np.ones_like(means)
+    return np.sqrt(np.clip(1 - (means / g) ** 2, 1e-4, 1.0))
+
+
+def _known_up(recording: Recording, setup: Setup, segments: Sequence[Segment]) -> tuple[Array, dict[str, Array], str]:
+    """Up direction of each pose from the readout, else from labels."""
+    names = setup.rig.axis_names
+    up = np.full((len(segments), 3), np.nan)
+    stated = "nothing"
+    angles: dict[str, Array] = {}
+    if names and all(_was_read(recording, axis) for axis in names):
+        drive = _drive_at(recording, setup, segments)
+        known = drive.known
+        up[known] = closed_form(setup, drive).up[known]
+        angles = {name: np.where(known, jet.x, np.nan) for name, jet in drive.axes.items()}
+        stated = "readout" if known.any() else stated
+    for i, s in enumerate(segments):
+        if np.isnan(up[i]).any() and s.label and (direction := parse_up(s.label)) is not None:
+            up[i] = direction
+            stated = "label" if stated == "nothing" else stated
+    return up, angles, stated
+
+
+def _was_read(recording: Recording, axis: str) -> bool:
+    """Whether a table axis was read at all: the head may have been unlocked throughout."""
+    readout = recording.table(axis)
+    return readout is not None and not bool(np.isnan(readout).all())
+
+
+def _drive_at(recording: Recording, setup: Setup, segments: Sequence[Segment]) -> Drive:
+    """A drive with one row a pose: the mean readout of each dwell."""
+    course = replay(recording, setup)
+    axes: dict[str, Array] = {name: np.full(len(segments), np.nan) for name in setup.rig.axis_names}
+    known = np.ones(len(segments), bool)
+    for name in axes:
+        readout = recording.table(name)
+        assert readout is not None
+        for i, s in enumerate(segments):
+            part = readout[s.first : s.last]
+            part = part[~np.isnan(part)]
+            known[i] &= len(part) > 0
+            axes[name][i] = part.mean() if len(part) else 0.0
+    middle = np.array([(s.start + s.end) / 2 for s in segments])
+    zero = np.zeros(len(segments))
+    jets = {name: Jet(angle, zero, zero) for name, angle in axes.items()}
+    return replace(course.standing(middle, jets), known=known)
+
+
+def group_directions(directions: Array, limit: float = 15 * DEG) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
+    """Number of the direction each pose belongs to: poses within ``limit`` of a group's first are one. (m, 3) -> (m,)."""
+    units = directions / np.linalg.norm(directions, axis=1)[:, None]
+    near = units @ units.T > np.cos(limit)
+    group = np.full(len(units), -1, dtype=np.intp)
+    for i in range(len(units)):
+        if group[i] < 0:
+            group[near[i] & (group < 0)] = group.max() + 1
+    return group

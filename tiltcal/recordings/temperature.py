@@ -1,0 +1,77 @@
+"""What a thermometer that rounds, and is read now and then, saw: a smooth course that its codes allow."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.quantisation import code_width
+
+KNOTS = 600  # readings are averaged to about so many: temperature is slow
+EXACT = 1e-6  # of the span: a course known better than that was computed
+
+
+def smooth_temperature(time: Array, values: Array) -> Array:
+    """A temperature column without its rounding and noise, degC, (n,).
+
+    The smoothest cubic spline whose residual is that of the codes and of the noise from reading to reading. Only so does
+    a rate of warming mean anything: a code of 0.01 K read each second jumps by more than any room does.
+
+    Args:
+        time: stamps, s, (n,); values: readings, NaN where there is none, (n,).
+
+    Source: Reinsch (1967), smoothing by spline functions: the residual is given, not the smoothness.
+    """
+    known = ~np.isnan(values)
+    t, T = time[known], values[known]
+    block = -(-len(t) // KNOTS)
+    level = _level(T, block)
+    if len(t) < 16 or np.any(np.diff(t) <= 0) or not 4 * level < np.ptp(T) < level / EXACT:
+        return np.interp(time, t, T) if len(t) else values
+    starts = np.arange(0, len(t), block)
+    count = np.diff(starts, append=len(t))
+    spline = _smoothest(np.add.reduceat(t, starts) / count, np.add.reduceat(T, starts) / count, level)
+    inside, reach = np.clip(time, t[0], t[-1]), float(np.median(np.diff(t)))
+    slope = (spline(inside + reach / 100) - spline(inside - reach / 100)) / (reach / 50)
+    return spline(inside) + slope * np.clip(time - inside, -reach, reach)  # held at once, its rate would jump, as no room's does
+
+
+def _level(T: Array, block: int) -> float:
+    """Standard deviation of rounding and noise in a mean of ``block`` readings; 0 for a course that was computed.
+
+    Rounding does not average: the temperature stays on one code for long.
+    """
+    if len(T) < 16:
+        return 0.0
+    second = np.diff(T, 2)
+    code, noise = code_width(T), float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
+    rounded = float(np.sqrt(np.mean(second**2))) > 1e-3 * code  # the steps of a computed ramp are all alike
+    return float(np.hypot(code / np.sqrt(12) if rounded else 0.0, noise / np.sqrt(block)))
+
+
+def _smoothest(t: Array, T: Array, level: float) -> Callable[[Array], Array]:
+    """The smoothest course within ``level`` rms of the readings, at both ends as well as all along.
+
+    A cubic is taken off first: the spline is straight at its ends, which no room is.
+    """
+    from scipy.interpolate import make_smoothing_spline
+
+    trend = np.polynomial.Polynomial.fit(t, T, 3)
+    rest = T - trend(t)
+    low, high = -12.0, 16.0  # decades
+    best = make_smoothing_spline(t, rest, lam=10.0**low)
+    while high - low > 0.1:
+        middle = (low + high) / 2
+        trial = make_smoothing_spline(t, rest, lam=10.0**middle)
+        if _within(trial(t) - rest, level):
+            best, low = trial, middle
+        else:
+            high = middle
+    return lambda time: np.asarray(trend(time) + best(time))
+
+
+def _within(left: Array, level: float) -> bool:
+    """Whether a residual is no larger than ``level`` rms, nor in its ends by more than chance makes of so few."""
+    end = max(len(left) // 20, 8)
+    rms = [float(np.sqrt(np.mean(part**2))) for part in (left, left[:end], left[-end:])]
+    return rms[0] <= level and max(rms[1:]) <= level * (1 + 2 / np.sqrt(2 * end))

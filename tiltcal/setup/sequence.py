@@ -1,0 +1,86 @@
+"""A sequence in laboratory words, and the climate it runs in."""
+
+from math import pi
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.frames import parse_up
+from tiltcal.setup.setup import Part, readable_mount
+
+
+class Climate(Part):
+    """Temperature of the laboratory against time: start, ramp, swing and an exponential change."""
+
+    start_degC: float = 23.0
+    ramp_degC_h: float = 0.0
+    swing_degC: float = 0.0
+    period_s: Annotated[float, Field(gt=0)] = 900.0
+    change_degC: float = 0.0
+    tau_s: Annotated[float, Field(gt=0)] = 600.0
+    reference_degC: float | None = None
+
+    def at(self, elapsed: Array) -> Array:
+        """Temperature, degC, (n,), at times since the first stamp, s."""
+        return np.asarray(
+            self.start_degC + self.ramp_degC_h / 3600 * elapsed + self.swing_degC * np.sin(2 * pi * elapsed / self.period_s)
+            + self.change_degC * -np.expm1(-elapsed / self.tau_s)
+        )  # fmt: skip
+
+    def reference(self, duration: float) -> float:
+        """T0: as stated, else the mean over the recording, degC."""
+        return float(np.mean(self.at(np.linspace(0, duration, 2001)))) if self.reference_degC is None else self.reference_degC
+
+
+class Step(Part):
+    """One step of a sequence: what to do, then how long to dwell there.
+
+    ``rest`` dwells; ``move`` goes to the angles (or, hand-held, until ``up`` points up); ``turn`` turns ``axis`` by
+    ``angle_deg`` at a constant rate; ``sweep`` goes to the angles in steps of ``step_deg``, dwelling at each;
+    ``oscillate`` swings ``axis``; ``remount`` changes the mounting; ``scheme`` goes through all positions of a measuring
+    ``scheme`` of the library, dwelling at each. Angles left out stay as they are.
+    """
+
+    action: Literal["rest", "move", "turn", "sweep", "oscillate", "remount", "scheme"]
+    outer_deg: float | None = None
+    middle_deg: float | None = None
+    inner_deg: float | None = None
+    rate_deg_s: Annotated[float, Field(gt=0)] = 20.0
+    dwell_s: Annotated[float, Field(ge=0)] = 0.0
+    mount: str | None = None
+    label: str | None = None
+    axis: str | tuple[float, float, float] | None = None
+    angle_deg: float | None = None
+    step_deg: Annotated[float, Field(gt=0)] = 10.0
+    amplitude_deg: float | None = None
+    frequency_hz: Annotated[float, Field(gt=0)] | None = None
+    cycles: Annotated[int, Field(gt=0)] = 5
+    up: str | None = None
+    scheme: Literal["6", "8", "12", "24", "tumble"] | None = None
+
+    @field_validator("up")
+    @classmethod
+    def _up_reads(cls, text: str | None) -> str | None:
+        if text is not None and parse_up(text) is None:
+            raise ValueError(f"up = '{text}' is no direction; write '+x', '-z' or '[0.5, 0, 1]'")
+        return text
+
+    @field_validator("mount")
+    @classmethod
+    def _mount_reads(cls, text: str | None) -> str | None:
+        return text if text is None else readable_mount(text)
+
+    @model_validator(mode="after")
+    def _complete(self) -> "Step":
+        needs = {
+            "turn": ("axis", "angle_deg"),
+            "oscillate": ("axis", "amplitude_deg", "frequency_hz"),
+            "remount": ("mount",),
+            "scheme": ("scheme",),
+        }
+        missing = [key for key in needs.get(self.action, ()) if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"action {self.action} needs {', '.join(missing)}")
+        return self

@@ -1,0 +1,47 @@
+"""Noise of a recording: the width of its codes, the covariance of one sample, and how badly means average."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.quantisation import code_width
+
+ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
+
+
+def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:
+    """Noise of dwells whose means are taken off.
+
+    Args:
+        residuals: one (n_i, k) array a dwell.
+
+    Returns:
+        Covariance of one sample, (k, k), not below rounding to the code (width^2/12); and the inflation of the variance
+        of a mean over that of white noise, by batch means, 1 unless significant at 0.1 %.
+    """
+    k = residuals[0].shape[1]
+    dof = max(sum(len(r) - 1 for r in residuals), 1)
+    covariance = sum((r.T @ r for r in residuals), np.zeros((k, k))) / dof
+    codes = np.array([code_width(residuals[0][:, i]) for i in range(k)])
+    floor = np.maximum(np.where(codes**2 / 12 < 1e-4 * np.diag(covariance), 0.0, codes**2 / 12), ARITHMETIC**2)
+    covariance = covariance + np.diag(np.maximum(floor - np.diag(covariance), 0.0))
+    return covariance, _inflation(residuals, np.diag(covariance), dof)
+
+
+def _inflation(residuals: Sequence[Array], variance: Array, dof: int) -> float:
+    from scipy.special import fdtrc
+
+    k = len(variance)
+    total, batches = np.zeros(k), 0
+    for r in residuals:
+        m = min(8, len(r) // 8)
+        if m >= 2:
+            size = len(r) // m
+            means = r[: m * size].reshape(m, size, k).mean(axis=1)
+            total += size * ((means - means.mean(axis=0)) ** 2).sum(axis=0)
+            batches += m - 1
+    if batches < 4:
+        return 1.0
+    ratio = float(np.mean(total / batches / variance))
+    return ratio if ratio > 1 and fdtrc(batches * k, dof * k, ratio) < 1e-3 else 1.0

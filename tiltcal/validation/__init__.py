@@ -1,0 +1,1 @@
+"""How good a calibration or an online estimator is: acceptance, cross-checks, accuracy, uncertainty budgets."""

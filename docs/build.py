@@ -1,4 +1,6 @@
-"""Build the documentation: the API reference by pdoc, and the catalogue of effects with a picture of each residual."""
+"""Build the documentation: the API reference by pdoc, and the catalogue of effects with a picture
+of each residual.
+"""
 
 import importlib
 from collections.abc import Mapping
@@ -35,7 +37,9 @@ scenario_of = cache(reference_scenario)
 
 
 def residual_of(id: str) -> Residual:
-    """Difference of two recordings, with the effect alone and without, at the size of its scenario."""
+    """Difference of two recordings, with the effect alone and without, at the size of its
+    scenario.
+    """
     scenario = scenario_of(id)
     table = next(t for t in scenario.effect if t.id == id)
     values = dict(table.model_extra or {})
@@ -46,7 +50,11 @@ def residual_of(id: str) -> Residual:
     if id in ("acc_saturation", "gyr_saturation"):
         values = {k: v * 0.2 for k, v in values.items()}
     effect = make_effect(id, values, scenario, sensor=table.sensor, axis=table.axis)
-    vibration = [e for e in scenario_of("base_vibration").effects if e.id == "base_vibration"] if id.endswith("vre") else []
+    vibration = (
+        [e for e in scenario_of("base_vibration").effects if e.id == "base_vibration"]
+        if id.endswith("vre")
+        else []
+    )
     on_noise = id in ("data_outlier", "emi_spike", "data_stuck", "data_duplicate")
     white = [e for e in scenario.effects if e.id.endswith("_noise")] if on_noise else []
     laboratory = SimulatedLaboratory()
@@ -54,7 +62,9 @@ def residual_of(id: str) -> Residual:
     with_, without = (_with(bare, [*vibration, *white, *e]) for e in ([effect], []))
     one, other = laboratory.record(with_, SEED), laboratory.record(without, SEED)
     names = [n for n in one.column_names if not n.startswith("temperature")]
-    changes = {n: one.column(n) - other.column(n) for n in names} | {"time_s": one.time - other.time}
+    changes = {n: one.column(n) - other.column(n) for n in names} | {
+        "time_s": one.time - other.time
+    }
     shown = {n: c for n, c in changes.items() if np.isnan(c).any() or np.nanmax(np.abs(c)) > 1e-13}
     return Residual(other.time, shown)
 
@@ -87,7 +97,14 @@ def catalogue_page() -> str:
     """The catalogue as Markdown, one section an effect."""
     lines = ["# Catalogue of effects", ""]
     for id, cls in CATALOGUE.items():
-        lines += [f"## {id}", "", f"*{cls.stage}*: {cls.title}. {cls.physics}", "", f"`{cls.equation}`", ""]
+        lines += [
+            f"## {id}",
+            "",
+            f"*{cls.stage}*: {cls.title}. {cls.physics}",
+            "",
+            f"`{cls.equation}`",
+            "",
+        ]
         lines += [f"Excited by {cls.excited_by}. Look: {cls.look}. Source: {cls.source}.", ""]
         lines += [f"![residual of {id}](residuals/{id}.png)", ""]
         lines += ["| parameter | precision laboratory | mid MEMS | consumer |", "|---|---|---|---|"]
@@ -110,7 +127,10 @@ def main() -> None:
     print()
     pdoc.render.configure(docformat="google")
     pdoc.pdoc("tiltcal", "tiltsim", output_directory=OUT)
-    print(f"documentation: {OUT / 'index.html'} and {OUT / 'catalogue.md'}; the guide is {HERE / 'guide.md'}")
+    print(
+        f"documentation: {OUT / 'index.html'} and {OUT / 'catalogue.md'}; the guide is"
+        f" {HERE / 'guide.md'}"
+    )
 
 
 if __name__ == "__main__":

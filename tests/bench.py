@@ -1,4 +1,6 @@
-"""A small scenario on disk with everything that the commands make of it, for the tests of the command line."""
+"""A small scenario on disk with everything that the commands make of it, for the tests of the
+command line.
+"""
 
 import re
 from pathlib import Path
@@ -34,9 +36,17 @@ bias_y_ug = -1500
 id = "acc_scale"
 scale_z_ppm = 1200
 """
-FACES = ((0, 0, "+z"), (90, 0, "+y"), (180, 0, "-z"), (270, 0, "-y"), (90, 90, "+x"), (90, 270, "-x"))
+FACES = (
+    (0, 0, "+z"),
+    (90, 0, "+y"),
+    (180, 0, "-z"),
+    (270, 0, "-y"),
+    (90, 90, "+x"),
+    (90, 270, "-x"),
+)
 SEQUENCE = "".join(
-    f'[[sequence]]\naction = "move"\nouter_deg = {a}\ninner_deg = {b}\ndwell_s = 3\nrate_deg_s = 90\nlabel = "{c}"\n'
+    f'[[sequence]]\naction = "move"\nouter_deg = {a}\ninner_deg = {b}\ndwell_s = 3\nrate_deg_s ='
+    f' 90\nlabel = "{c}"\n'
     for a, b, c in FACES
 )
 METHOD = '[[method]]\nname = "six_position"\n[method.accept]\nbetter_by = 5\n'
@@ -46,10 +56,24 @@ BENCH = HEAD + EFFECTS + SEQUENCE + METHOD
 def make_bench(folder: Path) -> Path:
     """bench.toml, run.csv, truth.json, CAL.json and SEG.csv in ``folder``."""
     (folder / "bench.toml").write_text(BENCH)
-    at = {name: str(folder / name) for name in ("bench.toml", "run.csv", "truth.json", "CAL.json", "SEG.csv")}
-    assert main(["simulate", at["bench.toml"], "-o", at["run.csv"], "--truth", at["truth.json"]]) == 0
+    at = {
+        name: str(folder / name)
+        for name in ("bench.toml", "run.csv", "truth.json", "CAL.json", "SEG.csv")
+    }
+    assert (
+        main(["simulate", at["bench.toml"], "-o", at["run.csv"], "--truth", at["truth.json"]]) == 0
+    )
     assert main(["segments", at["run.csv"], "-o", at["SEG.csv"]]) == 0
-    words = ["calibrate", at["run.csv"], "--scenario", at["bench.toml"], "--method", "six_position", "-o", at["CAL.json"]]
+    words = [
+        "calibrate",
+        at["run.csv"],
+        "--scenario",
+        at["bench.toml"],
+        "--method",
+        "six_position",
+        "-o",
+        at["CAL.json"],
+    ]
     assert main(words) == 0
     return folder
 

@@ -31,24 +31,34 @@ def setup_of(table: str, *sensors: Sensor, heading: float = 0.0, **rig: object) 
     return Setup(site=site, rig=Rig(table=table, **rig), sensor=sensors)
 
 
-def still(setup: Setup, temperature: np.ndarray | None = None, **degrees: float | np.ndarray) -> Drive:
+def still(
+    setup: Setup, temperature: np.ndarray | None = None, **degrees: float | np.ndarray
+) -> Drive:
     """The table at rest, one pose a row, a second apart; axes that are not named stand at zero."""
     n = max([np.size(a) for a in degrees.values()] + [1])
     axes = {
-        name: Jet(np.radians(np.broadcast_to(degrees.get(name, 0.0), n)), np.zeros(n), np.zeros(n)) for name in setup.rig.axis_names
+        name: Jet(np.radians(np.broadcast_to(degrees.get(name, 0.0), n)), np.zeros(n), np.zeros(n))
+        for name in setup.rig.axis_names
     }
     return drive_of(axes, np.arange(n, dtype=float), temperature=temperature, rest=True)
 
 
 def drive_of(
-    axes: dict[str, Jet], time: np.ndarray, *, temperature: np.ndarray | None = None, attitude: Attitude | None = None,
-    rest: bool = False, mounts: tuple[tuple[int, np.ndarray], ...] = ((0, np.eye(3)),),
-) -> Drive:  # fmt: skip
+    axes: dict[str, Jet],
+    time: np.ndarray,
+    *,
+    temperature: np.ndarray | None = None,
+    attitude: Attitude | None = None,
+    rest: bool = False,
+    mounts: tuple[tuple[int, np.ndarray], ...] = ((0, np.eye(3)),),
+) -> Drive:
     """A drive with everything else ordinary."""
     n = len(time)
     warm = np.full(n, 23.0) if temperature is None else temperature
     stop = np.arange(n) if rest else np.full(n, -1)
-    return Drive(time, axes, 0.0, warm, float(np.mean(warm)), stop, mounts, attitude, np.ones(n, bool))
+    return Drive(
+        time, axes, 0.0, warm, float(np.mean(warm)), stop, mounts, attitude, np.ones(n, bool)
+    )
 
 
 def tossed(setup: Setup, rng: np.random.Generator, n: int, *, moving: bool) -> Drive:
@@ -60,7 +70,9 @@ def tossed(setup: Setup, rng: np.random.Generator, n: int, *, moving: bool) -> D
         attitude = Attitude(R, speed * rng.normal(size=(n, 3)), speed * rng.normal(size=(n, 3)))
         return drive_of({}, time, attitude=attitude, rest=not moving)
     axes = {
-        name: Jet(rng.uniform(-np.pi, np.pi, n), speed * rng.normal(size=n), speed * rng.normal(size=n))
+        name: Jet(
+            rng.uniform(-np.pi, np.pi, n), speed * rng.normal(size=n), speed * rng.normal(size=n)
+        )
         for name in setup.rig.axis_names
     }
     return drive_of(axes, time, rest=not moving)
@@ -86,9 +98,13 @@ class Poses:
         return self.known
 
 
-def read_poses(setup: Setup, drive: Drive, *effects: Effect, seed: int | None = None) -> dict[str, np.ndarray]:
+def read_poses(
+    setup: Setup, drive: Drive, *effects: Effect, seed: int | None = None
+) -> dict[str, np.ndarray]:
     """What every sensor reads on the stamps of a drive."""
-    return readings(setup, Poses(drive), {s.name: drive.time for s in setup.sensor}, effects, seed=seed)
+    return readings(
+        setup, Poses(drive), {s.name: drive.time for s in setup.sensor}, effects, seed=seed
+    )
 
 
 def schedule_of(setup: Setup, *steps: dict[str, object], **climate: float) -> Schedule:
@@ -96,6 +112,8 @@ def schedule_of(setup: Setup, *steps: dict[str, object], **climate: float) -> Sc
     return build_schedule([Step(**step) for step in steps], setup.rig, Climate(**climate))
 
 
-def effect_of(id: str, setup: Setup, sensor: str | None = None, axis: str | None = None, **values: float) -> Effect:
+def effect_of(
+    id: str, setup: Setup, sensor: str | None = None, axis: str | None = None, **values: float
+) -> Effect:
     """An effect from the words of a scenario."""
     return make_effect(id, values, setup, sensor=sensor, axis=axis)

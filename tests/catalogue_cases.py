@@ -11,8 +11,15 @@ from tiltcal.forward.signal_chain import readings
 from tiltcal.setup.setup import Sensor, Setup
 
 SETTINGS = {"time": 20.0, "start": 20.0, "frequency": 3.3, "tau": 30.0}
-"""Where and when an effect acts in these short recordings, in file units; any other with a default keeps that."""
-SMALL = {"full_scale": 5.0, "max_rate": 10.0, "samples": 25.0, "length": 10.0}  # plausible ones are beyond the recordings
+"""Where and when an effect acts in these short recordings, in file units; any other with a default
+keeps that.
+"""
+SMALL = {
+    "full_scale": 5.0,
+    "max_rate": 10.0,
+    "samples": 25.0,
+    "length": 10.0,
+}  # plausible ones are beyond the recordings
 
 
 def is_setting(parameter: Parameter) -> bool:
@@ -21,7 +28,9 @@ def is_setting(parameter: Parameter) -> bool:
 
 
 def words(cls: type[Effect], axes: tuple[str, ...], size: float, part: int) -> dict[str, float]:
-    """Its parameters as a scenario writes them, ``size`` times the plausible one, no two parameters alike."""
+    """Its parameters as a scenario writes them, ``size`` times the plausible one, no two parameters
+    alike.
+    """
     table: dict[str, float] = {}
     for parameter in cls.parameters:
         for name in parameter.expand(axes):
@@ -48,10 +57,14 @@ def plausible(
     size: float = 1.0,
     part: int = 1,
 ) -> Effect:
-    """An effect at ``size`` times its plausible size of a grade (0 precision, 1 mid, 2 consumer)."""
+    """An effect at ``size`` times its plausible size of a grade (0 precision, 1 mid, 2
+    consumer).
+    """
     cls = CATALOGUE[id]
     axes = sensor.axes if sensor else ()
-    return make_effect(id, words(cls, axes, size, part), setup, sensor=sensor.name if sensor else None, axis=axis)
+    return make_effect(
+        id, words(cls, axes, size, part), setup, sensor=sensor.name if sensor else None, axis=axis
+    )
 
 
 ROUND_TRIP = [
@@ -64,22 +77,41 @@ STEPS: dict[str, list[dict[str, object]]] = {
     "vertical": ROUND_TRIP,
     "dual": [
         {"action": "move", "outer_deg": o, "inner_deg": i, "rate_deg_s": 60, "dwell_s": 1}
-        for o, i in [(0, 0), (30, 100), (75, -140), (-60, 20), (-120, 80), (150, 170), (20, 10), (30, 100), (75, -140)]
+        for o, i in [
+            (0, 0),
+            (30, 100),
+            (75, -140),
+            (-60, 20),
+            (-120, 80),
+            (150, 170),
+            (20, 10),
+            (30, 100),
+            (75, -140),
+        ]
     ],
     "three": [
         {"action": "rest", "dwell_s": 1},
         *(
             {"action": "turn", "axis": a, "angle_deg": d, "rate_deg_s": 60, "dwell_s": 0.5}
-            for a in ("outer", "middle", "inner") for d in (400, -350)
+            for a in ("outer", "middle", "inner")
+            for d in (400, -350)
         ),
-        {"action": "oscillate", "axis": "middle", "amplitude_deg": 20, "frequency_hz": 2.0, "cycles": 6},
+        {
+            "action": "oscillate",
+            "axis": "middle",
+            "amplitude_deg": 20,
+            "frequency_hz": 2.0,
+            "cycles": 6,
+        },
     ],
-}  # fmt: skip
+}
 
 
 @cache
 def lively(table: str) -> tuple[Setup, object, dict[str, np.ndarray]]:
-    """A set-up with a whole instrument off the axes, a course with temperature in it, and the stamps."""
+    """A set-up with a whole instrument off the axes, a course with temperature in it, and the
+    stamps.
+    """
     setup = setup_of(table, *INSTRUMENT, lever_arm_m=(0.05, -0.03, 0.08), heading=20.0)
     course = schedule_of(setup, *STEPS[table], swing_degC=4.0, period_s=25.0, ramp_degC_h=100.0)
     time = np.arange(*course.times, 1 / INSTRUMENT[0].rate_hz)
@@ -94,9 +126,16 @@ def lively_readings(table: str, *effects: Effect, seed: int | None = None) -> di
 
 def difference(one: dict[str, np.ndarray], two: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Reading by reading; a sample that only one of them has counts as 1."""
-    return {n: np.where(np.isnan(one[n]) != np.isnan(two[n]), 1.0, np.nan_to_num(one[n] - two[n])) for n in one}
+    return {
+        n: np.where(np.isnan(one[n]) != np.isnan(two[n]), 1.0, np.nan_to_num(one[n] - two[n]))
+        for n in one
+    }
 
 
 def largest(readings_: dict[str, np.ndarray], *names: str) -> float:
     """The largest absolute value over the named sensors (all, when none is named)."""
-    return max(float(np.abs(values).max()) for name, values in readings_.items() if not names or name in names)
+    return max(
+        float(np.abs(values).max())
+        for name, values in readings_.items()
+        if not names or name in names
+    )

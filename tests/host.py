@@ -17,8 +17,19 @@ def compiler() -> str | None:
 
 def build(header: Path, *flags: str) -> Path:
     """A program around a header whose names begin with ``level``."""
-    program = header.with_name(header.stem + "_" + "_".join(f.strip("-D").lower() for f in flags) or header.stem)
-    command = [str(compiler()), *STRICT, *flags, f'-DTABLE="{header}"', str(SOURCE), "-o", str(program), "-lm"]
+    program = header.with_name(
+        header.stem + "_" + "_".join(f.strip("-D").lower() for f in flags) or header.stem
+    )
+    command = [
+        str(compiler()),
+        *STRICT,
+        *flags,
+        f'-DTABLE="{header}"',
+        str(SOURCE),
+        "-o",
+        str(program),
+        "-lm",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
     return program

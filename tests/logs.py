@@ -1,4 +1,6 @@
-"""Continuous logs made by hand: poses as dwells with moves between them, noise on top; no product physics."""
+"""Continuous logs made by hand: poses as dwells with moves between them, noise on top; no product
+physics.
+"""
 
 import numpy as np
 
@@ -7,9 +9,15 @@ from tiltcal.setup.setup import Sensor
 
 
 def log_of(
-    means: np.ndarray, sensor: Sensor, *, dwell: int = 60, move: int = 12, noise: np.ndarray | None = None,
-    angles: dict[str, np.ndarray] | None = None, labels: list[str] | None = None,
-) -> Recording:  # fmt: skip
+    means: np.ndarray,
+    sensor: Sensor,
+    *,
+    dwell: int = 60,
+    move: int = 12,
+    noise: np.ndarray | None = None,
+    angles: dict[str, np.ndarray] | None = None,
+    labels: list[str] | None = None,
+) -> Recording:
     """Dwells at the given mean readings (m, k), SI, joined by straight moves, at the sensor's rate.
 
     Args:
@@ -30,7 +38,9 @@ def log_of(
         columns[f"table_{name}_deg"] = track(degrees)
     words = None
     if labels is not None:
-        words = np.array([labels[min(i // (dwell + move), len(labels) - 1)] for i in grid], dtype=object)
+        words = np.array(
+            [labels[min(i // (dwell + move), len(labels) - 1)] for i in grid], dtype=object
+        )
     return Recording.from_columns(grid / sensor.rate_hz, columns, labels=words)
 
 

@@ -34,14 +34,20 @@ def test_a_ramp_has_its_closed_form_to_better_than_one_per_cent():
 
 @pytest.mark.parametrize(("white", "walk"), [(2e-3, 0.0), (0.0, 4e-4)])
 def test_white_noise_and_random_walk_average_to_their_closed_forms(white, walk):
-    """The mean over many records is within one per cent, or within what chance leaves if that is more."""
+    """The mean over many records is within one per cent, or within what chance leaves if that is
+    more.
+    """
     draws, n = 60, 40_000
     rng = rng_of(f"closed form {white} {walk}")
     tau = np.array([0.04, 0.32, 2.56])
-    curves = [allan_deviation(draw_noise(n, RATE, white, 0.0, walk, rng), RATE, tau) for _ in range(draws)]
+    curves = [
+        allan_deviation(draw_noise(n, RATE, white, 0.0, walk, rng), RATE, tau) for _ in range(draws)
+    ]
     mean = np.mean([c.deviation**2 for c in curves], axis=0)
     m = tau * RATE
-    expected = white**2 / tau + walk**2 * tau / 3 * (1 + 1 / (2 * m**2))  # the walk is sampled: (2 m^2 + 1) / (6 m)
+    expected = white**2 / tau + walk**2 * tau / 3 * (
+        1 + 1 / (2 * m**2)
+    )  # the walk is sampled: (2 m^2 + 1) / (6 m)
     freedom = curves[0].freedom * draws
     chance = np.array([chi2.isf(1e-4, f) / f - 1 for f in freedom * (1.0 if white else 0.25)])
     assert np.all(np.abs(mean / expected - 1) < np.maximum(chance, 0.01)), mean / expected
@@ -49,7 +55,9 @@ def test_white_noise_and_random_walk_average_to_their_closed_forms(white, walk):
 
 @pytest.mark.slow
 def test_synthetic_flicker_averages_to_its_closed_form_within_one_per_cent():
-    """Gaussian noise shaped to the one-sided density B^2/(pi f); sqrt(2 ln 2 / pi) B at every averaging time."""
+    """Gaussian noise shaped to the one-sided density B^2/(pi f); sqrt(2 ln 2 / pi) B at every
+    averaging time.
+    """
     B, n, draws = 2e-3, 1 << 16, 500
     rng = rng_of("shaped flicker")
     f = np.fft.rfftfreq(n, 1 / RATE)
@@ -65,10 +73,14 @@ def test_synthetic_flicker_averages_to_its_closed_form_within_one_per_cent():
 
 def test_flicker_drawn_by_the_laboratory_is_found_again():
     B, n = 5e-3, 1_200_000
-    curve = allan_deviation(draw_noise(n, 10.0, 0.0, B, 0.0, rng_of("flicker")), 10.0, np.geomspace(4, 250, 12))
+    curve = allan_deviation(
+        draw_noise(n, 10.0, 0.0, B, 0.0, rng_of("flicker")), 10.0, np.geomspace(4, 250, 12)
+    )
     floor = np.sqrt(2 * log(2) / pi) * B
     assert FLICKER_TAUS[0] < 4 < 250 < FLICKER_TAUS[-1]
-    assert np.median(curve.deviation) == pytest.approx(floor, rel=0.1)  # a sum of six processes ripples by some per cent
+    assert np.median(curve.deviation) == pytest.approx(
+        floor, rel=0.1
+    )  # a sum of six processes ripples by some per cent
 
 
 def test_the_coefficients_of_an_exact_curve_come_back_exactly():
@@ -81,7 +93,9 @@ def test_the_coefficients_of_an_exact_curve_come_back_exactly():
 
 
 def test_a_slope_that_is_not_in_the_record_is_said_so():
-    found = fit_noise(allan_deviation(draw_noise(360_000, RATE, 1e-3, 0.0, 0.0, rng_of("white only")), RATE))
+    found = fit_noise(
+        allan_deviation(draw_noise(360_000, RATE, 1e-3, 0.0, 0.0, rng_of("white only")), RATE)
+    )
     assert found.held["N"]
     assert found.values["N"] == pytest.approx(1e-3, abs=5 * found.sigmas["N"])
     assert not found.held["R"]
@@ -105,7 +119,10 @@ def test_a_record_that_is_too_short_is_refused():
 def test_the_command_gives_effect_tables_that_simulate_the_record(tmp_path, capsys):
     rng = rng_of("noise command")
     time = np.arange(60_000) / RATE
-    columns = {f"accel_{a}_mg": 1e3 * i + draw_noise(len(time), RATE, 0.025, 0.0, 0.0, rng) for i, a in enumerate("xyz")}
+    columns = {
+        f"accel_{a}_mg": 1e3 * i + draw_noise(len(time), RATE, 0.025, 0.0, 0.0, rng)
+        for i, a in enumerate("xyz")
+    }
     columns["gyro_x_deg_s"] = draw_noise(len(time), RATE, 0.005, 0.0, 0.0, rng)
     write_recording(Recording.from_columns(time, columns), tmp_path / "rest.csv")
     assert main(["noise", str(tmp_path / "rest.csv")]) == 0

@@ -23,11 +23,17 @@ def imports(tree):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             yield node.module
-        elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in (
+        elif isinstance(node, ast.Call) and getattr(
+            node.func, "attr", getattr(node.func, "id", "")
+        ) in (
             "import_module",
             "__import__",
         ):
-            yield from (a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str))
+            yield from (
+                a.value
+                for a in node.args
+                if isinstance(a, ast.Constant) and isinstance(a.value, str)
+            )
 
 
 def tree_of(path):
@@ -40,7 +46,9 @@ def packages(path):
 
 @pytest.mark.parametrize("path", PRODUCT, ids=name_of)
 def test_the_metrologist_needs_no_simulator(path):
-    forbidden = {"mujoco"} if path.name == "cli.py" or "cli" in path.parent.parts else {"mujoco", "tiltsim"}
+    forbidden = (
+        {"mujoco"} if path.name == "cli.py" or "cli" in path.parent.parts else {"mujoco", "tiltsim"}
+    )
     assert not packages(path) & forbidden
 
 
@@ -80,7 +88,10 @@ def test_effects_know_nothing_of_fits_scenarios_or_reports(path):
 def raises(path):
     """Every construction of the users' error in a file."""
     for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) == "TiltcalError":
+        if (
+            isinstance(node, ast.Call)
+            and getattr(node.func, "attr", getattr(node.func, "id", "")) == "TiltcalError"
+        ):
             yield node
 
 
@@ -99,10 +110,20 @@ def test_the_scan_finds_the_messages():
     assert sum(len(list(raises(p))) for p in PRODUCT) > 50
 
 
-@pytest.mark.parametrize("path", [p for p in PRODUCT + SIMULATOR if "cli" not in p.parts], ids=name_of)
+@pytest.mark.parametrize(
+    "path", [p for p in PRODUCT + SIMULATOR if "cli" not in p.parts], ids=name_of
+)
 def test_no_except_catches_everything(path):
     for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.ExceptHandler):
-            names = {getattr(n, "id", None) for n in ast.walk(node.type)} if node.type else {"Exception"}
-            named = any(isinstance(n, ast.Raise) and n.cause is not None for n in ast.walk(node))  # said in words, cause kept
-            assert named or not names & {"Exception", "BaseException"}, f"{name_of(path)}:{node.lineno}"
+            names = (
+                {getattr(n, "id", None) for n in ast.walk(node.type)}
+                if node.type
+                else {"Exception"}
+            )
+            named = any(
+                isinstance(n, ast.Raise) and n.cause is not None for n in ast.walk(node)
+            )  # said in words, cause kept
+            assert named or not names & {"Exception", "BaseException"}, (
+                f"{name_of(path)}:{node.lineno}"
+            )

@@ -1,4 +1,6 @@
-"""What can go wrong with a recording, method by method, through the command line: named in words, never a silent number."""
+"""What can go wrong with a recording, method by method, through the command line: named in words,
+never a silent number.
+"""
 
 import re
 from dataclasses import dataclass, field
@@ -17,27 +19,39 @@ from tiltcal.recordings.recording_files import write_recording
 
 def scenario_of(name, **changed):
     """A claim without time steps, some parts of it replaced."""
-    text = load_scenario(folder("scenarios") / f"{name}.toml").model_dump(by_alias=True, exclude_defaults=True)
+    text = load_scenario(folder("scenarios") / f"{name}.toml").model_dump(
+        by_alias=True, exclude_defaults=True
+    )
     return Scenario.model_validate(text | {"schema": 1, "dynamics": None} | changed)
 
 
 def slow_turns(**changed):
     """The turns by hand at a quarter of their sample rate."""
-    whole = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml").model_dump(exclude_defaults=True)
-    return scenario_of("gyro_turns_by_hand", sensor=[s | {"rate_hz": 25} for s in whole["sensor"]], **changed)
+    whole = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml").model_dump(
+        exclude_defaults=True
+    )
+    return scenario_of(
+        "gyro_turns_by_hand", sensor=[s | {"rate_hz": 25} for s in whole["sensor"]], **changed
+    )
 
 
 def steps(name):
-    return load_scenario(folder("scenarios") / f"{name}.toml").model_dump(by_alias=True, exclude_defaults=True)["sequence"]
+    return load_scenario(folder("scenarios") / f"{name}.toml").model_dump(
+        by_alias=True, exclude_defaults=True
+    )["sequence"]
 
 
 def sweep(step, *ends):
-    return [{"action": "sweep", "outer_deg": a, "step_deg": step, "dwell_s": 2, "rate_deg_s": 20} for a in ends]
+    return [
+        {"action": "sweep", "outer_deg": a, "step_deg": step, "dwell_s": 2, "rate_deg_s": 20}
+        for a in ends
+    ]
 
 
 def hand(*turns, rest=20, dwell=5):
     return [{"action": "rest", "dwell_s": rest}] + [
-        {"action": "turn", "axis": a, "angle_deg": angle, "rate_deg_s": 60, "dwell_s": dwell} for a, angle in turns
+        {"action": "turn", "axis": a, "angle_deg": angle, "rate_deg_s": 60, "dwell_s": dwell}
+        for a, angle in turns
     ]
 
 
@@ -56,7 +70,9 @@ def swapped(sensor, a="x", b="y"):
 
 
 def clipped(channel, low, high):
-    """A channel that ends somewhere between its extremes: at a share of its range, 0 the lowest reading, 1 the highest."""
+    """A channel that ends somewhere between its extremes: at a share of its range, 0 the lowest
+    reading, 1 the highest.
+    """
 
     def change(columns, _):
         name = next(n for n in columns if n.startswith(f"{channel}_"))
@@ -97,14 +113,43 @@ CASES = [
         scenario_of(SIX, sequence=[s for s in steps(SIX) if s.get("label") != "-y"]),
         "no pose within 60 deg of -y up",
     ),
-    Case("six_position", "two faces swapped", scenario_of("six_faces_swapped"), "these two are swapped"),
+    Case(
+        "six_position",
+        "two faces swapped",
+        scenario_of("six_faces_swapped"),
+        "these two are swapped",
+    ),
     Case("six_position", "two channels swapped", scenario_of(SIX), "x", (swapped("accel"),)),
-    Case("six_position", "a saturated channel", scenario_of(SIX), "saturated", (clipped("accel_z", 0.0, 0.7),)),
+    Case(
+        "six_position",
+        "a saturated channel",
+        scenario_of(SIX),
+        "saturated",
+        (clipped("accel_z", 0.0, 0.7),),
+    ),
     Case("six_position", "a moved base", scenario_of(SIX), "fit", (moved("accel_x", 0.6, 0.02),)),
-    Case("six_position", "rest too short", scenario_of(SIX, sequence=[s | {"dwell_s": 0.1} for s in steps(SIX)]), "dwell"),
-    Case("norm", "too few positions", scenario_of(NORM, sequence=steps(NORM)[:5]), "need at least 9"),
-    Case("norm", "a saturated channel", scenario_of(NORM), "saturated", (clipped("accel_z", 0.0, 0.7),)),
-    Case("norm", "rest too short", scenario_of(NORM, sequence=[s | {"dwell_s": 0.1} for s in steps(NORM)]), "dwell"),
+    Case(
+        "six_position",
+        "rest too short",
+        scenario_of(SIX, sequence=[s | {"dwell_s": 0.1} for s in steps(SIX)]),
+        "dwell",
+    ),
+    Case(
+        "norm", "too few positions", scenario_of(NORM, sequence=steps(NORM)[:5]), "need at least 9"
+    ),
+    Case(
+        "norm",
+        "a saturated channel",
+        scenario_of(NORM),
+        "saturated",
+        (clipped("accel_z", 0.0, 0.7),),
+    ),
+    Case(
+        "norm",
+        "rest too short",
+        scenario_of(NORM, sequence=[s | {"dwell_s": 0.1} for s in steps(NORM)]),
+        "dwell",
+    ),
     Case("norm", "a bias that jumps", scenario_of(NORM), "fit", (moved("accel_x", 0.5, 0.02),)),
     Case(
         "two_position",
@@ -112,8 +157,19 @@ CASES = [
         scenario_of("two_position_level", sequence=[stop(0)]),
         "two positions half a turn apart",
     ),
-    Case("two_position", "a moved base", scenario_of("two_position_moved_base"), "drift, or a base that does not rest"),
-    Case("two_position", "a saturated channel", scenario_of("two_position_level"), "saturated", (clipped("incl_x", 0.0, 0.3),)),
+    Case(
+        "two_position",
+        "a moved base",
+        scenario_of("two_position_moved_base"),
+        "drift, or a base that does not rest",
+    ),
+    Case(
+        "two_position",
+        "a saturated channel",
+        scenario_of("two_position_level"),
+        "saturated",
+        (clipped("incl_x", 0.0, 0.3),),
+    ),
     Case(
         "two_position",
         "two channels swapped",
@@ -121,8 +177,15 @@ CASES = [
         "swapped",
         (swapped("incl"),),
     ),
-    Case("two_position", "rest too short", scenario_of("two_position_level", sequence=[stop(0, 0.1), stop(180, 0.1)]), "dwell"),
-    Case("placing_table", "a one-way sweep", scenario_of("placing_table_one_way"), "one way|one-way"),
+    Case(
+        "two_position",
+        "rest too short",
+        scenario_of("two_position_level", sequence=[stop(0, 0.1), stop(180, 0.1)]),
+        "dwell",
+    ),
+    Case(
+        "placing_table", "a one-way sweep", scenario_of("placing_table_one_way"), "one way|one-way"
+    ),
     Case(
         "placing_table",
         "two channels swapped",
@@ -147,7 +210,9 @@ CASES = [
     Case(
         "placing_table",
         "rest too short",
-        scenario_of("placing_table_one_axis", sequence=[s | {"dwell_s": 0.1} for s in sweep(6, 90, 0)]),
+        scenario_of(
+            "placing_table_one_axis", sequence=[s | {"dwell_s": 0.1} for s in sweep(6, 90, 0)]
+        ),
         "dwell",
     ),
     Case(
@@ -156,7 +221,12 @@ CASES = [
         scenario_of("fog_scale_by_hand", sequence=hand(("x", 400), ("y", 150), ("z", 400))),
         "turn again about y",
     ),
-    Case("fog_scale", "a turn that is missing", scenario_of("fog_scale_by_hand", sequence=FIELD[:3]), "turn again about z"),
+    Case(
+        "fog_scale",
+        "a turn that is missing",
+        scenario_of("fog_scale_by_hand", sequence=FIELD[:3]),
+        "turn again about z",
+    ),
     Case(
         "fog_scale",
         "a rest that is too short",
@@ -191,7 +261,13 @@ CASES = [
         "found [45] turns|dwells",
     ),
     Case("gyro_turns", "two channels swapped", slow_turns(), "swapped", (swapped("gyro"),)),
-    Case("gyro_turns", "a saturated channel", slow_turns(), "saturated", (clipped("gyro_x", 0.0, 0.8),)),
+    Case(
+        "gyro_turns",
+        "a saturated channel",
+        slow_turns(),
+        "saturated",
+        (clipped("gyro_x", 0.0, 0.8),),
+    ),
     Case(
         "gyro_turns",
         "rests too short",
@@ -208,7 +284,10 @@ CASES = [
     Case(
         "gyro_rates",
         "turned one way only",
-        scenario_of("gyro_rates_three", sequence=[s for s in steps("gyro_rates_three") if s.get("angle_deg", 1) > 0]),
+        scenario_of(
+            "gyro_rates_three",
+            sequence=[s for s in steps("gyro_rates_three") if s.get("angle_deg", 1) > 0],
+        ),
         "both ways",
     ),
     Case(
@@ -217,13 +296,29 @@ CASES = [
         scenario_of("gyro_rates_three", sequence=steps("gyro_rates_three")[:5]),
         "turn about those axes",
     ),
-    Case("gyro_rates", "two channels swapped", scenario_of("gyro_rates_three"), "swapped", (swapped("gyro"),)),
-    Case("gyro_rates", "a saturated channel", scenario_of("gyro_rates_three"), "saturated", (clipped("gyro_x", 0.0, 0.8),)),
+    Case(
+        "gyro_rates",
+        "two channels swapped",
+        scenario_of("gyro_rates_three"),
+        "swapped",
+        (swapped("gyro"),),
+    ),
+    Case(
+        "gyro_rates",
+        "a saturated channel",
+        scenario_of("gyro_rates_three"),
+        "saturated",
+        (clipped("gyro_x", 0.0, 0.8),),
+    ),
     Case(
         "gyro_rates",
         "turns too short",
         scenario_of(
-            "gyro_rates_three", sequence=[s | ({"angle_deg": 5} if "angle_deg" in s else {}) for s in steps("gyro_rates_three")]
+            "gyro_rates_three",
+            sequence=[
+                s | ({"angle_deg": 5} if "angle_deg" in s else {})
+                for s in steps("gyro_rates_three")
+            ],
         ),
         "steady|rate",
     ),
@@ -241,8 +336,20 @@ CASES = [
         "moved|fit",
         (moved("accel_x", 0.9, 0.02),),
     ),
-    Case("north", "a saturated channel", scenario_of("north_four_positions"), "saturated", (clipped("accel_x", 0.0, 0.7),)),
-    Case("north", "two channels swapped", scenario_of("north_four_positions"), "swapped", (swapped("accel"),)),
+    Case(
+        "north",
+        "a saturated channel",
+        scenario_of("north_four_positions"),
+        "saturated",
+        (clipped("accel_x", 0.0, 0.7),),
+    ),
+    Case(
+        "north",
+        "two channels swapped",
+        scenario_of("north_four_positions"),
+        "swapped",
+        (swapped("accel"),),
+    ),
 ]
 
 
@@ -252,12 +359,25 @@ def outcome(case, tmp_path, capsys):
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     for spoil in case.spoil:
         spoil(columns, recording.time)
-    spoiled = Recording.from_columns(recording.time, columns, labels=recording.labels, metadata=recording.metadata)
+    spoiled = Recording.from_columns(
+        recording.time, columns, labels=recording.labels, metadata=recording.metadata
+    )
     write_recording(spoiled, tmp_path / "run.csv")
     text = case.scenario.model_dump(by_alias=True, exclude_defaults=True, mode="json")
-    (tmp_path / "s.toml").write_text(tomli_w.dumps({"schema": 1} | {k: v for k, v in text.items() if v is not None}))
+    (tmp_path / "s.toml").write_text(
+        tomli_w.dumps({"schema": 1} | {k: v for k, v in text.items() if v is not None})
+    )
     capsys.readouterr()
-    status = main(["calibrate", str(tmp_path / "run.csv"), "--scenario", str(tmp_path / "s.toml"), "--method", case.method])
+    status = main(
+        [
+            "calibrate",
+            str(tmp_path / "run.csv"),
+            "--scenario",
+            str(tmp_path / "s.toml"),
+            "--method",
+            case.method,
+        ]
+    )
     return status, " ".join(" ".join(capsys.readouterr()).split())  # a table's cells wrap
 
 

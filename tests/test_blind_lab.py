@@ -1,4 +1,6 @@
-"""The laboratory behind a command: it does what a sequence file says, and refuses what it cannot do."""
+"""The laboratory behind a command: it does what a sequence file says, and refuses what it cannot
+do.
+"""
 
 import json
 import subprocess
@@ -30,12 +32,25 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def recorded(case: Path, tmp_path: Path, text: str) -> "subprocess.CompletedProcess[str]":
     (tmp_path / "s.csv").write_text(HEAD + text)
-    words = [sys.executable, "-m", "blind.lab", str(case), str(tmp_path / "s.csv"), str(tmp_path / "r.csv")]
-    return subprocess.run(words, env={"PYTHONPATH": str(TESTS)}, capture_output=True, text=True, check=False)
+    words = [
+        sys.executable,
+        "-m",
+        "blind.lab",
+        str(case),
+        str(tmp_path / "s.csv"),
+        str(tmp_path / "r.csv"),
+    ]
+    return subprocess.run(
+        words, env={"PYTHONPATH": str(TESTS)}, capture_output=True, text=True, check=False
+    )
 
 
 def test_it_goes_where_it_is_told_and_writes_the_mounting_down(case: Path, tmp_path: Path) -> None:
-    done = recorded(case, tmp_path, "1,remount,,,,,,Rz(180),\n2,move,30,,,20,4,,\n3,rest,,,,,3,,\n4,turn,390,,,40,4,,\n")
+    done = recorded(
+        case,
+        tmp_path,
+        "1,remount,,,,,,Rz(180),\n2,move,30,,,20,4,,\n3,rest,,,,,3,,\n4,turn,390,,,40,4,,\n",
+    )
     assert done.returncode == 0, done.stderr
     recording = read_recording(tmp_path / "r.csv")
     assert recording.metadata["mount"] == "Rz(180)"
@@ -48,10 +63,15 @@ def test_it_goes_where_it_is_told_and_writes_the_mounting_down(case: Path, tmp_p
     ("text", "said"),
     [
         ("1,swing,30,,,20,4,,\n", "action swing"),
-        ("1,move,30,,,20,4,,\n2,remount,,,,,,Rz(180),\n3,move,60,,,20,4,,\n", "remounts before a recording only"),
+        (
+            "1,move,30,,,20,4,,\n2,remount,,,,,,Rz(180),\n3,move,60,,,20,4,,\n",
+            "remounts before a recording only",
+        ),
     ],
 )
-def test_what_it_cannot_do_is_refused_and_nothing_written(case: Path, tmp_path: Path, text: str, said: str) -> None:
+def test_what_it_cannot_do_is_refused_and_nothing_written(
+    case: Path, tmp_path: Path, text: str, said: str
+) -> None:
     done = recorded(case, tmp_path, text)
     assert done.returncode == 2
     assert said in done.stderr

@@ -1,4 +1,6 @@
-"""The physics of the blind trials: worked by hand, and against the product's simulator on the same motion."""
+"""The physics of the blind trials: worked by hand, and against the product's simulator on the same
+motion.
+"""
 
 from dataclasses import replace
 
@@ -26,14 +28,18 @@ TABLES = ("dual_tumble", "placing_sweep", "vertical_turn", "three_rates")
 
 def faultless(lab: Lab) -> Lab:
     """The same with ideal sensors."""
-    return replace(lab, sensors=tuple(replace(s, M=np.eye(len(s.M)), b=np.zeros(len(s.b))) for s in lab.sensors))
+    return replace(
+        lab,
+        sensors=tuple(replace(s, M=np.eye(len(s.M)), b=np.zeros(len(s.b))) for s in lab.sensors),
+    )
 
 
 def lab_of(kind: str, name: str) -> Lab:
     return faultless(draw(rng_of(name), kind, 1))
 
 
-# -------------------------------------------------------------------------------------------------------------- by hand
+# --------------------------------------------------------------------------------------------------
+# ------------ by hand
 
 
 def test_a_move_arrives_with_no_rate_and_cruises_in_between():
@@ -61,11 +67,15 @@ def test_a_turning_lever_arm_feels_the_centripetal_acceleration():
     state = felt(replace(lab, track=track), (), np.array([track.end_s / 2]), Past(lab))
     rate = 2.0  # while it cruises
     assert state.f[0] == pytest.approx([-0.05 * rate**2, 0, lab.gravity], abs=1e-5)
-    assert state.w[0, 2] == pytest.approx(rate + 7.292115e-5 * np.sin(np.deg2rad(lab.latitude)), rel=1e-6)
+    assert state.w[0, 2] == pytest.approx(
+        rate + 7.292115e-5 * np.sin(np.deg2rad(lab.latitude)), rel=1e-6
+    )
 
 
 def test_memories_lag_as_they_should():
-    assert play(np.array([0.0, 0.5, 2.0, 1.5, 0.0, 0.5]), 1.0) == pytest.approx([0, 0.5, 1, 0.5, -1, -0.5])
+    assert play(np.array([0.0, 0.5, 2.0, 1.5, 0.0, 0.5]), 1.0) == pytest.approx(
+        [0, 0.5, 1, 0.5, -1, -0.5]
+    )
     step = np.r_[np.zeros(1), np.ones(1000)]
     assert leaky(step, 2.0, 0.01)[200] == pytest.approx(1 - np.exp(-1), rel=1e-9)
 
@@ -78,7 +88,8 @@ def test_the_lagged_room_follows_its_differential_equation():
     assert 20 * np.gradient(T, t)[1:-1] + T[1:-1] == pytest.approx(room.at(t)[1:-1], abs=1e-4)
 
 
-# ------------------------------------------------------------------------------------------------------------------ laws
+# --------------------------------------------------------------------------------------------------
+# ---------------- laws
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -88,11 +99,19 @@ def test_every_effect_is_nothing_at_zero_and_finite_at_its_plausible_size(kind):
     past = Past(lab)
     zero = readings(lab, (), t, past)
     for spec in listed(lab) + unlisted(lab):
-        for shape in (spec.shapes(rng_of("x"), lab)[0], spec.odd(rng_of("x"), lab) if spec.odd else None):
+        for shape in (
+            spec.shapes(rng_of("x"), lab)[0],
+            spec.odd(rng_of("x"), lab) if spec.odd else None,
+        ):
             if shape is not None:
                 nothing = readings(lab, [spec.physics(np.zeros(len(spec.names)), shape)], t, past)
                 assert np.abs(nothing - zero).max() < 1e-9, spec.id
-                full = readings(lab, [spec.physics(np.full(len(spec.names), spec.plausible * spec.unit), shape)], t, past)
+                full = readings(
+                    lab,
+                    [spec.physics(np.full(len(spec.names), spec.plausible * spec.unit), shape)],
+                    t,
+                    past,
+                )
                 assert np.isfinite(full).all(), spec.id
 
 
@@ -101,13 +120,26 @@ def test_what_is_called_listed_stands_in_the_catalogue_under_the_same_parameter_
     for kind in KINDS:
         lab = draw(rng_of(kind), kind, 1)
         names |= {spec.id: spec for spec in listed(lab)}
-        clean = Rows(np.arange(9.0), np.zeros((9, len(lab.axes))), np.tile(np.eye(9)[:, :1] * 50, len(lab.channels)), np.zeros(9))
+        clean = Rows(
+            np.arange(9.0),
+            np.zeros((9, len(lab.axes))),
+            np.tile(np.eye(9)[:, :1] * 50, len(lab.channels)),
+            np.zeros(9),
+        )
         assert {fault.id for fault in faults(lab, clean)} <= set(CATALOGUE)
     assert set(names) <= set(CATALOGUE)
     assert len({i for i in names if names[i].drawn}) + 15 >= 45
     for spec in names.values():
-        known = {f"{n}{p.suffix}" for p in CATALOGUE[spec.id].parameters for n in p.expand(("x", "y", "z", "a"))}
-        missing += [f"{spec.id}: {n}" for n in spec.names if n not in known and not n.startswith("bias_table")]
+        known = {
+            f"{n}{p.suffix}"
+            for p in CATALOGUE[spec.id].parameters
+            for n in p.expand(("x", "y", "z", "a"))
+        }
+        missing += [
+            f"{spec.id}: {n}"
+            for n in spec.names
+            if n not in known and not n.startswith("bias_table")
+        ]
     assert not missing
 
 
@@ -117,7 +149,8 @@ def test_there_are_at_least_eight_effects_that_no_catalogue_lists():
     assert not new & set(CATALOGUE)
 
 
-# ---------------------------------------------------------------------------------------------------------------- oracle
+# --------------------------------------------------------------------------------------------------
+# -------------- oracle
 
 
 def test_adjustable_columns_are_the_derivatives_of_the_readings():
@@ -125,7 +158,9 @@ def test_adjustable_columns_are_the_derivatives_of_the_readings():
         lab = draw(rng_of(kind), kind, 1)
         oracle = Oracle(lab, rng_of("o"))
         A = adjustable(lab, oracle.state, oracle.zero)
-        other = replace(lab, sensors=tuple(replace(s, M=s.M + 1e-6, b=s.b + 1e-6) for s in lab.sensors))
+        other = replace(
+            lab, sensors=tuple(replace(s, M=s.M + 1e-6, b=s.b + 1e-6) for s in lab.sensors)
+        )
         moved = readings(other, (), oracle.t, oracle.past, oracle.state) - oracle.zero
         assert A.sum(2) * 1e-6 == pytest.approx(moved, rel=1e-4, abs=1e-12)
 
@@ -138,11 +173,14 @@ def test_the_non_centrality_is_the_mean_excess_of_the_test_statistic():
     r = oracle.residual(oracle.signal([spec.physics(p, {})])[:, :, None])[:, 0]
     lam = r @ r
     u = r / np.sqrt(lam)
-    score = (u @ (r[:, None] + rng.standard_normal((len(r), 400)))) ** 2  # chi-square(1, lambda): mean 1 + lambda
+    score = (
+        u @ (r[:, None] + rng.standard_normal((len(r), 400)))
+    ) ** 2  # chi-square(1, lambda): mean 1 + lambda
     assert score.mean() == pytest.approx(1 + lam, abs=4 * np.sqrt((2 + 4 * lam) / 400))
 
 
-# ------------------------------------------------------------------------------------------------- against the simulator
+# -------------------------------------------------------------------------------------------------
+# against the simulator
 
 
 @pytest.mark.slow
@@ -154,19 +192,39 @@ def test_the_products_simulator_reads_the_same_for_the_same_motion(kind, here):
     rows = Rows(t, lab.track.angles(t), readings(lab, (), t, Past(lab)), lab.room.at(t))
     write_recording(here / "motion.csv", lab, rows, None)
     write_scenario(here / "scenario.toml", lab)
-    assert main(["simulate", "scenario.toml", "--motion", "motion.csv", "--noise", "off", "-o", "told.csv"]) == 0
+    assert (
+        main(
+            [
+                "simulate",
+                "scenario.toml",
+                "--motion",
+                "motion.csv",
+                "--noise",
+                "off",
+                "-o",
+                "told.csv",
+            ]
+        )
+        == 0
+    )
     told, scenario = read_recording(here / "told.csv"), load_scenario(here / "scenario.toml")
     for s, sensor in enumerate(lab.sensors):
         own = [c for c, (k, _) in enumerate(lab.channels) if k == s]
         error = told.sensor(scenario.named(sensor.name)).values - rows.y[:, own]
-        limit = 3e-5 if sensor.kind in ("gyro", "fog") else 5e-6  # the readout is written in steps of 0.04 arcsec, 1.7e-7 rad
+        limit = (
+            3e-5 if sensor.kind in ("gyro", "fog") else 5e-6
+        )  # the readout is written in steps of 0.04 arcsec, 1.7e-7 rad
         assert np.abs(error).max() < limit, sensor.name
 
 
-# ----------------------------------------------------------------------------------------------------------------- cases
+# --------------------------------------------------------------------------------------------------
+# --------------- cases
 
 
-@pytest.mark.parametrize(("kind", "type_"), [(k, t) for k in ("field_turns", "six_faces") for t in TYPES if possible(k, t)])
+@pytest.mark.parametrize(
+    ("kind", "type_"),
+    [(k, t) for k in ("field_turns", "six_faces") for t in TYPES if possible(k, t)],
+)
 def test_a_case_is_the_same_every_time_and_conceals_what_its_type_says(kind, type_):
     a, b = (make(kind, type_, 1, [7, 1, 2]) for _ in range(2))
     assert (a.rows.y == b.rows.y).all()
@@ -199,5 +257,9 @@ def test_an_effect_follows_the_motion_and_the_temperature_of_the_recording_it_is
         spec = bound(next(s for s in listed(lab) if s.id == id_), other)
         physics = spec.physics(np.array(size), spec.shapes(rng_of("x"), other)[0])
         past = Past(other)
-        got = physics.readout(past, t)[:, 0] if physics.readout else physics.sense(past, felt(other, (), t, past))["accel"][:, 0]
+        got = (
+            physics.readout(past, t)[:, 0]
+            if physics.readout
+            else physics.sense(past, felt(other, (), t, past))["accel"][:, 0]
+        )
         assert got == pytest.approx(want, abs=1e-12)

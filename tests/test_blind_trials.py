@@ -21,7 +21,8 @@ out = pathlib.Path(words[words.index("-o") + 1])
 trace = pathlib.Path({trace!r})
 if words[0] == "diagnose":
     desk, folder = pathlib.Path(words[1]).parent, pathlib.Path({folder!r})
-    trace.write_text(json.dumps([sorted(p.name for p in desk.iterdir()), sorted(str(p) for p in folder.rglob("truth.json"))]))
+    seen = sorted(p.name for p in desk.iterdir())
+    trace.write_text(json.dumps([seen, sorted(str(p) for p in folder.rglob("truth.json"))]))
     out.mkdir()
     (out / "diagnosis.json").write_text(json.dumps({{"verdict": "match", "findings": []}}))
 else:
@@ -31,12 +32,23 @@ else:
 
 def spied(tmp_path: Path):
     """One trial with a diagnosis that only looks around."""
-    (tmp_path / "spy.py").write_text(SPY.format(trace=str(tmp_path / "trace.json"), folder=str(tmp_path / "out")))
-    result = trial(tmp_path / "out", "vertical_turn", "data", 0, 3, [sys.executable, str(tmp_path / "spy.py")], 60.0)
+    (tmp_path / "spy.py").write_text(
+        SPY.format(trace=str(tmp_path / "trace.json"), folder=str(tmp_path / "out"))
+    )
+    result = trial(
+        tmp_path / "out",
+        "vertical_turn",
+        "data",
+        0,
+        3,
+        [sys.executable, str(tmp_path / "spy.py")],
+        60.0,
+    )
     return result, json.loads((tmp_path / "trace.json").read_text())
 
 
-# -------------------------------------------------------------------------------------------------------------- fairness
+# --------------------------------------------------------------------------------------------------
+# ------------ fairness
 
 
 def test_the_diagnosis_gets_two_files_and_the_truth_is_written_when_its_answer_is_in(tmp_path):
@@ -55,21 +67,34 @@ def test_a_finished_trial_is_not_run_again(tmp_path):
 
 def test_an_answer_that_does_not_come_is_counted_as_none(tmp_path):
     (tmp_path / "slow.py").write_text("import time; time.sleep(60)")
-    late = trial(tmp_path / "a", "six_faces", "null", 0, 3, [sys.executable, str(tmp_path / "slow.py")], 0.5)
+    late = trial(
+        tmp_path / "a", "six_faces", "null", 0, 3, [sys.executable, str(tmp_path / "slow.py")], 0.5
+    )
     assert (late["crashed"], late["note"]) == (True, "exit -1: took more than 0 s")
     (tmp_path / "bad.py").write_text("import sys; sys.exit('no such thing')")
-    bad = trial(tmp_path / "b", "six_faces", "null", 0, 3, [sys.executable, str(tmp_path / "bad.py")], 60)
+    bad = trial(
+        tmp_path / "b", "six_faces", "null", 0, 3, [sys.executable, str(tmp_path / "bad.py")], 60
+    )
     assert (bad["crashed"], bad["note"]) == (True, "exit 1: no such thing")
 
 
 def test_a_trial_that_somebody_stopped_is_run_again(tmp_path):
     (tmp_path / "stopped.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGTERM)")
-    result = trial(tmp_path / "a", "six_faces", "null", 0, 3, [sys.executable, str(tmp_path / "stopped.py")], 60)
+    result = trial(
+        tmp_path / "a",
+        "six_faces",
+        "null",
+        0,
+        3,
+        [sys.executable, str(tmp_path / "stopped.py")],
+        60,
+    )
     assert (result["crashed"], result["note"]) == (True, "exit -15: ")
     assert not list((tmp_path / "a").rglob("result.json"))
 
 
-# --------------------------------------------------------------------------------------------------------------- judging
+# --------------------------------------------------------------------------------------------------
+# ------------- judging
 
 
 def effect(**more):
@@ -90,7 +115,13 @@ def effect(**more):
 
 
 def truth_of(type_, *effects):
-    return {"kind": "dual_tumble", "type": type_, "walk": 1, "flicker": False, "effects": list(effects)}
+    return {
+        "kind": "dual_tumble",
+        "type": type_,
+        "walk": 1,
+        "flicker": False,
+        "effects": list(effects),
+    }
 
 
 def finding(name, *others, **more):
@@ -113,7 +144,12 @@ def judged(truth, verdict, *findings):
 
 def test_the_true_name_alone_is_right():
     _, e = judged(truth_of("single", effect()), "explained", finding("acc_K2"))
-    assert (e["good"], e["wrong_certain"], e["stage_right"], e["pulls"]) == (True, False, True, [2.0])
+    assert (e["good"], e["wrong_certain"], e["stage_right"], e["pulls"]) == (
+        True,
+        False,
+        True,
+        [2.0],
+    )
 
 
 def test_another_name_alone_is_wrong_and_certain():
@@ -124,31 +160,47 @@ def test_another_name_alone_is_wrong_and_certain():
 def test_a_class_is_honest_only_if_every_member_could_be_it():
     twins = effect(inseparable=["adc_inl"], tolerated=["adc_inl"])
     _, honest = judged(truth_of("single", twins), "ambiguous", finding("adc_inl", "acc_K2"))
-    _, padded = judged(truth_of("single", twins), "ambiguous", finding("adc_inl", "acc_K2", "acc_K3"))
+    _, padded = judged(
+        truth_of("single", twins), "ambiguous", finding("adc_inl", "acc_K2", "acc_K3")
+    )
     _, certain = judged(truth_of("single", twins), "explained", finding("acc_K2"))
     assert (honest["good"], honest["named"]) == (True, False)
     assert (padded["good"], padded["in_class"], padded["padded"]) == (False, True, ["acc_K3"])
-    assert (certain["good"], certain["false_certainty"], certain["wrong_certain"]) == (True, True, False)
+    assert (certain["good"], certain["false_certainty"], certain["wrong_certain"]) == (
+        True,
+        True,
+        False,
+    )
 
 
 def test_a_law_that_contains_the_truth_may_stand_in_its_class_and_not_in_its_place():
     tilt = effect(id="mount_thermal_tilt", stage="mount")
-    _, named = judged(truth_of("single", tilt), "ambiguous", finding("acc_temp_misalign", "mount_thermal_tilt"))
+    _, named = judged(
+        truth_of("single", tilt), "ambiguous", finding("acc_temp_misalign", "mount_thermal_tilt")
+    )
     _, other = judged(truth_of("single", tilt), "explained", finding("acc_temp_misalign"))
     assert (named["good"], named["padded"]) == (True, [])
     assert (other["good"], other["wrong_certain"]) == (False, True)
 
 
 def test_a_second_wrong_finding_beside_the_true_one_is_a_wrong_name():
-    _, e = judged(truth_of("single", effect()), "explained", finding("acc_K2"), finding("acc_warmup"))
+    _, e = judged(
+        truth_of("single", effect()), "explained", finding("acc_K2"), finding("acc_warmup")
+    )
     assert e["good"]
     assert e["wrong_certain"]
 
 
 def test_an_unlisted_effect_is_judged_by_saying_so_and_by_where():
     new = effect(id="u_bump", listed=False, where=["table_outer", "tilt"])
-    _, right = judged(truth_of("unlisted", new), "unlisted", finding(None, where={"coordinate": "table_outer"}))
-    _, elsewhere = judged(truth_of("unlisted", new), "unlisted", finding(None, axes=["y"], where={"coordinate": "time"}))
+    _, right = judged(
+        truth_of("unlisted", new), "unlisted", finding(None, where={"coordinate": "table_outer"})
+    )
+    _, elsewhere = judged(
+        truth_of("unlisted", new),
+        "unlisted",
+        finding(None, axes=["y"], where={"coordinate": "time"}),
+    )
     _, named = judged(truth_of("unlisted", new), "explained", finding("acc_K2"))
     assert (right["said"], right["channel"], right["coordinate"]) == (True, True, True)
     assert (elsewhere["channel"], elsewhere["coordinate"]) == (False, False)
@@ -157,7 +209,9 @@ def test_an_unlisted_effect_is_judged_by_saying_so_and_by_where():
 
 def test_both_of_a_pair_have_to_be_found():
     both = truth_of("pair", effect(), effect(id="table_levelling", stage="table"))
-    said, _ = judged(both, "explained", finding("table_levelling", stage="table"), finding("acc_K2"))
+    said, _ = judged(
+        both, "explained", finding("table_levelling", stage="table"), finding("acc_K2")
+    )
     assert [e["good"] for e in said["effects"]] == [True, True]
     said, _ = judged(both, "explained", finding("acc_K2"))
     assert [e["good"] for e in said["effects"]] == [True, False]
@@ -166,21 +220,28 @@ def test_both_of_a_pair_have_to_be_found():
 def test_a_flipped_channel_and_a_reversed_angle_are_one_to_a_single_axis():
     flipped = effect(id="data_sign", stage="data", **{"lambda": None})
     for kind, right in (("placing_sweep", True), ("three_rates", False)):
-        said, e = judged({**truth_of("data", flipped), "kind": kind}, "explained", finding("data_rotation_sense", stage="data"))
+        said, e = judged(
+            {**truth_of("data", flipped), "kind": kind},
+            "explained",
+            finding("data_rotation_sense", stage="data"),
+        )
         assert e["good"] is right, said
 
 
 def test_expected_verdicts_follow_the_classes():
     for type_, effects, verdict, right in (
-        ("null", [], "match", True), ("null", [], "ambiguous", False),
-        ("single", [effect()], "explained", True), ("single", [effect()], "ambiguous", False),
+        ("null", [], "match", True),
+        ("null", [], "ambiguous", False),
+        ("single", [effect()], "explained", True),
+        ("single", [effect()], "ambiguous", False),
         ("single", [effect(inseparable=["x"], tolerated=["x"])], "ambiguous", True),
         ("single", [effect(tolerated=["x"])], "ambiguous", True),
-    ):  # fmt: skip
+    ):
         assert judged(truth_of(type_, *effects), verdict)[0]["verdict_right"] is right
 
 
-# ----------------------------------------------------------------------------------------------------------------- table
+# --------------------------------------------------------------------------------------------------
+# --------------- table
 
 
 def test_wilsons_interval_is_the_published_one():
@@ -198,14 +259,23 @@ def test_a_figure_fails_only_when_its_whole_interval_does():
 
 
 def test_a_cheat_reaches_every_figure_and_a_fool_misses_them():
-    truths = [truth_of("null"), truth_of("single", effect()), truth_of("unlisted", effect(id="u_x", listed=False))]
+    truths = [
+        truth_of("null"),
+        truth_of("single", effect()),
+        truth_of("unlisted", effect(id="u_x", listed=False)),
+    ]
     perfect = ("match", []), ("explained", [finding("acc_K2")]), ("unlisted", [finding(None)])
-    wrong = ("explained", [finding("acc_K3")]), ("explained", [finding("acc_K3")]), ("explained", [finding("acc_K3")])
+    wrong = (
+        ("explained", [finding("acc_K3")]),
+        ("explained", [finding("acc_K3")]),
+        ("explained", [finding("acc_K3")]),
+    )
     silent = [("match", [])] * 3
     missed = []
     for answers in (perfect, wrong, silent):
         results = [
-            {**judge(t, {"verdict": v, "findings": f}, None), "seconds": 1.0} for t, (v, f) in zip(truths, answers, strict=True)
+            {**judge(t, {"verdict": v, "findings": f}, None), "seconds": 1.0}
+            for t, (v, f) in zip(truths, answers, strict=True)
         ] * 50
         missed.append({line.name for line in lines(results) if line.failed})
     assert not missed[0]
@@ -226,7 +296,8 @@ def test_a_cheat_reaches_every_figure_and_a_fool_misses_them():
     assert "NOT REACHED" in show(lines(results))
 
 
-# ----------------------------------------------------------------------------------------------------------- the command
+# --------------------------------------------------------------------------------------------------
+# --------- the command
 
 
 @pytest.mark.usefixtures("here")
@@ -249,9 +320,13 @@ PROOF = [
 
 @pytest.mark.slow
 def test_a_dozen_blind_trials_hold_what_is_promised(tmp_path):
-    """Rates as promised leave these many failures at most; one in ten thousand correct products would break a line."""
+    """Rates as promised leave these many failures at most; one in ten thousand correct products
+    would break a line.
+    """
     command = [sys.executable, "-m", "tiltcal"]
-    results = [trial(tmp_path, kind, type_, k, 20, command, 120.0) for k, (kind, type_) in enumerate(PROOF)]
+    results = [
+        trial(tmp_path, kind, type_, k, 20, command, 120.0) for k, (kind, type_) in enumerate(PROOF)
+    ]
     assert not [r["note"] for r in results if r["crashed"]]
     alarms = [r["claims"] for r in results if r["type"] in ("null", "impossible")]
     assert sum(alarms) <= most(len(alarms), 0.02)
@@ -263,4 +338,7 @@ def test_a_dozen_blind_trials_hold_what_is_promised(tmp_path):
 
 
 def test_every_trial_can_be_drawn_again_from_its_name():
-    assert make("six_any", "impossible", 1, [0, 6, 6, 0]).truth == make("six_any", "impossible", 1, [0, 6, 6, 0]).truth
+    assert (
+        make("six_any", "impossible", 1, [0, 6, 6, 0]).truth
+        == make("six_any", "impossible", 1, [0, 6, 6, 0]).truth
+    )

@@ -26,7 +26,9 @@ def test_every_block_can_be_written_for_its_table(kind: str) -> None:
 
 
 def test_a_narrow_reach_is_kept_by_the_blocks_that_are_left() -> None:
-    table = Table(Rig(table="placing"), {"outer": (-45.0, 45.0)}, visited=((-45.0,), (0.0,), (45.0,)))
+    table = Table(
+        Rig(table="placing"), {"outer": (-45.0, 45.0)}, visited=((-45.0,), (0.0,), (45.0,))
+    )
     kept = [b for b in candidates(table) if within(b, table)]
     assert {"circle outer", "reverse outer", "spin outer", "repeat"} <= {b.name for b in kept}
     for block in kept:
@@ -46,7 +48,9 @@ def test_flipped_poses_are_the_same_attitude_of_the_body() -> None:
     flip = next(b for b in candidates(table_of("dual")) if b.name == "flip")
     up = []
     for step in flip.steps:
-        R = rotation("x", np.radians(step.outer_deg or 0.0)) @ rotation("z", np.radians(step.inner_deg or 0.0))
+        R = rotation("x", np.radians(step.outer_deg or 0.0)) @ rotation(
+            "z", np.radians(step.inner_deg or 0.0)
+        )
         up.append(R.T @ [0, 0, 1])
     np.testing.assert_allclose(up[::2], up[1::2], atol=1e-12)
 

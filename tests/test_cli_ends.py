@@ -1,4 +1,6 @@
-"""How a command ends when its words, a foreign log, the user, the reader of a pipe or the program itself stops it."""
+"""How a command ends when its words, a foreign log, the user, the reader of a pipe or the program
+itself stops it.
+"""
 
 import os
 import subprocess
@@ -19,22 +21,31 @@ def here(here):
     return here
 
 
-@pytest.mark.parametrize(("words", "found"), [
-    (["calibrte"], "invalid choice: 'calibrte'"),
-    (["simulate"], "no SCENARIO"),
-    (["simulate", "bench.toml", "--nois", "off", "--quick"], "--quick"),
-    (["simulate", "bench.toml", "--seed", "x"], "invalid int value: 'x'"),
-    (["simulate", "bench.toml", "--json"], "--json without -o"),
-    (["correct", "CAL.json", "run.csv", "--json"], "--json without -o"),
-    (["calibrate", "run.csv"], "no --scenario, --method"),
-    (["init", "--latitude", "123"], "123 deg"),
-    (["segments", "run.csv", "--window", "0"], "--window: found 0 s"),
-    (["segments", "run.csv", "--window", "nan"], "--window: found nan s"),
-    (["effects", "acc_bais"], "'acc_bais'"),
-    (["simulate", "bench.toml", "-o", "run.xlsx"], "the ending '.xlsx'"),
-    (["simulate", "bench.toml", "-o", "run.csv", "--truth", "none/truth.json"], "no such file or directory"),
-    (["simulate", "bench.toml", "-o", "none/run.csv", "--truth", "truth.json"], "no such file or directory"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["calibrte"], "invalid choice: 'calibrte'"),
+        (["simulate"], "no SCENARIO"),
+        (["simulate", "bench.toml", "--nois", "off", "--quick"], "--quick"),
+        (["simulate", "bench.toml", "--seed", "x"], "invalid int value: 'x'"),
+        (["simulate", "bench.toml", "--json"], "--json without -o"),
+        (["correct", "CAL.json", "run.csv", "--json"], "--json without -o"),
+        (["calibrate", "run.csv"], "no --scenario, --method"),
+        (["init", "--latitude", "123"], "123 deg"),
+        (["segments", "run.csv", "--window", "0"], "--window: found 0 s"),
+        (["segments", "run.csv", "--window", "nan"], "--window: found nan s"),
+        (["effects", "acc_bais"], "'acc_bais'"),
+        (["simulate", "bench.toml", "-o", "run.xlsx"], "the ending '.xlsx'"),
+        (
+            ["simulate", "bench.toml", "-o", "run.csv", "--truth", "none/truth.json"],
+            "no such file or directory",
+        ),
+        (
+            ["simulate", "bench.toml", "-o", "none/run.csv", "--truth", "truth.json"],
+            "no such file or directory",
+        ),
+    ],
+)
 def test_a_wrong_command_line_is_refused_in_the_same_words(words, found, here, capsys):
     message = refusal(words, here, capsys)
     assert found in message
@@ -49,7 +60,11 @@ TWICE = '[[column]]\nfrom = 1\nto = "a_x_g"\n'
 SECOND = '[[column]]\nfile = "b.txt"\nfrom = 1\nto = "b_x_g"\n'
 FOREIGN = {
     "no mapping": (None, "1 2 3\n", "no such file"),
-    "a wrong key": (mapped("seperator = 'tab'"), "1\n", "file.seperator: unknown key; did you mean 'separator'?"),
+    "a wrong key": (
+        mapped("seperator = 'tab'"),
+        "1\n",
+        "file.seperator: unknown key; did you mean 'separator'?",
+    ),
     "no unit": (mapped(to="accel_x"), "1\n", "'accel_x' ends in no unit"),
     "twice": (mapped(more=TWICE), "a\n1\n", "'a_x_g' stands twice"),
     "no TOML": ("[file", "1\n", "valid TOML"),
@@ -68,14 +83,20 @@ def test_a_foreign_log_that_does_not_fit_its_mapping_is_refused(case, here, caps
     if mapping is not None:
         (here / "map.toml").write_text(mapping)
     (here / "log.txt").write_text(log)
-    assert words in refusal(["import", "log.txt", "--map", "map.toml", "-o", "run.csv"], here, capsys)
+    assert words in refusal(
+        ["import", "log.txt", "--map", "map.toml", "-o", "run.csv"], here, capsys
+    )
 
 
 def test_import_refuses_files_that_are_not_there_and_places_that_cannot_be_written(here, capsys):
     (here / "map.toml").write_text(MAP.format(file="header = false", source=1, to="accel_x_g"))
     (here / "log.txt").write_text("1\n2\n")
-    assert "no such file" in refusal(["import", "none.txt", "--map", "map.toml", "-o", "run.csv"], here, capsys)
-    assert "no such file" in refusal(["import", "log.txt", "--map", "map.toml", "-o", "no/run.csv"], here, capsys)
+    assert "no such file" in refusal(
+        ["import", "none.txt", "--map", "map.toml", "-o", "run.csv"], here, capsys
+    )
+    assert "no such file" in refusal(
+        ["import", "log.txt", "--map", "map.toml", "-o", "no/run.csv"], here, capsys
+    )
 
 
 @pytest.mark.parametrize("log", ["x,y,z\n1,,3\n4,,6\n7,,9\n", "x,y,z\n1,2,3\n\n4,5,6\n7,8,9\n"])
@@ -110,7 +131,9 @@ def test_an_error_of_our_own_is_told_in_words_and_raised_on_request(monkeypatch,
     monkeypatch.setattr(reference, "methods", raising(RuntimeError("lost")))
     assert main(["methods"]) == 2
     err = capsys.readouterr().err
-    assert err.startswith("tiltcal: found an error of its own (RuntimeError: lost), need a bug report;")
+    assert err.startswith(
+        "tiltcal: found an error of its own (RuntimeError: lost), need a bug report;"
+    )
     assert err.count("\n") == 1
     monkeypatch.setenv("TILTCAL_TRACEBACK", "1")
     with pytest.raises(RuntimeError, match="lost"):
@@ -118,15 +141,21 @@ def test_an_error_of_our_own_is_told_in_words_and_raised_on_request(monkeypatch,
 
 
 @pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("words", [["methods"], ["effects"], ["effects", "--json"], ["simulate", "bench.toml"]])
+@pytest.mark.parametrize(
+    "words", [["methods"], ["effects"], ["effects", "--json"], ["simulate", "bench.toml"]]
+)
 def test_a_reader_that_has_gone_ends_a_command_in_silence(words):
     read, write = os.pipe()
     os.close(read)
-    done = subprocess.run([sys.executable, "-m", "tiltcal", *words], stdout=write, stderr=subprocess.PIPE, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "tiltcal", *words], stdout=write, stderr=subprocess.PIPE, check=False
+    )
     os.close(write)
     assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_without_a_simulator_the_message_says_what_to_install(here, monkeypatch, capsys):
     monkeypatch.setattr("tiltcal.cli.laboratory.entry_points", lambda **_: ())
-    assert "need the package tiltsim" in refusal(["simulate", "bench.toml", "-o", "run.csv"], here, capsys)
+    assert "need the package tiltsim" in refusal(
+        ["simulate", "bench.toml", "-o", "run.csv"], here, capsys
+    )

@@ -41,11 +41,14 @@ def answer(capsys, *words, status=0):
     return json.loads(capsys.readouterr().out)
 
 
-# ---------------------------------------------------------------------------------------------------------------- check
+# --------------------------------------------------------------------------------------------------
+# -------------- check
 
 
 @pytest.mark.usefixtures("here")
-def test_check_accepts_a_good_calibration_on_another_recording_and_rejects_it_under_a_tight_limit(good, capsys):
+def test_check_accepts_a_good_calibration_on_another_recording_and_rejects_it_under_a_tight_limit(
+    good, capsys
+):
     main(["simulate", str(good / "bench.toml"), "--seed", "77", "-o", "other.csv"])
     words = ("check", good / "CAL.json", "other.csv", "--scenario", good / "bench.toml")
     found = answer(capsys, *words)
@@ -63,19 +66,29 @@ def test_check_accepts_a_good_calibration_on_another_recording_and_rejects_it_un
 def test_check_rejects_a_sensor_that_has_changed(good, here, capsys):
     (here / "aged.toml").write_text(BENCH.replace("bias_x_ug = 3000", "bias_x_ug = 4000"))
     main(["simulate", "aged.toml", "-o", "aged.csv"])
-    found = answer(capsys, "check", good / "CAL.json", "aged.csv", "--scenario", good / "bench.toml", status=1)
+    found = answer(
+        capsys, "check", good / "CAL.json", "aged.csv", "--scenario", good / "bench.toml", status=1
+    )
     faces = [p["error_arcsec"] for p in found["poses"]]
-    assert max(faces) == pytest.approx(206.2648, rel=0.05)  # a milli-g of bias across up is a milliradian of tilt
+    assert max(faces) == pytest.approx(
+        206.2648, rel=0.05
+    )  # a milli-g of bias across up is a milliradian of tilt
 
 
 def test_without_attitudes_check_judges_the_norm(good, here, capsys):
     told = read_recording(good / "run.csv")
     mute = {name: told.column(name) for name in told.column_names if not name.startswith("table_")}
     write_recording(Recording.from_columns(told.time, mute), here / "mute.csv")
-    assert answer(capsys, "check", good / "CAL.json", "mute.csv", "--scenario", good / "bench.toml")["judged_by"] == "norm"
+    assert (
+        answer(capsys, "check", good / "CAL.json", "mute.csv", "--scenario", good / "bench.toml")[
+            "judged_by"
+        ]
+        == "norm"
+    )
 
 
-# ---------------------------------------------------------------------------------------------------------- run, verify
+# --------------------------------------------------------------------------------------------------
+# -------- run, verify
 
 
 def test_run_judges_and_writes_a_report_and_junit(good, here, capsys):
@@ -83,7 +96,12 @@ def test_run_judges_and_writes_a_report_and_junit(good, here, capsys):
     assert (found["schema"], found["accepted"]) == (1, True)
     (scenario,) = found["scenarios"]
     (method,) = scenario["methods"]
-    assert (scenario["source"], method["method"], method["verdict"], method["runs"]) == ("bench.toml", "six_position", "good", 1)
+    assert (scenario["source"], method["method"], method["verdict"], method["runs"]) == (
+        "bench.toml",
+        "six_position",
+        "good",
+        1,
+    )
     assert set(method["tilt_arcsec"]) == {"before", "after", "bound"}
     assert method["tilt_arcsec"]["before"] > 5 * method["tilt_arcsec"]["after"]
     assert method["truth"]["accel.bias_x"] == pytest.approx(3000e-6 * 9.80665)
@@ -110,10 +128,17 @@ def test_a_broken_limit_ends_with_one_and_is_named_everywhere(here, capsys):
 
 def test_verify_runs_a_folder_and_one_bad_scenario_rejects_it(here, capsys):
     (here / "claims").mkdir()
-    for name, text in (("a", BENCH), ("b", BENCH.replace("six_position", "norm")), ("model", HEAD + EFFECTS + SEQUENCE)):
+    for name, text in (
+        ("a", BENCH),
+        ("b", BENCH.replace("six_position", "norm")),
+        ("model", HEAD + EFFECTS + SEQUENCE),
+    ):
         (here / "claims" / f"{name}.toml").write_text(text)
     found = answer(capsys, "verify", "claims", "-o", "out", status=1)
-    assert [s["source"] for s in found["scenarios"]] == ["a.toml", "b.toml"]  # the model claims nothing
+    assert [s["source"] for s in found["scenarios"]] == [
+        "a.toml",
+        "b.toml",
+    ]  # the model claims nothing
     assert [s["accepted"] for s in found["scenarios"]] == [True, False]
     assert "6 dwells" in found["scenarios"][1]["methods"][0]["error"]
     assert (here / "out" / "report.html").exists()
@@ -125,11 +150,17 @@ def test_the_demo_accepts_its_scenarios_and_finds_what_it_has_concealed(here, ca
     out, err = capsys.readouterr()
     assert out.splitlines()[-1] == "report of the diagnosis: demo-output/diagnosis/report.html"
     assert "report: demo-output/report.html" in out
-    assert {p.name for p in (here / "demo-output" / "diagnosis").iterdir()} >= {"report.html", "diagnosis.json", "amended.toml"}
+    assert {p.name for p in (here / "demo-output" / "diagnosis").iterdir()} >= {
+        "report.html",
+        "diagnosis.json",
+        "amended.toml",
+    }
     assert "Simulating tables in MuJoCo" in err
     assert "seed 5" in err
     hidden = load_scenario("demo-output/concealed.toml").effects[-1].id
-    shown = [line.split() for line in out.splitlines() if line.split()[:1] in (["concealed"], ["found"])]
+    shown = [
+        line.split() for line in out.splitlines() if line.split()[:1] in (["concealed"], ["found"])
+    ]
     assert shown[0][:2] == ["concealed", hidden]
     assert hidden in shown[1]
     assert load_scenario("demo-output/diagnosis/scenario.toml").effects == ()
@@ -137,7 +168,9 @@ def test_the_demo_accepts_its_scenarios_and_finds_what_it_has_concealed(here, ca
 
 def test_a_scenario_that_holds_the_truth_is_refused_by_the_diagnosis(good, here, capsys):
     (here / "concealed.toml").write_text('role = "concealed"\n' + (good / "bench.toml").read_text())
-    assert main(["diagnose", str(good / "run.csv"), "--scenario", "concealed.toml", "-o", "out"]) == 2
+    assert (
+        main(["diagnose", str(good / "run.csv"), "--scenario", "concealed.toml", "-o", "out"]) == 2
+    )
     assert "it holds the truth" in capsys.readouterr().err
     assert not (here / "out").exists()
 
@@ -151,7 +184,8 @@ def test_every_effect_the_demo_can_conceal_makes_a_scenario():
     assert seen == set(CONCEALABLE)
 
 
-# ------------------------------------------------------------------------------------------------------ words and JSON
+# --------------------------------------------------------------------------------------------------
+# ---- words and JSON
 
 
 def test_methods_and_effects_are_listed_and_explained(capsys):
@@ -167,10 +201,17 @@ def test_methods_and_effects_are_listed_and_explained(capsys):
 
 def test_every_command_speaks_json(good, here, capsys):
     (here / "log.txt").write_text("1\n2\n")
-    (here / "map.toml").write_text('[file]\nheader = false\n[time]\nrate_hz = 10\n[[column]]\nfrom = 1\nto = "accel_x_g"\n')
+    (here / "map.toml").write_text(
+        '[file]\nheader = false\n[time]\nrate_hz = 10\n[[column]]\nfrom = 1\nto = "accel_x_g"\n'
+    )
     assert answer(capsys, "import", "log.txt", "--map", "map.toml", "-o", "log.csv")["rows"] == 2
-    assert answer(capsys, "simulate", good / "bench.toml", "-o", "run.csv")["rows"] == len(read_recording(good / "run.csv"))
-    assert answer(capsys, "correct", good / "CAL.json", "run.csv", "-o", "out.csv")["output"] == "out.csv"
+    assert answer(capsys, "simulate", good / "bench.toml", "-o", "run.csv")["rows"] == len(
+        read_recording(good / "run.csv")
+    )
+    assert (
+        answer(capsys, "correct", good / "CAL.json", "run.csv", "-o", "out.csv")["output"]
+        == "out.csv"
+    )
     assert "[site]" in answer(capsys, "init")["scenario"]
     assert "properties" in answer(capsys, "init", "--json-schema")
     kinds = [s["kind"] for s in answer(capsys, "segments", "run.csv", "-o", "SEG.csv")]
@@ -189,7 +230,10 @@ def test_every_command_explains_itself(command, capsys):
 
 
 def test_the_help_lists_every_command_and_imports_nothing_heavy():
-    code = "import sys; from tiltcal.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\nprint(sorted(sys.modules))"
+    code = (
+        "import sys; from tiltcal.cli import main\ntry: main(['--help'])\nexcept SystemExit:"
+        " pass\nprint(sorted(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     text, _, modules = done.stdout.rpartition("[")
     assert all(f"    {command}" in text for command in COMMANDS)

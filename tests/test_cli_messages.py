@@ -1,4 +1,6 @@
-"""Unusable input: exit status 2, one message of what was found, what is needed and what to do, and nothing left behind."""
+"""Unusable input: exit status 2, one message of what was found, what is needed and what to do, and
+nothing left behind.
+"""
 
 import json
 from pathlib import Path
@@ -16,7 +18,16 @@ def commands_on(rec, good):
     """Every command that reads a recording, reading ``rec``."""
     toml, cal = good / "bench.toml", good / "CAL.json"
     return {
-        "calibrate": ["calibrate", rec, "--scenario", toml, "--method", "six_position", "-o", "new.json"],
+        "calibrate": [
+            "calibrate",
+            rec,
+            "--scenario",
+            toml,
+            "--method",
+            "six_position",
+            "-o",
+            "new.json",
+        ],
         "correct": ["correct", cal, rec, "-o", "new.csv"],
         "check": ["check", cal, rec, "--scenario", toml],
         "segments": ["segments", rec, "-o", "new.csv"],
@@ -64,14 +75,20 @@ UNREADABLE = {
 
 @pytest.mark.parametrize("command", READING)
 @pytest.mark.parametrize("how", UNREADABLE)
-def test_a_recording_that_does_not_read_is_refused_by_every_command(command, how, good, here, capsys):
+def test_a_recording_that_does_not_read_is_refused_by_every_command(
+    command, how, good, here, capsys
+):
     rec = put(here, "bad.csv", broken(good, how))
     assert UNREADABLE[how] in refusal(commands_on(rec, good)[command], here, capsys)
 
 
 @pytest.mark.parametrize("command", [c for c in READING if c != "init"])
-@pytest.mark.parametrize(("how", "words"), [("back", "time goes back by 0.02 s"), ("repeated", "a repeated time stamp")])
-def test_time_that_does_not_increase_is_refused_with_its_row(command, how, words, good, here, capsys):
+@pytest.mark.parametrize(
+    ("how", "words"), [("back", "time goes back by 0.02 s"), ("repeated", "a repeated time stamp")]
+)
+def test_time_that_does_not_increase_is_refused_with_its_row(
+    command, how, words, good, here, capsys
+):
     rec = put(here, "bad.csv", broken(good, how))
     message = refusal(commands_on(rec, good)[command], here, capsys)
     assert words in message
@@ -86,15 +103,21 @@ def test_a_missing_recording_and_a_folder_are_refused(command, good, here, capsy
 
 @pytest.mark.parametrize("command", ["calibrate", "correct", "check"])
 def test_a_missing_sensor_column_is_named_with_the_nearest(command, good, here, capsys):
-    rec = put(here, "bad.csv", (good / "run.csv").read_text().replace("accel_y_m_s2", "acel_y_m_s2"))
+    rec = put(
+        here, "bad.csv", (good / "run.csv").read_text().replace("accel_y_m_s2", "acel_y_m_s2")
+    )
     message = refusal(commands_on(rec, good)[command], here, capsys)
     assert "no column accel_y_<unit>" in message
     assert "did you mean 'acel_y_m_s2'?" in message
 
 
 def test_a_missing_table_column_leaves_a_prediction_without_a_path(good, here, capsys):
-    rec = put(here, "bad.csv", (good / "run.csv").read_text().replace("table_inner_deg", "head_inner_deg"))
-    assert "no column table_inner_<unit>" in refusal(commands_on(rec, good)["simulate"], here, capsys)
+    rec = put(
+        here, "bad.csv", (good / "run.csv").read_text().replace("table_inner_deg", "head_inner_deg")
+    )
+    assert "no column table_inner_<unit>" in refusal(
+        commands_on(rec, good)["simulate"], here, capsys
+    )
 
 
 @pytest.mark.parametrize("command", [c for c in READING if c != "check"])
@@ -112,7 +135,16 @@ def commands_with(toml, good):
     run = good / "run.csv"
     return {
         "simulate": ["simulate", toml, "-o", "new.csv", "--truth", "new.json"],
-        "calibrate": ["calibrate", run, "--scenario", toml, "--method", "six_position", "-o", "new.json"],
+        "calibrate": [
+            "calibrate",
+            run,
+            "--scenario",
+            toml,
+            "--method",
+            "six_position",
+            "-o",
+            "new.json",
+        ],
         "check": ["check", good / "CAL.json", run, "--scenario", toml],
         "run": ["run", toml, "-o", "out"],
         "verify": ["verify", toml, "-o", "out"],
@@ -120,15 +152,28 @@ def commands_with(toml, good):
 
 
 WRONG = {
-    "a wrong key": (BENCH.replace("gravity_m_s2", "gravty_m_s2"), ["site.gravty_m_s2: unknown key; did you mean 'gravity_m_s2'?"]),
-    "an effect's key": (BENCH.replace("bias_x_ug", "bais_x_ug"), ["bais_x", "did you mean 'bias_x"]),
+    "a wrong key": (
+        BENCH.replace("gravity_m_s2", "gravty_m_s2"),
+        ["site.gravty_m_s2: unknown key; did you mean 'gravity_m_s2'?"],
+    ),
+    "an effect's key": (
+        BENCH.replace("bias_x_ug", "bais_x_ug"),
+        ["bais_x", "did you mean 'bias_x"],
+    ),
     "several at once": (
-        BENCH.replace("rate_hz = 50", "rate_hz = -1").replace('table = "dual"', 'table = "duel"').replace("seed", "sed"),
-        ["3 errors", "sensor.1.rate_hz", "rig.table: found 'duel'", "sed: unknown key; did you mean 'seed'?"],
+        BENCH.replace("rate_hz = 50", "rate_hz = -1")
+        .replace('table = "dual"', 'table = "duel"')
+        .replace("seed", "sed"),
+        [
+            "3 errors",
+            "sensor.1.rate_hz",
+            "rig.table: found 'duel'",
+            "sed: unknown key; did you mean 'seed'?",
+        ],
     ),
     "no TOML": ("schema = = 1", ["valid TOML", "line 1"]),
     "nothing": ("", ["schema: missing", "site: missing", "rig: missing"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("command", ["simulate", "calibrate", "check", "run", "verify"])
@@ -146,12 +191,17 @@ def test_a_missing_scenario_is_refused(command, good, here, capsys):
     assert "no such file" in refusal(commands_with(here / "none.toml", good)[command], here, capsys)
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    (HEAD + EFFECTS + SEQUENCE, "[[method]]"),
-    (BENCH + '[[method]]\ncommand = ["rm", "-rf"]\n', "--allow-commands"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (HEAD + EFFECTS + SEQUENCE, "[[method]]"),
+        (BENCH + '[[method]]\ncommand = ["rm", "-rf"]\n', "--allow-commands"),
+    ],
+)
 @pytest.mark.parametrize("command", ["run", "verify"])
-def test_nothing_to_judge_and_commands_without_leave_are_refused(command, text, words, good, here, capsys):
+def test_nothing_to_judge_and_commands_without_leave_are_refused(
+    command, text, words, good, here, capsys
+):
     message = refusal(commands_with(put(here, "a.toml", text), good)[command], here, capsys)
     assert words in message
     assert not (here / "out").exists()
@@ -162,17 +212,28 @@ def test_verify_refuses_an_empty_folder_and_a_file_where_the_report_should_go(go
     assert "no *.toml" in refusal(["verify", here / "empty"], here, capsys)
     put(here, "out", "")
     for command in ("run", "verify"):
-        assert "found the file" in refusal([command, good / "bench.toml", "-o", here / "out" / "deep"], here, capsys)
+        assert "found the file" in refusal(
+            [command, good / "bench.toml", "-o", here / "out" / "deep"], here, capsys
+        )
 
 
 @pytest.mark.parametrize("command", ["correct", "check"])
-@pytest.mark.parametrize(("edit", "words"), [
-    (lambda _: "{", "Expecting"),
-    (lambda _: "[]", "need a CAL.json"),
-    (lambda c: json.dumps({k: v for k, v in c.items() if k != "parameters"}), "no key 'parameters'"),
-    (lambda c: json.dumps(c | {"verdict": "fine"}), "found verdict 'fine', need one of good, suspect, cannot_tell"),
-    (lambda c: json.dumps(c | {"parameters": {"accel.bias_x": {"value": "much"}}}), "much"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda _: "{", "Expecting"),
+        (lambda _: "[]", "need a CAL.json"),
+        (
+            lambda c: json.dumps({k: v for k, v in c.items() if k != "parameters"}),
+            "no key 'parameters'",
+        ),
+        (
+            lambda c: json.dumps(c | {"verdict": "fine"}),
+            "found verdict 'fine', need one of good, suspect, cannot_tell",
+        ),
+        (lambda c: json.dumps(c | {"parameters": {"accel.bias_x": {"value": "much"}}}), "much"),
+    ],
+)
 def test_a_bad_calibration_is_refused(command, edit, words, good, here, capsys):
     cal = put(here, "CAL.json", edit(json.loads((good / "CAL.json").read_text())))
     arguments = commands_on(good / "run.csv", good)[command]
@@ -180,10 +241,13 @@ def test_a_bad_calibration_is_refused(command, edit, words, good, here, capsys):
     assert words in refusal(arguments, here, capsys)
 
 
-@pytest.mark.parametrize(("setup", "words"), [
-    (None, "found no provenance.setup, need the set-up it belongs to"),
-    ({"rig": {"table": "dual"}}, "provenance.setup.site: found field required"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("setup", "words"),
+    [
+        (None, "found no provenance.setup, need the set-up it belongs to"),
+        ({"rig": {"table": "dual"}}, "provenance.setup.site: found field required"),
+    ],
+)
 def test_correct_needs_the_set_up_of_the_calibration(setup, words, good, here, capsys):
     table = json.loads((good / "CAL.json").read_text())
     table["provenance"] = {} if setup is None else {"setup": setup}
@@ -193,38 +257,60 @@ def test_correct_needs_the_set_up_of_the_calibration(setup, words, good, here, c
 
 def test_check_refuses_a_calibration_of_nothing_that_senses_gravity(good, here, capsys):
     table = json.loads((good / "CAL.json").read_text()) | {"parameters": {}, "covariance": None}
-    words = ["check", put(here, "CAL.json", json.dumps(table)), good / "run.csv", "--scenario", good / "bench.toml"]
+    words = [
+        "check",
+        put(here, "CAL.json", json.dumps(table)),
+        good / "run.csv",
+        "--scenario",
+        good / "bench.toml",
+    ]
     assert "no parameter of an accelerometer or inclinometer" in refusal(words, here, capsys)
 
 
-@pytest.mark.parametrize(("more", "words"), [
-    (["--method", "six_positon"], "did you mean 'six_position'?"),
-    (["--method", "nowhere:f"], "No module named 'nowhere'"),
-    (["--method", "json:nothing"], "has no attribute 'nothing'"),
-    (["--method", "json:__doc__"], "found str, need a function"),
-    (["--method", "norm", "--option", "terms"], "found no KEY=VALUE"),
-    (["--method", "norm", "--option", "term=9"], "option 'term'"),
-    (["--method", "norm", "--option", "terms=7"], "found 7, need 6 or 9"),
-    (["--method", "norm", "--option", "segments=3"], "use --segments SEG.csv"),
-    (["--method", "six_position", "--option", "sensor=acel"], "sensor 'acel': found no such sensor"),
-    (["--method", "two_position"], "found table dual, need table vertical"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--method", "six_positon"], "did you mean 'six_position'?"),
+        (["--method", "nowhere:f"], "No module named 'nowhere'"),
+        (["--method", "json:nothing"], "has no attribute 'nothing'"),
+        (["--method", "json:__doc__"], "found str, need a function"),
+        (["--method", "norm", "--option", "terms"], "found no KEY=VALUE"),
+        (["--method", "norm", "--option", "term=9"], "option 'term'"),
+        (["--method", "norm", "--option", "terms=7"], "found 7, need 6 or 9"),
+        (["--method", "norm", "--option", "segments=3"], "use --segments SEG.csv"),
+        (
+            ["--method", "six_position", "--option", "sensor=acel"],
+            "sensor 'acel': found no such sensor",
+        ),
+        (["--method", "two_position"], "found table dual, need table vertical"),
+    ],
+)
 def test_a_wrong_method_or_option_is_refused(more, words, good, here, capsys):
     start = ["calibrate", good / "run.csv", "--scenario", good / "bench.toml", "-o", "new.json"]
     assert words in refusal([*start, *more], here, capsys)
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
-@pytest.mark.parametrize(("text", "words"), [
-    ("", "no column end_s, start_s"),
-    ("start_s,kind\n1,dwell\n", "no column end_s"),
-    ("start_s,end_s\n1,2\n3,x\n", "line 3: found could not convert string to float: 'x'"),
-    ("start_s,end_s\n3,2\n", "line 2: found dwell from 3 to 2 s"),
-    ("start_s,end_s\nnan,2\n", "line 2"),
-    ("start_s,end_s,kind\n1,2,rest\n", "found rest from 1 to 2 s, need dwell or move"),
-    ("start_s,end_s\n1,2\n900,910\n", "line 3: found no sample from 900 to 910 s, need times within the recording"),
-    ("start_s,end_s\n1,2\n1.5,3\n", "dwells that overlap from 1.5 to 2 s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no column end_s, start_s"),
+        ("start_s,kind\n1,dwell\n", "no column end_s"),
+        ("start_s,end_s\n1,2\n3,x\n", "line 3: found could not convert string to float: 'x'"),
+        ("start_s,end_s\n3,2\n", "line 2: found dwell from 3 to 2 s"),
+        ("start_s,end_s\nnan,2\n", "line 2"),
+        ("start_s,end_s,kind\n1,2,rest\n", "found rest from 1 to 2 s, need dwell or move"),
+        (
+            "start_s,end_s\n1,2\n900,910\n",
+            "line 3: found no sample from 900 to 910 s, need times within the recording",
+        ),
+        ("start_s,end_s\n1,2\n1.5,3\n", "dwells that overlap from 1.5 to 2 s"),
+    ],
+)
 def test_wrong_segments_are_refused(command, text, words, good, here, capsys):
-    arguments = [*commands_on(good / "run.csv", good)[command], "--segments", put(here, "SEG.csv", text)]
+    arguments = [
+        *commands_on(good / "run.csv", good)[command],
+        "--segments",
+        put(here, "SEG.csv", text),
+    ]
     assert words in refusal(arguments, here, capsys)

@@ -18,10 +18,21 @@ def bench(tmp_path_factory):
     """A scenario of both axes every 10 deg, its recording, and its calibration."""
     folder = tmp_path_factory.mktemp("placing")
     steps = [s for s in PLACING["sequence"] if s.get("mount") != "Rz(45)" and s["action"] != "move"]
-    (folder / "level.toml").write_text(tomli_w.dumps(PLACING | {"sequence": steps, "method": [METHOD]}))
+    (folder / "level.toml").write_text(
+        tomli_w.dumps(PLACING | {"sequence": steps, "method": [METHOD]})
+    )
     at = {name: str(folder / name) for name in ("level.toml", "run.csv", "CAL.json")}
     assert main(["simulate", at["level.toml"], "--seed", "3", "-o", at["run.csv"]]) == 0
-    words = ["calibrate", at["run.csv"], "--scenario", at["level.toml"], "--method", "placing_table", "-o", at["CAL.json"]]
+    words = [
+        "calibrate",
+        at["run.csv"],
+        "--scenario",
+        at["level.toml"],
+        "--method",
+        "placing_table",
+        "-o",
+        at["CAL.json"],
+    ]
     assert main(words) == 0
     return folder
 
@@ -37,9 +48,14 @@ def test_cal_json_holds_an_entry_an_angle_with_its_uncertainty(bench):
 
 def test_correct_streams_the_table_off_and_says_what_it_left_empty(bench, capsys):
     out = bench / "out.csv"
-    assert main(["correct", str(bench / "CAL.json"), str(bench / "run.csv"), "-o", str(out), "--json"]) == 0
+    assert (
+        main(["correct", str(bench / "CAL.json"), str(bench / "run.csv"), "-o", str(out), "--json"])
+        == 0
+    )
     said, err = capsys.readouterr()
-    assert "readings of accel.x at placing angles that its table does not hold are left empty" in err
+    assert (
+        "readings of accel.x at placing angles that its table does not hold are left empty" in err
+    )
     assert any("accel.x" in note for note in json.loads(said)["notes"])
     with out.open() as lines:
         rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
@@ -72,7 +88,14 @@ def test_check_without_a_horizontal_axis_is_refused(bench, capsys):
     }
     (bench / "tilted.toml").write_text(tomli_w.dumps(tilted))
     assert main(["simulate", str(bench / "tilted.toml"), "-o", str(bench / "tilted.csv")]) == 0
-    words = ["check", str(bench / "CAL.json"), str(bench / "tilted.csv"), "--scenario", str(bench / "tilted.toml"), "--segments"]
+    words = [
+        "check",
+        str(bench / "CAL.json"),
+        str(bench / "tilted.csv"),
+        "--scenario",
+        str(bench / "tilted.toml"),
+        "--segments",
+    ]
     (bench / "SEG.csv").write_text("start_s,end_s,kind,label\n1.9,4,dwell,\n")
     assert main([*words, str(bench / "SEG.csv")]) == 2
     assert "found no dwell with a calibrated axis horizontal" in capsys.readouterr().err

@@ -12,7 +12,21 @@ from tiltcal.recordings.recording_files import read_recording, write_recording
 
 
 def predicted(toml, motion):
-    assert main(["simulate", str(toml), "--motion", str(motion), "--noise", "off", "-o", "predicted.csv"]) == 0
+    assert (
+        main(
+            [
+                "simulate",
+                str(toml),
+                "--motion",
+                str(motion),
+                "--noise",
+                "off",
+                "-o",
+                "predicted.csv",
+            ]
+        )
+        == 0
+    )
     return read_recording("predicted.csv")
 
 
@@ -23,12 +37,16 @@ def test_a_noiseless_recording_is_predicted_at_rest_in_its_own_columns_and_units
     columns = {name: clean.column(name) for name in clean.column_names}
     columns["accel_y_ug"] = columns.pop("accel_y_m_s2") / 9.80665e-6
     columns["table_outer_arcsec"] = columns.pop("table_outer_deg") * 3600
-    write_recording(Recording.from_columns(clean.time + 1e4, columns, labels=clean.labels), "other.npz")
+    write_recording(
+        Recording.from_columns(clean.time + 1e4, columns, labels=clean.labels), "other.npz"
+    )
     told = read_recording("other.npz")
     model = predicted(good / "bench.toml", "other.npz")
     assert set(model.column_names) == set(columns)
     np.testing.assert_array_equal(model.time, told.time)
-    np.testing.assert_array_equal(model.column("table_outer_arcsec"), told.column("table_outer_arcsec"))
+    np.testing.assert_array_equal(
+        model.column("table_outer_arcsec"), told.column("table_outer_arcsec")
+    )
     rest = at_rest(good)
     assert rest.sum() == pytest.approx(6 * 2 * 50, abs=12)
     for name, unit in (("accel_x_m_s2", 1.0), ("accel_y_ug", 9.80665e-6), ("accel_z_m_s2", 1.0)):
@@ -46,13 +64,21 @@ def at_rest(good):
 def test_the_mounting_of_the_recording_overrides_the_scenario_s(good):
     told = read_recording(good / "run.csv")
     write_recording(replace(told, metadata={"mount": "Rz(180)"}), "turned.csv")
-    plain, turned = predicted(good / "bench.toml", good / "run.csv"), predicted(good / "bench.toml", "turned.csv")
+    plain, turned = (
+        predicted(good / "bench.toml", good / "run.csv"),
+        predicted(good / "bench.toml", "turned.csv"),
+    )
     rest = at_rest(good)
-    for name, bias_ug in (("accel_x_m_s2", 3000), ("accel_y_m_s2", -1500)):  # what is sensed turns over, the bias stays
+    for name, bias_ug in (
+        ("accel_x_m_s2", 3000),
+        ("accel_y_m_s2", -1500),
+    ):  # what is sensed turns over, the bias stays
         bias = bias_ug * 9.80665e-6
         expected = bias - (plain.column(name) - bias)
         np.testing.assert_allclose(turned.column(name)[rest], expected[rest], atol=1e-9)
-    np.testing.assert_allclose(turned.column("accel_z_m_s2")[rest], plain.column("accel_z_m_s2")[rest], atol=1e-9)
+    np.testing.assert_allclose(
+        turned.column("accel_z_m_s2")[rest], plain.column("accel_z_m_s2")[rest], atol=1e-9
+    )
     assert np.ptp(plain.column("accel_y_m_s2")[rest]) > 19
     assert turned.metadata["mount"] == "Rz(180)"
 
@@ -95,11 +121,17 @@ def test_a_fog_turned_by_hand_is_predicted_from_the_gyro(here):
     (here / "hand.toml").write_text(HANDHELD)
     time = np.arange(500) / 50
     rate = np.column_stack([np.sin(time), np.cos(2 * time), 0.3 * time])
-    columns = {f"gyro_{a}_deg_s": rate[:, i] for i, a in enumerate("xyz")} | {"fog_a_deg_h": np.zeros(500)}
+    columns = {f"gyro_{a}_deg_s": rate[:, i] for i, a in enumerate("xyz")} | {
+        "fog_a_deg_h": np.zeros(500)
+    }
     write_recording(Recording.from_columns(time, columns), here / "hand.csv")
     model = predicted("hand.toml", "hand.csv")
     expected = 1.001 * rate @ [1 / 3, 2 / 3, 2 / 3] * 3600
     found = model.column("fog_a_deg_h")  # from local quartics through the rates, no longer exact
-    np.testing.assert_allclose(found[3:-3], expected[3:-3], rtol=0, atol=1e-6 * np.abs(expected).max())
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * np.abs(expected).max())  # at the ends there is one side only
+    np.testing.assert_allclose(
+        found[3:-3], expected[3:-3], rtol=0, atol=1e-6 * np.abs(expected).max()
+    )
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-4 * np.abs(expected).max()
+    )  # at the ends there is one side only
     np.testing.assert_allclose(model.column("gyro_x_deg_s"), rate[:, 0], rtol=1e-14)

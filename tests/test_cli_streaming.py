@@ -1,4 +1,6 @@
-"""Correcting a long recording: in fixed memory, with gaps that differ from chunk to chunk, whole or not at all."""
+"""Correcting a long recording: in fixed memory, with gaps that differ from chunk to chunk, whole or
+not at all.
+"""
 
 import subprocess
 import sys
@@ -13,8 +15,18 @@ from tiltcal.recordings.recording_files import read_recording, write_recording
 
 
 def long_log(path, rows):
-    """A log whose pressure is sampled from its second half on, so that gaps differ from chunk to chunk."""
-    names = ("time_s", "accel_x_m_s2", "pressure_V", "accel_y_m_s2", "accel_z_m_s2", "label", "remark")
+    """A log whose pressure is sampled from its second half on, so that gaps differ from chunk to
+    chunk.
+    """
+    names = (
+        "time_s",
+        "accel_x_m_s2",
+        "pressure_V",
+        "accel_y_m_s2",
+        "accel_z_m_s2",
+        "label",
+        "remark",
+    )
     third = np.random.default_rng(1).normal(size=(rows, 3))
     with path.open("w") as out:
         out.write(",".join(names) + "\n")
@@ -34,7 +46,12 @@ print(status, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def peak_of(*words):
     """Peak memory of a command, MiB."""
-    done = subprocess.run([sys.executable, "-c", MEASURED, *map(str, words)], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     status, kibibytes = done.stdout.split()
     assert status == "0"
     return int(kibibytes) / 1024
@@ -57,15 +74,22 @@ def test_a_long_recording_is_corrected_in_the_memory_of_a_short_one(suffix, good
         np.testing.assert_array_equal(corrected.column(name), original.column(name))
     assert corrected.extra["remark"].tolist() == original.extra["remark"].tolist()
     setup, calibration = load_scenario(good / "bench.toml"), load_calibration(good / "CAL.json")
-    expected = calibration.correct(setup.sensor[0], original.sensor(setup.sensor[0]).values, setup.site.gravity)
+    expected = calibration.correct(
+        setup.sensor[0], original.sensor(setup.sensor[0]).values, setup.site.gravity
+    )
     for i, axis in enumerate("xyz"):
-        np.testing.assert_allclose(corrected.column(f"accel_{axis}_corrected_m_s2"), expected[:, i], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(
+            corrected.column(f"accel_{axis}_corrected_m_s2"), expected[:, i], rtol=0, atol=1e-13
+        )
 
 
 def test_a_bad_line_far_into_a_long_recording_is_named_and_leaves_nothing(good, here, capsys):
     lines = long_log(here / "long.csv", 40_000).read_text().splitlines()
     cells = lines[30_000].split(",")
-    for bad, words in ((["oops", *cells[1:]], "line 30001, column time_s: found the text 'oops'"), (["7", *cells[1:]], "time")):
+    for bad, words in (
+        (["oops", *cells[1:]], "line 30001, column time_s: found the text 'oops'"),
+        (["7", *cells[1:]], "time"),
+    ):
         text = [*lines[:30_000], ",".join(bad), *lines[30_001:]]
         (here / "long.csv").write_text("\n".join(text))
         assert main(["correct", str(good / "CAL.json"), "long.csv", "-o", "out.csv"]) == 2

@@ -7,7 +7,9 @@ from tiltcal.core.quantisation import code_grid
 
 
 def coded(rng, width, digits, n=2000):
-    return np.round(width * np.rint(rng.normal(0, 200, n) + 300 * np.sin(np.arange(n) / 90)), digits)
+    return np.round(
+        width * np.rint(rng.normal(0, 200, n) + 300 * np.sin(np.arange(n) / 90)), digits
+    )
 
 
 @pytest.mark.parametrize("width", [0.001923606, 0.05, 3.05e-3])

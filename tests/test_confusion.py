@@ -1,4 +1,6 @@
-"""Who is confused with whom: the eight recordings and 57 columns of PHYSICS section 4, with the product's effects."""
+"""Who is confused with whom: the eight recordings and 57 columns of PHYSICS section 4, with the
+product's effects.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,13 @@ from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.setup.trajectory import Jet
 
 MICRO = 1e-6 * G0
-TURN = [np.eye(3), rotation("x", np.pi), rotation("y", np.pi / 2), rotation("z", np.pi / 2), rotation("x", np.pi / 2)]
+TURN = [
+    np.eye(3),
+    rotation("x", np.pi),
+    rotation("y", np.pi / 2),
+    rotation("z", np.pi / 2),
+    rotation("x", np.pi / 2),
+]
 
 
 def degrees(low, high, step):
@@ -32,7 +40,10 @@ def recordings():
     full, eye = degrees(0, 350, 10), TURN[0]
     both = [(full, 1, eye), (full, -1, eye)]
     tilts, turns = [0, 45, 90, 135, 180, -135, -90, -45], [0, 45, 90, 135, 180, 225, 270, 315]
-    grid = [((t, r), 1 if i % 2 else -1, eye) for i, (t, r) in enumerate((t, r) for t in tilts for r in turns)]
+    grid = [
+        ((t, r), 1 if i % 2 else -1, eye)
+        for i, (t, r) in enumerate((t, r) for t in tilts for r in turns)
+    ]
     rng = np.random.default_rng(3)
     random = [(tuple(np.degrees(rng.uniform(-np.pi, np.pi, 3))), 1, eye) for _ in range(60)]
     six = [((0, b, c), 1, eye) for b, c in ((0, 0), (0, 180), (0, 90), (0, -90), (90, 0), (-90, 0))]
@@ -51,17 +62,29 @@ def recordings():
 
 TWINS = {
     "H90": [
-        {"K1_x", "K1asym_x"}, {"K2_x", "Koq_x"}, {"K0_y", "level_E"}, {"mis_yx", "mount_z"}, {"enc1s", "sag"},
+        {"K1_x", "K1asym_x"},
+        {"K2_x", "Koq_x"},
+        {"K0_y", "level_E"},
+        {"mis_yx", "mount_z"},
+        {"enc1s", "sag"},
         {"mount_y", "level_N", "enc0", "backlash"},
     ],
     "H360": [{"K0_y", "level_E"}, {"mount_y", "level_N", "enc0", "backlash"}, {"enc1s", "sag"}],
     "H360B": [{"K0_y", "level_E"}, {"mount_y", "level_N", "enc0"}, {"enc1s", "sag"}],
     "H360M": [{"level_N", "enc0"}, {"enc1s", "sag"}],
-    "V360": [{"K0_x", "mis_xz", "mount_y"}, {"K0_z", "K1_z", "K2_z", "K3_z", "Koq_z", "K1asym_z", "gmag"}],
-    "SIX": [{"K1_x", "K3_x", "Koq_x"}, {"K2_x", "K1asym_x"}, {"mount_x", "enc0"}, {"level_E", "nonorth1"}],
+    "V360": [
+        {"K0_x", "mis_xz", "mount_y"},
+        {"K0_z", "K1_z", "K2_z", "K3_z", "Koq_z", "K1asym_z", "gmag"},
+    ],
+    "SIX": [
+        {"K1_x", "K3_x", "Koq_x"},
+        {"K2_x", "K1asym_x"},
+        {"mount_x", "enc0"},
+        {"level_E", "nonorth1"},
+    ],
     "D24": [{"mount_z", "enc0"}],
     "T60": [{"mount_x", "enc0"}],
-}  # fmt: skip
+}
 
 
 def column_effects(table):
@@ -69,11 +92,17 @@ def column_effects(table):
     last = {"placing": "outer", "vertical": "outer", "dual": "inner", "three": "inner"}[table]
     found = {}
     stems = {
-        "K0": ("acc_bias", "bias_{}_ug"), "K1": ("acc_scale", "scale_{}_ppm"), "K2": ("acc_K2", "k2_{}_ug_g2"),
-        "K3": ("acc_K3", "k3_{}_ug_g3"), "Koq": ("acc_Koq", "koq_{}_ug_g2"), "K1asym": ("acc_scale_asym", "scale_asym_{}_ppm"),
-        "Kip": ("acc_Kip", "kip_{}_ug_g2"), "Kio": ("acc_Kio", "kio_{}_ug_g2"), "Kpo": ("acc_Kpo", "kpo_{}_ug_g2"),
+        "K0": ("acc_bias", "bias_{}_ug"),
+        "K1": ("acc_scale", "scale_{}_ppm"),
+        "K2": ("acc_K2", "k2_{}_ug_g2"),
+        "K3": ("acc_K3", "k3_{}_ug_g3"),
+        "Koq": ("acc_Koq", "koq_{}_ug_g2"),
+        "K1asym": ("acc_scale_asym", "scale_asym_{}_ppm"),
+        "Kip": ("acc_Kip", "kip_{}_ug_g2"),
+        "Kio": ("acc_Kio", "kio_{}_ug_g2"),
+        "Kpo": ("acc_Kpo", "kpo_{}_ug_g2"),
         "drift": ("acc_drift", "drift_{}_ug"),
-    }  # fmt: skip
+    }
     for a in "xyz":
         for stem, (id, key) in stems.items():
             found[f"{stem}_{a}"] = (id, {key.format(a): 10.0}, None)
@@ -87,12 +116,18 @@ def column_effects(table):
         "enc0": ("table_encoder_zero", {f"{last}_zero_arcsec": 2.0}, None),
         "enc1c": ("table_encoder_eccentricity", {"cos_arcsec": 2.0}, last),
         "enc1s": ("table_encoder_eccentricity", {"sin_arcsec": 2.0}, last),
-        "enc2c": ("table_encoder_2rev", {"cos_arcsec": 2.0}, last), "enc2s": ("table_encoder_2rev", {"sin_arcsec": 2.0}, last),
-        "sag": ("table_sag", {"sag_arcsec": 2.0}, None), "gmag": ("gravity_magnitude", {"gravity_error_ppm": 10.0}, None),
+        "enc2c": ("table_encoder_2rev", {"cos_arcsec": 2.0}, last),
+        "enc2s": ("table_encoder_2rev", {"sin_arcsec": 2.0}, last),
+        "sag": ("table_sag", {"sag_arcsec": 2.0}, None),
+        "gmag": ("gravity_magnitude", {"gravity_error_ppm": 10.0}, None),
         "backlash": ("table_backlash", {"width_arcsec": 2.0}, "outer"),
-        "nonorth1": ("axis_nonorthogonality", {"outer_middle_arcsec" if table == "three" else "outer_inner_arcsec": 2.0}, None),
+        "nonorth1": (
+            "axis_nonorthogonality",
+            {"outer_middle_arcsec" if table == "three" else "outer_inner_arcsec": 2.0},
+            None,
+        ),
         "nonorth2": ("axis_nonorthogonality", {"middle_inner_arcsec": 2.0}, None),
-    }  # fmt: skip
+    }
     for n, order in (("m1", "-1"), ("p2", "+2"), ("m2", "-2")):
         for part, c in (("re", "c"), ("im", "s")):
             found[f"wob{order}{part}"] = ("table_axis_wobble", {f"{n}{c}_arcsec": 2.0}, last)
@@ -108,7 +143,10 @@ def columns(name):
     direction = np.array([p[1] for p in poses], dtype=float)
     starts = [k for k in range(n) if k == 0 or not np.array_equal(poses[k][2], poses[k - 1][2])]
     mounts = tuple((k, poses[k][2]) for k in starts)
-    axes = {axis: Jet(angles[:, i], 1e-9 * direction, np.zeros(n)) for i, axis in enumerate(setup.rig.axis_names)}
+    axes = {
+        axis: Jet(angles[:, i], 1e-9 * direction, np.zeros(n))
+        for i, axis in enumerate(setup.rig.axis_names)
+    }
     drive = drive_of(axes, np.arange(n, dtype=float), rest=True, mounts=mounts)
 
     def reading(effect):
@@ -125,8 +163,18 @@ def columns(name):
                 sides.append(0.0)  # their three-axis table has none
                 continue
             plus = make_effect(id, values, setup, axis=axis)
-            sides.append(reading(type(plus)({k: sign * v for k, v in plus.values.items()}, plus.sensor, plus.axis)))
-        found[column] = (np.asarray(sides[0]) - sides[1]).ravel() / 2 / MICRO if np.ndim(sides[0]) else np.zeros(3 * n)
+            sides.append(
+                reading(
+                    type(plus)(
+                        {k: sign * v for k, v in plus.values.items()}, plus.sensor, plus.axis
+                    )
+                )
+            )
+        found[column] = (
+            (np.asarray(sides[0]) - sides[1]).ravel() / 2 / MICRO
+            if np.ndim(sides[0])
+            else np.zeros(3 * n)
+        )
     return found
 
 
@@ -149,8 +197,7 @@ def test_the_confusability_table_is_reproduced(name):
 
 def test_a_scenario_is_told_what_it_can_tell_apart(tmp_path):
     path = tmp_path / "sweep.toml"
-    path.write_text(
-        """schema = 1
+    path.write_text("""schema = 1
 name = "placing sweep"
 [site]
 gravity_m_s2 = 9.8
@@ -174,11 +221,12 @@ action = "sweep"
 outer_deg = 0
 step_deg = 20
 dwell_s = 3
-"""
-    )
+""")
     found = confuse(load_scenario(path))
     sights = {s.column.label: s for s in found.sights}
-    assert sights["table_levelling.tilt_east"].absorbed > 0.999  # a constant on y: one with its bias
+    assert (
+        sights["table_levelling.tilt_east"].absorbed > 0.999
+    )  # a constant on y: one with its bias
     assert np.isinf(sights["gravity_magnitude.gravity_error"].detectable)
     assert "table_encoder_eccentricity[outer].sin" in dict(sights["table_sag[outer].sag"].rivals)
     assert any({"table_sag", "table_encoder_eccentricity"} <= set(g) for g in classes(found))
@@ -187,7 +235,9 @@ dwell_s = 3
 
 
 def test_a_detectable_size_is_what_monte_carlo_finds_at_eighty_per_cent(rng):
-    """Power of a one-parameter test at 0.1 % false alarm with the non-centrality that POWER states."""
+    """Power of a one-parameter test at 0.1 % false alarm with the non-centrality that POWER
+    states.
+    """
     from scipy.stats import chi2, ncx2
 
     from tiltcal.design.identifiability import POWER

@@ -16,10 +16,17 @@ AD7705 = Converter()
 
 def gain_at(frequency, converter=AD7705, channel=0, delay=0.0):
     """Complex gain of the chain at a frequency, by a cosine and a sine."""
-    time = 1.0 + np.arange(200) * 0.05 + 1e-4 * np.arange(200)  # stamps that do not beat with the tone
+    time = (
+        1.0 + np.arange(200) * 0.05 + 1e-4 * np.arange(200)
+    )  # stamps that do not beat with the tone
     grid = fine_grid(converter, time, delay)
     read = [
-        converted(converter, grid, np.column_stack([wave(2 * np.pi * frequency * grid)] * 2), [time - delay] * 2)[:, channel]
+        converted(
+            converter,
+            grid,
+            np.column_stack([wave(2 * np.pi * frequency * grid)] * 2),
+            [time - delay] * 2,
+        )[:, channel]
         for wave in (np.cos, np.sin)
     ]
     return (read[0] + 1j * read[1]) / np.exp(2j * np.pi * frequency * time)
@@ -29,7 +36,9 @@ def test_the_code_is_that_of_the_paper_with_and_without_the_amplifier():
     assert np.arcsin(AD7705.code / G0) / ARCSEC == pytest.approx(1.75, abs=0.005)
     bare = Converter(amplifier=1.0)
     assert np.arcsin(bare.code / G0) / ARCSEC == pytest.approx(157, abs=0.5)
-    assert np.degrees(np.arcsin(AD7705.limit / G0)) == pytest.approx(16.1, abs=0.05)  # +- 15 deg fit, with a little room
+    assert np.degrees(np.arcsin(AD7705.limit / G0)) == pytest.approx(
+        16.1, abs=0.05
+    )  # +- 15 deg fit, with a little room
 
 
 @pytest.mark.parametrize("frequency", [1.0, 10.0, 50.0, 100.0])
@@ -52,7 +61,9 @@ def test_the_channels_are_taken_in_turn_sixteen_milliseconds_apart():
     assert (second - first) / (2 * np.pi * f) == pytest.approx(AD7705.turn_s, rel=1e-3)
     assert AD7705.turn_s == pytest.approx(0.016)
     group = (
-        1.5 / AD7705.output_hz - 1.5 / AD7705.modulator_hz + np.arctan(f / AD7705.lowpass_hz) / (2 * np.pi * f)
+        1.5 / AD7705.output_hz
+        - 1.5 / AD7705.modulator_hz
+        + np.arctan(f / AD7705.lowpass_hz) / (2 * np.pi * f)
     )  # half the window, and the low-pass
     assert -second / (2 * np.pi * f) == pytest.approx(group, rel=0.002)
 
@@ -65,15 +76,29 @@ def test_a_delay_is_added_to_the_chain_s_own():
 
 def test_codes_are_whole_and_end_at_the_limits():
     values = np.array([[-100.0, 100.0], [0.4 * AD7705.code, 0.6 * AD7705.code]])
-    np.testing.assert_allclose(coded(AD7705, values) / AD7705.code, [[-32768, 32767], [0, 1]], atol=1e-9)
+    np.testing.assert_allclose(
+        coded(AD7705, values) / AD7705.code, [[-32768, 32767], [0, 1]], atol=1e-9
+    )
 
 
 def scenario(*effects, **converter):
     table = {
-        "schema": 1, "name": "chain", "site": {"gravity_m_s2": G, "latitude_deg": LATITUDE}, "rig": {"table": "vertical"},
-        "sensor": [{"name": "accel", "kind": "accelerometer", "axes": ["x", "y"], "rate_hz": 20, "converter": converter}],
-        "sequence": [{"action": "rest", "dwell_s": 20}], "effect": list(effects),
-    }  # fmt: skip
+        "schema": 1,
+        "name": "chain",
+        "site": {"gravity_m_s2": G, "latitude_deg": LATITUDE},
+        "rig": {"table": "vertical"},
+        "sensor": [
+            {
+                "name": "accel",
+                "kind": "accelerometer",
+                "axes": ["x", "y"],
+                "rate_hz": 20,
+                "converter": converter,
+            }
+        ],
+        "sequence": [{"action": "rest", "dwell_s": 20}],
+        "effect": list(effects),
+    }
     return Scenario.model_validate(table)
 
 
@@ -89,7 +114,9 @@ def test_mains_at_fifty_hertz_folds_to_ten_in_the_recording():
 
 
 def test_a_tilt_beyond_the_range_clips_at_the_limit_and_a_noisy_one_is_coded():
-    steep = SimulatedLaboratory().record(scenario({"id": "table_levelling", "tilt_north_arcsec": 20 * 3600}))
+    steep = SimulatedLaboratory().record(
+        scenario({"id": "table_levelling", "tilt_north_arcsec": 20 * 3600})
+    )
     assert np.abs(steep.column("accel_x_m_s2")) == pytest.approx(AD7705.limit)
     noisy = SimulatedLaboratory().record(scenario({"id": "acc_noise", "white_ug_rthz": 11}), 3)
     codes = noisy.column("accel_y_m_s2") / AD7705.code
@@ -107,5 +134,9 @@ def test_a_converter_where_none_can_be_is_refused_in_words():
 
 
 def test_noise_is_added_after_the_filter_with_its_own_size():
-    read = SimulatedLaboratory().record(scenario({"id": "acc_noise", "white_ug_rthz": 100}), 4).column("accel_x_m_s2")
+    read = (
+        SimulatedLaboratory()
+        .record(scenario({"id": "acc_noise", "white_ug_rthz": 100}), 4)
+        .column("accel_x_m_s2")
+    )
     assert read.std() == pytest.approx(100e-6 * G0 * np.sqrt(20), rel=0.15)

@@ -20,7 +20,9 @@ def test_differentiation_of_a_readout_is_smooth_and_zero_at_rest():
 
 @pytest.mark.parametrize("corner", [0.0, 0.3])
 def test_a_rate_is_told_on_its_own_side_of_a_corner(corner, rng):
-    """Beside a jump of the acceleration a window around the sample blurs it; one on its own side does not."""
+    """Beside a jump of the acceleration a window around the sample blurs it; one on its own side
+    does not.
+    """
     time = np.arange(0, 20, STEP)
     at = np.where(time < 10, time - 10, corner * (time - 10))
     angle, truth = 0.05 * at**2, 0.1 * at * np.where(time < 10, 1, corner)
@@ -28,23 +30,34 @@ def test_a_rate_is_told_on_its_own_side_of_a_corner(corner, rng):
     level = np.where(np.arange(len(time)) < 60, angle[0], angle)
     v, _ = differentiate(time, level + NOISE * rng.standard_normal(len(time)), resting)
     near = slice(480, 520)
-    assert np.abs(v - truth)[near].max() < 4 * 0.97 * NOISE / STEP  # no worse than one difference of readings: 15 at one side
+    assert (
+        np.abs(v - truth)[near].max() < 4 * 0.97 * NOISE / STEP
+    )  # no worse than one difference of readings: 15 at one side
 
 
 def moves(time, start, jerk=0.4, long=1.2):
-    """Angle and rate of an axis that rests, goes by a smooth move from ``start`` on, and rests again."""
+    """Angle and rate of an axis that rests, goes by a smooth move from ``start`` on, and rests
+    again.
+    """
     u = np.clip((time - start) / long, 0, 1)
-    angle = jerk * long**3 * (u**3 / 3 - u**4 / 2 + u**5 / 5)  # rate jerk long2 u2 (1 - u)2: zero with a bend at both ends
+    angle = (
+        jerk * long**3 * (u**3 / 3 - u**4 / 2 + u**5 / 5)
+    )  # rate jerk long2 u2 (1 - u)2: zero with a bend at both ends
     return angle, jerk * long**2 * u**2 * (1 - u) ** 2
 
 
 @pytest.mark.parametrize("start", [2.0031, 2.0093, 2.0188])
 @pytest.mark.parametrize("turned", [False, True])
 def test_beside_a_rest_a_rate_is_as_good_as_inside_a_move(start, turned, rng):
-    """A window across the instant at which an axis sets out rings by per cents of its first rates."""
+    """A window across the instant at which an axis sets out rings by per cents of its first
+    rates.
+    """
     time = np.arange(0, 6, STEP)
     at = np.maximum(time - start, 0.0)
-    angle, truth = 0.05 * at**2 + 0.01 * at**3, 0.1 * at + 0.03 * at**2  # a step of the acceleration
+    angle, truth = (
+        0.05 * at**2 + 0.01 * at**3,
+        0.1 * at + 0.03 * at**2,
+    )  # a step of the acceleration
     if turned:
         angle, truth = angle[::-1], -truth[::-1]
     still = angle == angle.min()
@@ -67,12 +80,18 @@ def test_samples_that_hide_in_a_rest_have_the_rate_with_which_the_axis_set_out(r
 def test_stamps_that_jitter_leave_the_rates_of_a_swing_alone(rng):
     time = np.arange(0, 20, STEP) + STEP * rng.uniform(-0.3, 0.3, 1000)
     angle, truth = 0.3 * np.sin(4 * time), 1.2 * np.cos(4 * time)
-    v, _ = differentiate(time, angle + NOISE * rng.standard_normal(len(time)), np.zeros(len(time), bool))
-    assert np.std((v - truth)[20:-20]) < 0.6 * NOISE / STEP  # on straight lines between the rows: 33
+    v, _ = differentiate(
+        time, angle + NOISE * rng.standard_normal(len(time)), np.zeros(len(time), bool)
+    )
+    assert (
+        np.std((v - truth)[20:-20]) < 0.6 * NOISE / STEP
+    )  # on straight lines between the rows: 33
 
 
 def test_a_fast_swing_is_told_by_a_longer_window_of_a_higher_degree(rng):
     time = np.arange(0, 20, STEP)
     angle, truth = 0.3 * np.sin(9 * time), 2.7 * np.cos(9 * time)
-    v, _ = differentiate(time, angle + NOISE * rng.standard_normal(len(time)), np.zeros(len(time), bool))
+    v, _ = differentiate(
+        time, angle + NOISE * rng.standard_normal(len(time)), np.zeros(len(time), bool)
+    )
     assert np.std((v - truth)[20:-20]) < 1.5 * NOISE / STEP  # by quartics alone: 4.6

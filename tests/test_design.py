@@ -1,4 +1,6 @@
-"""Designed sequences: the founders' table of baselines and bars, bounds worked by hand, gradients, files, the product's terms."""
+"""Designed sequences: the founders' table of baselines and bars, bounds worked by hand, gradients,
+files, the product's terms.
+"""
 
 import csv
 import json
@@ -25,14 +27,26 @@ from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.setup.schedule import build_schedule
 
 BARS = {
-    ("linear", False, 300): 92.64, ("linear", False, 900): 99.23, ("linear", True, 300): 90.42, ("linear", True, 900): 96.98,
-    ("K2K3", True, 300): 130.47, ("K2K3", True, 900): 140.74, ("quadratic", True, 300): 196.79, ("quadratic", True, 900): 212.39,
-}  # fmt: skip
+    ("linear", False, 300): 92.64,
+    ("linear", False, 900): 99.23,
+    ("linear", True, 300): 90.42,
+    ("linear", True, 900): 96.98,
+    ("K2K3", True, 300): 130.47,
+    ("K2K3", True, 900): 140.74,
+    ("quadratic", True, 300): 196.79,
+    ("quadratic", True, 900): 212.39,
+}
 """nats that a local search reached (model, drift, budget)."""
 TWENTY_FOUR = {
-    ("linear", False, 300): 3.87, ("linear", False, 900): 2.17, ("linear", True, 300): 5.18, ("linear", True, 900): 2.87,
-    ("K2K3", True, 300): 6.30, ("K2K3", True, 900): 3.27, ("quadratic", True, 300): 8.54, ("quadratic", True, 900): 3.98,
-}  # fmt: skip
+    ("linear", False, 300): 3.87,
+    ("linear", False, 900): 2.17,
+    ("linear", True, 300): 5.18,
+    ("linear", True, 900): 2.87,
+    ("K2K3", True, 300): 6.30,
+    ("K2K3", True, 900): 3.27,
+    ("quadratic", True, 300): 8.54,
+    ("quadratic", True, 900): 3.98,
+}
 """arcsec of 24 positions, the dwell the best of 5, 10, 20 s, cut where the budget ends."""
 
 
@@ -47,17 +61,31 @@ def problem_of(kind, drift, budget, criterion="both", **clock):
 
 
 def worth(problem, draft):
-    return gain(problem.information(draft.angles, problem.dwells(draft.angles, draft.z)), problem.model.interest)
+    return gain(
+        problem.information(draft.angles, problem.dwells(draft.angles, draft.z)),
+        problem.model.interest,
+    )
 
 
 def scenario_of(table="dual", **more):
     return parse_scenario(
         {
-            "schema": 1, "name": "bench", "site": {"gravity_m_s2": 9.80123}, "rig": {"table": table},
-            "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 50, "adjustable": ["bias", "scale", "cross_axis"]}],
-            "effect": [{"id": "acc_noise", "white_ug_rthz": 100}], **more,
+            "schema": 1,
+            "name": "bench",
+            "site": {"gravity_m_s2": 9.80123},
+            "rig": {"table": table},
+            "sensor": [
+                {
+                    "name": "accel",
+                    "kind": "accelerometer",
+                    "rate_hz": 50,
+                    "adjustable": ["bias", "scale", "cross_axis"],
+                }
+            ],
+            "effect": [{"id": "acc_noise", "white_ug_rthz": 100}],
+            **more,
         }
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("cell", TWENTY_FOUR, ids=str)
@@ -69,8 +97,13 @@ def test_the_model_reproduces_what_24_positions_are_known_to_reach(cell):
         angles = unwound(np.tile(planes(45, "dual"), (4, 1)), problem.clock.limits)
         cost = np.cumsum(problem.clock.moves(angles) + problem.clock.settle + dwell)
         angles = angles[: np.searchsorted(cost, budget, side="right")]
-        tried.append(tilt_rms(problem.information(angles, np.full(len(angles), dwell)), problem.model.loss) / ARCSEC)
-    assert min(tried) == pytest.approx(TWENTY_FOUR[cell], abs=0.006)  # the table's last digit, and 400 directions for all
+        tried.append(
+            tilt_rms(problem.information(angles, np.full(len(angles), dwell)), problem.model.loss)
+            / ARCSEC
+        )
+    assert min(tried) == pytest.approx(
+        TWENTY_FOUR[cell], abs=0.006
+    )  # the table's last digit, and 400 directions for all
 
 
 @pytest.mark.parametrize("cell", BARS, ids=str)
@@ -97,7 +130,9 @@ def test_six_positions_are_at_the_bound_of_the_linear_terms_and_no_design_claims
     for n in (6, 12, 24):
         assert efficiency(rng.uniform(-np.pi, np.pi, (n, 2))) <= 1 + 1e-12
     quiet = problem_of("linear", False, 1e4, "D", rate=1e9, settle=0.0, shortest=60.0, longest=60.0)
-    best = search(quiet, [Draft(classic("six"), np.zeros(6))], 0, Effort(starts=3, rounds=1, trials=10))
+    best = search(
+        quiet, [Draft(classic("six"), np.zeros(6))], 0, Effort(starts=3, rounds=1, trials=10)
+    )
     assert 0.99 <= efficiency(best.angles) <= 1 + 1e-12
 
 
@@ -107,11 +142,15 @@ def test_the_gradient_is_the_slope_of_the_value(criterion, kind):
     problem = problem_of(kind, True, 300, criterion)
     climb = _Climb(problem, 12, 2)
     rng = rng_of(f"gradient {criterion} {kind}")
-    x = np.concatenate([np.cumsum(rng.uniform(0.1, 0.6, (12, 2)), axis=0).ravel(), rng.normal(0, 0.3, 12)])
+    x = np.concatenate(
+        [np.cumsum(rng.uniform(0.1, 0.6, (12, 2)), axis=0).ravel(), rng.normal(0, 0.3, 12)]
+    )
     _, slope = climb(x)
     for i in (0, 7, 23, 25, 35):
         step = 1e-5 * np.eye(len(x))[i]
-        assert slope[i] == pytest.approx((climb(x + step)[0] - climb(x - step)[0]) / 2e-5, rel=2e-3, abs=2e-3)
+        assert slope[i] == pytest.approx(
+            (climb(x + step)[0] - climb(x - step)[0]) / 2e-5, rel=2e-3, abs=2e-3
+        )
 
 
 def test_moves_that_alone_overrun_are_led_back_inside():
@@ -196,7 +235,8 @@ def test_limits_and_steps_of_the_table_are_kept():
 @pytest.mark.parametrize("criterion", [c for c in CRITERIA if c != "tilt"])
 def test_what_a_criterion_asks_for_is_what_it_gets(criterion):
     plans = {
-        c: design(problem_of("K2K3", True, 200, c), effort=Effort(starts=6, rounds=1, trials=20)) for c in {criterion, "D", "I"}
+        c: design(problem_of("K2K3", True, 200, c), effort=Effort(starts=6, rounds=1, trials=20))
+        for c in {criterion, "D", "I"}
     }
     mine = plans[criterion]
     for other in plans.values():
@@ -208,9 +248,16 @@ def test_what_a_criterion_asks_for_is_what_it_gets(criterion):
 
 
 def test_the_products_own_terms_give_the_textbook_forecast():
-    """bias, scale and cross-axis of the catalogue are 1, x, y, z: same sigmas, in their own units."""
+    """bias, scale and cross-axis of the catalogue are 1, x, y, z: same sigmas, in their own
+    units.
+    """
     scenario = scenario_of(site={"gravity_m_s2": 9.80665})
-    mine, _ = scenario_model(scenario, scenario.sensor[0], Wanted(("bias", "scale", "cross_axis"), ("drift",), prior=0.03), 300)
+    mine, _ = scenario_model(
+        scenario,
+        scenario.sensor[0],
+        Wanted(("bias", "scale", "cross_axis"), ("drift",), prior=0.03),
+        300,
+    )
     clock = Clock(300)
     angles, dwell = classic("six"), np.full(6, 20.0)
     product = forecast(Problem(mine, clock), angles, dwell)
@@ -226,10 +273,14 @@ def test_the_products_own_terms_give_the_textbook_forecast():
 
 def test_the_whole_catalogue_can_be_asked_for_and_a_design_sees_more_of_it_than_six_positions():
     scenario = scenario_of()
-    model, unseen = scenario_model(scenario, scenario.sensor[0], Wanted(("all",), ("drift", "table_levelling")), 300)
+    model, unseen = scenario_model(
+        scenario, scenario.sensor[0], Wanted(("all",), ("drift", "table_levelling")), 300
+    )
     assert len(model.names) > 90
     assert {"acc_hysteresis", "table_backlash", "lever_arm"} <= set(unseen)
-    assert not any(n.startswith("accel.drift") and i for n, i in zip(model.names, model.interest, strict=True))
+    assert not any(
+        n.startswith("accel.drift") and i for n, i in zip(model.names, model.interest, strict=True)
+    )
     problem = Problem(model, Clock(300), "D")
     six = baseline(problem, "six")
     best = search(problem, [six], 0, Effort(starts=2, first=10, then=15, kept=1, rounds=0))
@@ -242,7 +293,9 @@ def test_table_effects_at_a_pose_are_the_closed_form_differenced():
 
     scenario = scenario_of()
     sensor = scenario.sensor[0]
-    model, _ = scenario_model(scenario, sensor, Wanted(("table_sag", "table_encoder_eccentricity", "K3"), ()), 300)
+    model, _ = scenario_model(
+        scenario, sensor, Wanted(("table_sag", "table_encoder_eccentricity", "K3"), ()), 300
+    )
     rng = rng_of("table effects at a pose")
     angles = rng.uniform(-np.pi, np.pi, (20, 2))
     rows = model.rows(angles, np.zeros(20))
@@ -253,7 +306,9 @@ def test_table_effects_at_a_pose_are_the_closed_form_differenced():
         change * model.prior[index], abs=5e-6 * np.abs(rows).max()
     )  # an arcsecond's own square
     k3 = rows[:, 0, model.names.index("accel.k3_x")]
-    assert k3 == pytest.approx(dual_up(angles)[:, 0] ** 3 * 9.80123**3 / 9.80665**2 * 200e-6, rel=1e-6)
+    assert k3 == pytest.approx(
+        dual_up(angles)[:, 0] ** 3 * 9.80123**3 / 9.80665**2 * 200e-6, rel=1e-6
+    )
 
 
 def test_an_inclinometer_reads_angles_and_its_steep_end_is_not_exploited():
@@ -265,11 +320,15 @@ def test_an_inclinometer_reads_angles_and_its_steep_end_is_not_exploited():
     assert not any("levelling" in name for name in unseen)
     tilts = np.array([0.0, 30.0, 60.0, 80.0, 90.0]) * DEG  # about the outer axis: tilt of y
     rows = model.rows(np.column_stack([tilts, 0 * tilts]), np.zeros(5))
-    bias = rows[:, 1, model.names.index("incl.bias_y")] / model.prior[model.names.index("incl.bias_y")]
+    bias = (
+        rows[:, 1, model.names.index("incl.bias_y")] / model.prior[model.names.index("incl.bias_y")]
+    )
     slope = 1e-6 * 9.80665 / 9.80123
     assert bias == pytest.approx(slope / np.cos(np.minimum(tilts, 60 * DEG)), rel=1e-9)
     east = rows[:, 1, model.names.index("table_levelling.tilt_east")]
-    assert east[:3] == pytest.approx(np.full(3, east[0]), rel=1e-3)  # an angle is an angle, whatever the tilt
+    assert east[:3] == pytest.approx(
+        np.full(3, east[0]), rel=1e-3
+    )  # an angle is an angle, whatever the tilt
 
 
 @pytest.mark.parametrize("table", ["dual", "three", "placing"])
@@ -281,7 +340,9 @@ def test_the_scenario_takes_the_table_time_that_was_planned(table):
     still = Still(scenario, 150.0)
     clock = Clock(150.0, limits=(None,) * len(still.axes))
     model, _ = scenario_model(scenario, scenario.sensor[0], Wanted(terms), 150.0)
-    plan = design(Problem(model, clock), still.axes, table, effort=Effort(starts=3, rounds=1, trials=10))
+    plan = design(
+        Problem(model, clock), still.axes, table, effort=Effort(starts=3, rounds=1, trials=10)
+    )
     steps = steps_of(plan, still.up(plan.angles))
     again = parse_scenario(designed_table(scenario, steps, "designed"))
     schedule = again.schedule
@@ -292,10 +353,14 @@ def test_the_scenario_takes_the_table_time_that_was_planned(table):
         assert np.asarray(drive.axes[axis].x) == pytest.approx(plan.angles[:, k], abs=1e-6)
         assert np.asarray(drive.axes[axis].v) == pytest.approx(0.0, abs=1e-12)
     begin = schedule.drive(middles - plan.dwell / 2 - clock.settle + 1.0)
-    assert all(np.asarray(jet.v) == pytest.approx(0.0, abs=1e-12) for jet in begin.axes.values())  # ramps end inside the settling
+    assert all(
+        np.asarray(jet.v) == pytest.approx(0.0, abs=1e-12) for jet in begin.axes.values()
+    )  # ramps end inside the settling
 
 
-def test_the_command_writes_what_a_laboratory_a_calibration_and_a_person_can_follow(tmp_path, capsys):
+def test_the_command_writes_what_a_laboratory_a_calibration_and_a_person_can_follow(
+    tmp_path, capsys
+):
     out = tmp_path / "out"
     assert main(["design", "--textbook", "linear", "--budget-s", "120", "-o", str(out)]) == 0
     printed = capsys.readouterr().out
@@ -305,23 +370,59 @@ def test_the_command_writes_what_a_laboratory_a_calibration_and_a_person_can_fol
     plan = json.loads((out / "design.json").read_text())
     with (out / "steps.csv").open() as lines:
         rows = list(csv.DictReader(lines))
-    assert list(rows[0]) == ["step", "action", "outer_deg", "middle_deg", "inner_deg", "rate_deg_s", "dwell_s", "mount", "label"]
+    assert list(rows[0]) == [
+        "step",
+        "action",
+        "outer_deg",
+        "middle_deg",
+        "inner_deg",
+        "rate_deg_s",
+        "dwell_s",
+        "mount",
+        "label",
+    ]
     assert {r["action"] for r in rows} == {"move"}
-    assert len(rows) == len(plan["poses"]) == len(tomllib.loads((out / "design.toml").read_text())["sequence"])
+    assert (
+        len(rows)
+        == len(plan["poses"])
+        == len(tomllib.loads((out / "design.toml").read_text())["sequence"])
+    )
     assert float(rows[3]["outer_deg"]) == pytest.approx(plan["poses"][3]["outer_deg"], abs=1e-6)
     assert plan["total_s"] <= 120 + 1e-6
     assert "expected rms tilt error" in (out / "steps.txt").read_text()
     assert main(["simulate", str(out / "design.toml"), "-o", str(tmp_path / "run.csv")]) == 0
-    words = ["calibrate", str(tmp_path / "run.csv"), "--scenario", str(out / "design.toml"), "--method", "six_position"]
+    words = [
+        "calibrate",
+        str(tmp_path / "run.csv"),
+        "--scenario",
+        str(out / "design.toml"),
+        "--method",
+        "six_position",
+    ]
     assert main([*words, "--segments", str(out / "segments.csv"), "--json"]) == 0
     calibrated = json.loads(capsys.readouterr().out)
     assert len(calibrated["poses"]) == len(rows)
 
 
 def test_terms_come_from_the_scenario_unless_they_are_named(tmp_path, capsys):
-    table = scenario_of(effect=[{"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 10.0, "fit": True}])
+    table = scenario_of(
+        effect=[{"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 10.0, "fit": True}]
+    )
     (tmp_path / "s.toml").write_text(_toml(table))
-    assert main(["design", str(tmp_path / "s.toml"), "--budget-s", "100", "--nuisance", "none", "--json"]) == 0
+    assert (
+        main(
+            [
+                "design",
+                str(tmp_path / "s.toml"),
+                "--budget-s",
+                "100",
+                "--nuisance",
+                "none",
+                "--json",
+            ]
+        )
+        == 0
+    )
     names = [p["name"] for p in json.loads(capsys.readouterr().out)["parameters"]]
     assert {"accel.bias_x", "accel.cross_zy", "accel.k2_z"} <= set(names)
     assert not any("drift" in n for n in names)
@@ -331,7 +432,10 @@ def _toml(scenario):
     import tomli_w
 
     return tomli_w.dumps(
-        {"schema": 1} | json.loads(scenario.model_dump_json(exclude_none=True, exclude_defaults=True, by_alias=True))
+        {"schema": 1}
+        | json.loads(
+            scenario.model_dump_json(exclude_none=True, exclude_defaults=True, by_alias=True)
+        )
     )
 
 
@@ -339,4 +443,6 @@ def test_a_schedule_of_the_steps_is_what_build_schedule_makes_of_them():
     scenario = scenario_of()
     plan = design(problem_of("linear", False, 60), effort=Effort(starts=2, rounds=0))
     steps = steps_of(plan, dual_up(plan.angles))
-    assert build_schedule(steps, scenario.rig).times[1] == pytest.approx(plan.forecast.total_s, abs=0.01)
+    assert build_schedule(steps, scenario.rig).times[1] == pytest.approx(
+        plan.forecast.total_s, abs=0.01
+    )

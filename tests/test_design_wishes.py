@@ -15,7 +15,9 @@ from tiltcal.design.time_budget import Clock
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
     (tmp_path / "bench.toml").write_text(BENCH)
-    (tmp_path / "vertical.toml").write_text(BENCH.replace('table = "dual"', 'table = "vertical"').split("[[sequence]]")[0])
+    (tmp_path / "vertical.toml").write_text(
+        BENCH.replace('table = "dual"', 'table = "vertical"').split("[[sequence]]")[0]
+    )
     (tmp_path / "gyro.toml").write_text(
         'schema = 1\n[site]\ngravity_m_s2 = 9.8\nlatitude_deg = 40.0\n[rig]\ntable = "dual"\n'
         '[[sensor]]\nname = "gyro"\nkind = "gyro"\n'
@@ -24,33 +26,62 @@ def bench(tmp_path: Path) -> Path:
 
 
 WISHES = {
-    "a budget shorter than one pose": (["--budget-s", "9"], ("9 s", "10 s for one pose", "accel.bias_x")),
-    "an effect that shows in motion only": (["--terms", "bias", "acc_bandwidth"], ("acc_bandwidth", "no pose can see")),
-    "an effect of approach": (["--terms", "table_backlash"], ("table_backlash", "no pose can see")),
-    "temperature where there is none": (["--terms", "bias", "temp_bias"], ("acc_temp_bias", "temperature change")),
-    "mount and cross-axis at once": (["--terms", "cross_axis", "mount_misalignment"], ("mount_misalignment", "no set of poses")),
-    "a forbidden angle needed": (
-        ["--terms", "scale", "cross_axis", "--angles", "inner=0:0"], ("accel.", "within the allowed angles", "inner"),
+    "a budget shorter than one pose": (
+        ["--budget-s", "9"],
+        ("9 s", "10 s for one pose", "accel.bias_x"),
     ),
-    "no angle at all": (["--terms", "scale", "bias", "--angles", "outer=0:0"], ("within the allowed angles", "outer")),
+    "an effect that shows in motion only": (
+        ["--terms", "bias", "acc_bandwidth"],
+        ("acc_bandwidth", "no pose can see"),
+    ),
+    "an effect of approach": (["--terms", "table_backlash"], ("table_backlash", "no pose can see")),
+    "temperature where there is none": (
+        ["--terms", "bias", "temp_bias"],
+        ("acc_temp_bias", "temperature change"),
+    ),
+    "mount and cross-axis at once": (
+        ["--terms", "cross_axis", "mount_misalignment"],
+        ("mount_misalignment", "no set of poses"),
+    ),
+    "a forbidden angle needed": (
+        ["--terms", "scale", "cross_axis", "--angles", "inner=0:0"],
+        ("accel.", "within the allowed angles", "inner"),
+    ),
+    "no angle at all": (
+        ["--terms", "scale", "bias", "--angles", "outer=0:0"],
+        ("within the allowed angles", "outer"),
+    ),
     "an unknown term": (["--terms", "acc_k2"], ("acc_k2", "acc_K2")),
     "another unknown term": (["--terms", "skale"], ("skale",)),
     "an unknown criterion": (["--criterion", "E"], ("criterion: found 'E'", "both, tilt, D, A, I")),
     "an unknown sensor": (["--sensor", "incl"], ("named incl",)),
     "angles that do not read": (["--angles", "outer=90"], ("--angles outer=90",)),
-    "angles of an axis that is not there": (["--angles", "middle=0:90"], ("--angles middle=0:90", "outer, inner")),
+    "angles of an axis that is not there": (
+        ["--angles", "middle=0:90"],
+        ("--angles middle=0:90", "outer, inner"),
+    ),
     "angles without the start": (["--angles", "outer=10:90"], ("10 to 90 deg", "holds 0")),
     "a negative rate": (["--rate-deg-s", "-1"], ("rate",)),
     "a negative settling": (["--settle-s", "-1"], ("settling",)),
     "dwells exchanged": (["--dwell-s", "60", "5"], ("longest 5 s, shortest 60 s",)),
-    "few poses blind to nothing": (["--blind-to-nothing", "4"], ("4 poses", "scale and cross-axis terms take up all")),
-    "blind to nothing of what nobody knows": (["--blind-to-nothing", "24", "--terms", "acc_K9"], ("effect: found 'acc_K9'",)),
-    "blind to nothing where all is ordinary": (
-        ["--blind-to-nothing", "24", "--terms", "mount_misalignment"], ("no effect that these poses show beside bias",),
+    "few poses blind to nothing": (
+        ["--blind-to-nothing", "4"],
+        ("4 poses", "scale and cross-axis terms take up all"),
     ),
-    "blind to nothing in no time": (["--blind-to-nothing", "24", "--budget-s", "200"], ("200 s", "24 poses")),
+    "blind to nothing of what nobody knows": (
+        ["--blind-to-nothing", "24", "--terms", "acc_K9"],
+        ("effect: found 'acc_K9'",),
+    ),
+    "blind to nothing where all is ordinary": (
+        ["--blind-to-nothing", "24", "--terms", "mount_misalignment"],
+        ("no effect that these poses show beside bias",),
+    ),
+    "blind to nothing in no time": (
+        ["--blind-to-nothing", "24", "--budget-s", "200"],
+        ("200 s", "24 poses"),
+    ),
     "only nuisances": (["--terms", "drift"], ("acc_drift",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("wish", WISHES)
@@ -66,20 +97,25 @@ def test_a_table_about_the_vertical_tells_nothing_of_an_accelerometer(bench, cap
 
 
 def test_a_gyro_is_calibrated_by_turns(bench, capsys):
-    assert "no accelerometer or inclinometer" in refusal(["design", bench / "gyro.toml"], bench, capsys)
+    assert "no accelerometer or inclinometer" in refusal(
+        ["design", bench / "gyro.toml"], bench, capsys
+    )
 
 
 def test_a_design_needs_something_to_design_for(bench, capsys):
     assert "neither SCENARIO nor --textbook" in refusal(["design"], bench, capsys)
-    assert "textbook model: found 'kubic', need one of linear, K2, K2K3, quadratic, cubic; did you mean 'cubic'?" in refusal(
-        ["design", "--textbook", "kubic"], bench, capsys
+    assert (
+        "textbook model: found 'kubic', need one of linear, K2, K2K3, quadratic, cubic; did you"
+        " mean 'cubic'?" in refusal(["design", "--textbook", "kubic"], bench, capsys)
     )
 
 
 def test_the_library_refuses_in_the_same_words():
     with pytest.raises(TiltcalError, match="textbook model: found 'quartic'"):
         textbook_model("quartic", True, 300)
-    with pytest.raises(TiltcalError, match="criterion: found 'G', need one of both, tilt, D, A, I; correct it"):
+    with pytest.raises(
+        TiltcalError, match="criterion: found 'G', need one of both, tilt, D, A, I; correct it"
+    ):
         Problem(textbook_model("linear", True, 300), Clock(300), "G")
     with pytest.raises(TiltcalError, match="budget"):
         Clock(np.nan)

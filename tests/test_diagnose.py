@@ -1,4 +1,6 @@
-"""From a recording to a name: one thing left out is found, named, sized and modelled; nothing left out is a match."""
+"""From a recording to a name: one thing left out is found, named, sized and modelled; nothing left
+out is a match.
+"""
 
 import json
 
@@ -13,17 +15,43 @@ from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording_files import write_recording
 
 LEFT_OUT = {  # what is concealed, its parameter with unit, table, sensor
-    "table_levelling": ({"id": "table_levelling", "tilt_north_arcsec": 40.0}, "tilt_north_arcsec", "vertical", "incl"),
-    "acc_K2": ({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0}, "k2_x_ug_g2", "dual", "accel"),
-    "table_axis_wobble": ({"id": "table_axis_wobble", "axis": "outer", "m1c_arcsec": 30.0}, "m1c_arcsec", "vertical", "incl"),
+    "table_levelling": (
+        {"id": "table_levelling", "tilt_north_arcsec": 40.0},
+        "tilt_north_arcsec",
+        "vertical",
+        "incl",
+    ),
+    "acc_K2": (
+        {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0},
+        "k2_x_ug_g2",
+        "dual",
+        "accel",
+    ),
+    "table_axis_wobble": (
+        {"id": "table_axis_wobble", "axis": "outer", "m1c_arcsec": 30.0},
+        "m1c_arcsec",
+        "vertical",
+        "incl",
+    ),
     "acc_temp_scale": (
-        {"id": "acc_temp_scale", "sensor": "accel", "temp_scale_y_ppm_degC": 200.0}, "temp_scale_y_ppm_degC", "dual", "accel"
+        {"id": "acc_temp_scale", "sensor": "accel", "temp_scale_y_ppm_degC": 200.0},
+        "temp_scale_y_ppm_degC",
+        "dual",
+        "accel",
     ),
     "mount_slip": (
-        {"id": "mount_slip", "slip_x_arcsec": 40.0, "slip_y_arcsec": -60.0, "slip_z_arcsec": 50.0, "time_s": 80.0},
-        "slip_y_arcsec", "dual", "accel",
+        {
+            "id": "mount_slip",
+            "slip_x_arcsec": 40.0,
+            "slip_y_arcsec": -60.0,
+            "slip_z_arcsec": 50.0,
+            "time_s": 80.0,
+        },
+        "slip_y_arcsec",
+        "dual",
+        "accel",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module", params=LEFT_OUT)
@@ -61,15 +89,26 @@ def test_the_amended_scenario_predicts_another_recording(case):
     other = recorded(truth, None)
     from tiltcal.laboratory.laboratory import SimulatedLaboratory
 
-    nominal = SimulatedLaboratory().predict(parse_scenario({**dict(found.amended), "effect": [
-        e for e in found.amended["effect"] if e.get("role") != "found"]}), other)  # fmt: skip
+    nominal = SimulatedLaboratory().predict(
+        parse_scenario(
+            {
+                **dict(found.amended),
+                "effect": [e for e in found.amended["effect"] if e.get("role") != "found"],
+            }
+        ),
+        other,
+    )
     better = SimulatedLaboratory().predict(parse_scenario(dict(found.amended)), other)
     if effect["id"] == "mount_slip":
         return  # the other recording comes after the slip: it is not the same experiment
     errors = []
     for predicted in (nominal, better):
         sensor = truth.sensor[0]
-        errors.append(np.sqrt(np.nanmean((predicted.sensor(sensor).values - other.sensor(sensor).values) ** 2)))
+        errors.append(
+            np.sqrt(
+                np.nanmean((predicted.sensor(sensor).values - other.sensor(sensor).values) ** 2)
+            )
+        )
     assert errors[1] < 0.5 * errors[0]
 
 
@@ -80,7 +119,9 @@ def test_a_recording_with_nothing_left_out_is_a_match():
         found = diagnose(honest(truth), [recorded(truth, seed)])
         assert (found.verdict, found.findings) == ("match", ())
         seen = {u.effect: u for u in found.undetectable}
-        assert seen["gravity_magnitude"].absorbed > 0.999  # one with the scale factors, whatever is recorded
+        assert (
+            seen["gravity_magnitude"].absorbed > 0.999
+        )  # one with the scale factors, whatever is recorded
         assert seen["gravity_magnitude"].size == {}
         assert seen["acc_K2"].size["k2_x_ug_g2"] > 0
 
@@ -98,8 +139,13 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("case")
     truth = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 600.0})
     write_recording(recorded(truth, 3), folder / "run.csv")
-    for name, scenario, more in (("honest", honest(truth), {}), ("told", truth, {"role": "concealed"})):
-        table = json.loads(scenario.model_dump_json(exclude_none=True, exclude_defaults=True, by_alias=True))
+    for name, scenario, more in (
+        ("honest", honest(truth), {}),
+        ("told", truth, {"role": "concealed"}),
+    ):
+        table = json.loads(
+            scenario.model_dump_json(exclude_none=True, exclude_defaults=True, by_alias=True)
+        )
         (folder / f"{name}.toml").write_text(tomli_w.dumps({"schema": 1, **table, **more}))
     return folder
 
@@ -117,7 +163,13 @@ def test_the_command_writes_the_answer_the_amended_scenario_and_an_offline_repor
     report = (files / "out" / "report.html").read_text()
     assert "acc_K2" in report
     assert 'src="http' not in report
-    amended = ["diagnose", str(files / "run.csv"), "--scenario", str(files / "out" / "amended.toml"), "--check"]
+    amended = [
+        "diagnose",
+        str(files / "run.csv"),
+        "--scenario",
+        str(files / "out" / "amended.toml"),
+        "--check",
+    ]
     assert main(amended) == 0
     assert main([*words, "--check"]) == 1
 

@@ -1,4 +1,6 @@
-"""Fitting and pruning an account: steps that run away, what belongs to a larger finding, what codes hide, plainer words."""
+"""Fitting and pruning an account: steps that run away, what belongs to a larger finding, what codes
+hide, plainer words.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -20,7 +22,14 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Suspect, listed_suspects, st
 from tiltcal.diagnosis.model.cross_validation import borne_out
 from tiltcal.diagnosis.model.fitted_model import Term, settle
 from tiltcal.diagnosis.search.alternatives import Rival, preferred
-from tiltcal.diagnosis.search.forward_selection import Gate, absorbed, findings, plausible, select, worth_their_numbers
+from tiltcal.diagnosis.search.forward_selection import (
+    Gate,
+    absorbed,
+    findings,
+    plausible,
+    select,
+    worth_their_numbers,
+)
 from tiltcal.diagnosis.search.predictive_parameters import in_full
 from tiltcal.diagnosis.search.swap_search import burden, plainer, plainly
 from tiltcal.diagnosis.search.unlisted_curves import causes, nameless
@@ -54,20 +63,30 @@ def test_sizes_are_fitted_to_what_was_left_out():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_sizes_that_a_prediction_is_better_with_are_used_too(seed):
-    """Of three channels: the largest stands out; of the others those whose square is more than twice their variance."""
+    """Of three channels: the largest stands out; of the others those whose square is more than
+    twice their variance.
+    """
     found = prepared({**K2, "k2_y_ug_g2": 22.0}, seed=seed)
     names = ("k2_x", "k2_y", "k2_z")
-    first = replace(with_terms(found, suspect("acc_K2", ("k2_x",))).terms[0], suspect=suspect("acc_K2", names))
+    first = replace(
+        with_terms(found, suspect("acc_K2", ("k2_x",))).terms[0], suspect=suspect("acc_K2", names)
+    )
     account = settle(replace(found.start, terms=(first,)), found.ledger)
     whole = with_terms(found, suspect("acc_K2", names))
-    told = [n for n, v, s in zip(names, whole.terms[0].values, whole.sigmas(0), strict=True) if (v / s) ** 2 > 2]
+    told = [
+        n
+        for n, v, s in zip(names, whole.terms[0].values, whole.sigmas(0), strict=True)
+        if (v / s) ** 2 > 2
+    ]
     (term,) = in_full(account, found.ledger).terms
     assert sorted(term.names) == told
     assert "k2_x" in told
 
 
 def test_a_step_to_where_the_model_has_no_reading_is_taken_back(monkeypatch):
-    """The residual of the second evaluation is made absurd: the fit ends where it was sane, with the deviance it had."""
+    """The residual of the second evaluation is made absurd: the fit ends where it was sane, with
+    the deviance it had.
+    """
     found = prepared(K2)
     sane = found.start.deviance
     usual, calls = found.ledger.residual, []
@@ -78,15 +97,23 @@ def test_a_step_to_where_the_model_has_no_reading_is_taken_back(monkeypatch):
         return left if len(calls) == 1 else [np.full_like(r, np.nan) for r in left]
 
     monkeypatch.setattr(found.ledger, "residual", absurd)
-    account = settle(replace(found.start, terms=(Term.start(suspect("acc_K2", ("k2_x",))),)), found.ledger)
+    account = settle(
+        replace(found.start, terms=(Term.start(suspect("acc_K2", ("k2_x",))),)), found.ledger
+    )
     assert account.terms[0].values == (0.0,)
     assert account.deviance <= sane * 1.001
 
 
 def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
     found = prepared(
-        {"id": "settling_transient", "axis": "outer", "amplitude_arcsec": 300.0, "frequency_hz": 1.5, "tau_s": 2.0}
-    )  # fmt: skip
+        {
+            "id": "settling_transient",
+            "axis": "outer",
+            "amplitude_arcsec": 300.0,
+            "frequency_hz": 1.5,
+            "tau_s": 2.0,
+        }
+    )
     ring = {"frequency": 1.5, "tau": 2.0}
     large = suspect("settling_transient", ("amplitude",), None, "outer", **ring)
     small = suspect("settling_transient", ("amplitude",), None, "inner", **ring)
@@ -94,26 +121,36 @@ def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
     assert len(findings(both)) == 2
     assert [len(places) for places in findings(absorbed(both, found.ledger))] == [2]
     other = with_terms(found, large, suspect("acc_K2", ("k2_y",)))
-    assert len(findings(absorbed(other, found.ledger))) == 2  # a pose does not excite what a move does
+    assert (
+        len(findings(absorbed(other, found.ledger))) == 2
+    )  # a pose does not excite what a move does
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_random_walk_is_not_worth_five_warm_ups(seed):
-    """Each account under the noise that it leaves: under that of the warm-ups, which take the walk, the other pays for it."""
+    """Each account under the noise that it leaves: under that of the warm-ups, which take the walk,
+    the other pays for it.
+    """
     truth, rng = bench(K2), np.random.default_rng(seed)
     whole = recorded(truth, 8)
     walk = np.cumsum(rng.normal(0, 3e-4, len(whole.time)))
-    found = prepare(honest(truth), [rewritten(whole, accel_x_m_s2=whole.column("accel_x_m_s2") + walk)])
+    found = prepare(
+        honest(truth), [rewritten(whole, accel_x_m_s2=whole.column("accel_x_m_s2") + walk)]
+    )
     taus = (np.array([0.03, 0.1, 0.2, 0.5, 1.5]) * whole.time[-1]).tolist()
     first, *others = (suspect("acc_warmup", ("warmup_x",), tau=tau) for tau in taus)
     plain = with_terms(found, suspect("acc_K2", ("k2_x",)))
     beside = (Term.start(first), *(replace(Term.start(s), host=first) for s in others))
     gate = Gate(None, 100)
-    assert burden(plain, found.ledger, gate) < burden(replace(plain, terms=plain.terms + beside), found.ledger, gate)
+    assert burden(plain, found.ledger, gate) < burden(
+        replace(plain, terms=plain.terms + beside), found.ledger, gate
+    )
 
 
 def test_a_law_that_one_stop_alone_speaks_for_is_not_borne_out():
-    """One stop is off; a cubic makes something of it, and all other stops are told worse. The square that is there stays."""
+    """One stop is off; a cubic makes something of it, and all other stops are told worse. The
+    square that is there stays.
+    """
     truth = bench({**K2, "k2_x_ug_g2": 8000.0})
     whole = recorded(truth, 8)
     stop = prepare(honest(truth), [whole]).observations.stops[0]
@@ -129,15 +166,24 @@ def test_a_law_that_one_stop_alone_speaks_for_is_not_borne_out():
 def test_lines_nearer_together_than_the_mains_wander_are_one(frequency, parts):
     """The second is half as strong: a line of the base, unless it is where the mains may go."""
     lines = ((60.0, 2.0), (30.0, frequency))
-    found = prepared(*({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": s, "frequency_hz": f} for s, f in lines))
+    found = prepared(
+        *(
+            {"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": s, "frequency_hz": f}
+            for s, f in lines
+        )
+    )
     mains = suspect("mains_pickup", ("pickup_x",), frequency=2.0)
-    both = with_terms(found, mains, suspect("base_vibration", ("ec", "es"), None, frequency=frequency))
+    both = with_terms(
+        found, mains, suspect("base_vibration", ("ec", "es"), None, frequency=frequency)
+    )
     assert [len(places) for places in findings(absorbed(both, found.ledger))] == parts
 
 
 @pytest.mark.parametrize(("axis", "parts"), [("outer", [2]), ("inner", [1, 1])])
 def test_a_small_ripple_of_an_encoder_is_a_part_of_its_curve(axis, parts):
-    """Harmonics of one readout's error are one curve; those of another axis are of another encoder."""
+    """Harmonics of one readout's error are one curve; those of another axis are of another
+    encoder.
+    """
     found = prepared(
         {"id": "table_encoder_2rev", "axis": "outer", "cos_arcsec": 40.0},
         {"id": "table_encoder_sde", "axis": axis, "cos_arcsec": 4.0, "lines": 36.0},
@@ -152,7 +198,9 @@ def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     found = prepared(K2)
     account = with_terms(found, suspect("acc_K2", ("k2_x",)))  # 800 ug at 1 g: 8e-3 m/s2
     assert len(above(account, found.ledger, {"accel": code}).terms) == kept
-    assert len(above(account, found.ledger, {"gyro": code}).terms) == 1  # another sensor's codes hide nothing here
+    assert (
+        len(above(account, found.ledger, {"gyro": code}).terms) == 1
+    )  # another sensor's codes hide nothing here
 
 
 @pytest.mark.parametrize(("bend", "kept"), [(0.0, 0), (0.1, 1)])
@@ -160,7 +208,9 @@ def test_of_a_curve_what_calibration_takes_is_not_larger_than_a_code(bend, kept)
     """0.1 m/s2 at 1 g along a straight line: a scale factor. Bent by as much it is a curve."""
     found = prepared(K2)
     names, values = ("c0", "c1", "c2"), (-0.1, bend, 0.1)
-    curve = LearnedReading(dict.fromkeys(names, 0.1), "accel", "x", coordinate="input", knots=(-9.8, 0.0, 9.8))
+    curve = LearnedReading(
+        dict.fromkeys(names, 0.1), "accel", "x", coordinate="input", knots=(-9.8, 0.0, 9.8)
+    )
     account = replace(found.start, terms=(Term(Suspect(curve, names), names, values),))
     assert len(above(account, found.ledger, {"accel": 0.01}).terms) == kept
 
@@ -169,9 +219,17 @@ def test_of_a_curve_what_calibration_takes_is_not_larger_than_a_code(bend, kept)
 def test_a_curve_with_as_many_numbers_as_there_are_stops_is_no_law(count, kept):
     found = prepared(K2)  # 31 stops
     names = tuple(f"c{k}" for k in range(count))
-    curve = Suspect(LearnedReading(dict.fromkeys(names, 0.1), "accel", "x", coordinate="table_outer"), names)
-    account = replace(found.start, terms=(Term.start(suspect("acc_K2", ("k2_x",))), Term(curve, names, (1e-4,) * count)))
-    assert [t.suspect.id for t in lawful_part(account, found.ledger).terms] == ["acc_K2", "learned"][:kept]
+    curve = Suspect(
+        LearnedReading(dict.fromkeys(names, 0.1), "accel", "x", coordinate="table_outer"), names
+    )
+    account = replace(
+        found.start,
+        terms=(Term.start(suspect("acc_K2", ("k2_x",))), Term(curve, names, (1e-4,) * count)),
+    )
+    assert [t.suspect.id for t in lawful_part(account, found.ledger).terms] == [
+        "acc_K2",
+        "learned",
+    ][:kept]
 
 
 @pytest.mark.parametrize(("width", "kept"), [(2e-4, 2), (-2e-4, 1)])
@@ -180,7 +238,9 @@ def test_what_completes_a_form_has_a_size_that_a_file_may_give_it(width, kept, m
     found = prepared()
     plays = [suspect("table_backlash", ("width",), None, "outer", crossing=c) for c in (0.0, 0.3)]
     terms = (Term(plays[0], ("width",), (5e-4,)), Term(plays[1], ("width",), (width,), plays[0]))
-    monkeypatch.setattr("tiltcal.diagnosis.search.forward_selection.settle", lambda account, _: account)
+    monkeypatch.setattr(
+        "tiltcal.diagnosis.search.forward_selection.settle", lambda account, _: account
+    )
     assert len(plausible(replace(found.start, terms=terms), found.ledger).terms) == kept
 
 
@@ -194,14 +254,22 @@ def test_where_every_reading_is_at_fault_nothing_is_said_of_the_physics():
 
 def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
     found = prepared(
-        {"id": "settling_transient", "axis": "outer", "amplitude_arcsec": 300.0, "frequency_hz": 1.5, "tau_s": 2.0}
-    )  # fmt: skip
+        {
+            "id": "settling_transient",
+            "axis": "outer",
+            "amplitude_arcsec": 300.0,
+            "frequency_hz": 1.5,
+            "tau_s": 2.0,
+        }
+    )
     ring = suspect("settling_transient", ("amplitude",), None, "outer", frequency=1.5, tau=2.0)
     account = with_terms(found, ring)
     assert len(above(account, found.ledger, {"accel": 1e-6}).terms) == 1
     assert above(account, found.ledger, {"accel": 1e-6}, blurred=True).terms == ()
     fill(found.ledger, found.start, Lines(), blurred=True)
-    assert not {"settling_transient", "table_backlash", "lever_arm"} & {s.id for s in found.ledger.suspects}
+    assert not {"settling_transient", "table_backlash", "lever_arm"} & {
+        s.id for s in found.ledger.suspects
+    }
 
 
 def test_an_account_with_many_numbers_gives_way_to_a_plain_one():
@@ -225,13 +293,21 @@ def test_where_no_form_by_itself_stands_out_several_are_tried_together():
     assert plainer(sound.start, sound.start, sound.ledger, gate, lambda s: s.textbook).terms == ()
 
 
-@pytest.mark.parametrize(("drift", "table", "sensor"), [("y", "dual", "accel"), ("x", "vertical", "incl")])
-def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_same(drift, table, sensor):
-    """A step with what creeps on after it and a curve follows any drift, with more numbers; each keeps its own axis only."""
+@pytest.mark.parametrize(
+    ("drift", "table", "sensor"), [("y", "dual", "accel"), ("x", "vertical", "incl")]
+)
+def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_same(
+    drift, table, sensor
+):
+    """A step with what creeps on after it and a curve follows any drift, with more numbers; each
+    keeps its own axis only.
+    """
     found = prepared(
         {"id": "acc_drift", "sensor": sensor, f"drift_{drift}_ug": 1000.0},
-        {"id": "acc_bias_step", "sensor": sensor, "bias_step_x_ug": 1500.0, "time_s": 100.0}, table=table, sensor=sensor,
-    )  # fmt: skip
+        {"id": "acc_bias_step", "sensor": sensor, "bias_step_x_ug": 1500.0, "time_s": 100.0},
+        table=table,
+        sensor=sensor,
+    )
     fill(found.ledger, found.start, Lines())
     gate = Gate(None, len(found.ledger.suspects))
     account = plainly(found.start, found.ledger, gate, lambda s: s.textbook)
@@ -241,21 +317,30 @@ def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_s
 
 @pytest.mark.parametrize(("latency_ms", "parts"), [(2.6, [2]), (-8.0, [1, 1])])
 def test_a_delay_that_a_skew_explains_most_of_is_a_part_of_it(latency_ms, parts):
-    """A clock that bends is a skew with a delay beside it, and a delay does much of what a skew does: that is the skew's."""
+    """A clock that bends is a skew with a delay beside it, and a delay does much of what a skew
+    does: that is the skew's.
+    """
     found = prepared(
         {"id": "clock_skew", "sensor": "accel", "skew_ppm": 40.0},
         {"id": "data_latency", "sensor": "accel", "latency_ms": latency_ms},
     )
-    account = with_terms(found, suspect("clock_skew", ("skew",)), suspect("data_latency", ("latency",)))
+    account = with_terms(
+        found, suspect("clock_skew", ("skew",)), suspect("data_latency", ("latency",))
+    )
     assert [len(places) for places in findings(absorbed(account, found.ledger))] == parts
 
 
 def test_a_finding_that_does_not_pay_for_its_numbers_is_not_stated():
     found = prepared(K2)
     gate = Gate(None, 100)
-    for others, kept in (((), {"acc_K2"}), ((suspect("acc_K3", ("k3_x", "k3_y", "k3_z")),), {"acc_K2"})):
+    for others, kept in (
+        ((), {"acc_K2"}),
+        ((suspect("acc_K3", ("k3_x", "k3_y", "k3_z")),), {"acc_K2"}),
+    ):
         account = with_terms(found, suspect("acc_K2", ("k2_x",)), *others)
-        assert {t.suspect.id for t in worth_their_numbers(account, found.ledger, gate).terms} == kept
+        assert {
+            t.suspect.id for t in worth_their_numbers(account, found.ledger, gate).terms
+        } == kept
     assert worth_their_numbers(found.start, found.ledger, gate).terms == ()
 
 
@@ -264,7 +349,9 @@ def rival(of, value, worth):
 
 
 def test_among_equals_a_size_that_some_instrument_has_is_preferred():
-    """A thermal tilt of 27 arcsec/degC and a bias of 130 ug/degC read the same: the bias is of this world."""
+    """A thermal tilt of 27 arcsec/degC and a bias of 130 ug/degC read the same: the bias is of this
+    world.
+    """
     tilt = rival(suspect("mount_thermal_tilt", ("tilt_x",), None), 130e-6, 991.0)
     bias = rival(suspect("acc_temp_bias", ("temp_bias_y",)), 130e-6 * G0, 990.0)
     assert preferred([tilt, bias]) is bias
@@ -287,7 +374,9 @@ def test_a_loss_is_weighed_by_one_sample():
 
 
 @pytest.mark.parametrize(("range_degC", "widths"), [((-2.0, 3.0), 5), ((0.0, 0.0), 1)])
-def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_through(range_degC, widths):
+def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_through(
+    range_degC, widths
+):
     span = Span(100.0, 10.0, ranges={"temperature": range_degC})
     found = [s for s in listed_suspects(honest(bench()), span) if s.id == "acc_thermal_hysteresis"]
     assert len({s.effect.values.get("width", 0.0) for s in found}) == widths
@@ -295,26 +384,42 @@ def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_thro
 
 def test_a_reference_that_is_felt_late_is_named_before_scale_factors():
     """One number and one lag do on all axes what scale factors need three numbers for."""
-    truth = bench({"id": "reference_drift", "sensor": "accel", "gain_ppm_degC": 60.0}, swing_degC=6.0, period_s=150.0)
+    truth = bench(
+        {"id": "reference_drift", "sensor": "accel", "gain_ppm_degC": 60.0},
+        swing_degC=6.0,
+        period_s=150.0,
+    )
     sound = recorded(truth, 8)
     felt = sound.column("temperature_degC")
-    ahead = felt + 16.0 * np.gradient(felt, sound.time)  # what the reference feels is this, 16 s late
+    ahead = felt + 16.0 * np.gradient(
+        felt, sound.time
+    )  # what the reference feels is this, 16 s late
     found = prepare(honest(truth), [rewritten(sound, temperature_degC=ahead)])
     fill(found.ledger, found.start, Lines())
     gate = Gate(None, len(found.ledger.suspects))
     account = select(found.start, found.ledger, gate, lambda s: s.textbook)
     first = findings_of(account, found.ledger, gate)[0]
-    assert (first.effect, first.parameters["gain_ppm_degC"][0]) == ("reference_drift", pytest.approx(60.0, rel=0.05))
+    assert (first.effect, first.parameters["gain_ppm_degC"][0]) == (
+        "reference_drift",
+        pytest.approx(60.0, rel=0.05),
+    )
     assert account.terms[0].effect.value("lag") == pytest.approx(16.0, rel=0.15)
 
 
 @pytest.mark.parametrize(("late", "ahead"), [(0.02, 0.0), (0.0, 0.03)])
 def test_a_fog_and_a_gyro_that_are_late_see_the_rate_of_another_time(late, ahead):
-    """A gyro that is late says now what was: a FOG that is in time has it from later; hand-worked for a rate t^2."""
+    """A gyro that is late says now what was: a FOG that is in time has it from later; hand-worked
+    for a rate t^2.
+    """
     time = np.arange(0.0, 2.0, 0.01)
     rate = np.column_stack([time**2, time, np.ones_like(time)])
-    effects = [CATALOGUE["data_latency"]({"latency": late}, "gyro"), CATALOGUE["data_latency"]({"latency": ahead}, "fog")]
+    effects = [
+        CATALOGUE["data_latency"]({"latency": late}, "gyro"),
+        CATALOGUE["data_latency"]({"latency": ahead}, "fog"),
+    ]
     found = earlier(rate, time, effects, FOG, GYRO)
     at = time + late - ahead
-    np.testing.assert_allclose(found[10:-10], np.column_stack([at**2, at, np.ones_like(at)])[10:-10], atol=1e-9)
+    np.testing.assert_allclose(
+        found[10:-10], np.column_stack([at**2, at, np.ones_like(at)])[10:-10], atol=1e-9
+    )
     assert earlier(rate, time, [], FOG, GYRO) is rate

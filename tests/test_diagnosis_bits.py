@@ -1,4 +1,6 @@
-"""A bit that always reads 0 is told from the codes alone, and put back by what the table's motion says."""
+"""A bit that always reads 0 is told from the codes alone, and put back by what the table's motion
+says.
+"""
 
 import numpy as np
 import pytest
@@ -27,7 +29,9 @@ def in_codes(values, bit=None, magnitude=False):
     return codes * LSB
 
 
-@pytest.mark.parametrize("magnitude", [False, True], ids=["two's complement", "magnitude with a sign"])
+@pytest.mark.parametrize(
+    "magnitude", [False, True], ids=["two's complement", "magnitude with a sign"]
+)
 @pytest.mark.parametrize("number", [4, 5, 6, 7, 8])
 def test_a_bit_that_is_never_set_is_told_from_the_codes(number, magnitude):
     values = in_codes(swept(rng_of(f"bit {number} {magnitude}")), number, magnitude)
@@ -43,12 +47,16 @@ def test_sound_codes_lack_none(seed):
 
 
 def test_a_grid_that_a_file_has_cut_lacks_no_bit():
-    """Codes of 11.96 units cut to whole units: all values in half of each cycle, and all at its beginning."""
+    """Codes of 11.96 units cut to whole units: all values in half of each cycle, and all at its
+    beginning.
+    """
     codes = 0.01196 * np.rint(swept(rng_of("grid")) / 0.01196)
     assert stuck_bit(np.floor(codes * 1000) / 1000) is None
 
 
-@pytest.mark.parametrize("magnitude", [False, True], ids=["two's complement", "magnitude with a sign"])
+@pytest.mark.parametrize(
+    "magnitude", [False, True], ids=["two's complement", "magnitude with a sign"]
+)
 def test_a_missing_bit_is_put_back(magnitude):
     truth = bench()
     sound = recorded(truth, 5)
@@ -56,7 +64,9 @@ def test_a_missing_bit_is_put_back(magnitude):
     found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=in_codes(x, 5, magnitude))])
     (fault,) = found.faults
     assert (fault.effect.id, fault.axes) == ("adc_stuck_bit", ("x",))
-    assert fault.effect.value("bit_value") == pytest.approx(32 * LSB, abs=3 * fault.sigma["bit_value"])
+    assert fault.effect.value("bit_value") == pytest.approx(
+        32 * LSB, abs=3 * fault.sigma["bit_value"]
+    )
     whole = found.observations.sources[0].column("accel_x_m_s2")
     assert np.mean(np.abs(whole - x) < 0.1 * LSB) > 0.999
 
@@ -75,7 +85,10 @@ def test_by_hand_a_fog_says_where_a_gyro_lacks_its_bit(rng):
     time = np.arange(6000) / 50.0
     moving = time % 12.0 > 4.0
     turns = np.column_stack(
-        [(1.5 * np.sin((1.1 + 0.3 * k) * time) + 0.4 * np.sin((70.0 + 7 * k) * time)) * moving for k in range(3)]
+        [
+            (1.5 * np.sin((1.1 + 0.3 * k) * time) + 0.4 * np.sin((70.0 + 7 * k) * time)) * moving
+            for k in range(3)
+        ]
     )
     noisy = turns + rng.normal(0, 3e-4, turns.shape)
     lsb, bit = 1e-4, 64

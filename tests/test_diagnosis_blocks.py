@@ -1,4 +1,6 @@
-"""Long records are averaged in blocks: what is fitted to them is what would be fitted to every sample."""
+"""Long records are averaged in blocks: what is fitted to them is what would be fitted to every
+sample.
+"""
 
 import numpy as np
 import pytest
@@ -12,14 +14,23 @@ from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 
 STEPS = [
-    {"action": "move", "outer_deg": 100.0 * k % 360, "inner_deg": 70.0 * k % 360, "rate_deg_s": 40, "dwell_s": 6} for k in range(5)
+    {
+        "action": "move",
+        "outer_deg": 100.0 * k % 360,
+        "inner_deg": 70.0 * k % 360,
+        "rate_deg_s": 40,
+        "dwell_s": 6,
+    }
+    for k in range(5)
 ]
 
 
 @pytest.fixture(scope="module")
 def whole():
     setup = setup_of("dual", *(s.model_copy(update={"rate_hz": 100}) for s in (ACCEL, GYRO)))
-    scenario = parse_scenario({"schema": 1, **setup.model_dump(exclude_none=True), "sequence": STEPS})
+    scenario = parse_scenario(
+        {"schema": 1, **setup.model_dump(exclude_none=True), "sequence": STEPS}
+    )
     return TableObservations(scenario, [SimulatedLaboratory().record(scenario, 3)], ())
 
 
@@ -28,17 +39,25 @@ def effect(whole, id, values, **where):
 
 
 SLOW = ("acc_K2", {"k2_x_ug_g2": 300.0}, {"sensor": "accel"})
-QUICK = ("settling_transient", {"amplitude_arcsec": 100.0, "frequency_hz": 9.0, "tau_s": 0.3}, {"axis": "outer"})
+QUICK = (
+    "settling_transient",
+    {"amplitude_arcsec": 100.0, "frequency_hz": 9.0, "tau_s": 0.3},
+    {"axis": "outer"},
+)
 SHARP = ("acc_bias_asym", {"bias_asym_x_ug": 300.0}, {"sensor": "accel"})
 
 
-@pytest.mark.parametrize(("case", "quick"), [(SLOW, False), (QUICK, True), (SHARP, True)], ids=["slow", "quick", "sharp"])
+@pytest.mark.parametrize(
+    ("case", "quick"), [(SLOW, False), (QUICK, True), (SHARP, True)], ids=["slow", "quick", "sharp"]
+)
 def test_a_block_is_predicted_as_the_mean_of_its_samples(whole, case, quick):
     id, values, where = case
     blocks, one = whole.averaged(8), effect(whole, id, values, **where)
     assert blocks.quick(one) is quick
     blocks.predict([])
-    for mean, samples, nominal in zip(blocks.predict([one]), whole.predict([one]), whole.predict([]), strict=True):
+    for mean, samples, nominal in zip(
+        blocks.predict([one]), whole.predict([one]), whole.predict([]), strict=True
+    ):
         starts = np.arange(0, len(samples), 8)
         exact = np.add.reduceat(samples, starts) / np.diff(starts, append=len(samples))
         assert np.abs(mean - exact).max() <= 0.01 * np.abs(samples - nominal).max() + 1e-12
@@ -49,7 +68,10 @@ def test_what_is_quick_changes_a_block_by_the_mean_of_its_changes(whole):
     blocks, one = whole.averaged(8), effect(whole, id, values, **where)
     for i, column in whole.changes(one, ()).items():
         starts = np.arange(0, len(column), 8)
-        assert np.allclose(blocks.changes(one, ())[i], np.add.reduceat(column, starts) / np.diff(starts, append=len(column)))
+        assert np.allclose(
+            blocks.changes(one, ())[i],
+            np.add.reduceat(column, starts) / np.diff(starts, append=len(column)),
+        )
 
 
 class Long:
@@ -73,4 +95,6 @@ def test_a_long_record_keeps_as_many_rows_however_long_it_is():
 def test_a_line_keeps_its_power_where_the_rows_allow_it():
     assert block_of(Long(60000), Lines()) == 10
     assert block_of(Long(60000), Lines(tones=(4.5,))) == 5
-    assert block_of(Long(60000), Lines(tones=(30.0,))) == 5  # a mean over ten samples would hold three whole periods, and nothing
+    assert (
+        block_of(Long(60000), Lines(tones=(30.0,))) == 5
+    )  # a mean over ten samples would hold three whole periods, and nothing

@@ -1,4 +1,6 @@
-"""The algebra beneath a diagnosis: sparse designs and shelves of columns say what dense matrices say, and noise is fitted best."""
+"""The algebra beneath a diagnosis: sparse designs and shelves of columns say what dense matrices
+say, and noise is fitted best.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,9 @@ LENGTHS = (40, 30, 50)
 
 
 def dense(columns):
-    return np.vstack([np.column_stack([c.get(i, np.zeros(n)) for c in columns]) for i, n in enumerate(LENGTHS)])
+    return np.vstack(
+        [np.column_stack([c.get(i, np.zeros(n)) for c in columns]) for i, n in enumerate(LENGTHS)]
+    )
 
 
 def drawn(rng, *channels):
@@ -35,9 +39,15 @@ def drawn(rng, *channels):
 )
 def test_a_design_says_what_its_dense_matrix_says(shape, rank, rng):
     columns = [drawn(rng, *channels) for channels in shape]
-    design, J, vector = Design(columns, LENGTHS), dense(columns), [rng.normal(size=n) for n in LENGTHS]
+    design, J, vector = (
+        Design(columns, LENGTHS),
+        dense(columns),
+        [rng.normal(size=n) for n in LENGTHS],
+    )
     np.testing.assert_allclose(design.gram(), J.T @ J, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(design.along(vector), J.T @ np.concatenate(vector), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        design.along(vector), J.T @ np.concatenate(vector), rtol=1e-12, atol=1e-12
+    )
     Q = np.vstack(design.basis())
     assert Q.shape[1] == rank
     np.testing.assert_allclose(Q.T @ Q, np.eye(rank), atol=1e-12)
@@ -56,7 +66,9 @@ def test_scores_are_those_of_the_columns_themselves_under_each_noise_in_turn(rng
     truth = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 300.0})
     found = prepare(honest(truth), [recorded(truth, 5)])
     ledger, account = found.ledger, found.start
-    suspects = list(listed_suspects(found.observations.scenario, span_of(found.observations, Lines())))[:40]
+    suspects = list(
+        listed_suspects(found.observations.scenario, span_of(found.observations, Lines()))
+    )[:40]
     for suspect in suspects:
         ledger.add(suspect, account.effects)
     lengths = [len(c.values) for c in found.observations.channels]
@@ -64,40 +76,67 @@ def test_scores_are_those_of_the_columns_themselves_under_each_noise_in_turn(rng
     quiet, noisy = ledger.roots, [root * rng.uniform(1.0, 3.0, len(root)) for root in ledger.roots]
     for roots in (quiet, noisy, quiet):  # what was said under one noise is not said under another
         ledger.weigh(roots)
-        basis = Design([ledger.whitened({i: rng.normal(size=n)}) for i, n in enumerate(lengths)], lengths).basis()
+        basis = Design(
+            [ledger.whitened({i: rng.normal(size=n)}) for i, n in enumerate(lengths)], lengths
+        ).basis()
         residual = [rng.normal(size=n) for n in lengths]
         scores = ledger.scores(basis, residual, lambda s: id(s) in asked)
         assert {id(s.suspect) for s in scores} == asked
         Q, r = np.vstack(basis), np.concatenate(residual)
         for score in scores:
-            columns = [ledger.weighed(ledger.waves(score.suspect, name, account.effects)) for name in score.names]
-            U = np.column_stack([np.concatenate([c.get(i, np.zeros(n)) for i, n in enumerate(lengths)]) for c in columns])
+            columns = [
+                ledger.weighed(ledger.waves(score.suspect, name, account.effects))
+                for name in score.names
+            ]
+            U = np.column_stack(
+                [
+                    np.concatenate([c.get(i, np.zeros(n)) for i, n in enumerate(lengths)])
+                    for c in columns
+                ]
+            )
             left = U - Q @ (Q.T @ U)
             scale = np.sqrt(np.where(score.raw > 0, score.raw, 1.0))
             np.testing.assert_allclose(score.raw, (U**2).sum(axis=0), rtol=1e-4)
-            np.testing.assert_allclose(score.A / scale, left.T @ r / scale, atol=2e-4 * np.linalg.norm(r))
-            np.testing.assert_allclose(score.B / np.outer(scale, scale), left.T @ left / np.outer(scale, scale), atol=1e-4)
+            np.testing.assert_allclose(
+                score.A / scale, left.T @ r / scale, atol=2e-4 * np.linalg.norm(r)
+            )
+            np.testing.assert_allclose(
+                score.B / np.outer(scale, scale), left.T @ left / np.outer(scale, scale), atol=1e-4
+            )
 
 
-@pytest.mark.parametrize("truth", [NoiseModel(1.0), NoiseModel(1.0, 0.3), NoiseModel(1.0, 0.05, 0.02), NoiseModel(1.0, 0.0, 0.3)])
+@pytest.mark.parametrize(
+    "truth",
+    [NoiseModel(1.0), NoiseModel(1.0, 0.3), NoiseModel(1.0, 0.05, 0.02), NoiseModel(1.0, 0.0, 0.3)],
+)
 def test_no_general_minimiser_finds_a_likelier_noise(truth, rng):
     n = 3000
     for _ in range(5):
         fit = NoiseFit.of(rng.normal(size=n) * np.sqrt(truth.spectrum(n)), np.ones(n))
         best = np.array([fit.model.white, fit.model.flicker, fit.model.walk]) ** 2 / fit.scale
         starts = [np.log(np.maximum(best, 1e-20)), *rng.uniform((-2, -12, -20), (1, 0, -5), (4, 3))]
-        others = [minimize(lambda p, fit=fit: fit.cost(np.exp(p)), start, method="Nelder-Mead") for start in starts]
+        others = [
+            minimize(lambda p, fit=fit: fit.cost(np.exp(p)), start, method="Nelder-Mead")
+            for start in starts
+        ]
         assert fit.cost(best) < min(o.fun for o in others) + 1e-3
         flicker, walk = (
-            np.maximum(np.array([m.white, m.flicker, m.walk]) ** 2 / fit.scale, np.finfo(float).tiny) for m in fit.bounds(3.84)
+            np.maximum(
+                np.array([m.white, m.flicker, m.walk]) ** 2 / fit.scale, np.finfo(float).tiny
+            )
+            for m in fit.bounds(3.84)
         )
         for bound in (flicker, walk):  # as far as the likelihood lets it go
-            assert fit.cost(bound) - fit.cost(np.maximum(best, np.finfo(float).tiny)) == pytest.approx(3.84, abs=0.3)
+            assert fit.cost(bound) - fit.cost(
+                np.maximum(best, np.finfo(float).tiny)
+            ) == pytest.approx(3.84, abs=0.3)
 
 
 def test_a_diagnosis_leaves_linear_algebra_its_threads():
     def threads():
-        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+        return {
+            library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+        }
 
     with threadpool_limits(2, user_api="blas"):
         with one_thread():

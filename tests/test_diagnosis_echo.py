@@ -1,4 +1,6 @@
-"""What beats anew after each move: a line of its own period over the time since, not many lines of the table's cadence."""
+"""What beats anew after each move: a line of its own period over the time since, not many lines of
+the table's cadence.
+"""
 
 import numpy as np
 import pytest
@@ -12,9 +14,14 @@ PERIOD = 0.83  # s
 
 
 def even(count=30):
-    """A sweep of a table at an even cadence: what repeats with each move has lines at its multiples."""
+    """A sweep of a table at an even cadence: what repeats with each move has lines at its
+    multiples.
+    """
     truth = bench(table="vertical")
-    steps = [{"action": "move", "outer_deg": 10.0 * k, "rate_deg_s": 30.0, "dwell_s": 3.0} for k in range(1, count + 1)]
+    steps = [
+        {"action": "move", "outer_deg": 10.0 * k, "rate_deg_s": 30.0, "dwell_s": 3.0}
+        for k in range(1, count + 1)
+    ]
     table = truth.model_dump(exclude={"effect", "sequence"}, exclude_defaults=True, by_alias=True)
     table["sensor"][0]["rate_hz"] = 25.0
     effects = [{"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 25.0}]
@@ -30,7 +37,10 @@ def since_arrival(scenario, time):
 def test_the_time_since_a_move_is_told_to_a_part_of_a_sample():
     truth = even()
     whole = recorded(truth, 3)
-    true, told = since_arrival(truth, whole.time), replay(whole, honest(truth)).rests.since(whole.time)
+    true, told = (
+        since_arrival(truth, whole.time),
+        replay(whole, honest(truth)).rests.since(whole.time),
+    )
     both = (true > 0) & (told > 0)
     assert np.sum((true > 0) != (told > 0)) <= 2 * 30  # a row at each end of a rest
     assert np.sqrt(np.mean((true - told)[both] ** 2)) < 0.1 / 25.0  # a tenth of a sample
@@ -43,7 +53,9 @@ def test_when_a_move_begins_is_told_to_a_part_of_a_sample():
     true, told = truth.schedule.rests(), replay(whole, honest(truth)).rests
     assert np.abs(told.end[:-1] - true.end[:-1]).max() < 0.2 / 25.0  # a fifth of a sample
     np.testing.assert_array_equal(told.moves(true.begin + 0.5), np.arange(31))
-    np.testing.assert_array_equal(told.moves(true.begin[1:] - 0.2), np.arange(1, 31))  # amid the last of it
+    np.testing.assert_array_equal(
+        told.moves(true.begin[1:] - 0.2), np.arange(1, 31)
+    )  # amid the last of it
 
 
 def test_what_beats_after_each_move_is_no_vibration():
@@ -51,7 +63,9 @@ def test_what_beats_after_each_move_is_no_vibration():
     truth = even()
     whole = recorded(truth, 3)
     beat = 1e-3 * np.sin(2 * np.pi * since_arrival(truth, whole.time) / PERIOD)
-    found = diagnose(honest(truth), [rewritten(whole, accel_x_m_s2=whole.column("accel_x_m_s2") + beat)])
+    found = diagnose(
+        honest(truth), [rewritten(whole, accel_x_m_s2=whole.column("accel_x_m_s2") + beat)]
+    )
     assert found.verdict == "unlisted"
     assert [(f.where.coordinate, f.axes) for f in found.findings] == [("move", ("x",))]
     (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]

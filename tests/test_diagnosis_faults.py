@@ -54,7 +54,9 @@ def test_repeated_samples(truth, sound, rng):
 
 
 def test_clipping(truth, sound):
-    fault = faults_of(truth, rewritten(sound, accel_x_m_s2=np.clip(x_of(sound), -7.0, 7.0)))["acc_saturation"]
+    fault = faults_of(truth, rewritten(sound, accel_x_m_s2=np.clip(x_of(sound), -7.0, 7.0)))[
+        "acc_saturation"
+    ]
     assert (fault.axes, fault.effect.value("full_scale")) == (("x",), pytest.approx(7.0))
 
 
@@ -62,14 +64,18 @@ def test_a_channel_that_is_clipped_most_of_the_time(truth, sound):
     """The noise is that of the rest: on the rails there is none."""
     x = x_of(sound)
     limit = float(np.median(np.abs(x))) / 2
-    fault = faults_of(truth, rewritten(sound, accel_x_m_s2=np.clip(x, -limit, limit)))["acc_saturation"]
+    fault = faults_of(truth, rewritten(sound, accel_x_m_s2=np.clip(x, -limit, limit)))[
+        "acc_saturation"
+    ]
     assert (np.abs(x) > limit).mean() > 0.6
     assert (fault.axes, fault.effect.value("full_scale")) == (("x",), pytest.approx(limit))
 
 
 def test_coarse_codes(truth, sound):
     lsb = 0.004
-    fault = faults_of(truth, rewritten(sound, accel_x_m_s2=lsb * np.rint(x_of(sound) / lsb)))["adc_quantisation"]
+    fault = faults_of(truth, rewritten(sound, accel_x_m_s2=lsb * np.rint(x_of(sound) / lsb)))[
+        "adc_quantisation"
+    ]
     assert (fault.axes, fault.effect.value("lsb")) == (("x",), pytest.approx(lsb, rel=1e-6))
 
 
@@ -87,7 +93,10 @@ def test_of_gross_errors_those_where_a_move_ends_go_with_the_others(truth, sound
     x = x_of(sound)
     stop = prepare(honest(truth), [sound]).observations.stops[0]
     begin = int(np.flatnonzero((stop[1:] >= 0) & (stop[:-1] < 0))[7]) + 2
-    hit = [begin, *rng.choice(np.flatnonzero(np.abs(np.arange(len(x)) - begin) > 50), 12, replace=False)]
+    hit = [
+        begin,
+        *rng.choice(np.flatnonzero(np.abs(np.arange(len(x)) - begin) > 50), 12, replace=False),
+    ]
     x[hit] += 0.05
     found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)])
     assert [f.effect.id for f in found.faults] == ["data_outlier"]
@@ -102,13 +111,20 @@ def test_heavy_tails_are_no_gross_errors(truth, sound, rng):
 
 
 def test_a_sign(truth, sound):
-    fault = faults_of(truth, rewritten(sound, accel_z_m_s2=-sound.column("accel_z_m_s2")))["data_sign"]
+    fault = faults_of(truth, rewritten(sound, accel_z_m_s2=-sound.column("accel_z_m_s2")))[
+        "data_sign"
+    ]
     assert fault.effect.values == {"flip_z": 1.0}
 
 
 def test_exchanged_columns(truth, sound):
-    swapped = {"accel_x_m_s2": sound.column("accel_y_m_s2"), "accel_y_m_s2": sound.column("accel_x_m_s2")}
-    assert faults_of(truth, rewritten(sound, **swapped))["data_axis_swap"].effect.values == {"swap_xy": 1.0}
+    swapped = {
+        "accel_x_m_s2": sound.column("accel_y_m_s2"),
+        "accel_y_m_s2": sound.column("accel_x_m_s2"),
+    }
+    assert faults_of(truth, rewritten(sound, **swapped))["data_axis_swap"].effect.values == {
+        "swap_xy": 1.0
+    }
 
 
 def test_a_wrong_unit(truth, sound):
@@ -118,7 +134,9 @@ def test_a_wrong_unit(truth, sound):
 
 
 def test_a_table_counted_the_other_way(truth, sound):
-    fault = faults_of(truth, rewritten(sound, table_outer_deg=-sound.column("table_outer_deg")))["data_rotation_sense"]
+    fault = faults_of(truth, rewritten(sound, table_outer_deg=-sound.column("table_outer_deg")))[
+        "data_rotation_sense"
+    ]
     assert fault.effect.axis == "outer"
 
 
@@ -128,7 +146,10 @@ def test_a_mistyped_angle(truth, sound):
     stop = bench_.observations.courses[0].stop
     outer[stop == 7] += 0.5
     fault = faults_of(truth, rewritten(sound, table_outer_deg=outer))["data_pose_label"]
-    assert (fault.effect.axis, fault.effect.value("error")) == ("outer", pytest.approx(np.radians(0.5), rel=0.02))
+    assert (fault.effect.axis, fault.effect.value("error")) == (
+        "outer",
+        pytest.approx(np.radians(0.5), rel=0.02),
+    )
 
 
 def test_time_that_goes_back_is_mended_and_said(truth, sound):
@@ -136,7 +157,10 @@ def test_time_that_goes_back_is_mended_and_said(truth, sound):
     time[100] -= 1.0
     columns = {n: sound.column(n) for n in sound.column_names}
     notes = prepare(honest(truth), [Recording.from_columns(time, columns, source="run.csv")]).notes
-    assert "run.csv: 1 row(s) whose time goes back or repeats, the first at data row 101; they are left out" in notes
+    assert (
+        "run.csv: 1 row(s) whose time goes back or repeats, the first at data row 101; they are"
+        " left out" in notes
+    )
 
 
 def test_what_was_mended_leaves_the_rest_as_it_was(truth, sound):
@@ -148,7 +172,9 @@ def test_what_was_mended_leaves_the_rest_as_it_was(truth, sound):
 
 
 def test_a_readout_cut_to_a_few_decimals(truth, sound):
-    cut = {n: np.floor(sound.column(n) / 0.05) * 0.05 for n in ("table_outer_deg", "table_inner_deg")}
+    cut = {
+        n: np.floor(sound.column(n) / 0.05) * 0.05 for n in ("table_outer_deg", "table_inner_deg")
+    }
     found = prepare(honest(truth), [rewritten(sound, **cut)])
     assert {f.effect.id for f in found.faults} == {"data_truncation"}
     assert {f.effect.axis: f.effect.value("step") for f in found.faults} == pytest.approx(
@@ -157,13 +183,23 @@ def test_a_readout_cut_to_a_few_decimals(truth, sound):
     assert found.floors["accel"] == pytest.approx(9.81 * np.radians(0.05), rel=1e-6)
 
 
-@pytest.mark.parametrize(("factor", "id", "values"), [
-    (1.0, None, {}), (np.radians(1), "data_unit", {"factor": np.radians(1)}), (-1.0, "data_sign", {"flip_a": 1.0}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("factor", "id", "values"),
+    [
+        (1.0, None, {}),
+        (np.radians(1), "data_unit", {"factor": np.radians(1)}),
+        (-1.0, "data_sign", {"flip_a": 1.0}),
+    ],
+)
 def test_a_fog_turned_by_hand_with_a_gyro_tells_its_unit_and_its_sign(factor, id, values, rng):
     time = np.arange(0, 60, 0.02)
-    rate = np.column_stack([np.sin(time * w + k) * (np.sin(time / 7) > 0) for k, w in enumerate((1.1, 0.7, 1.7))])
-    columns = {f"gyro_{a}_rad_s": r + rng.normal(0, 1e-3, len(time)) for a, r in zip("xyz", rate.T, strict=True)}
+    rate = np.column_stack(
+        [np.sin(time * w + k) * (np.sin(time / 7) > 0) for k, w in enumerate((1.1, 0.7, 1.7))]
+    )
+    columns = {
+        f"gyro_{a}_rad_s": r + rng.normal(0, 1e-3, len(time))
+        for a, r in zip("xyz", rate.T, strict=True)
+    }
     columns["fog_a_rad_s"] = factor * (rate @ [0.6, 0.0, 0.8]) + rng.normal(0, 1e-5, len(time))
     found = meaning(BY_HAND, Recording.from_columns(time, columns))
     assert [f.effect.id for f in found] == ([] if id is None else [id])
@@ -172,11 +208,20 @@ def test_a_fog_turned_by_hand_with_a_gyro_tells_its_unit_and_its_sign(factor, id
         assert dict(fault.effect.values) == pytest.approx(values)
 
 
-@pytest.mark.parametrize(("columns", "id", "axes"), [("Xyz", "data_sign", ("x",)), ("yxz", "data_axis_swap", ("x", "y"))])
-def test_a_gyro_turned_by_hand_with_a_fog_tells_a_sign_or_an_exchange_of_its_columns(columns, id, axes, rng):
+@pytest.mark.parametrize(
+    ("columns", "id", "axes"), [("Xyz", "data_sign", ("x",)), ("yxz", "data_axis_swap", ("x", "y"))]
+)
+def test_a_gyro_turned_by_hand_with_a_fog_tells_a_sign_or_an_exchange_of_its_columns(
+    columns, id, axes, rng
+):
     time = np.arange(0, 60, 0.02)
-    rate = np.column_stack([np.sin(time * w + k) * (np.sin(time / 7) > 0) for k, w in enumerate((1.1, 0.7, 1.7))])
-    read = {c.lower(): (-1 if c.isupper() else 1) * rate[:, "xyz".index(axis)] for axis, c in zip("xyz", columns, strict=True)}
+    rate = np.column_stack(
+        [np.sin(time * w + k) * (np.sin(time / 7) > 0) for k, w in enumerate((1.1, 0.7, 1.7))]
+    )
+    read = {
+        c.lower(): (-1 if c.isupper() else 1) * rate[:, "xyz".index(axis)]
+        for axis, c in zip("xyz", columns, strict=True)
+    }
     written = {f"gyro_{a}_rad_s": read[a] + rng.normal(0, 1e-3, len(time)) for a in "xyz"}
     written["fog_a_rad_s"] = rate @ [0.6, 0.0, 0.8] + rng.normal(0, 1e-5, len(time))
     (fault,) = meaning(BY_HAND, Recording.from_columns(time, written))
@@ -192,7 +237,9 @@ def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound
     columns = {}
     for axis in "xyz":
         values = sound.column(f"accel_{axis}_m_s2")
-        columns[f"accel_{axis}_m_s2"] = np.concatenate([values[:at], values[at + lost :], np.full(lost, np.nan)])
+        columns[f"accel_{axis}_m_s2"] = np.concatenate(
+            [values[:at], values[at + lost :], np.full(lost, np.nan)]
+        )
     columns["accel_x_m_s2"][[100, 200, 300]] = np.nan  # and one channel lacks more than the others
     found = prepare(honest(truth), [rewritten(sound, **columns)])
     (fault,) = found.faults
@@ -207,8 +254,11 @@ def test_samples_that_were_lost_are_counted_and_the_rest_moved_back(truth, sound
 
 def test_samples_after_a_loss_come_back_to_their_rows_past_rows_that_are_empty(truth, sound):
     lost, at, empty = 7, 600, 900
-    columns = {f"accel_{a}_m_s2": np.concatenate([v[:at], v[at + lost :], v[-lost:]])
-               for a in "xyz" for v in [sound.column(f"accel_{a}_m_s2")]}  # fmt: skip
+    columns = {
+        f"accel_{a}_m_s2": np.concatenate([v[:at], v[at + lost :], v[-lost:]])
+        for a in "xyz"
+        for v in [sound.column(f"accel_{a}_m_s2")]
+    }
     for values in columns.values():
         values[empty] = np.nan
     (fault,) = (found := prepare(honest(truth), [rewritten(sound, **columns)])).faults
@@ -222,7 +272,9 @@ def test_samples_after_a_loss_come_back_to_their_rows_past_rows_that_are_empty(t
 
 @pytest.mark.parametrize(("lost", "told"), [(7, True), (0, False)])
 def test_what_one_sensor_lost_another_may_have_lost_too(lost, told):
-    """Asked of a sensor by itself: a wave that comes seven samples early from the middle on, or does not."""
+    """Asked of a sensor by itself: a wave that comes seven samples early from the middle on, or
+    does not.
+    """
     time = np.arange(400) / 10.0
     rows = np.arange(400)
     model = np.sin(time)
@@ -233,7 +285,10 @@ def test_what_one_sensor_lost_another_may_have_lost_too(lost, told):
 
 def test_random_stamps_are_found_first_and_what_they_spoil_is_left_out(truth, sound, rng):
     late = rng.normal(0, 0.005, len(sound.time))
-    columns = {f"accel_{a}_m_s2": np.interp(sound.time + late, sound.time, sound.column(f"accel_{a}_m_s2")) for a in "xyz"}
+    columns = {
+        f"accel_{a}_m_s2": np.interp(sound.time + late, sound.time, sound.column(f"accel_{a}_m_s2"))
+        for a in "xyz"
+    }
     found = prepare(honest(truth), [rewritten(sound, **columns)])
     assert [f.effect.id for f in found.faults] == ["data_jitter"]
     assert found.observations.samples < 3 * len(sound.time)
@@ -241,18 +296,36 @@ def test_random_stamps_are_found_first_and_what_they_spoil_is_left_out(truth, so
 
 def upright_turns():
     """Turns of a three-axis table about the upright axis: gravity sees none of it."""
-    steps = [{"action": "move", "outer_deg": a, "middle_deg": 0.0, "inner_deg": 0.0, "rate_deg_s": 40.0, "dwell_s": 3.0}
-             for a in (0, 90, 30, 180, 60, 150, 10, 120)]  # fmt: skip
-    return parse_scenario({
-        "schema": 1, "name": "turns", "site": {"gravity_m_s2": 9.81, "latitude_deg": 40.0},
-        "rig": {"table": "three"},
-        "sensor": [{"name": "s", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale"]}],
-        "effect": [{"id": "gyr_noise", "sensor": "s", "white_deg_rth": 0.2}], "sequence": steps,
-    })  # fmt: skip
+    steps = [
+        {
+            "action": "move",
+            "outer_deg": a,
+            "middle_deg": 0.0,
+            "inner_deg": 0.0,
+            "rate_deg_s": 40.0,
+            "dwell_s": 3.0,
+        }
+        for a in (0, 90, 30, 180, 60, 150, 10, 120)
+    ]
+    return parse_scenario(
+        {
+            "schema": 1,
+            "name": "turns",
+            "site": {"gravity_m_s2": 9.81, "latitude_deg": 40.0},
+            "rig": {"table": "three"},
+            "sensor": [
+                {"name": "s", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale"]}
+            ],
+            "effect": [{"id": "gyr_noise", "sensor": "s", "white_deg_rth": 0.2}],
+            "sequence": steps,
+        }
+    )
 
 
 def test_an_angle_that_jumps_where_the_gyro_does_not_is_a_wrong_label():
-    """About the upright axis no stop is off: only the jump of the readout, and a gyro that reads nothing, tell."""
+    """About the upright axis no stop is off: only the jump of the readout, and a gyro that reads
+    nothing, tell.
+    """
     truth = upright_turns()
     sound = recorded(truth, 5)
     outer = sound.column("table_outer_deg").copy()
@@ -267,7 +340,9 @@ def test_an_angle_that_jumps_where_the_gyro_does_not_is_a_wrong_label():
 
 @pytest.mark.parametrize("jumps", [True, False])
 def test_a_steep_course_bends_but_does_not_jump(jumps):
-    """A quick turn, 1 s of raised cosine up to 130 deg/s and down, bends by 8 arcsec from row to row, as far back as there."""
+    """A quick turn, 1 s of raised cosine up to 130 deg/s and down, bends by 8 arcsec from row to
+    row, as far back as there.
+    """
     t = np.arange(0.0, 12.0, 0.02)
     up, down = np.clip(t - 2.0, 0, 1), np.clip(t - 5.0, 0, 1)
     speed = np.radians(130.0) * (np.sin(np.pi / 2 * up) ** 2 - np.sin(np.pi / 2 * down) ** 2)
@@ -280,14 +355,21 @@ def test_a_steep_course_bends_but_does_not_jump(jumps):
 
 @pytest.mark.parametrize("before", [18, 22])
 def test_a_readout_that_is_missing_while_the_table_goes_does_not_jump(before):
-    """Both ends of a gap look like jumps by half of a step of what is put into it, as far back as there."""
+    """Both ends of a gap look like jumps by half of a step of what is put into it, as far back as
+    there.
+    """
     truth = bench()
     sound = recorded(truth, 5)
     outer, inner = (sound.column(f"table_{axis}_deg").copy() for axis in ("outer", "inner"))
     stop = prepare(honest(truth), [sound]).observations.courses[0].stop
     gap = slice(np.flatnonzero(stop == before)[-1] + 1, np.flatnonzero(stop == before + 1)[0])
     outer[gap] = inner[gap] = np.nan
-    assert prepare(honest(truth), [rewritten(sound, table_outer_deg=outer, table_inner_deg=inner)]).faults == ()
+    assert (
+        prepare(
+            honest(truth), [rewritten(sound, table_outer_deg=outer, table_inner_deg=inner)]
+        ).faults
+        == ()
+    )
 
 
 def test_a_table_that_truly_jumps_is_believed():
@@ -303,11 +385,17 @@ def test_a_table_that_truly_jumps_is_believed():
     assert "data_pose_label" not in {f.effect.id for f in found}
 
 
-@pytest.mark.parametrize(("lever", "names"), [(0.0, {"data_sign", "data_rotation_sense"}), (0.08, {"data_sign"})])
+@pytest.mark.parametrize(
+    ("lever", "names"), [(0.0, {"data_sign", "data_rotation_sense"}), (0.08, {"data_sign"})]
+)
 def test_a_sign_that_gravity_cannot_tell_from_a_sense_of_rotation(lever, names):
-    """Of x = g sin(outer) sin(inner) the sign is that of inner; only what the motion adds off the axes knows better."""
+    """Of x = g sin(outer) sin(inner) the sign is that of inner; only what the motion adds off the
+    axes knows better.
+    """
     truth = bench()
-    stated = truth.model_copy(update={"rig": truth.rig.model_copy(update={"lever_arm_m": (lever, 0.0, lever)})})
+    stated = truth.model_copy(
+        update={"rig": truth.rig.model_copy(update={"lever_arm_m": (lever, 0.0, lever)})}
+    )
     sound = recorded(stated, 5)
     (fault,) = meaning(honest(stated), rewritten(sound, accel_x_m_s2=-x_of(sound)))
     assert fault.effect.id == "data_sign"
@@ -321,16 +409,29 @@ def test_coarse_codes_of_a_gyro_may_be_its_own_or_the_converters():
     (fault,) = prepare(honest(truth), [rewritten(sound, s_z_deg_s=z)]).faults
     assert set(fault.names) == {"adc_quantisation", "gyr_quantisation"}
     stated = truth.model_dump(exclude={"effect", "sequence"}, exclude_defaults=True, by_alias=True)
-    known = parse_scenario({"schema": 1, **stated, "effect": [{"id": "gyr_quantisation", "sensor": "s", "lsb_deg_s": 1.0}]})
+    known = parse_scenario(
+        {
+            "schema": 1,
+            **stated,
+            "effect": [{"id": "gyr_quantisation", "sensor": "s", "lsb_deg_s": 1.0}],
+        }
+    )
     assert inspect(known, [rewritten(sound, s_z_deg_s=z)]).faults == ()
 
 
 def test_gross_errors_of_a_gyro_turned_by_hand_are_all_that_is_found(rng):
-    """Beside a FOG, which tells a knock from a fault: named with their share, and left out of what is looked at after."""
+    """Beside a FOG, which tells a knock from a fault: named with their share, and left out of what
+    is looked at after.
+    """
     time = np.arange(6000) / 50.0
     columns = turned_by_hand(rng, time)
     hit = rng.choice(len(time), 30, replace=False)
     columns["gyro_y_rad_s"][hit] += 0.3 * rng.choice([-1, 1], 30)
     (found,) = diagnose(BY_HAND, [Recording.from_columns(time, columns)]).findings
-    assert (found.effect, found.names, found.stage, found.axes) == ("data_outlier", ("data_outlier",), "data", ("y",))
+    assert (found.effect, found.names, found.stage, found.axes) == (
+        "data_outlier",
+        ("data_outlier",),
+        "data",
+        ("y",),
+    )
     assert found.parameters["share_unitless"][0] == pytest.approx(30 / 6000, rel=0.1)

@@ -1,4 +1,6 @@
-"""Recordings turned by hand: what a small error does to all that is redundant in them, in one pass; which rests are rests."""
+"""Recordings turned by hand: what a small error does to all that is redundant in them, in one pass;
+which rests are rests.
+"""
 
 from dataclasses import replace
 
@@ -38,43 +40,65 @@ from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 
 G = 9.80123
 TRIADS = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
-FOG = parse_scenario({
-    "schema": 1, "name": "a FOG beside a gyro triad", "site": {"gravity_m_s2": G, "latitude_deg": 45.0},
-    "rig": {"table": "handheld"},
-    "sensor": [
-        {"name": "gyro", "kind": "gyro", "rate_hz": 50.0},
-        {"name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [0.36, 0.48, 0.8], "rate_hz": 50.0},
-    ],
-})  # fmt: skip
+FOG = parse_scenario(
+    {
+        "schema": 1,
+        "name": "a FOG beside a gyro triad",
+        "site": {"gravity_m_s2": G, "latitude_deg": 45.0},
+        "rig": {"table": "handheld"},
+        "sensor": [
+            {"name": "gyro", "kind": "gyro", "rate_hz": 50.0},
+            {
+                "name": "fog",
+                "kind": "fog",
+                "axes": ["a"],
+                "input_axis": [0.36, 0.48, 0.8],
+                "rate_hz": 50.0,
+            },
+        ],
+    }
+)
 
 
 @pytest.fixture(scope="module")
 def triads():
     recording = SimulatedLaboratory().record(TRIADS, 3)
     plain = TRIADS.model_copy(update={"effect": ()})
-    return observe(plain, [recording]), [replace(e, role="calibration") for e in TRIADS.effects if not e.random]
+    return observe(plain, [recording]), [
+        replace(e, role="calibration") for e in TRIADS.effects if not e.random
+    ]
 
 
 @pytest.fixture(scope="module")
 def fog():
     time = np.arange(3000) / 50.0
     rate = np.column_stack([np.sin((0.5 + 0.2 * k) * time) * (time % 20 > 5) for k in range(3)])
-    columns = {f"gyro_{a}_rad_s": rate[:, k] for k, a in enumerate("xyz")} | {"fog_a_rad_s": rate @ FOG.named("fog").input_vector}
+    columns = {f"gyro_{a}_rad_s": rate[:, k] for k, a in enumerate("xyz")} | {
+        "fog_a_rad_s": rate @ FOG.named("fog").input_vector
+    }
     return observe(FOG, [Recording.from_columns(time, columns)]), []
 
 
 SMALL = {  # id: values small enough that squares do not matter, where
-    "acc_bias": ({"bias_x_ug": 300.0}, "accel"), "acc_scale": ({"scale_y_ppm": 300.0}, "accel"),
-    "acc_cross_axis": ({"cross_zx_ppm": 300.0}, "accel"), "acc_K2": ({"k2_z_ug_g2": 300.0}, "accel"),
-    "acc_drift": ({"drift_x_ug": 1000.0}, "accel"), "gyr_bias": ({"bias_y_deg_h": 20.0}, "gyro"),
-    "gyr_scale": ({"scale_z_ppm": 300.0}, "gyro"), "gyr_misalignment": ({"cross_xy_ppm": 300.0}, "gyro"),
-    "gyr_gsens": ({"gsens_xz_deg_h_g": 20.0}, "gyro"), "gyr_nonlinearity": ({"cubic_x_ppm_rad2_s2": 100.0}, "gyro"),
-}  # fmt: skip
+    "acc_bias": ({"bias_x_ug": 300.0}, "accel"),
+    "acc_scale": ({"scale_y_ppm": 300.0}, "accel"),
+    "acc_cross_axis": ({"cross_zx_ppm": 300.0}, "accel"),
+    "acc_K2": ({"k2_z_ug_g2": 300.0}, "accel"),
+    "acc_drift": ({"drift_x_ug": 1000.0}, "accel"),
+    "gyr_bias": ({"bias_y_deg_h": 20.0}, "gyro"),
+    "gyr_scale": ({"scale_z_ppm": 300.0}, "gyro"),
+    "gyr_misalignment": ({"cross_xy_ppm": 300.0}, "gyro"),
+    "gyr_gsens": ({"gsens_xz_deg_h_g": 20.0}, "gyro"),
+    "gyr_nonlinearity": ({"cubic_x_ppm_rad2_s2": 100.0}, "gyro"),
+}
 RATES = {
-    "fog_scale": ({"scale_a_ppm": 300.0}, "fog"), "fog_bias": ({"bias_a_deg_h": 10.0}, "fog"),
-    "gyr_scale": ({"scale_z_ppm": 300.0}, "gyro"), "data_latency": ({"latency_ms": 0.1}, "fog"),
-    "gyr_misalignment": ({"cross_xy_ppm": 300.0}, "gyro"), "gyr_bandwidth": ({"tau_ms": 0.5}, "fog"),
-}  # fmt: skip
+    "fog_scale": ({"scale_a_ppm": 300.0}, "fog"),
+    "fog_bias": ({"bias_a_deg_h": 10.0}, "fog"),
+    "gyr_scale": ({"scale_z_ppm": 300.0}, "gyro"),
+    "data_latency": ({"latency_ms": 0.1}, "fog"),
+    "gyr_misalignment": ({"cross_xy_ppm": 300.0}, "gyro"),
+    "gyr_bandwidth": ({"tau_ms": 0.5}, "fog"),
+}
 
 
 def one(observations, id, values, sensor):
@@ -82,10 +106,14 @@ def one(observations, id, values, sensor):
 
 
 def differences(observations, effect, around):
-    """How predictions change with an effect, by a step up and one down; from nothing where it has no negative size."""
+    """How predictions change with an effect, by a step up and one down; from nothing where it has
+    no negative size.
+    """
     positive = any(p.positive for p in effect.parameters)
     down = replace(effect, values={n: 0.0 if positive else -v for n, v in effect.values.items()})
-    pairs = zip(observations.predict([*around, effect]), observations.predict([*around, down]), strict=True)
+    pairs = zip(
+        observations.predict([*around, effect]), observations.predict([*around, down]), strict=True
+    )
     return [(up - low) / (1 if positive else 2) for up, low in pairs]
 
 
@@ -95,7 +123,9 @@ def assert_alike(observations, effect, around):
     for i, expected in enumerate(differences(observations, effect, around)):
         column = found.get(i, np.zeros_like(expected))
         scale = np.linalg.norm(expected)
-        assert np.linalg.norm(column - expected) <= 0.02 * scale + 1e-11, observations.channels[i].name
+        assert np.linalg.norm(column - expected) <= 0.02 * scale + 1e-11, observations.channels[
+            i
+        ].name
 
 
 @pytest.mark.parametrize("id", SMALL)
@@ -114,19 +144,28 @@ def test_so_are_those_of_a_fog_beside_a_gyro_triad(fog, id):
 
 
 def test_a_late_fog_is_a_gyro_that_is_early(fog):
-    """By hand one delay is the other's advance, to its column: of a whole plausible delay it would bend the other way."""
+    """By hand one delay is the other's advance, to its column: of a whole plausible delay it would
+    bend the other way.
+    """
     observations = fog[0]
-    late, early = (observations.changes(one(observations, "data_latency", {"latency_ms": 5.0}, s), ())[0] for s in ("fog", "gyro"))
+    late, early = (
+        observations.changes(one(observations, "data_latency", {"latency_ms": 5.0}, s), ())[0]
+        for s in ("fog", "gyro")
+    )
     assert np.linalg.norm(late + early) < 0.02 * np.linalg.norm(late)
     gyro = Suspect(one(observations, "data_latency", {"latency_ms": 5.0}, "gyro"), ("latency",))
-    (told,) = upright(Account((), (), (replace(Term.start(gyro), values=(-2e-3,)),)), observations).terms
+    (told,) = upright(
+        Account((), (), (replace(Term.start(gyro), values=(-2e-3,)),)), observations
+    ).terms
     assert (told.effect.sensor, told.values) == ("fog", (2e-3,))
 
 
 def test_all_coefficients_of_a_curve_in_one_pass_are_each_by_itself(triads):
     observations, around = triads
     names = tuple(f"c{k}" for k in range(4))
-    curve = LearnedReading(dict.fromkeys(names, 1e-5), "accel", "x", coordinate="force_y", knots=(-G, -3.0, 3.0, G))
+    curve = LearnedReading(
+        dict.fromkeys(names, 1e-5), "accel", "x", coordinate="force_y", knots=(-G, -3.0, 3.0, G)
+    )
     together = observations.columns(curve, names, around)
     for k, name in enumerate(names):
         for i, column in observations.changes(replace(curve, values={name: 1e-5}), around).items():
@@ -135,17 +174,33 @@ def test_all_coefficients_of_a_curve_in_one_pass_are_each_by_itself(triads):
 
 
 def test_the_body_has_no_axes_but_the_sensors_own(triads):
-    """A small turn of the body's axes is no physics: three of nine cross terms of the accelerometer have no column."""
+    """A small turn of the body's axes is no physics: three of nine cross terms of the accelerometer
+    have no column.
+    """
     observations, around = triads
-    effect = one(observations, "acc_cross_axis", {f"cross_{p}_ppm": 300.0 for p in ("xy", "xz", "yx", "yz", "zx", "zy")}, "accel")
+    effect = one(
+        observations,
+        "acc_cross_axis",
+        {f"cross_{p}_ppm": 300.0 for p in ("xy", "xz", "yx", "yz", "zx", "zy")},
+        "accel",
+    )
     names = list(effect.values)
-    told = {names[k] for numbers, _ in observations.columns(effect, names, around).values() for k in numbers}
+    told = {
+        names[k]
+        for numbers, _ in observations.columns(effect, names, around).values()
+        for k in numbers
+    }
     assert told == {"cross_yx", "cross_zx", "cross_zy"}
 
 
 def test_a_memory_of_the_force_is_shaken_away_by_the_hand(triads):
     observations, around = triads
-    assert observations.changes(one(observations, "acc_hysteresis", {"hysteresis_x_ug": 500.0}, "accel"), around) == {}
+    assert (
+        observations.changes(
+            one(observations, "acc_hysteresis", {"hysteresis_x_ug": 500.0}, "accel"), around
+        )
+        == {}
+    )
 
 
 def test_gravity_is_carried_across_a_turn_as_rotations_compose():
@@ -162,7 +217,9 @@ def test_gravity_is_carried_across_a_turn_as_rotations_compose():
     windows = Windows.around(time, [(90, 210)])
     assert np.abs(Carried(windows, force, rate).errors).max() < 1e-12
     late = np.vstack([rate[3:], rate[:3]])  # a gyro that runs ahead turns it somewhere else
-    assert np.abs(Carried(windows, force, late).errors).max() < 1e-12  # ... but not from rest to rest
+    assert (
+        np.abs(Carried(windows, force, late).errors).max() < 1e-12
+    )  # ... but not from rest to rest
     assert np.abs(Carried(windows, force, 1.01 * rate).errors).max() > 0.01
 
 
@@ -200,7 +257,9 @@ def test_a_long_log_keeps_its_rests_when_they_are_averaged():
     assert condensed(short) is short
     name = "accel_x_m_s2"
     for k in range(stop.max() + 1):
-        assert abs(short.column(name)[stop == k].mean() - log.column(name)[before == k].mean()) < 0.005
+        assert (
+            abs(short.column(name)[stop == k].mean() - log.column(name)[before == k].mean()) < 0.005
+        )
 
 
 def test_gross_errors_are_looked_for_in_the_log_as_it_came():
@@ -213,7 +272,9 @@ def test_gross_errors_are_looked_for_in_the_log_as_it_came():
     assert len(bench.observations.recordings[0]) < len(log)
     (fault,) = [f for f in bench.faults if f.effect.id == "data_outlier"]
     assert fault.axes == ("x",)
-    assert fault.effect.value("share") == pytest.approx(40 / inner(log.time, known_stops(log)).sum(), rel=0.02)
+    assert fault.effect.value("share") == pytest.approx(
+        40 / inner(log.time, known_stops(log)).sum(), rel=0.02
+    )
 
 
 def test_the_edges_of_rests_are_not_at_rest():
@@ -225,9 +286,13 @@ def test_the_edges_of_rests_are_not_at_rest():
     assert rest[120:400].all()
 
 
-@pytest.mark.parametrize(("rows", "dropped"), [(slice(120, 123), "all"), (slice(0, 0), "none"), (slice(50, 250), "none")])
+@pytest.mark.parametrize(
+    ("rows", "dropped"), [(slice(120, 123), "all"), (slice(0, 0), "none"), (slice(50, 250), "none")]
+)
 def test_a_rest_that_was_touched_is_none(rows, dropped):
-    """A brief push takes a short rest with it; what lasts half of it is no push, and stays to be explained."""
+    """A brief push takes a short rest with it; what lasts half of it is no push, and stays to be
+    explained.
+    """
     rng = rng_of(f"touched {rows}")
     values = rng.normal(0, 1, (400, 2))
     values[rows, 0] += 30.0
@@ -245,7 +310,9 @@ def test_a_long_rest_loses_only_the_touch():
 
 
 def test_noise_is_no_less_than_rests_are_apart():
-    """Forty rests of sixty samples, each with its own offset: white noise by the spectrum of most rows, not from rest to rest."""
+    """Forty rests of sixty samples, each with its own offset: white noise by the spectrum of most
+    rows, not from rest to rest.
+    """
     rng = rng_of("rests apart")
     stop = np.repeat(np.arange(40), 60)
     residual = rng.normal(0, 1, 2400) + rng.normal(0, 2.0, 40)[stop]
@@ -261,14 +328,19 @@ def test_noise_is_no_less_than_rests_are_apart():
 def test_what_may_follow_the_pose_is_as_rich_as_the_poses_allow():
     rng = rng_of("poses")
     few, many = rng.normal(size=(6, 3)), rng.normal(size=(60, 3))
-    columns = {n: of_direction(np.repeat(f, 10, axis=0), np.repeat(np.arange(n), 10)) for n, f in ((6, few), (60, many))}
+    columns = {
+        n: of_direction(np.repeat(f, 10, axis=0), np.repeat(np.arange(n), 10))
+        for n, f in ((6, few), (60, many))
+    }
     assert len(columns[6]) == 0
     assert len(columns[60]) >= 3 + 5
 
 
 def test_the_crest_of_a_quick_turn_is_no_outlier():
     time = np.arange(2000) / 100.0
-    rate = np.sin(2 * np.pi * 9 * time) * np.exp(-(((time % 2) - 1) ** 2) / 0.005) + rng_of("crest").normal(0, 0.002, 2000)
+    rate = np.sin(2 * np.pi * 9 * time) * np.exp(-(((time % 2) - 1) ** 2) / 0.005) + rng_of(
+        "crest"
+    ).normal(0, 0.002, 2000)
     assert (off_neighbours(rate) > 8).sum() == 0
     rate[777] += 0.5
     assert off_neighbours(rate)[777] > 8
@@ -280,22 +352,42 @@ def test_long_recordings_may_show_long_lags():
     assert lags_of(8400.0)[: len(LAGS)] == LAGS
 
 
-HEATED = parse_scenario({
-    "schema": 1, "name": "heated at rest", "site": {"gravity_m_s2": G}, "rig": {"table": "handheld"},
-    "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 1.0, "adjustable": ["bias", "acc_temp_bias"]}],
-})  # fmt: skip
+HEATED = parse_scenario(
+    {
+        "schema": 1,
+        "name": "heated at rest",
+        "site": {"gravity_m_s2": G},
+        "rig": {"table": "handheld"},
+        "sensor": [
+            {
+                "name": "accel",
+                "kind": "accelerometer",
+                "rate_hz": 1.0,
+                "adjustable": ["bias", "acc_temp_bias"],
+            }
+        ],
+    }
+)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("late", [True, False], ids=["late", "bent"])
 def test_only_what_no_curve_over_temperature_does_is_called_late(late):
-    """A triad at rest through a cycle of two hours: bias by a bent law of the temperature, of now or of some minutes ago."""
+    """A triad at rest through a cycle of two hours: bias by a bent law of the temperature, of now
+    or of some minutes ago.
+    """
     rng, time = rng_of(f"heated {late}"), np.arange(6000.0)
     cycle = 40 * np.sin(2 * np.pi * time / 5000) * np.exp(-time / 9000)
     felt = cycle if not late else first_order_lag(time, cycle, 200.0)
     bias = 1e-3 * felt + 2e-5 * felt**2
-    values = np.array([0.2, -0.1, 9.75]) + bias[:, None] * [1.0, -0.5, 0.7] + rng.normal(0, 2e-3, (6000, 3))
-    columns = {f"accel_{a}_m_s2": values[:, k] for k, a in enumerate("xyz")} | {"temperature_degC": 25 + cycle}
+    values = (
+        np.array([0.2, -0.1, 9.75])
+        + bias[:, None] * [1.0, -0.5, 0.7]
+        + rng.normal(0, 2e-3, (6000, 3))
+    )
+    columns = {f"accel_{a}_m_s2": values[:, k] for k, a in enumerate("xyz")} | {
+        "temperature_degC": 25 + cycle
+    }
     found = diagnose(HEATED, [Recording.from_columns(time, columns)]).findings
     assert any(f.effect == "acc_temp_bias" or f.effect is None for f in found)
     assert any("warming and cooling differ" in f.statement for f in found) == late

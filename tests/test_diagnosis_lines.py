@@ -1,4 +1,6 @@
-"""What beats in a residual is found where it beats: in the readings, in the world, over an axis' angle, after each move."""
+"""What beats in a residual is found where it beats: in the readings, in the world, over an axis'
+angle, after each move.
+"""
 
 import numpy as np
 import pytest
@@ -32,15 +34,29 @@ def test_noise_has_no_lines():
 
 
 def test_a_hum_of_the_electronics_is_a_tone_of_the_readings():
-    found = lines({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37})
+    found = lines(
+        {"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37}
+    )
     assert found.tones[0] == pytest.approx(3.37, abs=0.005)
 
 
 def test_lost_rows_do_not_smear_a_tone():
-    """A lost row shifts the phase of all later ones, were they counted and not timed: at 4.9 Hz half a period for each."""
-    truth = bench({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 4.9, "phase_deg": 70.0})
+    """A lost row shifts the phase of all later ones, were they counted and not timed: at 4.9 Hz
+    half a period for each.
+    """
+    truth = bench(
+        {
+            "id": "mains_pickup",
+            "sensor": "accel",
+            "pickup_x_ug": 400.0,
+            "frequency_hz": 4.9,
+            "phase_deg": 70.0,
+        }
+    )
     whole = recorded(truth, 4)
-    kept = np.delete(np.arange(len(whole)), rng_of("lost rows").choice(len(whole), 12, replace=False))
+    kept = np.delete(
+        np.arange(len(whole)), rng_of("lost rows").choice(len(whole), 12, replace=False)
+    )
     columns = {name: whole.column(name)[kept] for name in whole.column_names}
     found = prepare(honest(truth), [Recording.from_columns(whole.time[kept], columns)])
     width = 1 / float(np.ptp(whole.time))
@@ -48,7 +64,9 @@ def test_lost_rows_do_not_smear_a_tone():
 
 
 def test_a_hum_that_wanders_is_told_by_all_its_lines_together():
-    """Its phase swings by 2.6 rad three times: the strongest of its lines has a quarter of its energy, and does not stand out."""
+    """Its phase swings by 2.6 rad three times: the strongest of its lines has a quarter of its
+    energy, and does not stand out.
+    """
     table = bench().model_dump(exclude_defaults=True, by_alias=True)
     table["sensor"][0]["rate_hz"] = 25.0
     truth = parse_scenario({"schema": 1, **table})
@@ -74,7 +92,15 @@ def test_noise_has_no_wandering_lines():
 @pytest.mark.parametrize("phase", [20.0, 160.0, 310.0])
 def test_a_hum_has_a_phase(phase):
     """All of it goes to its name: without a phase what is left of it would be laid to the base."""
-    truth = bench({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37, "phase_deg": phase})
+    truth = bench(
+        {
+            "id": "mains_pickup",
+            "sensor": "accel",
+            "pickup_x_ug": 400.0,
+            "frequency_hz": 3.37,
+            "phase_deg": phase,
+        }
+    )
     found = diagnose(honest(truth), [recorded(truth, 3)])
     (only,) = found.findings
     assert only.effect == "mains_pickup"
@@ -100,28 +126,49 @@ def test_an_interpolation_error_is_a_line_over_the_angle():
 
 def test_a_gyro_tells_the_lines_of_a_turn_about_the_upright():
     """Gravity sees nothing of it: the rate of the error alone does."""
-    steps = [{"action": "turn", "axis": "outer", "rate_deg_s": 30.0, "angle_deg": a, "dwell_s": 3.0} for a in (360, -360, 360)]
-    truth = parse_scenario({
-        "schema": 1, "name": "turns", "site": {"gravity_m_s2": 9.81, "latitude_deg": 40.0}, "rig": {"table": "three"},
-        "sensor": [{"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale"]}], "sequence": steps,
-        "effect": [
-            {"id": "gyr_noise", "sensor": "gyro", "white_deg_rth": 0.2},
-            {"id": "table_encoder_sde", "axis": "outer", "sin_arcsec": 20.0, "lines": 24},
-        ],
-    })  # fmt: skip
+    steps = [
+        {"action": "turn", "axis": "outer", "rate_deg_s": 30.0, "angle_deg": a, "dwell_s": 3.0}
+        for a in (360, -360, 360)
+    ]
+    truth = parse_scenario(
+        {
+            "schema": 1,
+            "name": "turns",
+            "site": {"gravity_m_s2": 9.81, "latitude_deg": 40.0},
+            "rig": {"table": "three"},
+            "sensor": [
+                {"name": "gyro", "kind": "gyro", "rate_hz": 50.0, "adjustable": ["bias", "scale"]}
+            ],
+            "sequence": steps,
+            "effect": [
+                {"id": "gyr_noise", "sensor": "gyro", "white_deg_rth": 0.2},
+                {"id": "table_encoder_sde", "axis": "outer", "sin_arcsec": 20.0, "lines": 24},
+            ],
+        }
+    )
     found = prepare(honest(truth), [recorded(truth, 3)])
     assert lines_of(found.ledger, found.start).ripples[:1] == (24,)
 
 
 def test_what_rings_anew_after_each_move_is_an_echo():
-    found = lines({"id": "settling_transient", "axis": "outer", "amplitude_arcsec": 200.0, "frequency_hz": 1.5, "tau_s": 2.0})
+    found = lines(
+        {
+            "id": "settling_transient",
+            "axis": "outer",
+            "amplitude_arcsec": 200.0,
+            "frequency_hz": 1.5,
+            "tau_s": 2.0,
+        }
+    )
     assert found.echoes
     assert found.echoes[0] == pytest.approx(1.5, rel=0.1)
 
 
 def test_what_stood_in_the_shadow_of_a_finding_comes_onto_the_ledger_later():
     """A line that stands out of the residual only once a large scale asymmetry is away."""
-    found = prepared({"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37})
+    found = prepared(
+        {"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37}
+    )
     before = lines_of(found.ledger, found.start)
     nothing = type(before)()
     fill(found.ledger, found.start, nothing)

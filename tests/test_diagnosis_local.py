@@ -1,4 +1,6 @@
-"""Forms that a grid of curves is slow to say: a saw by its period and its jump, a memory by its lag, a law by one number."""
+"""Forms that a grid of curves is slow to say: a saw by its period and its jump, a memory by its
+lag, a law by one number.
+"""
 
 import numpy as np
 import pytest
@@ -16,11 +18,17 @@ def saw(angle, period, at):
     return (angle - at) / period - np.floor((angle - at) / period) - 0.5
 
 
-@pytest.mark.parametrize(("table", "sensor", "column", "size", "unit"), [
-    ("dual", "accel", "accel_z_m_s2", 2e-3, 1.0), ("vertical", "incl", "incl_x_deg", 0.02, np.radians(1.0) * G),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("table", "sensor", "column", "size", "unit"),
+    [
+        ("dual", "accel", "accel_z_m_s2", 2e-3, 1.0),
+        ("vertical", "incl", "incl_x_deg", 0.02, np.radians(1.0) * G),
+    ],
+)
 def test_a_saw_over_an_angle_is_learned_as_a_saw(table, sensor, column, size, unit):
-    """Each jump is told to what the table turns from sample to sample, the period by the first and the last of them."""
+    """Each jump is told to what the table turns from sample to sample, the period by the first and
+    the last of them.
+    """
     period = np.radians(80.0)
     truth = bench(table=table, sensor=sensor)
     whole = recorded(truth, 5)
@@ -32,21 +40,31 @@ def test_a_saw_over_an_angle_is_learned_as_a_saw(table, sensor, column, size, un
     (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
     travel = np.abs(np.diff(angle)).max()
     assert effect["period"] == pytest.approx(period, abs=2 * travel / (np.ptp(angle) / period - 1))
-    sigma = WHITE * np.sqrt(12 / len(whole))  # of the height of a saw, whose rms is that over the root of 12
+    sigma = WHITE * np.sqrt(
+        12 / len(whole)
+    )  # of the height of a saw, whose rms is that over the root of 12
     assert np.ptp(effect["coefficients"]) == pytest.approx(size * unit, abs=4 * sigma)
 
 
 def test_a_saw_of_which_one_jump_is_seen_goes_before_a_name_of_any_form():
-    """A sweep of 110 degrees there and back, teeth of 90: a converter's curve says as much, with more numbers."""
+    """A sweep of 110 degrees there and back, teeth of 90: a converter's curve says as much, with
+    more numbers.
+    """
     steps = [*range(-55, 56, 10), *range(45, -56, -10)]
-    sweep = [{"action": "move", "outer_deg": float(k), "rate_deg_s": 10.0, "dwell_s": 3.0} for k in steps]
-    stand = bench(table="placing", sensor="incl").model_dump(exclude={"sequence"}, exclude_defaults=True, by_alias=True)
+    sweep = [
+        {"action": "move", "outer_deg": float(k), "rate_deg_s": 10.0, "dwell_s": 3.0} for k in steps
+    ]
+    stand = bench(table="placing", sensor="incl").model_dump(
+        exclude={"sequence"}, exclude_defaults=True, by_alias=True
+    )
     truth = parse_scenario({"schema": 1, **stand, "sequence": sweep})
     whole = recorded(truth, 5)
     angle = np.radians(whole.column("table_outer_deg"))
     read = whole.column("incl_x_deg") + 0.05 * saw(angle, np.radians(90.0), np.radians(-8.0))
     found = diagnose(honest(truth), [rewritten(whole, incl_x_deg=read)])
-    assert [(f.effect, f.where.coordinate, f.axes) for f in found.findings] == [(None, "table_outer", ("x",))]
+    assert [(f.effect, f.where.coordinate, f.axes) for f in found.findings] == [
+        (None, "table_outer", ("x",))
+    ]
     (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
     assert effect["period"] > np.radians(63.0)  # no further jump in what was swept
 
@@ -72,7 +90,8 @@ def forgotten(u, time, lag):
 
 
 def test_a_memory_of_the_rate_is_learned_with_its_lag_and_one_number():
-    """12 s lie between lags of the grid, and what is in proportion to the rate needs no curve. Both to 3 sigma of a fit of both.
+    """12 s lie between lags of the grid, and what is in proportion to the rate needs no curve. Both
+    to 3 sigma of a fit of both.
 
     Sigma from the derivatives of the closed form in white noise, beside a bias.
     """
@@ -81,7 +100,9 @@ def test_a_memory_of_the_rate_is_learned_with_its_lag_and_one_number():
     size, lag = 0.05, 12.0
     rate = np.gradient(np.radians(whole.column("table_outer_deg")), whole.time)
     late = forgotten(rate, whole.time, lag)
-    found = diagnose(honest(truth), [rewritten(whole, incl_x_deg=whole.column("incl_x_deg") + size * late)])
+    found = diagnose(
+        honest(truth), [rewritten(whole, incl_x_deg=whole.column("incl_x_deg") + size * late)]
+    )
     assert (found.verdict, [f.where.coordinate for f in found.findings]) == ("unlisted", ["rate"])
     (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
     assert (effect["power"], effect["odd"], effect["coordinate"]) == (1.0, True, "rate_z")
@@ -89,16 +110,24 @@ def test_a_memory_of_the_rate_is_learned_with_its_lag_and_one_number():
     columns = np.column_stack([late, size * slope, np.ones_like(late)])
     sigma = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns))) * np.degrees(WHITE / G)
     assert effect["lag_s"] == pytest.approx(lag, abs=3 * sigma[1])
-    assert effect["coefficients"][0] == pytest.approx(np.radians(size) * G, abs=3 * np.radians(sigma[0]) * G)
+    assert effect["coefficients"][0] == pytest.approx(
+        np.radians(size) * G, abs=3 * np.radians(sigma[0]) * G
+    )
 
 
 def test_a_step_that_creeps_on_is_one_event_with_one_time_constant():
-    """60 % at once and 40 % with 15 s, between time constants of the grid; what a new recording finds is their sum."""
+    """60 % at once and 40 % with 15 s, between time constants of the grid; what a new recording
+    finds is their sum.
+    """
     event = {"id": "acc_bias_step", "sensor": "accel", "time_s": 100.03}
-    truth = bench({**event, "bias_step_y_ug": 1200.0}, {**event, "bias_step_y_ug": 800.0, "creep_s": 15.0})
+    truth = bench(
+        {**event, "bias_step_y_ug": 1200.0}, {**event, "bias_step_y_ug": 800.0, "creep_s": 15.0}
+    )
     found = diagnose(honest(truth), [recorded(truth, 5)])
     steps = [e for e in found.amended["effect"] if e["id"] == "acc_bias_step"]
     assert [f.effect for f in found.findings] == ["acc_bias_step"]
-    assert [e["time_s"] for e in steps if "creep_s" not in e] == [pytest.approx(100.03, abs=0.1)]  # a sample
+    assert [e["time_s"] for e in steps if "creep_s" not in e] == [
+        pytest.approx(100.03, abs=0.1)
+    ]  # a sample
     assert [e["creep_s"] for e in steps if "creep_s" in e] == [pytest.approx(15.0, rel=0.15)]
     assert sum(e["bias_step_y_ug"] for e in steps) == pytest.approx(2000.0, rel=0.02)

@@ -1,4 +1,6 @@
-"""The noise of a recording: exact in the cosine basis, estimated without bias, bounded honestly; and why it decides."""
+"""The noise of a recording: exact in the cosine basis, estimated without bias, bounded honestly;
+and why it decides.
+"""
 
 import numpy as np
 import pytest
@@ -23,7 +25,8 @@ def test_a_random_walk_with_a_free_level_is_diagonal_in_the_cosine_basis(rng):
     walks = dct(np.cumsum(rng.normal(size=(draws, n)), axis=1), axis=1, norm="ortho")[:, 1:]
     variance = NoiseModel(0.0, 0.0, 1.0).spectrum(n)[1:]
     low, high = variance_band(draws, n - 1)
-    # the walk's own level leaks into the low coefficients alone: the precision of the differences is D'D
+    # the walk's own level leaks into the low coefficients alone: the precision of the differences
+    # is D'D
     steps = np.diff(np.eye(n), axis=0)
     C = dct(np.eye(n), axis=0, norm="ortho")
     np.testing.assert_allclose(np.diag(C @ steps.T @ steps @ C.T)[1:], 1 / variance, rtol=1e-9)
@@ -40,30 +43,49 @@ def test_whitening_makes_the_noise_white(rng):
 
 
 def test_white_noise_and_walk_are_found(rng):
-    fits = [estimate_noise(cosines(walk_of(rng, 2000, 1.0, 0.05)), CONSTANT).model for _ in range(60)]
+    fits = [
+        estimate_noise(cosines(walk_of(rng, 2000, 1.0, 0.05)), CONSTANT).model for _ in range(60)
+    ]
     white = np.array([f.white for f in fits])
     assert abs(white.mean() - 1) < mean_band(white) + 0.01
-    slow = np.array([np.sqrt(f.flicker**2 / 0.02 + f.walk**2 / 0.02**2) for f in fits])  # together, where they are alike
+    slow = np.array(
+        [np.sqrt(f.flicker**2 / 0.02 + f.walk**2 / 0.02**2) for f in fits]
+    )  # together, where they are alike
     assert 0.7 < np.median(slow) / (0.05 / 0.02) < 1.4
 
 
 @pytest.mark.parametrize(
-    ("truth", "worst"), [(NoiseModel(1.0, 0.0, 0.01), np.sqrt(variance_band(75)[1])), (NoiseModel(1.0, 0.08), 0.8)]
+    ("truth", "worst"),
+    [(NoiseModel(1.0, 0.0, 0.01), np.sqrt(variance_band(75)[1])), (NoiseModel(1.0, 0.08), 0.8)],
 )
 def test_channels_that_are_alike_tell_together_where_a_walk_began(truth, worst, rng):
-    """A walk begins at nothing, flicker does not: what takes all slow noise for a walk is right of a walk, and of that only."""
+    """A walk begins at nothing, flicker does not: what takes all slow noise for a walk is right of
+    a walk, and of that only.
+    """
     n, units = 2000, np.array([1.0, 2.0, 0.5])
     slow = np.sqrt(NoiseModel(0.0, truth.flicker).spectrum(n))
     together, walk_only = [], []
     for _ in range(25):
-        whole = np.array([walk_of(rng, n, 1.0, truth.walk) + idct(slow * rng.normal(size=n), norm="ortho") for _ in units])
+        whole = np.array(
+            [
+                walk_of(rng, n, 1.0, truth.walk) + idct(slow * rng.normal(size=n), norm="ortho")
+                for _ in units
+            ]
+        )
         means = whole.mean(axis=1)
-        left = [cosines(unit * (x - mean)) for unit, x, mean in zip(units, whole, means, strict=True)]
+        left = [
+            cosines(unit * (x - mean)) for unit, x, mean in zip(units, whole, means, strict=True)
+        ]
         fits = [estimate_noise(e, CONSTANT) for e in left]
         alike = NoiseFit.alike(fits).model
         for e, unit, mean, fit in zip(left, units, means, fits, strict=True):
-            together.append(mean + idct(e * alike.walked(n) / alike.spectrum(n), norm="ortho")[0] / unit)
-            walk_only.append(mean + idct(e * (1 - fit.model.white**2 / fit.model.spectrum(n)), norm="ortho")[0] / unit)
+            together.append(
+                mean + idct(e * alike.walked(n) / alike.spectrum(n), norm="ortho")[0] / unit
+            )
+            walk_only.append(
+                mean
+                + idct(e * (1 - fit.model.white**2 / fit.model.spectrum(n)), norm="ortho")[0] / unit
+            )
     assert np.sqrt(np.mean(np.square(together))) < worst * np.sqrt(np.mean(np.square(walk_only)))
 
 
@@ -79,7 +101,9 @@ def test_the_bound_of_a_walk_holds_the_truth_nearly_always(rng):
 def test_a_mean_model_costs_its_degrees_of_freedom_and_nothing_more(rng):
     n = 600
     mean = rng.normal(size=(n, 60))
-    fits = [estimate_noise(cosines(rng.normal(size=n)), cosines_of(mean)).model.white for _ in range(40)]
+    fits = [
+        estimate_noise(cosines(rng.normal(size=n)), cosines_of(mean)).model.white for _ in range(40)
+    ]
     assert abs(np.mean(fits) - 1) < mean_band(np.array(fits)) + 0.01
 
 
@@ -88,9 +112,14 @@ def cosines_of(columns):
 
 
 @pytest.mark.slow
-def test_a_random_walk_alone_is_no_finding_but_would_be_if_all_noise_were_taken_for_white(monkeypatch):
+def test_a_random_walk_alone_is_no_finding_but_would_be_if_all_noise_were_taken_for_white(
+    monkeypatch,
+):
     """The guard and its guard: the same recordings, whitened as white noise only, raise alarms."""
-    truth = bench({"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 25.0, "walk_ug_rts": 12.0}, noise=False)
+    truth = bench(
+        {"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 25.0, "walk_ug_rts": 12.0},
+        noise=False,
+    )
     recordings = [recorded(truth, seed) for seed in range(4)]
     assert [diagnose(honest(truth), [r]).verdict for r in recordings] == ["match"] * 4
 

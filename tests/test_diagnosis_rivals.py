@@ -13,9 +13,13 @@ def rival(id: str, gain: float, separation: float, curves: int = 0) -> Rival:
 
 
 def test_a_curve_does_not_bring_a_rival_back_where_a_textbook_form_fits() -> None:
-    """An odd quadratic fits to the noise; a cubic leaves 1680 of it, which a free curve of the input would take."""
+    """An odd quadratic fits to the noise; a cubic leaves 1680 of it, which a free curve of the
+    input would take.
+    """
     best = rival("acc_Koq", 53_000.0, 0.0)
-    assert [r.suspect.id for r in inseparable(best, [best, rival("acc_K3", 52_990.0, 1680.0, curves=3)])] == ["acc_Koq"]
+    assert [
+        r.suspect.id for r in inseparable(best, [best, rival("acc_K3", 52_990.0, 1680.0, curves=3)])
+    ] == ["acc_Koq"]
     assert len(inseparable(best, [best, rival("acc_K3", 52_990.0, 10.0, curves=3)])) == 2
 
 
@@ -24,7 +28,9 @@ def test_where_the_best_needs_curves_itself_those_of_a_rival_count_too() -> None
     assert len(inseparable(best, [best, rival("acc_K3", 52_990.0, 1680.0, curves=3)])) == 2
 
 
-def of(id: str, names: tuple[str, ...], worth: float, *, curves: int = 0, form: float = 1.0) -> Rival:
+def of(
+    id: str, names: tuple[str, ...], worth: float, *, curves: int = 0, form: float = 1.0
+) -> Rival:
     sensor = "accel" if CATALOGUE[id].kinds else None
     suspect = Suspect(CATALOGUE[id](dict.fromkeys(names, 1e-4), sensor), names)
     terms = (Term(suspect, names, (1e-4,) * len(names)),) * (1 + curves)
@@ -32,7 +38,9 @@ def of(id: str, names: tuple[str, ...], worth: float, *, curves: int = 0, form: 
 
 
 def test_a_form_that_is_as_worthy_without_what_completes_it_is_as_plain_as_any() -> None:
-    """A jump of one bias, and a curve that brings next to nothing, against a slip with two sizes: one number is fewer."""
+    """A jump of one bias, and a curve that brings next to nothing, against a slip with two sizes:
+    one number is fewer.
+    """
     step = of("acc_bias_step", ("bias_step_y",), 543_120.0, curves=1, form=0.9999)
     slip = of("mount_slip", ("slip_x", "slip_z"), 543_105.0)
     assert preferred([step, slip]) is step
@@ -41,5 +49,8 @@ def test_a_form_that_is_as_worthy_without_what_completes_it_is_as_plain_as_any()
 
 
 def test_of_the_same_form_the_one_with_less_beside_it_is_preferred() -> None:
-    bare, burdened = (of("acc_bias_step", ("bias_step_y",), worth, curves=k, form=0.9999) for worth, k in ((990.0, 1), (991.0, 3)))
+    bare, burdened = (
+        of("acc_bias_step", ("bias_step_y",), worth, curves=k, form=0.9999)
+        for worth, k in ((990.0, 1), (991.0, 3))
+    )
     assert preferred([burdened, bare]) is bare

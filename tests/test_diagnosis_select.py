@@ -9,7 +9,13 @@ from dossier import bench, honest, recorded, rewritten
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, Span
-from tiltcal.diagnosis.hypotheses.hypothesis import CREEPS, Suspect, listed_suspects, step_suspects, steps_at
+from tiltcal.diagnosis.hypotheses.hypothesis import (
+    CREEPS,
+    Suspect,
+    listed_suspects,
+    step_suspects,
+    steps_at,
+)
 from tiltcal.diagnosis.model.fitted_model import Account, Term, noise_under, settle
 from tiltcal.diagnosis.search.alternatives import fair
 from tiltcal.diagnosis.search.forward_selection import ALPHA, _grown, findings, joined, standing
@@ -35,8 +41,9 @@ def test_one_name_at_one_place_is_one_finding():
     k2 = term("acc_K2", {"k2_x": 1e-4}, ("k2_x",))
     account = joined(Account((), (), (shake(3.40), k2, shake(3.41))))
     assert [[account.terms[k].suspect.id for k in places] for places in findings(account)] == [
-        ["base_vibration", "base_vibration"], ["acc_K2"],
-    ]  # fmt: skip
+        ["base_vibration", "base_vibration"],
+        ["acc_K2"],
+    ]
 
 
 def test_two_steps_at_two_instants_are_two_findings():
@@ -68,7 +75,9 @@ def test_ripples_and_widths_come_from_the_recording():
 
 
 def test_known_lines_are_not_looked_at_again():
-    new = Lines(tones=(1.0, 5.0), ripples=(12, 36)).beside(Lines(tones=(5.001,), ripples=(36,)), 0.005)
+    new = Lines(tones=(1.0, 5.0), ripples=(12, 36)).beside(
+        Lines(tones=(5.001,), ripples=(36,)), 0.005
+    )
     assert new == Lines(tones=(1.0,), ripples=(12,))
 
 
@@ -89,34 +98,55 @@ def test_a_slow_effect_that_stood_in_the_noise_of_a_larger_one_is_found_after_it
 
 
 def test_a_play_that_is_crossed_gradually_keeps_its_name_and_width():
-    """With the sign of the last motion in place of the play other laws are needed beside it, or another name."""
-    truth = bench({"id": "table_backlash", "axis": "outer", "width_arcsec": 50.0, "crossing_deg": 40.0})
+    """With the sign of the last motion in place of the play other laws are needed beside it, or
+    another name.
+    """
+    truth = bench(
+        {"id": "table_backlash", "axis": "outer", "width_arcsec": 50.0, "crossing_deg": 40.0}
+    )
     (finding,) = diagnose(honest(truth), [recorded(truth, 1)]).findings
     assert finding.effect == "table_backlash"
     width, sigma = finding.parameters["width_arcsec"]
     assert abs(width - 50.0) < 4 * sigma
 
 
-@pytest.mark.parametrize(("rows", "ends", "good"), [(1, (0,), False), (3, (0, 3), False), (None, (0,), True)])
+@pytest.mark.parametrize(
+    ("rows", "ends", "good"), [(1, (0,), False), (3, (0, 3), False), (None, (0,), True)]
+)
 def test_a_step_has_to_show_without_the_samples_next_to_it(rows, ends, good):
-    """A few values that are off are two steps that cancel; beside a walk the first of them is half of it by itself."""
-    truth = bench({"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 1.0, "walk_ug_rts": 10.0}, noise=False)
+    """A few values that are off are two steps that cancel; beside a walk the first of them is half
+    of it by itself.
+    """
+    truth = bench(
+        {"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 1.0, "walk_ug_rts": 10.0},
+        noise=False,
+    )
     sound = recorded(truth, 3)
     x = sound.column("accel_x_m_s2").copy()
     at = 1000
     x[at : at + rows if rows else None] += 10 * np.median(np.abs(np.diff(x)))
     found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)])
     times = [float(sound.time[at + end] - sound.time[0]) - 0.05 for end in ends]
-    steps = [s for s in step_suspects(found.observations.scenario, times) if s.id == "acc_bias_step"]
-    account = settle(replace(found.start, terms=tuple(Term.start(s, ("bias_step_x",)) for s in steps)), found.ledger)
+    steps = [
+        s for s in step_suspects(found.observations.scenario, times) if s.id == "acc_bias_step"
+    ]
+    account = settle(
+        replace(found.start, terms=tuple(Term.start(s, ("bias_step_x",)) for s in steps)),
+        found.ledger,
+    )
     found.ledger.under([f.model for f in noise_under(account, found.ledger)])
     account = settle(account, found.ledger)
     assert len(account.terms) == len(ends)
-    assert [bool(log_p < np.log(ALPHA)) for log_p in standing(account, found.ledger, 1000)] == [good] * len(ends)
+    assert [bool(log_p < np.log(ALPHA)) for log_p in standing(account, found.ledger, 1000)] == [
+        good
+    ] * len(ends)
 
 
 def test_one_value_far_off_is_no_finding():
-    truth = bench({"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 1.0, "walk_ug_rts": 10.0}, noise=False)
+    truth = bench(
+        {"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 1.0, "walk_ug_rts": 10.0},
+        noise=False,
+    )
     sound = recorded(truth, 3)
     x = sound.column("accel_x_m_s2").copy()
     x[1000] += 40 * np.std(np.diff(x)[900:930])
@@ -124,15 +154,26 @@ def test_one_value_far_off_is_no_finding():
 
 
 @pytest.mark.parametrize(("size", "good"), [(0.5, True), (20.0, False)])
-def test_a_law_that_follows_temperature_as_a_curve_is_no_steeper_than_its_straight_form_may_be(size, good):
+def test_a_law_that_follows_temperature_as_a_curve_is_no_steeper_than_its_straight_form_may_be(
+    size, good
+):
     """Ten times 300 ppm/K over 30 K to either side are 9 %."""
-    curve = LearnedReading({"c0": 1e-6}, "accel", "y", coordinate="temperature", knots=(-30.0, 0.0, 30.0), per_input=True)
+    curve = LearnedReading(
+        {"c0": 1e-6},
+        "accel",
+        "y",
+        coordinate="temperature",
+        knots=(-30.0, 0.0, 30.0),
+        per_input=True,
+    )
     late = Suspect(curve, ("c0",), 1, "acc_temp_scale")
     assert fair(Term(late, ("c0",), (size * 0.09,))) is good
 
 
 def test_a_further_shape_of_a_finding_that_brings_nothing_ends_the_search():
-    """The same term again stands out as the first did, and takes nothing away: it was added again and again."""
+    """The same term again stands out as the first did, and takes nothing away: it was added again
+    and again.
+    """
     truth = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0})
     found = prepare(honest(truth), [recorded(truth, 8)])
     k2 = Suspect(CATALOGUE["acc_K2"]({"k2_x": 1e-4}, "accel"), ("k2_x",))

@@ -1,4 +1,6 @@
-"""What differs from stop to stop: the noise within them, angles of their own, wrong labels, curves with a jump."""
+"""What differs from stop to stop: the noise within them, angles of their own, wrong labels, curves
+with a jump.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,12 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}
-HYSTERESIS = {"id": "acc_hysteresis", "sensor": "accel", "hysteresis_z_ug": 600.0, "width_unitless": 0.2}
+HYSTERESIS = {
+    "id": "acc_hysteresis",
+    "sensor": "accel",
+    "hysteresis_z_ug": 600.0,
+    "width_unitless": 0.2,
+}
 
 
 def prepared(truth, seed=4):
@@ -26,9 +33,16 @@ def prepared(truth, seed=4):
 
 @pytest.mark.parametrize("walk", [0.0, 0.3])
 def test_noise_within_parts_of_a_record_is_that_of_the_record(walk, rng):
-    parts = [rng.standard_normal(n) + walk * np.cumsum(rng.standard_normal(n)) + 100 * rng.standard_normal() for n in [80, 60] * 40]
+    parts = [
+        rng.standard_normal(n)
+        + walk * np.cumsum(rng.standard_normal(n))
+        + 100 * rng.standard_normal()
+        for n in [80, 60] * 40
+    ]
     model = NoiseFit.within([cosines(part) for part in parts]).model
-    assert model.white == pytest.approx(1.0, rel=0.06)  # 5600 samples: 1 %; what a walk takes of the white noise is less sure
+    assert model.white == pytest.approx(
+        1.0, rel=0.06
+    )  # 5600 samples: 1 %; what a walk takes of the white noise is less sure
     assert model.walk == pytest.approx(walk, abs=0.06)
 
 
@@ -44,20 +58,27 @@ def test_levels_of_stops_are_a_walk_to_the_whole_record_and_nothing_within_them(
 def test_a_setting_error_is_told_beside_what_else_is_there():
     found = prepared(bench(INDEX, HYSTERESIS))
     names = ("hysteresis_z",)
-    suspect = Suspect(CATALOGUE["acc_hysteresis"]({"hysteresis_z": 1e-4, "width": 0.2}, "accel"), names)
+    suspect = Suspect(
+        CATALOGUE["acc_hysteresis"]({"hysteresis_z": 1e-4, "width": 0.2}, "accel"), names
+    )
     account = settle(replace(found.start, terms=(Term.start(suspect),)), found.ledger)
     setting = setting_error(account, found.start, found.ledger, 300)
     assert setting is not None
     fault, stops = setting
     assert fault.effect.axis == "outer"
-    assert fault.effect.value("sigma") == pytest.approx(np.radians(60 / 3600), rel=0.5)  # 31 draws: 13 %, four times that
+    assert fault.effect.value("sigma") == pytest.approx(
+        np.radians(60 / 3600), rel=0.5
+    )  # 31 draws: 13 %, four times that
     kept = beside_stops(account, stops, found.ledger, 300)
     assert [t.suspect.id for t in kept.terms] == ["acc_hysteresis"]
 
 
 def test_a_finding_that_the_stops_explain_as_well_falls():
     found = prepared(bench(INDEX))
-    suspect = Suspect(CATALOGUE["table_encoder_2rev"]({"cos2": 1e-4, "sin2": 1e-4}, None, "outer"), ("cos2", "sin2"))
+    suspect = Suspect(
+        CATALOGUE["table_encoder_2rev"]({"cos2": 1e-4, "sin2": 1e-4}, None, "outer"),
+        ("cos2", "sin2"),
+    )
     account = settle(replace(found.start, terms=(Term.start(suspect),)), found.ledger)
     setting = setting_error(account, found.start, found.ledger, 300)
     assert setting is not None
@@ -71,7 +92,9 @@ def test_stops_that_agree_have_no_setting_error():
 
 @pytest.mark.parametrize(("power", "alone"), [(9, False), (400, True)])
 def test_a_law_that_is_strongest_at_one_stop_is_no_wrong_label(power, alone):
-    """One other angle would mend the stop that is furthest off, but its neighbours are off as well."""
+    """One other angle would mend the stop that is furthest off, but its neighbours are off as
+    well.
+    """
     truth = bench()
     sound = recorded(truth, 4)
     angle = sound.column("table_outer_deg")
@@ -88,12 +111,19 @@ def test_a_jerk_where_a_move_ends_is_no_gross_error():
     begins = np.flatnonzero((stop[1:] >= 0) & (stop[:-1] < 0)) + 1
     x = sound.column("accel_x_m_s2").copy()
     x[begins[::3]] += 0.05
-    assert np.sum(off_neighbours(x - sound.column("accel_x_m_s2") + 1e-3 * np.sin(np.arange(len(x)))) > 8) >= len(begins[::3]) - 1
+    assert (
+        np.sum(
+            off_neighbours(x - sound.column("accel_x_m_s2") + 1e-3 * np.sin(np.arange(len(x)))) > 8
+        )
+        >= len(begins[::3]) - 1
+    )
     assert prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)]).faults == ()
 
 
 def test_a_jump_over_an_angle_is_one_curve_and_not_two_steps_in_time():
-    """Passed on the way there and on the way back: two steps of opposite signs would say the same with more."""
+    """Passed on the way there and on the way back: two steps of opposite signs would say the same
+    with more.
+    """
     truth = bench(table="vertical", sensor="incl")
     sound = recorded(truth, 6)
     angle = sound.column("table_outer_deg")

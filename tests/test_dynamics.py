@@ -1,4 +1,6 @@
-"""Runs by time steps: what the mechanics do must be what statics, servo theory and the closed form say."""
+"""Runs by time steps: what the mechanics do must be what statics, servo theory and the closed form
+say.
+"""
 
 from functools import cache
 from types import MappingProxyType
@@ -24,7 +26,9 @@ from tiltsim.motion import mujoco_motion
 LEVER = (0.05, -0.03, 0.08)
 BACKLASH = MappingProxyType({"id": "table_backlash", "width_arcsec": 40})
 BENDS = MappingProxyType({"id": "mount_compliance", "bend_x_arcsec_g": 60, "bend_y_arcsec_g": 40})
-ECCENTRIC = MappingProxyType({"id": "table_encoder_eccentricity", "cos_arcsec": 300, "sin_arcsec": -200})
+ECCENTRIC = MappingProxyType(
+    {"id": "table_encoder_eccentricity", "cos_arcsec": 300, "sin_arcsec": -200}
+)
 THERE_AND_BACK = (
     {"action": "rest", "dwell_s": 0.5},
     {"action": "move", "outer_deg": 20, "dwell_s": 2},
@@ -49,7 +53,9 @@ def scenario_of(table, sequence, *effects, dynamics=MappingProxyType({}), **rig)
     return parse_scenario(text)
 
 
-def run(table, sequence, *effects, seed=None, dynamics=MappingProxyType({}), **rig) -> DynamicCourse:
+def run(
+    table, sequence, *effects, seed=None, dynamics=MappingProxyType({}), **rig
+) -> DynamicCourse:
     return run_dynamics(scenario_of(table, sequence, *effects, dynamics=dynamics, **rig), seed)
 
 
@@ -75,7 +81,9 @@ def test_a_move_settles_on_the_command_and_the_droop_of_its_ballast():
     (drive,) = [at(run("placing", THERE_AND_BACK, sag), UP)]
     weight, arm = 0.5 * G0, 0.1  # the ballast of table_sag
     droop = weight * arm * np.sin(20 * DEG) / servo_of("placing", "outer")[0]  # toward the fall
-    second_order = 10 * ARCSEC + droop  # relative: the torque grows by cot(angle) times the deflections
+    second_order = (
+        10 * ARCSEC + droop
+    )  # relative: the torque grows by cot(angle) times the deflections
     assert drive.axes["outer"].x[0] - 20 * DEG == pytest.approx(droop, rel=3 * second_order)
     expected = 10 * ARCSEC * np.sin(20 * DEG)
     assert drive.structure["outer_sag"].x[0] == pytest.approx(expected, rel=3 * second_order)
@@ -95,7 +103,10 @@ def test_the_scenario_may_set_the_servo():
     turn = {"action": "turn", "axis": "inner", "angle_deg": 60, "rate_deg_s": 20}
     servo = {"stiffness_N_m_rad": 5000, "damping_N_m_s_rad": 100}
     course = run("dual", [{"action": "rest", "dwell_s": 0.5}, turn], dynamics=servo)
-    lag = course.scenario.schedule.drive(np.array([2.5])).axes["inner"].x - at(course, 2.5).axes["inner"].x
+    lag = (
+        course.scenario.schedule.drive(np.array([2.5])).axes["inner"].x
+        - at(course, 2.5).axes["inner"].x
+    )
     assert lag[0] == pytest.approx((100 + servo_of("dual", "inner")[2]) / 5000 * 20 * DEG, rel=1e-9)
 
 
@@ -117,7 +128,9 @@ def test_backlash_rests_on_the_side_of_approach_as_its_closed_form_says():
     expected = np.interp([UP, DOWN], time, effect.deviation(asked, "outer", None).x)
     gap = at(course, UP, DOWN).structure["outer"].x
     assert expected == pytest.approx([-20 * ARCSEC, 20 * ARCSEC])
-    assert gap == pytest.approx(expected, abs=0.02 * ARCSEC)  # how far the stops give way under the servo's push
+    assert gap == pytest.approx(
+        expected, abs=0.02 * ARCSEC
+    )  # how far the stops give way under the servo's push
 
 
 def test_the_load_does_not_rattle_between_the_stops_of_its_play():
@@ -158,7 +171,9 @@ def test_after_a_remount_the_bend_follows_the_body():
 def test_a_counterweighted_mount_does_not_load_the_table():
     course = run("dual", THERE_AND_BACK, BENDS, {"id": "table_sag", "sag_arcsec": 10})
     sag = at(course, UP).structure["outer_sag"].x[0]
-    assert sag == pytest.approx(10 * ARCSEC * np.sin(20 * DEG), rel=1e-3)  # a bend of 60 arcsec moves 3e-4 of a load
+    assert sag == pytest.approx(
+        10 * ARCSEC * np.sin(20 * DEG), rel=1e-3
+    )  # a bend of 60 arcsec moves 3e-4 of a load
 
 
 def test_a_spring_too_stiff_for_the_time_step_is_left_to_the_reader():
@@ -196,7 +211,9 @@ def shaken(frequency: float) -> DynamicCourse:
     """A mount that bends 30 arcsec/g about y on a base that shakes East by 20 mg."""
     bend = {"id": "mount_compliance", "bend_y_arcsec_g": 30}
     shake = {"id": "base_vibration", "ec_ug": 20000, "frequency_hz": frequency}
-    return run("vertical", [{"action": "rest", "dwell_s": 3}], bend, shake, dynamics={"timestep_s": DT})
+    return run(
+        "vertical", [{"action": "rest", "dwell_s": 3}], bend, shake, dynamics={"timestep_s": DT}
+    )
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0, 1.5])
@@ -205,7 +222,9 @@ def test_vibration_of_the_base_makes_the_mount_ring_by_its_transfer_function(sha
     period = 2 * np.pi / (share * omega)
     time = 1.0 + period * np.arange(40 * 16) / 16
     bend = shaken(share * omega / (2 * np.pi)).drive(time).structure["bend_y"].x
-    expected = 30 * ARCSEC * 0.02 / (1 - share**2 + 2j * zeta * share)  # an acceleration East bends by +y
+    expected = (
+        30 * ARCSEC * 0.02 / (1 - share**2 + 2j * zeta * share)
+    )  # an acceleration East bends by +y
     amplitude = 2 * np.mean(bend * np.exp(-1j * share * omega * time))
     step = (omega * DT) ** 2  # second differences fall short by step / 12, first by step / 6
     hanging = 30 * ARCSEC  # m g l / k, the ballast as a pendulum
@@ -214,11 +233,15 @@ def test_vibration_of_the_base_makes_the_mount_ring_by_its_transfer_function(sha
 
 def test_a_slow_sequence_comes_to_the_prescribed_recording_at_rest():
     def recording(dynamics):
-        scenario = scenario_of("dual", THERE_AND_BACK, ECCENTRIC, dynamics=dynamics, lever_arm_m=LEVER)
+        scenario = scenario_of(
+            "dual", THERE_AND_BACK, ECCENTRIC, dynamics=dynamics, lever_arm_m=LEVER
+        )
         return MujocoLaboratory().record(scenario)
 
     stepped, prescribed = recording({}), recording(None)
-    since = since_motion(stepped.time, scenario_of("dual", THERE_AND_BACK).schedule.drive(stepped.time).stop)
+    since = since_motion(
+        stepped.time, scenario_of("dual", THERE_AND_BACK).schedule.drive(stepped.time).stop
+    )
     resting = since > 1
     assert resting.sum() > 100
     for name in ("accel_x", "accel_y", "accel_z"):
@@ -229,7 +252,10 @@ def test_a_slow_sequence_comes_to_the_prescribed_recording_at_rest():
 
 @pytest.mark.parametrize("effects", [(), (BENDS,)])
 def test_readings_on_the_move_are_the_second_derivative_of_where_the_sensor_was(effects):
-    turns = [{"action": "rest", "dwell_s": 0.5}, {"action": "move", "outer_deg": 40, "inner_deg": 70}]
+    turns = [
+        {"action": "rest", "dwell_s": 0.5},
+        {"action": "move", "outer_deg": 40, "inner_deg": 70},
+    ]
     course = run("dual", turns, *effects, lever_arm_m=LEVER, dynamics={"timestep_s": 0.00025})
     log = course.log
     rows = np.flatnonzero((log.time > 0.5) & (log.time < course.times[1]))
@@ -241,18 +267,24 @@ def test_readings_on_the_move_are_the_second_derivative_of_where_the_sensor_was(
     if effects:
         R = R * Rotation.from_euler("XY", np.column_stack([q["bend_x"], q["bend_y"]]))
     p = R.apply(LEVER)
-    a = (-p[rows - 2] + 16 * p[rows - 1] - 30 * p[rows] + 16 * p[rows + 1] - p[rows + 2]) / (12 * h * h)
+    a = (-p[rows - 2] + 16 * p[rows - 1] - 30 * p[rows] + 16 * p[rows + 1] - p[rows + 2]) / (
+        12 * h * h
+    )
     expected = R[rows].inv().apply(a + np.array([0, 0, G0]))
     read = mujoco_motion(course.scenario, course.drive(log.time[rows]), course.scenario.effects)
     assert np.abs(expected - R[rows].inv().apply([0, 0, G0])).max() > 0.05  # it does move
-    assert np.abs(read.force - expected).max() < 1e-8  # rounding of 0.1 m twice differenced, 16 eps r / (12 h^2)
+    assert (
+        np.abs(read.force - expected).max() < 1e-8
+    )  # rounding of 0.1 m twice differenced, 16 eps r / (12 h^2)
 
 
 def test_between_two_rows_the_log_is_a_curve_with_its_own_derivatives(rng):
     poly = np.polynomial.Polynomial(rng.normal(size=6))
     start, end = (Jet(*(np.array([[poly.deriv(k)(t)]]) for k in range(3))) for t in (0.0, 0.7))
     got = log._quintic(start, end, np.array([[0.7]]), np.array([[0.3]]))
-    assert [got.x[0, 0], got.v[0, 0], got.a[0, 0]] == pytest.approx([poly(0.3), poly.deriv()(0.3), poly.deriv(2)(0.3)])
+    assert [got.x[0, 0], got.v[0, 0], got.a[0, 0]] == pytest.approx(
+        [poly(0.3), poly.deriv()(0.3), poly.deriv(2)(0.3)]
+    )
 
 
 def test_small_delays_read_a_smooth_motion():
@@ -278,9 +310,14 @@ def test_a_command_readout_holds_the_command_and_moves_the_same():
     time = np.linspace(*told.times, 500)
     asked, one, two = told.scenario.schedule.drive(time), told.drive(time), read.drive(time)
     assert np.array_equal(one.axes["outer"].x, asked.axes["outer"].x)
-    assert np.abs(one.axes["outer"].x - two.axes["outer"].x).max() > 1e-3  # the encoder sees the lag
+    assert (
+        np.abs(one.axes["outer"].x - two.axes["outer"].x).max() > 1e-3
+    )  # the encoder sees the lag
     for part in ("x", "v", "a"):
-        angles = [true_angles(c.scenario, d, c.scenario.effects)["outer"] for c, d in ((told, one), (read, two))]
+        angles = [
+            true_angles(c.scenario, d, c.scenario.effects)["outer"]
+            for c, d in ((told, one), (read, two))
+        ]
         assert np.abs(getattr(angles[0], part) - getattr(angles[1], part)).max() < 1e-9
 
 
@@ -299,7 +336,9 @@ def by_hand(seed: int | None) -> DynamicCourse:
 def off_course(course: DynamicCourse, time: np.ndarray) -> np.ndarray:
     """Angle between where the body is and where it was to be, rad, (n,)."""
     asked = course.scenario.schedule.drive(time).attitude.R_wb
-    return Rotation.from_matrix(np.swapaxes(asked, 1, 2) @ course.drive(time).attitude.R_wb).magnitude()
+    return Rotation.from_matrix(
+        np.swapaxes(asked, 1, 2) @ course.drive(time).attitude.R_wb
+    ).magnitude()
 
 
 def test_a_hand_reaches_the_wanted_attitude_and_then_lies_still():
@@ -312,7 +351,9 @@ def test_a_hand_reaches_the_wanted_attitude_and_then_lies_still():
 
 
 def test_a_hand_turns_as_irregularly_as_its_torque_makes_it():
-    """rms of the rate = torque through 1 / (1 + s/c)^2 and s / (J (s + w)^2), J = 6e-3 kg m2 in models/."""
+    """rms of the rate = torque through 1 / (1 + s/c)^2 and s / (J (s + w)^2), J = 6e-3 kg m2 in
+    models/.
+    """
     turn = {"action": "turn", "axis": "z", "angle_deg": 900, "rate_deg_s": 20}
     course = run("handheld", [turn], seed=3, dynamics={"hand_torque_N_m": 0.05})
     time = np.linspace(1.0, 44.0, 20_000)  # at full speed
@@ -321,7 +362,9 @@ def test_a_hand_turns_as_irregularly_as_its_torque_makes_it():
     shaped = 1 / abs(1 + s / c) ** 4
     share = np.sum(shaped * abs(s / (0.006 * (s + w) ** 2)) ** 2) / np.sum(shaped)
     independent = 3 * (time[-1] - time[0]) * module.TREMOR  # samples, about
-    assert np.sqrt(np.mean(rate**2)) == pytest.approx(0.05 * np.sqrt(share), rel=4 / np.sqrt(2 * independent))
+    assert np.sqrt(np.mean(rate**2)) == pytest.approx(
+        0.05 * np.sqrt(share), rel=4 / np.sqrt(2 * independent)
+    )
 
 
 def test_a_hand_repeats_by_seed_and_is_smooth_without_one():
@@ -338,7 +381,9 @@ def test_a_hand_repeats_by_seed_and_is_smooth_without_one():
 def test_a_hands_rate_is_the_derivative_of_its_attitude():
     course, h = by_hand(1), 1e-5
     time = np.linspace(2.1, course.times[1] - 1, 1777)
-    before, after = (Rotation.from_matrix(course.drive(time + s * h).attitude.R_wb) for s in (-1, 1))
+    before, after = (
+        Rotation.from_matrix(course.drive(time + s * h).attitude.R_wb) for s in (-1, 1)
+    )
     attitude = course.drive(time).attitude
     assert np.abs((before.inv() * after).as_rotvec() / (2 * h) - attitude.rate).max() < 1e-6
     change = (course.drive(time + h).attitude.rate - course.drive(time - h).attitude.rate) / (2 * h)
@@ -347,13 +392,20 @@ def test_a_hands_rate_is_the_derivative_of_its_attitude():
 
 def test_the_tremor_has_the_stated_rms(rng):
     noise = module._Tremor(0.0005).draw(rng, 400_000)
-    independent = 400_000 * 0.0005 * 2 * np.pi * module.TREMOR / 2  # samples, about: correlation of some 2 / corner
+    independent = (
+        400_000 * 0.0005 * 2 * np.pi * module.TREMOR / 2
+    )  # samples, about: correlation of some 2 / corner
     assert noise.std(axis=0) == pytest.approx(1.0, abs=4 / np.sqrt(2 * independent))
 
 
 @pytest.mark.parametrize("table", TABLE_AXES)
 def test_every_table_records_by_time_steps(table):
-    step = {"action": "turn", "axis": "outer" if TABLE_AXES[table] else "x", "angle_deg": 10, "dwell_s": 1}
+    step = {
+        "action": "turn",
+        "axis": "outer" if TABLE_AXES[table] else "x",
+        "angle_deg": 10,
+        "dwell_s": 1,
+    }
     recording = MujocoLaboratory().record(scenario_of(table, [step]), 4)
     force = np.column_stack([recording.column(recording.channel(f"accel_{a}")) for a in "xyz"])
     tilt = {"vertical": (0, 0), "placing": (-G0 * np.sin(10 * DEG), 0), "three": (0, 0)}
@@ -370,7 +422,9 @@ def test_a_run_that_diverges_says_so(tmp_path, monkeypatch):
 
 def test_progress_is_told():
     heard = []
-    course = run_dynamics(scenario_of("dual", THERE_AND_BACK), None, lambda done, total: heard.append((done, total)))
+    course = run_dynamics(
+        scenario_of("dual", THERE_AND_BACK), None, lambda done, total: heard.append((done, total))
+    )
     assert heard[-1][0] == heard[-1][1] >= (course.times[1] - course.times[0]) / 0.0005
     assert [done for done, _ in heard] == sorted(done for done, _ in heard)
 
@@ -381,6 +435,12 @@ def test_lost_motion_that_is_crossed_gradually_is_added_to_the_run_by_algebra(id
     drive = course.drive(np.linspace(*course.times, 2000))
     assert not drive.structure
     assert not drive.realised
-    lag = true_angles(course.scenario, drive, course.scenario.effects)["outer"].x - drive.axes["outer"].x
-    expected = [-40 / 3 * ARCSEC, -20 / 3 * ARCSEC]  # 20 of 30 deg from the middle of the play; at 40 pushed; 20 back
+    lag = (
+        true_angles(course.scenario, drive, course.scenario.effects)["outer"].x
+        - drive.axes["outer"].x
+    )
+    expected = [
+        -40 / 3 * ARCSEC,
+        -20 / 3 * ARCSEC,
+    ]  # 20 of 30 deg from the middle of the play; at 40 pushed; 20 back
     np.testing.assert_allclose(np.interp([UP, DOWN], drive.time, lag), expected, atol=0.05 * ARCSEC)

@@ -1,4 +1,6 @@
-"""Every effect of the catalogue is exercised by a scenario and documented with a picture of its residual."""
+"""Every effect of the catalogue is exercised by a scenario and documented with a picture of its
+residual.
+"""
 
 import importlib.util
 import tomllib
@@ -32,7 +34,10 @@ def build():
 def test_every_effect_has_a_residual_to_show(id):
     residual = build().residual_of(id)
     assert residual.channels, id
-    assert any(np.nanmax(np.abs(values)) > 0 or np.isnan(values).any() for values in residual.channels.values()), id
+    assert any(
+        np.nanmax(np.abs(values)) > 0 or np.isnan(values).any()
+        for values in residual.channels.values()
+    ), id
 
 
 def test_the_rivals_of_sag_are_those_of_its_shape():

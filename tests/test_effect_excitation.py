@@ -1,4 +1,6 @@
-"""What a recording does not excite it does not show: every effect hides where what it needs is absent."""
+"""What a recording does not excite it does not show: every effect hides where what it needs is
+absent.
+"""
 
 import numpy as np
 import pytest
@@ -10,13 +12,22 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.forward.signal_chain import readings
 from tiltcal.setup.schedule import Leg, Schedule
 
-EXACT = 1e-11 + 0.1 * EARTH_RATE**2  # a point 0.1 m off the laboratory's origin feels the Earth turn
-SILENT = {"motion", "temperature", "vibration", "direction"}  # nothing at all in one pose at rest and constant temperature
+EXACT = (
+    1e-11 + 0.1 * EARTH_RATE**2
+)  # a point 0.1 m off the laboratory's origin feels the Earth turn
+SILENT = {
+    "motion",
+    "temperature",
+    "vibration",
+    "direction",
+}  # nothing at all in one pose at rest and constant temperature
 POSE = {"outer": 33.0, "middle": -21.0, "inner": 47.0}
 
 
 def one_pose(table: str, *effects):
-    """Readings of forty seconds at rest in one tilted pose, at constant temperature, without vibration."""
+    """Readings of forty seconds at rest in one tilted pose, at constant temperature, without
+    vibration.
+    """
     setup = setup_of(table, *INSTRUMENT)
     q = np.radians([POSE[name] for name in setup.rig.axis_names])
     course = Schedule((Leg(0.0, 40.0, q, 0 * q, stop=0),), setup.rig.axis_names)

@@ -13,7 +13,7 @@ from catalogue_cases import (
     lively_readings,
     plausible,
     sensors_for,
-)  # fmt: skip
+)
 
 from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects import CATALOGUE, make_effect, to_file
@@ -24,7 +24,9 @@ from tiltcal.effects.electronics.converter import AdcQuantisation
 EFFECTS_TXT = Path(__file__).parents[1].parent / "shared" / "effects.txt"
 IDS = tuple(CATALOGUE)
 RANDOM = tuple(id for id, cls in CATALOGUE.items() if cls.random)
-ROUNDING = tuple(id for id, cls in CATALOGUE.items() if issubclass(cls, AdcQuantisation))  # chance draws nothing
+ROUNDING = tuple(
+    id for id, cls in CATALOGUE.items() if issubclass(cls, AdcQuantisation)
+)  # chance draws nothing
 WRITING = tuple(id for id, cls in CATALOGUE.items() if issubclass(cls, WritingEffect))
 LINEAR = tuple(id for id, cls in CATALOGUE.items() if cls.linear)
 
@@ -33,7 +35,8 @@ def rig_axes(cls, setup):
     return (None, *setup.rig.axis_names) if cls.axis_wise else (None,)
 
 
-# -------------------------------------------------------------------------------------------------- identity
+# --------------------------------------------------------------------------------------------------
+# identity
 
 
 @pytest.mark.parametrize("table", STEPS)
@@ -44,35 +47,56 @@ def test_an_effect_of_no_size_changes_no_reading(id, table, monkeypatch):
     nothing = lively_readings(table, seed=1)
     for sensor in sensors_for(cls, setup):
         for axis in rig_axes(cls, setup):
-            zero = plausible(id, setup, sensor, axis=axis, size=0.0)  # where and when alone are no size
+            zero = plausible(
+                id, setup, sensor, axis=axis, size=0.0
+            )  # where and when alone are no size
             assert zero.is_identity
             with monkeypatch.context() as patch:
                 patch.setattr(cls, "is_identity", False)  # so that the chain does not skip it
                 assert largest(difference(lively_readings(table, zero, seed=1), nothing)) == 0
 
 
-# ------------------------------------------------------------------------------------------- names and words
+# ------------------------------------------------------------------------------------------- names
+# and words
 
 
 def listed() -> dict[str, tuple[str, str]]:
     """id -> (stage, parameter words) of effects.txt."""
-    lines = [line for line in EFFECTS_TXT.read_text().splitlines() if "|" in line and not line.startswith("#")]
-    return {cells[0]: (cells[1], cells[3]) for line in lines if (cells := [c.strip() for c in line.split("|")])}
+    lines = [
+        line
+        for line in EFFECTS_TXT.read_text().splitlines()
+        if "|" in line and not line.startswith("#")
+    ]
+    return {
+        cells[0]: (cells[1], cells[3])
+        for line in lines
+        if (cells := [c.strip() for c in line.split("|")])
+    }
 
 
 def promised(text: str) -> set[str]:
     """Parameter names in the words of effects.txt, with <axis> still in them."""
     common = re.search(r"all (_\w+)", text)
     text = re.sub(r"(\w+)_x_(\w+) \1_y_\.\.\. \1_z_\.\.\.", r"\1_x_\2 \1_y_\2 \1_z_\2", text)
-    text = text.partition(", or ")[2] or text.partition("(")[0] if "<axis><direction>" in text else text
+    text = (
+        text.partition(", or ")[2] or text.partition("(")[0]
+        if "<axis><direction>" in text
+        else text
+    )
     names = re.findall(r"[A-Za-z0-9_<>]+", re.sub(r"\([^)]*\)", "", text))
     if common:
         return {name + common.group(1) for name in names if re.fullmatch(r"[mp]\d[cs]", name)}
     return {name for name in names if name == "samples" or split_unit(name, PARAMETER_UNITS)[1]}
 
 
-EACH_AXIS = {"outer_zero_arcsec", "middle_zero_arcsec", "inner_zero_arcsec"}  # <axis>_zero_arcsec of the list
-needs_list = pytest.mark.skipif(not EFFECTS_TXT.exists(), reason="the list of effects lies beside the checkout, not here")
+EACH_AXIS = {
+    "outer_zero_arcsec",
+    "middle_zero_arcsec",
+    "inner_zero_arcsec",
+}  # <axis>_zero_arcsec of the list
+needs_list = pytest.mark.skipif(
+    not EFFECTS_TXT.exists(), reason="the list of effects lies beside the checkout, not here"
+)
 
 
 @needs_list
@@ -89,10 +113,17 @@ def test_parameters_are_named_as_the_contract_names_them(id):
     mine = {p.name.format(**template) + p.suffix for p in cls.parameters}
     mine |= {re.sub(r"^(outer|middle|inner)_(?=zero)", "<axis>_", name) for name in mine}
     mine = {re.sub(r"_[xyz]_", "_<axis>_", name) if cls.kinds else name for name in mine}
-    theirs = {re.sub(r"_a_(?=deg)|_[xyz]_" if cls.kinds else r"_a_(?=deg)", "_<axis>_", n) for n in promised(listed()[id][1])}
+    theirs = {
+        re.sub(r"_a_(?=deg)|_[xyz]_" if cls.kinds else r"_a_(?=deg)", "_<axis>_", n)
+        for n in promised(listed()[id][1])
+    }
     assert theirs <= mine
     if theirs:  # anything further only shapes the effect, and left out it is as listed
-        assert all(p.is_shape for p in cls.parameters if p.name.format(**template) + p.suffix in mine - theirs - EACH_AXIS)
+        assert all(
+            p.is_shape
+            for p in cls.parameters
+            if p.name.format(**template) + p.suffix in mine - theirs - EACH_AXIS
+        )
 
 
 @pytest.mark.parametrize("id", IDS)
@@ -106,7 +137,9 @@ def test_an_effect_describes_itself(id):
     for p in cls.parameters:
         assert p.unit in PARAMETER_UNITS
         assert all(size > 0 for size in p.plausible)
-    assert bool(cls.kinds) == issubclass(cls, SignalEffect | DelayEffect)  # on a sensor, or on the rig
+    assert bool(cls.kinds) == issubclass(
+        cls, SignalEffect | DelayEffect
+    )  # on a sensor, or on the rig
 
 
 @pytest.mark.parametrize("id", IDS)
@@ -116,16 +149,24 @@ def test_an_effect_reads_back_from_its_own_file(id):
     sensor = sensors_for(cls, setup)[-1]
     made = plausible(id, setup, sensor, axis="outer" if cls.axis_wise else None)
     names = list(made.values)
-    made = type(made)(made.values, made.sensor, made.axis, "found", {names[0]: made.values[names[0]] / 7}, True)
+    made = type(made)(
+        made.values, made.sensor, made.axis, "found", {names[0]: made.values[names[0]] / 7}, True
+    )
     table = to_file(made)
     where = {key: table.pop(key, None) for key in ("id", "sensor", "axis", "role", "fit")}
     again = make_effect(where.pop("id"), table, setup, **where)
-    assert (again.sensor, again.axis, again.role, again.fit) == (made.sensor, made.axis, "found", True)
+    assert (again.sensor, again.axis, again.role, again.fit) == (
+        made.sensor,
+        made.axis,
+        "found",
+        True,
+    )
     assert again.values == pytest.approx(dict(made.values), rel=1e-15)
     assert again.sigmas == pytest.approx(dict(made.sigmas), rel=1e-15)
 
 
-# ---------------------------------------------------------------------------------------- size and linearity
+# ---------------------------------------------------------------------------------------- size and
+# linearity
 
 
 @pytest.mark.parametrize("id", [id for id in IDS if id not in WRITING])
@@ -137,7 +178,11 @@ def test_a_plausible_size_shows_in_a_recording_that_excites_it(id):
             effect = plausible(id, setup, sensor)
             shown = max(
                 shown,
-                largest(difference(lively_readings(table, effect, seed=1), lively_readings(table, seed=1))),
+                largest(
+                    difference(
+                        lively_readings(table, effect, seed=1), lively_readings(table, seed=1)
+                    )
+                ),
             )
     assert shown > 1e-9
 
@@ -149,16 +194,25 @@ def test_what_is_written_wrongly_changes_the_file_and_not_the_sensors(id):
     written = [(effect.written(axis, drive), jet.x) for axis, jet in drive.axes.items()]
     changes = [np.abs(wrong - true).max() for wrong, true in written if wrong is not None]
     assert max(*changes, 0.0, np.abs(effect.stamps(drive.time) - drive.time).max()) > 1e-6
-    assert largest(difference(lively_readings("dual", effect, seed=1), lively_readings("dual", seed=1))) == 0
+    assert (
+        largest(
+            difference(lively_readings("dual", effect, seed=1), lively_readings("dual", seed=1))
+        )
+        == 0
+    )
 
 
 @pytest.mark.parametrize("table", STEPS)
 @pytest.mark.parametrize("id", LINEAR)
 def test_an_effect_that_says_it_is_linear_doubles_with_its_size(id, table):
-    """To second order: at a thousandth of the plausible size, a thousandth of the effect at most is left over."""
+    """To second order: at a thousandth of the plausible size, a thousandth of the effect at most is
+    left over.
+    """
     setup, _, _ = lively(table)
     for sensor in sensors_for(CATALOGUE[id], setup):
-        none, once, twice = (lively_readings(table, plausible(id, setup, sensor, size=s)) for s in (0.0, 1e-3, 2e-3))
+        none, once, twice = (
+            lively_readings(table, plausible(id, setup, sensor, size=s)) for s in (0.0, 1e-3, 2e-3)
+        )
         level = np.abs(none["incl"]).max(axis=1) < 1.0  # rad: an arcsine is not smooth at 90 deg
         for reading in (none, once, twice):
             reading["incl"] = reading["incl"][level]
@@ -167,15 +221,22 @@ def test_an_effect_that_says_it_is_linear_doubles_with_its_size(id, table):
         assert largest(leftover) <= 1e-3 * largest(single) + 1e-12
 
 
-# ---------------------------------------------------------------------------------------------------- chance
+# --------------------------------------------------------------------------------------------------
+# -- chance
 
 
 def random_cases(id: str):
-    """The effect on each sensor, with what it needs beside it. Not on the inclinometer, whose arcsine does not add."""
+    """The effect on each sensor, with what it needs beside it. Not on the inclinometer, whose
+    arcsine does not add.
+    """
     setup, _, _ = lively("placing")
     for sensor in sensors_for(CATALOGUE[id], setup):
         if sensor is None or sensor.kind != "inclinometer":
-            beside = [plausible(NOISE[sensor.kind], setup, sensor)] if issubclass(CATALOGUE[id], DataOutlier) else []
+            beside = (
+                [plausible(NOISE[sensor.kind], setup, sensor)]
+                if issubclass(CATALOGUE[id], DataOutlier)
+                else []
+            )
             yield (sensor.name if sensor else "accel"), beside, plausible(id, setup, sensor, part=2)
 
 
@@ -184,7 +245,10 @@ NOISE = {"accelerometer": "acc_noise", "gyro": "gyr_noise", "fog": "gyr_noise"}
 
 def drawn(effect, *beside, seed=5):
     """What a random effect adds to the readings."""
-    return difference(lively_readings("placing", *beside, effect, seed=seed), lively_readings("placing", *beside, seed=seed))
+    return difference(
+        lively_readings("placing", *beside, effect, seed=seed),
+        lively_readings("placing", *beside, seed=seed),
+    )
 
 
 @pytest.mark.parametrize("id", RANDOM)
@@ -222,7 +286,10 @@ def test_another_effect_does_not_change_what_a_random_one_draws(id):
 
 def test_random_effects_of_two_axes_draw_differently():
     setup, _, _ = lively("dual")
-    outer, inner = (drawn_on("dual", plausible("table_index_error", setup, axis=axis)) for axis in ("outer", "inner"))
+    outer, inner = (
+        drawn_on("dual", plausible("table_index_error", setup, axis=axis))
+        for axis in ("outer", "inner")
+    )
     assert largest(difference(outer, inner)) > 0.1 * largest(outer)
 
 

@@ -24,16 +24,23 @@ def test_a_file_that_is_there_is_taken(tmp_path):
 
 
 def test_a_folder_or_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(TiltcalError, match=r"recording .*: found a folder, need a file; name the file itself"):
+    with pytest.raises(
+        TiltcalError, match=r"recording .*: found a folder, need a file; name the file itself"
+    ):
         require_file(tmp_path, "recording")
-    with pytest.raises(TiltcalError, match=r"scenario .*a\.toml: found no such file, need an existing file; check the path"):
+    with pytest.raises(
+        TiltcalError,
+        match=r"scenario .*a\.toml: found no such file, need an existing file; check the path",
+    ):
         require_file(tmp_path / "a.toml", "scenario")
 
 
 def test_a_file_that_may_not_be_read_is_refused(tmp_path, monkeypatch):
     (tmp_path / "a.csv").touch()
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may read everything
-    with pytest.raises(TiltcalError, match="found no permission to read, need a readable file; change its mode"):
+    with pytest.raises(
+        TiltcalError, match="found no permission to read, need a readable file; change its mode"
+    ):
         require_file(tmp_path / "a.csv", "recording")
 
 
@@ -67,7 +74,9 @@ def test_a_failure_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path):
 
 def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path):
     with (
-        pytest.raises(TiltcalError, match="found no space left on device, need room and permission to write"),
+        pytest.raises(
+            TiltcalError, match="found no space left on device, need room and permission to write"
+        ),
         replacing(tmp_path / "a.csv"),
     ):
         raise OSError(28, "No space left on device")
@@ -80,7 +89,10 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path):
         write_text(tmp_path, "x")
     with pytest.raises(
         TiltcalError,
-        match="found no such file or directory, need a folder that can be written; choose another place",
+        match=(
+            "found no such file or directory, need a folder that can be written; choose another"
+            " place"
+        ),
     ):
         write_text(tmp_path / "nowhere" / "a.txt", "x")
     with pytest.raises(TiltcalError, match="found not a directory"):
@@ -111,11 +123,15 @@ def test_folders_are_made_with_their_parents_unless_a_file_is_in_the_way(tmp_pat
     assert make_folder(tmp_path / "a" / "b").is_dir()
     assert make_folder(tmp_path / "a" / "b").is_dir()
     (tmp_path / "file").touch()
-    with pytest.raises(TiltcalError, match="found file exists, need a folder; choose another place"):
+    with pytest.raises(
+        TiltcalError, match="found file exists, need a folder; choose another place"
+    ):
         make_folder(tmp_path / "file")
 
 
 def test_the_models_are_found_and_a_missing_folder_is_named():
     assert (assets.folder("models") / "three.xml").exists()
-    with pytest.raises(TiltcalError, match="found no folder 'marbles', need the packaged data; reinstall tiltcal"):
+    with pytest.raises(
+        TiltcalError, match="found no folder 'marbles', need the packaged data; reinstall tiltcal"
+    ):
         assets.folder("marbles")

@@ -1,4 +1,6 @@
-"""The exported C header: compiled strictly by the system's compiler and compared with Python on a million inputs."""
+"""The exported C header: compiled strictly by the system's compiler and compared with Python on a
+million inputs.
+"""
 
 import host
 import numpy as np
@@ -16,17 +18,31 @@ from tiltcal.core.units import DEG
 
 SETUP = setup_of("placing", ACCEL.model_copy(update={"axes": ("x", "y")}))
 N = 1_000_000
-needs_compiler = pytest.mark.skipif(host.compiler() is None, reason="no C compiler on this machine: cc, gcc or clang")
+needs_compiler = pytest.mark.skipif(
+    host.compiler() is None, reason="no C compiler on this machine: cc, gcc or clang"
+)
 
 
 def calibration(lookup="interpolated", angles=range(91), axes="xy", **more):
     """1 mg-sized biases every degree."""
-    sizes = {"x": lambda b: 0.009 + 0.004 * np.cos(2 * b), "y": lambda b: -0.006 + 0.008 * np.sin(3 * b)}
+    sizes = {
+        "x": lambda b: 0.009 + 0.004 * np.cos(2 * b),
+        "y": lambda b: -0.006 + 0.008 * np.sin(3 * b),
+    }
     tables = {
-        f"accel.{a}": [{"angle_deg": k, "value": float(sizes[a](k * DEG)), "sigma": 1e-5, "unit": "m_s2"} for k in angles]
+        f"accel.{a}": [
+            {"angle_deg": k, "value": float(sizes[a](k * DEG)), "sigma": 1e-5, "unit": "m_s2"}
+            for k in angles
+        ]
         for a in axes
     }
-    table = {"method": "placing_table", "verdict": "good", "parameters": {}, "bias_tables": tables | more, "lookup": lookup}
+    table = {
+        "method": "placing_table",
+        "verdict": "good",
+        "parameters": {},
+        "bias_tables": tables | more,
+        "lookup": lookup,
+    }
     return _with_setup(calibration_from(table), SETUP)
 
 
@@ -39,9 +55,13 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def forces() -> np.ndarray:
-    """A million samples of a level: inside the tables, outside, and beyond g; the third channel missing, (n, 3)."""
+    """A million samples of a level: inside the tables, outside, and beyond g; the third channel
+    missing, (n, 3).
+    """
     rng = rng_of("a million forces")
-    return np.column_stack([rng.uniform(-1.02 * G, 0.1 * G, N), rng.uniform(-0.1 * G, 1.02 * G, N), np.full(N, np.nan)])
+    return np.column_stack(
+        [rng.uniform(-1.02 * G, 0.1 * G, N), rng.uniform(-0.1 * G, 1.02 * G, N), np.full(N, np.nan)]
+    )
 
 
 def python(forces, lookup="interpolated", channels=2):
@@ -50,7 +70,9 @@ def python(forces, lookup="interpolated", channels=2):
 
 
 def differ(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Absolute differences where both are numbers; where only one is, the sample is at the edge of a table."""
+    """Absolute differences where both are numbers; where only one is, the sample is at the edge of
+    a table.
+    """
     assert np.sum(np.isnan(a) != np.isnan(b)) <= 1e-5 * a.size
     return np.nan_to_num(np.abs(a - b))
 
@@ -59,7 +81,9 @@ def differ(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def test_floats_agree_with_python_to_their_last_digits(folder, forces):
     program = host.build(folder / "level.h")
     corrected, tilt = python(forces)
-    assert differ(host.run(program, "correct", forces)[0], corrected).max() < 4 * np.spacing(np.float32(G))
+    assert differ(host.run(program, "correct", forces)[0], corrected).max() < 4 * np.spacing(
+        np.float32(G)
+    )
     error = differ(host.run(program, "tilt", forces)[0], tilt) * np.nan_to_num(np.cos(tilt))
     assert error[np.abs(tilt) < 85 * DEG].max() < 1e-6  # rad; 0.2 arcsec
 
@@ -83,10 +107,13 @@ def test_integers_agree_with_python_to_their_unit(folder, forces):
     given = np.round(forces * 1e6)
     exact = python(given * 1e-6)[0] * 1e6
     error = differ(host.run(program, "integer", given)[0], exact)
-    # the entries are rounded by up to 0.5 um/s2, the interpolated value and the input of the second pass once more
+    # the entries are rounded by up to 0.5 um/s2, the interpolated value and the input of the second
+    # pass once more
     assert error.max() < 3
     assert np.quantile(error, 0.99) < 1
-    given[:, 2] = np.round(np.sqrt(np.maximum(G**2 - forces[:, 0] ** 2 - forces[:, 1] ** 2, 0)) * 1e6)
+    given[:, 2] = np.round(
+        np.sqrt(np.maximum(G**2 - forces[:, 0] ** 2 - forces[:, 1] ** 2, 0)) * 1e6
+    )
     exact = python(given * 1e-6, channels=3)[0] * 1e6
     assert differ(host.run(program, "integer", given)[0], exact).max() < 3
 
@@ -95,12 +122,18 @@ def test_integers_agree_with_python_to_their_unit(folder, forces):
 def test_rounding_takes_the_same_entry_as_python(folder, forces):
     program = host.build(folder / "level.h", "-DLEVEL_DOUBLE", "-DLEVEL_ROUNDED")
     error = differ(host.run(program, "correct", forces)[0], python(forces, "rounded")[0])
-    assert np.mean(error > 1e-13) < 1e-5  # an angle just on the edge between two entries may fall to either
+    assert (
+        np.mean(error > 1e-13) < 1e-5
+    )  # an angle just on the edge between two entries may fall to either
     assert error.max() < 5e-4
     given = np.round(forces * 1e6)
     exact = python(given * 1e-6, "rounded")[0] * 1e6
-    integers = differ(host.run(host.build(folder / "level.h", "-DLEVEL_ROUNDED"), "integer", given)[0], exact)
-    assert np.mean(integers > 1) < 1e-3  # codes of 1 um/s2 move the edges, and the first pass picks another entry there
+    integers = differ(
+        host.run(host.build(folder / "level.h", "-DLEVEL_ROUNDED"), "integer", given)[0], exact
+    )
+    assert (
+        np.mean(integers > 1) < 1e-3
+    )  # codes of 1 um/s2 move the edges, and the first pass picks another entry there
 
 
 @needs_compiler
@@ -112,16 +145,23 @@ def test_look_ups_by_angle_agree_with_python(folder):
     for what in ("rounded", "interpolated"):
         exact = np.column_stack([tables[a].at(mdeg[:, 0] * 1e-3 * DEG, what) for a in "xy"])
         error = differ(host.run(program, what, mdeg * 1e-3 * DEG)[0], exact)
-        assert np.mean(error > 1e-13) < 2e-3 * (what == "rounded") + 1e-9  # exactly half a degree may fall to either side
+        assert (
+            np.mean(error > 1e-13) < 2e-3 * (what == "rounded") + 1e-9
+        )  # exactly half a degree may fall to either side
         found = host.run(program, f"{what}_mdeg", mdeg)[0]
         found[found == -(2**31)] = np.nan
-        assert np.mean(np.abs(np.nan_to_num(found - exact * 1e6)) > 1.01) < 2e-3 * (what == "rounded") + 1e-9
+        assert (
+            np.mean(np.abs(np.nan_to_num(found - exact * 1e6)) > 1.01)
+            < 2e-3 * (what == "rounded") + 1e-9
+        )
         assert np.mean(np.isnan(found) != np.isnan(exact)) < 1e-4
 
 
 @needs_compiler
 def test_one_axis_and_a_wide_table_compile_as_well(tmp_path, forces):
-    (tmp_path / "level.h").write_text(header(calibration(axes="y", angles=range(-80, 81, 5)), SETUP, "level"))
+    (tmp_path / "level.h").write_text(
+        header(calibration(axes="y", angles=range(-80, 81, 5)), SETUP, "level")
+    )
     program = host.build(tmp_path / "level.h", "-DLEVEL_DOUBLE")
     found = host.run(program, "correct", forces[:1000])[0]
     np.testing.assert_array_equal(found[:, 0], forces[:1000, 0])
@@ -140,7 +180,14 @@ def test_the_header_holds_no_malloc_and_the_2d_array():
 def test_what_cannot_be_exported_is_refused_in_words():
     with pytest.raises(TiltcalError, match="look-up smooth, need interpolated or rounded"):
         header(calibration("smooth"), SETUP)
-    odd = calibration(axes="x", **{"accel.y": [{"angle_deg": k, "value": 0.0, "sigma": 0.0, "unit": "m_s2"} for k in range(5)]})
+    odd = calibration(
+        axes="x",
+        **{
+            "accel.y": [
+                {"angle_deg": k, "value": 0.0, "sigma": 0.0, "unit": "m_s2"} for k in range(5)
+            ]
+        },
+    )
     with pytest.raises(TiltcalError, match="tables of x and y at different angles"):
         header(odd, SETUP)
     with pytest.raises(TiltcalError, match="need whole millidegrees"):
@@ -151,7 +198,20 @@ def test_what_cannot_be_exported_is_refused_in_words():
 
 def test_the_command_writes_the_header_and_refuses_other_calibrations(tmp_path, good, capsys):
     calibration().save(tmp_path / "CAL.json")
-    assert main(["export", str(tmp_path / "CAL.json"), "-o", str(tmp_path / "level.h"), "--name", "level", "--json"]) == 0
+    assert (
+        main(
+            [
+                "export",
+                str(tmp_path / "CAL.json"),
+                "-o",
+                str(tmp_path / "level.h"),
+                "--name",
+                "level",
+                "--json",
+            ]
+        )
+        == 0
+    )
     assert "level_interpolated_mdeg" in (tmp_path / "level.h").read_text()
     assert main(["export", str(tmp_path / "CAL.json")]) == 0
     assert "tiltcal_rounded" in capsys.readouterr().out

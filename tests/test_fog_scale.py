@@ -9,7 +9,13 @@ from field_draws import BOUND, PLAIN, RATE, SCALE, U, turned_about_each_axis
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.methods.fog_filter import augmented_problem, batch, kalman, patent_problem, smoothed
+from tiltcal.calibration.methods.fog_filter import (
+    augmented_problem,
+    batch,
+    kalman,
+    patent_problem,
+    smoothed,
+)
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
@@ -22,7 +28,9 @@ from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Sensor
 from tiltcal.validation.accuracy import normalised_error, true_parameters
 
-SCENARIO = load_scenario(folder("scenarios") / "fog_scale_by_hand.toml").model_copy(update={"dynamics": None})
+SCENARIO = load_scenario(folder("scenarios") / "fog_scale_by_hand.toml").model_copy(
+    update={"dynamics": None}
+)
 FAMILY = 1e-3  # of all comparisons of one method together
 
 
@@ -33,7 +41,9 @@ def test_the_figures_of_the_bound_are_those_worked_by_hand():
 
 @pytest.mark.slow
 def test_the_augmented_filter_is_at_its_bound_and_the_patent_s_claims_too_much():
-    """82.6 ppm within five per cent, over 1000 seeds and three axes; the patent's filter errs as much and claims 64 ppm."""
+    """82.6 ppm within five per cent, over 1000 seeds and three axes; the patent's filter errs as
+    much and claims 64 ppm.
+    """
     rng, draws = rng_of("the 82.6 ppm case"), 1000
     ours, theirs, claims = np.empty((draws, 3)), np.empty((draws, 3)), np.empty((draws, 3))
     for k in range(draws):
@@ -59,7 +69,9 @@ def test_variance_nees_and_coverage_lie_in_their_bands():
     p = FAMILY / 5 / 2  # three variances, NEES, coverage
     assert chi2.ppf(p, 3 * draws) < nees < chi2.isf(p, 3 * draws), nees / 3 / draws
     ratio = (errors**2).sum(axis=0) / BOUND**2
-    assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws) * 1.01)), ratio / draws  # (1 + S)^2 of the bound
+    assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws) * 1.01)), (
+        ratio / draws
+    )  # (1 + S)^2 of the bound
     assert np.all((inside / draws > 0.94) & (inside / draws < 0.96))
     assert binom.cdf(0.94 * draws, draws, 0.95) < p
 
@@ -73,7 +85,11 @@ def test_filter_smoother_and_batch_are_one_estimate(walk):
     assert one.chi2 == pytest.approx(two.chi2, rel=1e-9)
     states, spread = smoothed(problem)
     assert np.ptp(states[:, 0]) < 1e-6 * np.sqrt(one.P[0, 0])  # a constant is the same all along
-    assert np.all(spread[:, 3, 3] <= one.P[3, 3] * (1 + 1e-9)) if walk == 0 else np.ptp(states[:, 3]) > 0
+    assert (
+        np.all(spread[:, 3, 3] <= one.P[3, 3] * (1 + 1e-9))
+        if walk == 0
+        else np.ptp(states[:, 3]) > 0
+    )
 
 
 def test_the_inversion_is_exact_where_the_patent_s_is_a_square_off():
@@ -110,7 +126,13 @@ def recorded(*steps, seed=5, effects=None, scenario=SCENARIO):
 
 
 def turn(axis, angle=400, dwell=5, rate=60):
-    return {"action": "turn", "axis": axis, "angle_deg": angle, "rate_deg_s": rate, "dwell_s": dwell}
+    return {
+        "action": "turn",
+        "axis": axis,
+        "angle_deg": angle,
+        "rate_deg_s": rate,
+        "dwell_s": dwell,
+    }
 
 
 def rest(seconds=20):
@@ -154,9 +176,14 @@ def test_an_axis_that_was_not_turned_cannot_be_told():
 
 
 def test_a_fog_along_one_axis_sees_only_that():
-    sensors = tuple(s.model_copy(update={"input_axis": (0.0, 0.0, 1.0)}) if s.kind == "fog" else s for s in SCENARIO.sensor)
+    sensors = tuple(
+        s.model_copy(update={"input_axis": (0.0, 0.0, 1.0)}) if s.kind == "fog" else s
+        for s in SCENARIO.sensor
+    )
     along = SCENARIO.model_copy(update={"sensor": sensors})
-    found = calibrate("fog_scale", recorded(rest(), turn("x"), turn("y"), turn("z"), scenario=along), along)
+    found = calibrate(
+        "fog_scale", recorded(rest(), turn("x"), turn("y"), turn("z"), scenario=along), along
+    )
     assert found.verdict == "cannot_tell"
     assert any("mount it obliquely" in w for w in found.warnings)
 
@@ -169,7 +196,9 @@ def test_a_rest_that_is_too_short_is_named():
 
 def test_an_instrument_that_was_moved_during_its_rest_is_named():
     log = recorded(rest(), turn("x"), turn("y"), turn("z"))
-    slow = np.where((log.time > 5) & (log.time < 12), 0.05, 0.0)  # deg/s: too slow for the eye of a dwell finder
+    slow = np.where(
+        (log.time > 5) & (log.time < 12), 0.05, 0.0
+    )  # deg/s: too slow for the eye of a dwell finder
     columns = {n: log.column(n) for n in log.column_names}
     for a, u in zip("xyz", U, strict=True):
         columns[f"gyro_{a}_deg_s"] = columns[f"gyro_{a}_deg_s"] + slow * u
@@ -180,29 +209,47 @@ def test_an_instrument_that_was_moved_during_its_rest_is_named():
 
 
 def test_swapped_columns_are_named_where_the_fog_s_axis_can_tell_them():
-    sensors = tuple(s.model_copy(update={"input_axis": (0.8, 0.5, 0.33)}) if s.kind == "fog" else s for s in SCENARIO.sensor)
+    sensors = tuple(
+        s.model_copy(update={"input_axis": (0.8, 0.5, 0.33)}) if s.kind == "fog" else s
+        for s in SCENARIO.sensor
+    )
     oblique = SCENARIO.model_copy(update={"sensor": sensors})
     log = recorded(rest(), turn("x"), turn("y"), turn("z"), scenario=oblique)
     columns = {n: log.column(n) for n in log.column_names}
-    columns["gyro_x_deg_s"], columns["gyro_y_deg_s"] = columns["gyro_y_deg_s"], columns["gyro_x_deg_s"]
+    columns["gyro_x_deg_s"], columns["gyro_y_deg_s"] = (
+        columns["gyro_y_deg_s"],
+        columns["gyro_x_deg_s"],
+    )
     found = calibrate("fog_scale", Recording.from_columns(log.time, columns), oblique)
     assert found.verdict != "good"
     assert "columns x, y, z were y, x, z" in statement(found, "plausible scale")
-    units = dict(log.metadata) and {n: log.column(n) * (57.3 if n.startswith("gyro") else 1) for n in log.column_names}
+    units = dict(log.metadata) and {
+        n: log.column(n) * (57.3 if n.startswith("gyro") else 1) for n in log.column_names
+    }
     found = calibrate("fog_scale", Recording.from_columns(log.time, units), oblique)
     assert "check units" in statement(found, "plausible scale")
 
 
 def test_a_wandering_zero_is_allowed_for_and_said():
     """Each rest has its own zero; between rests it moves from one to the next."""
-    log = recorded(rest(), *[turn(a, dwell=8) for a in "xyzxyz"], effects=("gyr_noise", "gyr_scale", "acc_noise"))
+    log = recorded(
+        rest(),
+        *[turn(a, dwell=8) for a in "xyzxyz"],
+        effects=("gyr_noise", "gyr_scale", "acc_noise"),
+    )
     dwells = [s for s in find_segments(log) if s.kind == "dwell"]
     level = 0.012 * np.cumsum(rng_of("wandering zero").normal(size=len(dwells)))
     drift = np.interp(log.time, np.ravel([[s.start, s.end] for s in dwells]), np.repeat(level, 2))
     columns = {n: log.column(n) + (drift if n == "gyro_x_deg_s" else 0.0) for n in log.column_names}
-    found = calibrate("fog_scale", Recording.from_columns(log.time, columns), SCENARIO, segments=dwells)
+    found = calibrate(
+        "fog_scale", Recording.from_columns(log.time, columns), SCENARIO, segments=dwells
+    )
     assert any(w.startswith("the zero wanders") for w in found.warnings)
-    truth = {n: v for n, v in true_parameters(SCENARIO, SCENARIO.effects, found).items() if ".scale_" in n}
+    truth = {
+        n: v
+        for n, v in true_parameters(SCENARIO, SCENARIO.effects, found).items()
+        if ".scale_" in n
+    }
     nees, dof = normalised_error(found, truth)
     assert nees < chi2.isf(1e-4, dof)
 
@@ -214,7 +261,9 @@ def test_given_dwells_are_taken_and_missing_parts_are_refused_in_words():
     with pytest.raises(TiltcalError, match="found no turn after a rest"):
         calibrate("fog_scale", recorded(rest()), SCENARIO)
     with pytest.raises(TiltcalError, match="found no rest, need a rest of 20 s"):
-        calibrate("fog_scale", log, SCENARIO, segments=[s for s in find_segments(log) if s.kind == "move"])
+        calibrate(
+            "fog_scale", log, SCENARIO, segments=[s for s in find_segments(log) if s.kind == "move"]
+        )
     two = Sensor(name="gyro", kind="gyro", axes=("x", "y"))
     with pytest.raises(TiltcalError, match="found 2 axes of gyro, need a triad"):
         calibrate("fog_scale", log, setup_of("handheld", two, SCENARIO.named("fog")))
@@ -227,6 +276,8 @@ def test_attitude_after_a_turn_is_better_than_before_by_what_the_scale_was_wrong
     from tiltcal.validation.gyro_accuracy import attitude_error
 
     error = attitude_error(SCENARIO, SCENARIO.effects, found)
-    assert error.before == pytest.approx(360 * DEG * np.sqrt((0.01**2 + 0.008**2 + 0.005**2) / 3), rel=1e-6)
+    assert error.before == pytest.approx(
+        360 * DEG * np.sqrt((0.01**2 + 0.008**2 + 0.005**2) / 3), rel=1e-6
+    )
     assert error.after < 4 * error.bound
     assert error.after < error.before / 20

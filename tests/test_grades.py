@@ -19,7 +19,11 @@ def test_every_size_lies_within_the_range_of_its_grade(grade):
             for p in CATALOGUE[effect.id].parameters:
                 limit = p.plausible[GRADES.index(grade)] * p.factor
                 for name in p.expand(axes):
-                    assert SPREAD[0] * limit <= abs(effect.value(name)) * (1 + 1e-12) <= limit * (1 + 1e-9)
+                    assert (
+                        SPREAD[0] * limit
+                        <= abs(effect.value(name)) * (1 + 1e-12)
+                        <= limit * (1 + 1e-9)
+                    )
 
 
 def test_the_same_seed_draws_the_same_instrument_and_another_draws_another():
@@ -37,11 +41,15 @@ def test_a_hand_held_instrument_has_no_table_errors():
 
 def test_a_named_effect_takes_the_place_of_the_drawn_one():
     table = {
-        "schema": 1, "site": {"gravity_m_s2": 9.8}, "rig": {"table": "dual"}, "grade": "mid_mems", "grade_seed": 3,
+        "schema": 1,
+        "site": {"gravity_m_s2": 9.8},
+        "rig": {"table": "dual"},
+        "grade": "mid_mems",
+        "grade_seed": 3,
         "sensor": [{"name": "accel", "kind": "accelerometer"}],
         "effect": [{"id": "acc_bias", "bias_x_ug": 7.0}, {"id": "acc_noise", "white_ug_rthz": 0.0}],
         "sequence": [{"action": "rest", "dwell_s": 1.0}],
-    }  # fmt: skip
+    }
     scenario = parse_scenario(table)
     (bias,) = [e for e in scenario.effects if e.id == "acc_bias"]
     assert bias.value("bias_y") == 0.0

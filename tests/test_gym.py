@@ -1,4 +1,6 @@
-"""The Gymnasium environments: the checker, the telescoping reward, the traps, one against many, baselines and training."""
+"""The Gymnasium environments: the checker, the telescoping reward, the traps, one against many,
+baselines and training.
+"""
 
 import importlib.metadata
 import warnings
@@ -34,7 +36,11 @@ def test_the_checker_has_nothing_to_say(id, model):
 
 
 def test_the_installed_entry_point_registers_the_environments():
-    (point,) = [p for p in importlib.metadata.entry_points(group="gymnasium.envs") if p.value.startswith("tiltcal")]
+    (point,) = [
+        p
+        for p in importlib.metadata.entry_points(group="gymnasium.envs")
+        if p.value.startswith("tiltcal")
+    ]
     point.load()()
     assert set(tiltcal.gym.IDS) <= set(gymnasium.registry)
     assert gymnasium.make(f"tiltcal.gym:{CONTINUOUS}").spec.id == CONTINUOUS
@@ -63,9 +69,13 @@ def test_the_return_is_the_information_of_the_whole_sequence(model, drift):
 
     problem = Problem(textbook_model(model, drift, task.budget_s), task.clock)
     route = unwound(np.array(angles), problem.clock.limits)
-    assert total == pytest.approx(gain(problem.information(route, np.array(dwells)), problem.model.interest), rel=1e-6)
+    assert total == pytest.approx(
+        gain(problem.information(route, np.array(dwells)), problem.model.interest), rel=1e-6
+    )
     assert environment.unwrapped.bench.nats()[0] == pytest.approx(total, rel=1e-6)
-    assert environment.unwrapped.bench.elapsed[0] == pytest.approx(problem.clock.total(route, np.array(dwells)), rel=1e-9)
+    assert environment.unwrapped.bench.elapsed[0] == pytest.approx(
+        problem.clock.total(route, np.array(dwells)), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("id", tiltcal.gym.IDS)
@@ -78,7 +88,9 @@ def test_many_environments_are_as_many_single_ones(id):
     assert np.array_equal(together, apart)
     over = [False] * 3
     for _ in range(60):
-        actions = np.array([e.action_space.sample() if id == DISCRETE else rng.uniform(-1, 1, 3) for e in ones])
+        actions = np.array(
+            [e.action_space.sample() if id == DISCRETE else rng.uniform(-1, 1, 3) for e in ones]
+        )
         together, rewards, terminated, truncated, _ = many.step(actions)
         assert not truncated.any()
         for k, e in enumerate(ones):
@@ -95,10 +107,15 @@ def test_angles_wrap_and_are_not_clipped():
     task = Task()
     there, back = np.array([[315 / 180, 0, -1]]), np.array([[-45 / 180, 0, -1]])
     benches = [Bench(task, 1) for _ in range(2)]
-    worth = [b.step(*pose_of(a, task), np.ones(1, bool)) for b, a in zip(benches, (there, back), strict=True)]
+    worth = [
+        b.step(*pose_of(a, task), np.ones(1, bool))
+        for b, a in zip(benches, (there, back), strict=True)
+    ]
     assert worth[0][0] == pytest.approx(worth[1][0], rel=1e-9)
     assert worth[0][2] == pytest.approx(45 / 20 + 5 + 5)  # the short way round
-    assert action_of(np.array([[315.0, 0.0]]) * np.pi / 180, np.array([5.0]), task)[0] == pytest.approx([-0.25, 0.0, -1.0])
+    assert action_of(np.array([[315.0, 0.0]]) * np.pi / 180, np.array([5.0]), task)[
+        0
+    ] == pytest.approx([-0.25, 0.0, -1.0])
 
 
 def test_a_pose_that_would_overrun_is_refused_and_ends_the_episode():
@@ -169,7 +186,9 @@ def test_the_leaderboard_has_a_row_for_each_and_for_those_that_are_added():
 
 def test_wrappers_keep_a_table_to_its_steps_and_limits():
     stepped = StepAngles(gymnasium.make(CONTINUOUS), 15.0)
-    assert np.abs(stepped.action(np.array([0.31, -0.99, 0.2], np.float32))[:2]) * 12 == pytest.approx([4.0, 12.0])
+    assert np.abs(
+        stepped.action(np.array([0.31, -0.99, 0.2], np.float32))[:2]
+    ) * 12 == pytest.approx([4.0, 12.0])
     within = WithinAngles(gymnasium.make(CONTINUOUS), outer=(-90, 90))
     assert within.action(np.array([1.0, 1.0, 0.0], np.float32)) == pytest.approx([0.5, 1.0, 0.0])
     within.reset()

@@ -21,7 +21,9 @@ FAMILY = 1e-3
 
 
 def turned(*steps, scenario=FULL, seed=4, **changed):
-    sequence = tuple(Step(action="turn", axis=a, angle_deg=angle, rate_deg_s=60, dwell_s=3) for a, angle in steps)
+    sequence = tuple(
+        Step(action="turn", axis=a, angle_deg=angle, rate_deg_s=60, dwell_s=3) for a, angle in steps
+    )
     rest = (Step(action="rest", dwell_s=4),)
     copy = scenario.model_copy(update={"sequence": rest + sequence, **changed})
     copy.__dict__.pop("schedule", None)  # of the sequence that was copied
@@ -42,14 +44,21 @@ def test_the_earth_s_rate_is_part_of_the_reference_and_missing_it_is_said():
     quiet = SimulatedLaboratory().record(FULL)
     found = calibrate("gyro_rates", quiet, ignorant)
     assert any("no latitude" in w for w in found.warnings)
-    assert found.value("gyro.bias_z") - calibrate("gyro_rates", quiet, FULL).value("gyro.bias_z") > 1e-5
-    unknown = FULL.model_copy(update={"site": FULL.site.model_copy(update={"heading_deg": "unknown"})})
+    assert (
+        found.value("gyro.bias_z") - calibrate("gyro_rates", quiet, FULL).value("gyro.bias_z")
+        > 1e-5
+    )
+    unknown = FULL.model_copy(
+        update={"site": FULL.site.model_copy(update={"heading_deg": "unknown"})}
+    )
     assert any("heading unknown" in w for w in calibrate("gyro_rates", quiet, unknown).warnings)
 
 
 @pytest.mark.slow
 def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
-    """Six steady rates and a rest, twelve parameters; the bound is the inverse of the information, worked by sums."""
+    """Six steady rates and a rest, twelve parameters; the bound is the inverse of the information,
+    worked by sums.
+    """
     rng, draws, blocks = rng_of("rates statistics"), 10_000, 70
     w = np.zeros((blocks, 3))
     for k, (i, rate) in enumerate((i, s) for i in range(3) for s in (-1.0, 1.0)):
@@ -61,7 +70,9 @@ def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
         for j in range(3):
             columns[3 + 3 * i + j, :, i] = w[:, j]
     sigma = 1e-4
-    variance = sigma**2 / np.array([blocks] * 3 + [20] * 9)  # rates both ways: bias and slope do not mix
+    variance = sigma**2 / np.array(
+        [blocks] * 3 + [20] * 9
+    )  # rates both ways: bias and slope do not mix
     errors, nees, inside = np.empty((draws, 12)), 0.0, np.zeros(12)
     for k in range(draws):
         fit = fit_blocks(names, columns, rng.normal(0, sigma, (blocks, 3)), np.eye(3) / sigma)
@@ -82,7 +93,9 @@ def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
 def test_the_whole_method_is_consistent_over_seeds():
     total, dof = 0.0, 0
     for seed in range(30):
-        found = calibrate("gyro_rates", SimulatedLaboratory().record(FULL, 300 + seed), FULL, terms=TERMS)
+        found = calibrate(
+            "gyro_rates", SimulatedLaboratory().record(FULL, 300 + seed), FULL, terms=TERMS
+        )
         nees, n = normalised_error(found, true_parameters(FULL, FULL.effects, found))
         total, dof = total + nees, dof + n
     assert chi2.ppf(FAMILY / 2, dof) < total < chi2.isf(FAMILY / 2, dof), total / dof
@@ -96,13 +109,19 @@ def test_an_axis_that_is_turned_one_way_only_is_named():
     log = turned(("outer", 360), ("outer", -360), ("middle", 360), ("middle", -360), ("inner", 360))
     found = calibrate("gyro_rates", log, FULL, terms=TERMS)
     assert found.verdict == "suspect"
-    assert "turn about x both ways" in next(t for t in found.tests if t.name == "turned about x").statement
+    assert (
+        "turn about x both ways"
+        in next(t for t in found.tests if t.name == "turned about x").statement
+    )
 
 
 def test_an_axis_that_is_not_turned_cannot_be_told():
     found = calibrate("gyro_rates", turned(("outer", 360), ("outer", -360)), FULL)
     assert found.verdict == "cannot_tell"
-    assert any("not determined: scale_x, scale_y" in w and "turn about those axes" in w for w in found.warnings)
+    assert any(
+        "not determined: scale_x, scale_y" in w and "turn about those axes" in w
+        for w in found.warnings
+    )
     blind = FULL.model_copy(update={"site": FULL.site.model_copy(update={"latitude_deg": None})})
     found = calibrate("gyro_rates", turned(("outer", 360), ("outer", -360), scenario=blind), blind)
     assert found.verdict == "cannot_tell"

@@ -29,15 +29,43 @@ SCENARIO = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
 
 FAMILY = 1e-3
 TURNS, SAMPLES, STEP = 15, 8, 0.1  # 0.8 s each
-DIRECTION, RATE_NOISE, REST_NOISE = 1e-4, 5e-4, 2e-5  # rad a rest's edge, rad/s a sample, rad/s a rest
+DIRECTION, RATE_NOISE, REST_NOISE = (
+    1e-4,
+    5e-4,
+    2e-5,
+)  # rad a rest's edge, rad/s a sample, rad/s a rest
 NAMES = parameter_names("gyro", TERMS)
-TRUE = np.array([
-    5e-3, -3e-3, 2e-3, 6e-3, -4e-3, 2.5e-3, 3e-3, 1e-3, -2e-3, 0.5e-3, 1.5e-3, -1e-3, 60, 5, -8, 10, 20, -40, 7, 30, -15,
-])  # fmt: skip
+TRUE = np.array(
+    [
+        5e-3,
+        -3e-3,
+        2e-3,
+        6e-3,
+        -4e-3,
+        2.5e-3,
+        3e-3,
+        1e-3,
+        -2e-3,
+        0.5e-3,
+        1.5e-3,
+        -1e-3,
+        60,
+        5,
+        -8,
+        10,
+        20,
+        -40,
+        7,
+        30,
+        -15,
+    ]
+)
 
 
 def by_hand(values):
-    """Bias, sensitivity and g-sensitivity (rad/s per g) of a vector in the order of NAMES, written out here once more."""
+    """Bias, sensitivity and g-sensitivity (rad/s per g) of a vector in the order of NAMES, written
+    out here once more.
+    """
     M, G, off = np.diag(1 + values[3:6]), values[12:].reshape(3, 3) * DEG / 3600, iter(values[6:12])
     for i in range(3):
         for j in range(3):
@@ -46,9 +74,13 @@ def by_hand(values):
 
 
 def random_turns(rng):
-    """Rate and up direction of each sample of some turns about two axes each, and the up direction at their ends."""
+    """Rate and up direction of each sample of some turns about two axes each, and the up direction
+    at their ends.
+    """
     axes = rng.normal(size=(TURNS, 2, 3))
-    w = np.repeat(axes / np.linalg.norm(axes, axis=2)[..., None] * 1.7, SAMPLES // 2, axis=1)  # 10 deg a sample
+    w = np.repeat(
+        axes / np.linalg.norm(axes, axis=2)[..., None] * 1.7, SAMPLES // 2, axis=1
+    )  # 10 deg a sample
     up = np.empty((TURNS, SAMPLES + 1, 3))
     up[:, 0] = np.array([d / np.linalg.norm(d) for d in rng.normal(size=(TURNS, 3))])
     for k in range(SAMPLES):
@@ -58,7 +90,9 @@ def random_turns(rng):
 
 def drawn(rng, w, up):
     """Turns and rests as the laboratory would hand them to the fit; without rng exact."""
-    noise = (lambda *shape: np.zeros(shape)) if rng is None else (lambda *shape: rng.normal(size=shape))
+    noise = (
+        (lambda *shape: np.zeros(shape)) if rng is None else (lambda *shape: rng.normal(size=shape))
+    )
     bias, M, G = by_hand(TRUE)
     rate = w @ M.T + bias + up[:, :-1] @ G.T + RATE_NOISE * noise(TURNS, SAMPLES, 3)
     before, after = (d + DIRECTION * noise(TURNS, 3) for d in (up[:, 0], up[:, -1]))
@@ -66,12 +100,27 @@ def drawn(rng, w, up):
     sigma = np.full(TURNS, np.sqrt(2 * DIRECTION**2 + SAMPLES * (RATE_NOISE * STEP) ** 2))
     still = up[:, 0] @ G.T + bias + REST_NOISE * noise(TURNS, 3)
     spans, ones = (PoseSpan(0, 1, ""),) * TURNS, np.ones((TURNS, 3))
-    poses = Poses(SCENARIO.named("gyro"), spans, still, ones[:, 0], np.eye(3) * REST_NOISE**2, 1.0, ones, {}, ones, "")
-    return Turns(rate, up[:, :-1], np.full((TURNS, SAMPLES), STEP), before, after, sigma), _Rests(poses, up[:, 0] * G0)
+    poses = Poses(
+        SCENARIO.named("gyro"),
+        spans,
+        still,
+        ones[:, 0],
+        np.eye(3) * REST_NOISE**2,
+        1.0,
+        ones,
+        {},
+        ones,
+        "",
+    )
+    return Turns(rate, up[:, :-1], np.full((TURNS, SAMPLES), STEP), before, after, sigma), _Rests(
+        poses, up[:, 0] * G0
+    )
 
 
 def bound_of(w, up):
-    """Covariance that no unbiased estimate beats, from rotations made one after the other and slopes by differences."""
+    """Covariance that no unbiased estimate beats, from rotations made one after the other and
+    slopes by differences.
+    """
 
     def observed(values):
         bias, M, G = by_hand(values)
@@ -82,10 +131,17 @@ def bound_of(w, up):
         for k in range(SAMPLES):
             carried = Rotation.from_rotvec(-true[:, k] * STEP).apply(carried)
         sigma = np.sqrt(2 * DIRECTION**2 + SAMPLES * (RATE_NOISE * STEP) ** 2)
-        return np.concatenate([carried.ravel() / sigma, (bias + up[:, 0] @ G.T).ravel() / REST_NOISE])
+        return np.concatenate(
+            [carried.ravel() / sigma, (bias + up[:, 0] @ G.T).ravel() / REST_NOISE]
+        )
 
     steps = np.array([1e-6] * 12 + [0.1] * 9)
-    J = np.array([(observed(TRUE + h * e) - observed(TRUE - h * e)) / (2 * h) for h, e in zip(steps, np.eye(21), strict=True)])
+    J = np.array(
+        [
+            (observed(TRUE + h * e) - observed(TRUE - h * e)) / (2 * h)
+            for h, e in zip(steps, np.eye(21), strict=True)
+        ]
+    )
     return np.linalg.inv(J @ J.T)
 
 
@@ -115,7 +171,11 @@ def test_turns_worked_out_sample_by_sample_are_given_back_from_a_start_far_off()
     turns, rests = drawn(None, *random_turns(rng))
     fit, converged = solve(turns, rests, NAMES)
     assert converged
-    assert (NAMES[3], NAMES[6], NAMES[-1]) == ("gyro.scale_x", "gyro.cross_xy", f"gyro.gsens_{AXES[2]}z")
+    assert (NAMES[3], NAMES[6], NAMES[-1]) == (
+        "gyro.scale_x",
+        "gyro.cross_xy",
+        f"gyro.gsens_{AXES[2]}z",
+    )
     np.testing.assert_allclose(fit.values, TRUE, rtol=1e-5, atol=1e-9)
 
 
@@ -123,7 +183,9 @@ def test_turns_worked_out_sample_by_sample_are_given_back_from_a_start_far_off()
 def test_its_uncertainty_is_consistent_over_seeds():
     total, dof = 0.0, 0
     for seed in range(12):
-        found = calibrate("gyro_turns", SimulatedLaboratory().record(SCENARIO, 700 + seed), SCENARIO)
+        found = calibrate(
+            "gyro_turns", SimulatedLaboratory().record(SCENARIO, 700 + seed), SCENARIO
+        )
         value, n = normalised_error(found, true_parameters(SCENARIO, SCENARIO.effects, found))
         total, dof = total + value, dof + n
     assert dof == 12 * 12
@@ -133,14 +195,23 @@ def test_its_uncertainty_is_consistent_over_seeds():
 def test_a_noiseless_record_gives_back_what_was_injected():
     found = calibrate("gyro_turns", SimulatedLaboratory().record(SCENARIO), SCENARIO)
     for name, value in true_parameters(SCENARIO, SCENARIO.effects, found).items():
-        assert found.value(name) == pytest.approx(value, abs=3e-5), name  # sums of 100 Hz samples stand for the integral
+        assert found.value(name) == pytest.approx(value, abs=3e-5), (
+            name
+        )  # sums of 100 Hz samples stand for the integral
 
 
 def test_a_hand_that_still_turns_at_the_edges_of_a_rest_does_no_harm():
-    """The edges of the rests are moved into the turns: the gyro carries each sample of the force to the instant."""
+    """The edges of the rests are moved into the turns: the gyro carries each sample of the force to
+    the instant.
+    """
     quiet = SimulatedLaboratory().record(SCENARIO)
     dwells = [s for s in find_segments(quiet) if s.kind == "dwell"]
-    wider = [replace(s, start=s.start - 0.3, end=s.end + 0.3, first=max(s.first - 30, 0), last=s.last + 30) for s in dwells]
+    wider = [
+        replace(
+            s, start=s.start - 0.3, end=s.end + 0.3, first=max(s.first - 30, 0), last=s.last + 30
+        )
+        for s in dwells
+    ]
     found = calibrate("gyro_turns", quiet, SCENARIO, segments=wider)
     for name, value in true_parameters(SCENARIO, SCENARIO.effects, found).items():
         if ".bias_" not in name:  # the rests' means are those of moves by now
@@ -151,13 +222,17 @@ def test_correction_takes_off_g_sensitivity_by_the_accelerometer_beside_it():
     names = [f"gyro.gsens_{a}{b}" for a in "xyz" for b in "xyz"]
     parameters = {n: Estimate(10.0 * (i + 1), 1.0, "deg_h_g") for i, n in enumerate(names)}
     calibration = Calibration("mine", "good", parameters, np.eye(9))
-    still = SimulatedLaboratory().record(SCENARIO.model_copy(update={"effect": (), "sequence": SCENARIO.sequence[:4]}))
+    still = SimulatedLaboratory().record(
+        SCENARIO.model_copy(update={"effect": (), "sequence": SCENARIO.sequence[:4]})
+    )
     columns = corrected_columns(still, calibration, SCENARIO)
     f = still.sensor(SCENARIO.named("accel")).values / G0
     pulled = f @ (10.0 * np.arange(1, 10).reshape(3, 3)).T / 3600  # deg/s
     read = np.column_stack([still.column(f"gyro_{a}_deg_s") for a in "xyz"])
     for i, a in enumerate("xyz"):
-        assert columns[f"gyro_{a}_corrected_deg_s"] == pytest.approx(read[:, i] - pulled[:, i], abs=1e-12)
+        assert columns[f"gyro_{a}_corrected_deg_s"] == pytest.approx(
+            read[:, i] - pulled[:, i], abs=1e-12
+        )
     bare = SCENARIO.model_copy(update={"sensor": (SCENARIO.named("gyro"),)})
     with pytest.raises(TiltcalError, match="no accelerometer triad beside gyro"):
         corrected_columns(still, calibration, bare)
@@ -178,10 +253,18 @@ def test_wrong_terms_and_too_few_turns_are_refused_in_words():
 @pytest.mark.slow
 def test_on_a_real_log_cross_axis_terms_and_then_g_sensitivity_lower_the_held_out_error():
     here = folder("models").parent / "tests" / "real"
-    recording = import_recording(FOLDER / "xsens_mti" / "xsens_acc.mat", load_mapping(here / "xsens_gyro_map.toml"))
+    recording = import_recording(
+        FOLDER / "xsens_mti" / "xsens_acc.mat", load_mapping(here / "xsens_gyro_map.toml")
+    )
     setup = load_scenario(here / "xsens_gyro.toml")
-    terms = (["bias", "scale"], ["bias", "scale", "cross_axis"], ["bias", "scale", "cross_axis", "gsens"])
-    plain, cross, gsens = (calibrate("gyro_turns", recording, setup, terms=t).heldout_rms["gyro"] / DEG for t in terms)
+    terms = (
+        ["bias", "scale"],
+        ["bias", "scale", "cross_axis"],
+        ["bias", "scale", "cross_axis", "gsens"],
+    )
+    plain, cross, gsens = (
+        calibrate("gyro_turns", recording, setup, terms=t).heldout_rms["gyro"] / DEG for t in terms
+    )
     assert plain > 3.0
     assert cross <= 0.55
     assert gsens <= 0.20

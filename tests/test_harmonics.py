@@ -1,8 +1,11 @@
 """The harmonic dictionary of PHYSICS 1.2: a horizontal axis turned once, a reading every degree.
 
-The numbers are from an independent program (physics-checks/harmonics.out): ``s1 -1.00`` is -sin(outer), a channel's
-change in units of the effect's own size (in g, or rad times g). x reads -sin, z cos. Where the contract counts the
-readout's error (readout = true + error) and that program the angle's, the sign below is turned round.
+The numbers are from an independent program (physics-checks/harmonics.out): ``s1 -1.00`` is
+-sin(outer), a channel's
+change in units of the effect's own size (in g, or rad times g). x reads -sin, z cos. Where the
+contract counts the
+readout's error (readout = true + error) and that program the angle's, the sign below is turned
+round.
 """
 
 import re
@@ -52,8 +55,12 @@ ONE_WAY = {
     "table_axis_wobble m2c_arcsec": "x[-] y[s2 -1.00] z[-] |f|[-]",
 }
 ASYMMETRY = {  # the program's unit is the whole coefficient, the contract's reading += a/2 |f|
-    "acc_scale_asym scale_asym_x_ppm": "x[DC +0.64 c2 -0.42 c4 -0.08] y[-] z[-] |f|[s1 -0.85 s3 +0.17]",
-    "acc_scale_asym scale_asym_z_ppm": "x[-] y[-] z[DC +0.64 c2 +0.42 c4 -0.08] |f|[c1 +0.85 c3 +0.17]",
+    "acc_scale_asym scale_asym_x_ppm": (
+        "x[DC +0.64 c2 -0.42 c4 -0.08] y[-] z[-] |f|[s1 -0.85 s3 +0.17]"
+    ),
+    "acc_scale_asym scale_asym_z_ppm": (
+        "x[-] y[-] z[DC +0.64 c2 +0.42 c4 -0.08] |f|[c1 +0.85 c3 +0.17]"
+    ),
 }
 ROUNDED, HIDDEN = 0.0051, 0.03  # the program prints two decimals, and nothing below 0.03
 
@@ -84,10 +91,16 @@ def signature(words):
     drive = still(setup, outer=np.arange(360.0))
     unit = 1e-6 if key.endswith("ppm") or "_ug" in key else ARCSEC
     plain, plus, minus = (
-        read_poses(setup, drive, effect_of(id, setup, **{key: sign * size}))["accel"] / G0 for size in (0.0, 10.0, -10.0)
+        read_poses(setup, drive, effect_of(id, setup, **{key: sign * size}))["accel"] / G0
+        for size in (0.0, 10.0, -10.0)
     )
     change = (plus - minus) / (20 * unit)
-    return {"x": change[:, 0], "y": change[:, 1], "z": change[:, 2], "|f|": np.sum(plain * change, axis=1)}
+    return {
+        "x": change[:, 0],
+        "y": change[:, 1],
+        "z": change[:, 2],
+        "|f|": np.sum(plain * change, axis=1),
+    }
 
 
 @pytest.mark.parametrize("words", [*ONE_WAY, *ASYMMETRY])
@@ -97,29 +110,49 @@ def test_an_effect_has_the_harmonics_of_the_dictionary(words):
     for channel, signal in signature(words).items():
         for name, found in harmonics(signal).items():
             wanted = size * line[channel].get(name, 0.0)
-            assert found == pytest.approx(wanted, abs=size * (ROUNDED if wanted else HIDDEN)), f"{channel} {name}"
+            assert found == pytest.approx(wanted, abs=size * (ROUNDED if wanted else HIDDEN)), (
+                f"{channel} {name}"
+            )
 
 
 def test_one_channel_cannot_tell_encoder_eccentricity_from_bias_and_k2_but_the_norm_can():
-    encoder, bias, k2 = (signature(w) for w in ("table_encoder_eccentricity cos_arcsec", "acc_bias bias_x_ug", "acc_K2 k2_x_ug_g2"))
+    encoder, bias, k2 = (
+        signature(w)
+        for w in (
+            "table_encoder_eccentricity cos_arcsec",
+            "acc_bias bias_x_ug",
+            "acc_K2 k2_x_ug_g2",
+        )
+    )
     np.testing.assert_allclose(encoder["x"], bias["x"] - k2["x"], atol=1e-6)
     assert np.abs(encoder["|f|"]).max() < 1e-6
     assert np.abs(bias["|f|"] - k2["|f|"]).max() > 0.3
 
 
 def test_sag_is_the_twin_of_the_encoders_sine_on_a_horizontal_axis():
-    sag, encoder = signature("table_sag sag_arcsec"), signature("table_encoder_eccentricity -sin_arcsec")
+    sag, encoder = (
+        signature("table_sag sag_arcsec"),
+        signature("table_encoder_eccentricity -sin_arcsec"),
+    )
     for channel in ("x", "y", "z"):
         np.testing.assert_allclose(sag[channel], encoder[channel], atol=1e-3)
 
 
-@pytest.mark.parametrize(("words", "sign"), [("table_backlash width_arcsec", -1), ("table_encoder_eccentricity cos_arcsec", 1)])
+@pytest.mark.parametrize(
+    ("words", "sign"),
+    [("table_backlash width_arcsec", -1), ("table_encoder_eccentricity cos_arcsec", 1)],
+)
 def test_lost_motion_changes_sign_with_the_way_round_and_eccentricity_does_not(words, sign):
     setup = setup_of("placing", ACCEL)
     id, key = words.split(" ")
-    there, back = (still(setup, outer=angles) for angles in (np.arange(0.0, 361.0), np.arange(360.0, -1.0, -1)))
+    there, back = (
+        still(setup, outer=angles) for angles in (np.arange(0.0, 361.0), np.arange(360.0, -1.0, -1))
+    )
     up, down = (
-        (read_poses(setup, drive, effect_of(id, setup, **{key: 10.0}))["accel"] - read_poses(setup, drive)["accel"])[1:-1]
+        (
+            read_poses(setup, drive, effect_of(id, setup, **{key: 10.0}))["accel"]
+            - read_poses(setup, drive)["accel"]
+        )[1:-1]
         for drive in (there, back)
     )
     assert np.abs(up).max() > 1e-5

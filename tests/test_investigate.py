@@ -23,9 +23,19 @@ from tiltcal.recordings.recording_files import write_recording
 from tiltcal.setup.sequence import Step
 
 PLACING: dict[str, Any] = {
-    "schema": 1, "name": "loop", "site": {"gravity_m_s2": 9.8}, "rig": {"table": "placing"},
-    "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 25.0, "adjustable": ["bias", "scale", "cross_axis"]}],
-}  # fmt: skip
+    "schema": 1,
+    "name": "loop",
+    "site": {"gravity_m_s2": 9.8},
+    "rig": {"table": "placing"},
+    "sensor": [
+        {
+            "name": "accel",
+            "kind": "accelerometer",
+            "rate_hz": 25.0,
+            "adjustable": ["bias", "scale", "cross_axis"],
+        }
+    ],
+}
 BLOCK = Block("rest", "rest for a while", (Step(action="rest", dwell_s=60),))
 
 
@@ -35,7 +45,9 @@ def silent(words: str) -> None:
 
 def some_recording() -> Recording:
     time = np.arange(50) / 25
-    return Recording.from_columns(time, {"table_outer_deg": 0 * time, "accel_x_m_s2": 0 * time}, source="some")
+    return Recording.from_columns(
+        time, {"table_outer_deg": 0 * time, "accel_x_m_s2": 0 * time}, source="some"
+    )
 
 
 class Recorder:
@@ -78,7 +90,15 @@ def _always_the_same_block(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def bench_of(folder: Path, doctor: Doctor, recorder: Recorder, **more: Any) -> Bench:
     scenario: Scenario = parse_scenario(PLACING | more.pop("table", {}))
-    return Bench(scenario, folder, doctor, recorder, Limits(), more.get("blocks", 2), more.get("minutes", 10.0))
+    return Bench(
+        scenario,
+        folder,
+        doctor,
+        recorder,
+        Limits(),
+        more.get("blocks", 2),
+        more.get("minutes", 10.0),
+    )
 
 
 def first_of(tmp_path: Path) -> str:
@@ -95,9 +115,16 @@ def test_it_stops_when_explained_and_the_log_tells_the_story(tmp_path: Path) -> 
     assert doctor.asked == [0, 1, 2]
     assert recorder.asked == ["sequence_1.csv"]
     log = (tmp_path / "log.md").read_text()
-    for words in ("**ambiguous**", "Recorded 'rest' as recording_1.csv (1.0 min", "**explained**", "It is explained."):
+    for words in (
+        "**ambiguous**",
+        "Recorded 'rest' as recording_1.csv (1.0 min",
+        "**explained**",
+        "It is explained.",
+    ):
         assert words in log
-    assert Investigation.from_json(json.loads((tmp_path / "investigation.json").read_text())) == state
+    assert (
+        Investigation.from_json(json.loads((tmp_path / "investigation.json").read_text())) == state
+    )
 
 
 def test_what_is_explained_at_once_costs_no_table_time(tmp_path: Path) -> None:
@@ -107,7 +134,9 @@ def test_what_is_explained_at_once_costs_no_table_time(tmp_path: Path) -> None:
 
 
 def test_it_gives_up_after_so_many_blocks(tmp_path: Path) -> None:
-    state = investigate(bench_of(tmp_path, Doctor(*["ambiguous"] * 3), Recorder()), [first_of(tmp_path)], silent)
+    state = investigate(
+        bench_of(tmp_path, Doctor(*["ambiguous"] * 3), Recorder()), [first_of(tmp_path)], silent
+    )
     assert not state.explained
     assert len(state.entries) == 2
     assert "Not explained within 2 blocks" in state.statement
@@ -115,7 +144,11 @@ def test_it_gives_up_after_so_many_blocks(tmp_path: Path) -> None:
 
 def test_it_does_not_overrun_its_budget(tmp_path: Path) -> None:
     recorder = Recorder()
-    state = investigate(bench_of(tmp_path, Doctor(*["ambiguous"] * 3), recorder, minutes=1.5), [first_of(tmp_path)], silent)
+    state = investigate(
+        bench_of(tmp_path, Doctor(*["ambiguous"] * 3), recorder, minutes=1.5),
+        [first_of(tmp_path)],
+        silent,
+    )
     assert len(recorder.asked) == 1
     assert state.minutes <= 1.5
     assert "budget of 1.5 min" in state.statement
@@ -124,7 +157,9 @@ def test_it_does_not_overrun_its_budget(tmp_path: Path) -> None:
 def test_without_a_recording_the_scenarios_own_sequence_comes_first(tmp_path: Path) -> None:
     sequence = [{"action": "move", "outer_deg": 90.0, "dwell_s": 3.0}]
     doctor = Doctor("", "ambiguous", "explained")
-    state = investigate(bench_of(tmp_path, doctor, Recorder(), table={"sequence": sequence}), [], silent)
+    state = investigate(
+        bench_of(tmp_path, doctor, Recorder(), table={"sequence": sequence}), [], silent
+    )
     assert [e.block for e in state.entries] == ["first sequence", "rest"]
     assert state.verdicts == ("ambiguous", "explained")
     assert state.designed == 1
@@ -136,10 +171,14 @@ def test_with_nothing_to_begin_with_it_says_so(tmp_path: Path) -> None:
         investigate(bench_of(tmp_path, Doctor("match"), Recorder()), [], silent)
 
 
-def test_a_laboratory_that_fails_loses_nothing_and_the_rest_is_done_on_resuming(tmp_path: Path) -> None:
+def test_a_laboratory_that_fails_loses_nothing_and_the_rest_is_done_on_resuming(
+    tmp_path: Path,
+) -> None:
     first = first_of(tmp_path)
     with pytest.raises(TiltcalError, match="smoke"):
-        investigate(bench_of(tmp_path, Doctor(*["ambiguous"] * 3), Recorder(fails_at=2)), [first], silent)
+        investigate(
+            bench_of(tmp_path, Doctor(*["ambiguous"] * 3), Recorder(fails_at=2)), [first], silent
+        )
     kept = (tmp_path / "recording_1.csv").read_bytes()
     recorder, doctor = Recorder(), Doctor("ambiguous", "ambiguous", "explained")
     state = investigate(bench_of(tmp_path, doctor, recorder), [], silent, resume=True)
@@ -150,7 +189,11 @@ def test_a_laboratory_that_fails_loses_nothing_and_the_rest_is_done_on_resuming(
 
 
 def test_a_finished_investigation_resumed_does_nothing_more(tmp_path: Path) -> None:
-    state = investigate(bench_of(tmp_path, Doctor("ambiguous", "explained"), Recorder()), [first_of(tmp_path)], silent)
+    state = investigate(
+        bench_of(tmp_path, Doctor("ambiguous", "explained"), Recorder()),
+        [first_of(tmp_path)],
+        silent,
+    )
     recorder, doctor = Recorder(), Doctor()
     assert investigate(bench_of(tmp_path, doctor, recorder), [], silent, resume=True) == state
     assert (recorder.asked, doctor.asked) == ([], [0])
@@ -162,7 +205,9 @@ def test_another_investigation_in_the_folder_is_not_overwritten(tmp_path: Path) 
     with pytest.raises(TiltcalError, match="--resume"):
         investigate(bench_of(tmp_path, Doctor("match"), Recorder()), [first], silent)
     with pytest.raises(TiltcalError, match="the same recordings"):
-        investigate(bench_of(tmp_path, Doctor("match"), Recorder()), ["other.csv"], silent, resume=True)
+        investigate(
+            bench_of(tmp_path, Doctor("match"), Recorder()), ["other.csv"], silent, resume=True
+        )
     (tmp_path / "investigation.json").write_text("{}")
     with pytest.raises(TiltcalError, match="no investigation"):
         investigate(bench_of(tmp_path, Doctor("match"), Recorder()), [], silent, resume=True)
@@ -181,7 +226,10 @@ def script(tmp_path: Path, body: str) -> CommandLaboratory:
 
 
 def test_a_command_gets_both_files_without_a_shell(tmp_path: Path) -> None:
-    body = "pathlib.Path(sys.argv[2]).write_text('# said: $HOME ; ' + sys.argv[1] + '\\ntime_s,accel_x_m_s2\\n0,1\\n1,2\\n')"
+    body = (
+        "pathlib.Path(sys.argv[2]).write_text('# said: $HOME ; ' + sys.argv[1] +"
+        " '\\ntime_s,accel_x_m_s2\\n0,1\\n1,2\\n')"
+    )
     found = script(tmp_path, body).record(tmp_path / "a b.csv", tmp_path / "rec 1.csv")
     assert found.metadata["said"] == f"$HOME ; {tmp_path / 'a b.csv'}"
     assert (tmp_path / "rec 1.csv").exists()
@@ -197,7 +245,9 @@ def test_a_command_gets_both_files_without_a_shell(tmp_path: Path) -> None:
         ("pathlib.Path(sys.argv[2]).write_text('hello')", "column"),
     ],
 )
-def test_a_command_that_fails_or_writes_nothing_leaves_no_file(tmp_path: Path, body: str, found: str) -> None:
+def test_a_command_that_fails_or_writes_nothing_leaves_no_file(
+    tmp_path: Path, body: str, found: str
+) -> None:
     before = {*tmp_path.iterdir(), tmp_path / "my lab.py"}
     with pytest.raises(TiltcalError) as error:
         script(tmp_path, body).record(tmp_path / "s.csv", tmp_path / "r.csv")
@@ -213,7 +263,9 @@ def test_a_command_that_is_none_is_refused(text: str) -> None:
 
 def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(TiltcalError, match="laboratory no-such-program: found no such file"):
-        CommandLaboratory.parse("no-such-program --now").record(tmp_path / "s.csv", tmp_path / "r.csv")
+        CommandLaboratory.parse("no-such-program --now").record(
+            tmp_path / "s.csv", tmp_path / "r.csv"
+        )
 
 
 @pytest.mark.parametrize(
@@ -234,5 +286,9 @@ def test_wrong_words_of_investigate_are_named(
     (tmp_path / "loop.toml").write_text(tomli_w.dumps(PLACING))
     out = str(tmp_path / "out")
     (tmp_path / "out").mkdir()
-    message = refusal(["investigate", "--scenario", tmp_path / "loop.toml", "--lab", "true", "-o", out, *words], tmp_path, capsys)
+    message = refusal(
+        ["investigate", "--scenario", tmp_path / "loop.toml", "--lab", "true", "-o", out, *words],
+        tmp_path,
+        capsys,
+    )
     assert found in message

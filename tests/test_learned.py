@@ -1,4 +1,6 @@
-"""Curves that no name fits: their equation, one face in algebra and mechanics, files, and what they refuse."""
+"""Curves that no name fits: their equation, one face in algebra and mechanics, files, and what they
+refuse.
+"""
 
 from dataclasses import replace
 
@@ -48,13 +50,24 @@ def test_a_learned_reading_is_a_sum_of_harmonics_of_the_table_s_angle():
 
 
 def test_a_learned_line_is_held_outside_its_knots():
-    effect = learned("accel", "x", coordinate="time", knots=[10.0, 20.0, 30.0], coefficients=[0.0, 1.0, 2.0])
+    effect = learned(
+        "accel", "x", coordinate="time", knots=[10.0, 20.0, 30.0], coefficients=[0.0, 1.0, 2.0]
+    )
     np.testing.assert_allclose(added(effect)[:, 0], np.clip((T - 10) / 10, 0, 2), atol=1e-13)
 
 
 def test_a_learned_saw_begins_anew_after_each_period():
-    """Knots 1 and 3 with a period of 2: from 0 to 0.004 between 1 and 3, 3 and 5, -1 and 1, however far the angle goes."""
-    effect = learned("accel", "z", coordinate="table_outer", knots=[1.0, 3.0], period=2.0, coefficients=[0.0, 4e-3])
+    """Knots 1 and 3 with a period of 2: from 0 to 0.004 between 1 and 3, 3 and 5, -1 and 1, however
+    far the angle goes.
+    """
+    effect = learned(
+        "accel",
+        "z",
+        coordinate="table_outer",
+        knots=[1.0, 3.0],
+        period=2.0,
+        coefficients=[0.0, 4e-3],
+    )
     u = 0.3 * T
     by_hand = 4e-3 * ((u - 1.0) / 2 - np.floor((u - 1.0) / 2))
     np.testing.assert_allclose(added(effect)[:, 2], by_hand, atol=1e-14)
@@ -65,20 +78,32 @@ def test_a_learned_saw_begins_anew_after_each_period():
 def test_a_learned_power_has_one_number(power, odd):
     effect = learned("accel", "x", coordinate="rate_z", power=power, odd=odd, coefficients=[2e-3])
     w = read_poses(SETUP, lively())["gyro"][:, 2]
-    np.testing.assert_allclose(added(effect)[:, 0], 2e-3 * np.abs(w) ** power * (np.sign(w) if odd else 1.0), atol=1e-14)
+    np.testing.assert_allclose(
+        added(effect)[:, 0], 2e-3 * np.abs(w) ** power * (np.sign(w) if odd else 1.0), atol=1e-14
+    )
 
 
 def test_a_natural_spline_between_three_knots_is_as_worked_by_hand():
-    """Knots 0, 1, 2 with values 0, 1, 0: M1 = -3, so s(u) = (3 u - u^3)/2 on [0, 1], and its mirror image."""
-    effect = learned("accel", "x", coordinate="time", knots=[0.0, 20.0, 40.0], coefficients=[0.0, 1.0, 0.0])
+    """Knots 0, 1, 2 with values 0, 1, 0: M1 = -3, so s(u) = (3 u - u^3)/2 on [0, 1], and its mirror
+    image.
+    """
+    effect = learned(
+        "accel", "x", coordinate="time", knots=[0.0, 20.0, 40.0], coefficients=[0.0, 1.0, 0.0]
+    )
     u = 1 - np.abs(T / 20 - 1)
     np.testing.assert_allclose(added(effect)[:, 0], (3 * u - u**3) / 2, atol=1e-13)
 
 
 def test_a_law_of_temperature_goes_on_beyond_its_knots():
-    """Three knots: the parabola 0.001 u^2, as far as it goes. Two: the line, and with four of them in it, by the last slope."""
+    """Three knots: the parabola 0.001 u^2, as far as it goes. Two: the line, and with four of them
+    in it, by the last slope.
+    """
     warm = lively().temperature - lively().reference_temperature
-    for knots, law in (([-1, 0, 1], 1e-3 * warm**2), ([-1, 1], 1e-3 * warm), ([-1.5, -0.5, 0.5, 1.5], 1e-3 * warm)):
+    for knots, law in (
+        ([-1, 0, 1], 1e-3 * warm**2),
+        ([-1, 1], 1e-3 * warm),
+        ([-1.5, -0.5, 0.5, 1.5], 1e-3 * warm),
+    ):
         values = [1e-3 * k**2 if len(knots) == 3 else 1e-3 * k for k in knots]
         effect = learned("accel", "x", coordinate="temperature", knots=knots, coefficients=values)
         np.testing.assert_allclose(added(effect)[:, 0], law, atol=1e-14)
@@ -87,19 +112,41 @@ def test_a_law_of_temperature_goes_on_beyond_its_knots():
 
 def test_a_learned_scale_multiplies_its_own_input_and_a_lag_is_felt_late():
     force = read_poses(SETUP, lively())["accel"]
-    scale = learned("accel", "z", coordinate="input", knots=[-9.9, 9.9], coefficients=[-1e-3, 1e-3], per_input=True)
+    scale = learned(
+        "accel",
+        "z",
+        coordinate="input",
+        knots=[-9.9, 9.9],
+        coefficients=[-1e-3, 1e-3],
+        per_input=True,
+    )
     np.testing.assert_allclose(added(scale)[:, 2], 1e-3 * force[:, 2] ** 2 / 9.9, atol=1e-12)
-    late = learned("accel", "x", coordinate="temperature", knots=[-5.0, 5.0], coefficients=[-5.0, 5.0], lag_s=4.0)
+    late = learned(
+        "accel",
+        "x",
+        coordinate="temperature",
+        knots=[-5.0, 5.0],
+        coefficients=[-5.0, 5.0],
+        lag_s=4.0,
+    )
     warm = 2 * np.sin(T / 6)
-    np.testing.assert_allclose(added(late)[:, 0], first_order_lag(T, warm - warm.mean(), 4.0), atol=1e-12)
+    np.testing.assert_allclose(
+        added(late)[:, 0], first_order_lag(T, warm - warm.mean(), 4.0), atol=1e-12
+    )
 
 
 def test_a_late_rate_of_warming_is_that_of_the_late_temperature():
-    """d/dt of 1/(1 + lag s) T is (T - late T) / lag: nothing at first, as both begin at one temperature."""
-    late = learned("accel", "x", coordinate="warming", knots=[-1.0, 1.0], coefficients=[-1.0, 1.0], lag_s=4.0)
+    """d/dt of 1/(1 + lag s) T is (T - late T) / lag: nothing at first, as both begin at one
+    temperature.
+    """
+    late = learned(
+        "accel", "x", coordinate="warming", knots=[-1.0, 1.0], coefficients=[-1.0, 1.0], lag_s=4.0
+    )
     warm = 2 * np.sin(T / 6)
     found = added(late)[:, 0]
-    np.testing.assert_allclose(found[5:-5], ((warm - first_order_lag(T, warm, 4.0)) / 4.0)[5:-5], atol=0.01)
+    np.testing.assert_allclose(
+        found[5:-5], ((warm - first_order_lag(T, warm, 4.0)) / 4.0)[5:-5], atol=0.01
+    )
     assert abs(found[0]) < 0.05 < np.abs(found).max()
 
 
@@ -109,37 +156,93 @@ def test_coordinates_are_what_their_names_say():
     force, rate = plain["accel"], plain["gyro"]
     warm = 2 * np.sin(T / 6)
     for coordinate, expected in (
-        ("force_y", force[:, 1]), ("rate_z", rate[:, 2]), ("input", force[:, 0]), ("warming", np.gradient(warm, T)),
+        ("force_y", force[:, 1]),
+        ("rate_z", rate[:, 2]),
+        ("input", force[:, 0]),
+        ("warming", np.gradient(warm, T)),
         ("since_move", 0),
-    ):  # fmt: skip
+    ):
         found = added(learned("accel", "x", coordinate=coordinate, **line))[:, 0]
-        np.testing.assert_allclose(found, np.broadcast_to(expected, N), atol=1e-11, err_msg=coordinate)
-    across = np.linalg.norm(rate - np.outer(rate @ np.ones(3) / 3, np.ones(3)), axis=1)  # what is not along (1, 1, 1)
-    np.testing.assert_allclose(added(learned("fog", "a", coordinate="transverse", **line), "fog")[:, 0], across, atol=1e-11)
+        np.testing.assert_allclose(
+            found, np.broadcast_to(expected, N), atol=1e-11, err_msg=coordinate
+        )
+    across = np.linalg.norm(
+        rate - np.outer(rate @ np.ones(3) / 3, np.ones(3)), axis=1
+    )  # what is not along (1, 1, 1)
+    np.testing.assert_allclose(
+        added(learned("fog", "a", coordinate="transverse", **line), "fog")[:, 0], across, atol=1e-11
+    )
 
 
 FACES = [
-    {"on": "readout", "axis": "middle", "coordinate": "table_outer", "coefficients": [1e-3, -2e-3, 5e-4]},
-    {"on": "readout", "axis": "inner", "coordinate": "time", "knots": [0, 11, 23, 40], "coefficients": SIZES},
-    {"on": "tilt", "slot": "base", "turn": "x", "coordinate": "table_outer", "coefficients": [2e-3, 1e-3]},
-    {"on": "tilt", "slot": "inner_bearing", "turn": "y", "coordinate": "table_outer", "knots": KNOTS, "coefficients": SIZES},
-    {"on": "tilt", "slot": "mount", "turn": "z", "coordinate": "temperature", "knots": [-3, 0, 3], "coefficients": SIZES[:3]},
+    {
+        "on": "readout",
+        "axis": "middle",
+        "coordinate": "table_outer",
+        "coefficients": [1e-3, -2e-3, 5e-4],
+    },
+    {
+        "on": "readout",
+        "axis": "inner",
+        "coordinate": "time",
+        "knots": [0, 11, 23, 40],
+        "coefficients": SIZES,
+    },
+    {
+        "on": "tilt",
+        "slot": "base",
+        "turn": "x",
+        "coordinate": "table_outer",
+        "coefficients": [2e-3, 1e-3],
+    },
+    {
+        "on": "tilt",
+        "slot": "inner_bearing",
+        "turn": "y",
+        "coordinate": "table_outer",
+        "knots": KNOTS,
+        "coefficients": SIZES,
+    },
+    {
+        "on": "tilt",
+        "slot": "mount",
+        "turn": "z",
+        "coordinate": "temperature",
+        "knots": [-3, 0, 3],
+        "coefficients": SIZES[:3],
+    },
 ]
 
 
 @pytest.mark.parametrize("face", FACES, ids=lambda f: f"{f['on']} {f['coordinate']}")
 def test_a_learned_motion_is_the_same_in_algebra_and_in_mechanics(face):
     effect = learned(**face)
-    algebra, mechanics = (mover(SETUP, lively(), [effect]) for mover in (closed_form, mujoco_motion))
+    algebra, mechanics = (
+        mover(SETUP, lively(), [effect]) for mover in (closed_form, mujoco_motion)
+    )
     plain = closed_form(SETUP, lively())
-    for one, other in ((algebra.force, mechanics.force), (algebra.rate, mechanics.rate), (algebra.up, mechanics.up)):
+    for one, other in (
+        (algebra.force, mechanics.force),
+        (algebra.rate, mechanics.rate),
+        (algebra.up, mechanics.up),
+    ):
         np.testing.assert_allclose(other, one, rtol=0, atol=1e-11)
     assert np.abs(algebra.up - plain.up).max() > 1e-4
 
 
-@pytest.mark.parametrize(("power", "odd"), [(0.5, False), (0.5, True), (1.0, True), (2.0, False), (2.0, True), (3.0, True)])
+@pytest.mark.parametrize(
+    ("power", "odd"),
+    [(0.5, False), (0.5, True), (1.0, True), (2.0, False), (2.0, True), (3.0, True)],
+)
 def test_derivatives_of_a_learned_power(power, odd):
-    effect = learned(on="readout", axis="outer", coordinate="table_outer", power=power, odd=odd, coefficients=[1.0])
+    effect = learned(
+        on="readout",
+        axis="outer",
+        coordinate="table_outer",
+        power=power,
+        odd=odd,
+        coefficients=[1.0],
+    )
     u, h = np.array([-1.3, -0.2, 0.4, 2.1]), 1e-4
     slope = (effect.curve(u + h) - effect.curve(u - h)) / (2 * h)
     bend = (effect.curve(u + h) - 2 * effect.curve(u) + effect.curve(u - h)) / h**2
@@ -150,18 +253,25 @@ def test_derivatives_of_a_learned_power(power, odd):
 
 def test_derivatives_of_a_learned_curve_are_those_of_its_values():
     x = np.linspace(-0.9, 8.9, 4001)
-    for table in ({"coefficients": [1, 2, 0, -3]}, {"knots": KNOTS, "coefficients": [1, -2, 3, 0.5]}):
+    for table in (
+        {"coefficients": [1, 2, 0, -3]},
+        {"knots": KNOTS, "coefficients": [1, -2, 3, 0.5]},
+    ):
         effect = learned(on="readout", axis="outer", coordinate="table_outer", **table)
         for order in (1, 2):
             slope = np.gradient(effect.curve(x, order - 1), x)
             np.testing.assert_allclose(effect.curve(x, order)[5:-5], slope[5:-5], atol=0.02)
-    jet = effect.jet(Jet(np.array([20.0]), np.array([3.0]), np.array([1.0])))  # beyond the last knot: held, at rest
+    jet = effect.jet(
+        Jet(np.array([20.0]), np.array([3.0]), np.array([1.0]))
+    )  # beyond the last knot: held, at rest
     assert (jet.x, jet.v, jet.a) == (pytest.approx([0.5]), [0.0], [0.0])
 
 
 def test_a_lively_sine_of_the_angle_has_the_chain_rule_s_rates():
     """sin(2 u), u' = 3, u'' = 1: slope 6 cos(2 u), curvature 2 cos(2 u) - 36 sin(2 u)."""
-    effect = learned(on="readout", axis="outer", coordinate="table_outer", coefficients=[0, 0, 0, 1.0])
+    effect = learned(
+        on="readout", axis="outer", coordinate="table_outer", coefficients=[0, 0, 0, 1.0]
+    )
     u = np.array([0.7])
     jet = effect.jet(Jet(u, np.array([3.0]), np.array([1.0])))
     assert jet.v == pytest.approx(6 * np.cos(1.4))
@@ -171,17 +281,38 @@ def test_a_lively_sine_of_the_angle_has_the_chain_rule_s_rates():
 def test_a_learned_effect_reads_back_from_its_file():
     tables = [
         *FACES,
-        {"on": "reading", "sensor": "accel", "axis": "z", "coordinate": "input", "knots": KNOTS, "coefficients": SIZES,
-         "per_input": True, "lag_s": 2.0, "place": "electronics"},
-        {"on": "reading", "sensor": "gyro", "axis": "y", "coordinate": "rate_x", "power": 0.5, "odd": True, "coefficients": [1e-3],
-         "place": "sensor"},
-    ]  # fmt: skip
+        {
+            "on": "reading",
+            "sensor": "accel",
+            "axis": "z",
+            "coordinate": "input",
+            "knots": KNOTS,
+            "coefficients": SIZES,
+            "per_input": True,
+            "lag_s": 2.0,
+            "place": "electronics",
+        },
+        {
+            "on": "reading",
+            "sensor": "gyro",
+            "axis": "y",
+            "coordinate": "rate_x",
+            "power": 0.5,
+            "odd": True,
+            "coefficients": [1e-3],
+            "place": "sensor",
+        },
+    ]
     for table in tables:
         words = {k: v for k, v in table.items() if k not in ("sensor", "axis")}
         where = {k: table[k] for k in ("sensor", "axis") if k in table}
         effect = make_effect("learned", words, SETUP, **where, role="found", seen_in="abc")
         found = to_file(effect)
-        assert (found.pop("id"), found.pop("role"), found.pop("seen_in")) == ("learned", "found", "abc")
+        assert (found.pop("id"), found.pop("role"), found.pop("seen_in")) == (
+            "learned",
+            "found",
+            "abc",
+        )
         again = {k: found.pop(k) for k in ("sensor", "axis") if k in found}
         assert make_effect("learned", found, SETUP, **again, role="found", seen_in="abc") == effect
 
@@ -192,40 +323,114 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
 @pytest.mark.parametrize(
     ("where", "words", "message"),
     [
-        ({"sensor": "accel", "axis": "x"}, {"cofficients": [1]}, "unknown key 'cofficients'.*did you mean 'coefficients'"),
-        ({"sensor": "accel", "axis": "x"}, {"on": "wheel"}, "key on: found 'wheel', need one of reading, readout, tilt"),
-        ({"sensor": "accel", "axis": "x"}, {"coordinate": "mood"}, "key coordinate: found 'mood', need one of table_outer"),
-        ({"sensor": "accel", "axis": "x"}, {"knots": [2, 1], "coefficients": [1, 2]}, "2 knots, 2 coefficients, need two or more"),
-        ({"sensor": "accel", "axis": "x"}, {"knots": [1, 2], "coefficients": [1]}, "2 knots, 1 coefficients"),
-        ({"sensor": "accel", "axis": "x"}, {"coefficients": ["a"]}, r"key coefficients: found \['a'\], need a list of numbers"),
-        ({"sensor": "accel", "axis": "x"}, {"knots": 3}, "key knots: found 3, need a list of numbers"),
-        ({"sensor": "accel", "axis": "x"}, {"coefficients": [float("nan")]}, "need a list of numbers"),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"cofficients": [1]},
+            "unknown key 'cofficients'.*did you mean 'coefficients'",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"on": "wheel"},
+            "key on: found 'wheel', need one of reading, readout, tilt",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"coordinate": "mood"},
+            "key coordinate: found 'mood', need one of table_outer",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"knots": [2, 1], "coefficients": [1, 2]},
+            "2 knots, 2 coefficients, need two or more",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"knots": [1, 2], "coefficients": [1]},
+            "2 knots, 1 coefficients",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"coefficients": ["a"]},
+            r"key coefficients: found \['a'\], need a list of numbers",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"knots": 3},
+            "key knots: found 3, need a list of numbers",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"coefficients": [float("nan")]},
+            "need a list of numbers",
+        ),
         ({"sensor": "accel", "axis": "a"}, {}, "found axis 'a', need one of x, y, z"),
-        ({"axis": "outer"}, {"on": "readout", "coordinate": "input"}, "'input', need a table angle, time or temperature"),
-        ({"axis": "inner"}, {"on": "tilt", "slot": "base", "turn": "x", "coordinate": "force_x"}, "need a table angle, time"),
+        (
+            {"axis": "outer"},
+            {"on": "readout", "coordinate": "input"},
+            "'input', need a table angle, time or temperature",
+        ),
+        (
+            {"axis": "inner"},
+            {"on": "tilt", "slot": "base", "turn": "x", "coordinate": "force_x"},
+            "need a table angle, time",
+        ),
         ({"axis": "x"}, {"on": "readout"}, "found axis 'x', need one of outer, middle, inner"),
-        ({}, {"on": "tilt", "slot": "lid", "turn": "x"}, "key slot: found 'lid', need one of base, outer_bearing"),
-        ({}, {"on": "tilt", "slot": "base", "turn": "up"}, "key turn: found 'up', need one of x, y, z"),
-        ({"sensor": "accel", "axis": "x"}, {"lag_s": -1.0}, "key lag_s: found -1.0, need seconds, not negative"),
-        ({"sensor": "accel", "axis": "x"}, {"power": 2.0, "coefficients": [1, 2]}, "0 knots and 2 coefficients, need one"),
-        ({"sensor": "accel", "axis": "x"}, {"lag_s": "late"}, "key lag_s: found 'late', need seconds, not negative"),
-        ({"sensor": "accel", "axis": "x"}, {"place": "moon"}, "key place: found 'moon', need one of environment, table"),
+        (
+            {},
+            {"on": "tilt", "slot": "lid", "turn": "x"},
+            "key slot: found 'lid', need one of base, outer_bearing",
+        ),
+        (
+            {},
+            {"on": "tilt", "slot": "base", "turn": "up"},
+            "key turn: found 'up', need one of x, y, z",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"lag_s": -1.0},
+            "key lag_s: found -1.0, need seconds, not negative",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"power": 2.0, "coefficients": [1, 2]},
+            "0 knots and 2 coefficients, need one",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"lag_s": "late"},
+            "key lag_s: found 'late', need seconds, not negative",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
+            {"place": "moon"},
+            "key place: found 'moon', need one of environment, table",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_learned_curve_is_refused_in_words(where, words, message):
     with pytest.raises(TiltcalError, match=message):
         make_effect("learned", GOOD | words, SETUP, **where)
 
 
 def test_an_axis_that_this_table_has_not_is_refused():
-    with pytest.raises(TiltcalError, match="found coordinate 'table_middle', need an axis of this table"):
-        make_effect("learned", GOOD | {"coordinate": "table_middle"}, setup_of("dual", ACCEL), sensor="accel", axis="x")
+    with pytest.raises(
+        TiltcalError, match="found coordinate 'table_middle', need an axis of this table"
+    ):
+        make_effect(
+            "learned",
+            GOOD | {"coordinate": "table_middle"},
+            setup_of("dual", ACCEL),
+            sensor="accel",
+            axis="x",
+        )
 
 
 def test_without_coefficients_it_is_nothing():
     assert learned("accel", "x", coordinate="table_outer").is_identity
     assert not added(learned("accel", "x", coordinate="table_outer")).any()
-    assert effect_of("acc_bias", SETUP, sensor="accel", bias_x_ug=1).value("bias_x") == pytest.approx(1e-6 * G0)
+    assert effect_of("acc_bias", SETUP, sensor="accel", bias_x_ug=1).value(
+        "bias_x"
+    ) == pytest.approx(1e-6 * G0)
 
 
 def test_a_learned_reading_may_follow_the_number_of_moves_with_a_period():
@@ -240,20 +445,43 @@ def test_a_learned_reading_may_follow_the_number_of_moves_with_a_period():
 
 
 def test_a_learned_reading_may_be_a_product_of_two_angles():
-    """The last of the first four coefficients is sin(outer) sin(middle); of the next four, orders 1 and 2, the first is cos cos."""
-    effect = learned("accel", "y", coordinate="table_outer", beside="table_middle", coefficients=[0.0, 0.0, 0.0, 2e-3, 1e-3])
+    """The last of the first four coefficients is sin(outer) sin(middle); of the next four, orders 1
+    and 2, the first is cos cos.
+    """
+    effect = learned(
+        "accel",
+        "y",
+        coordinate="table_outer",
+        beside="table_middle",
+        coefficients=[0.0, 0.0, 0.0, 2e-3, 1e-3],
+    )
     a, b = 0.3 * T, np.sin(T / 5)
-    np.testing.assert_allclose(added(effect)[:, 1], 2e-3 * np.sin(a) * np.sin(b) + 1e-3 * np.cos(a) * np.cos(2 * b), atol=1e-14)
+    np.testing.assert_allclose(
+        added(effect)[:, 1],
+        2e-3 * np.sin(a) * np.sin(b) + 1e-3 * np.cos(a) * np.cos(2 * b),
+        atol=1e-14,
+    )
 
 
 def test_a_force_is_forgotten_with_its_lag():
-    effect = learned("accel", "x", coordinate="force_z", knots=[-10.0, 10.0], coefficients=[-1e-3, 1e-3], lag_s=5.0)
+    effect = learned(
+        "accel",
+        "x",
+        coordinate="force_z",
+        knots=[-10.0, 10.0],
+        coefficients=[-1e-3, 1e-3],
+        lag_s=5.0,
+    )
     force = read_poses(SETUP, lively())["accel"][:, 2]
-    np.testing.assert_allclose(added(effect)[:, 0], 1e-4 * first_order_lag(T, force, 5.0), atol=1e-12)
+    np.testing.assert_allclose(
+        added(effect)[:, 0], 1e-4 * first_order_lag(T, force, 5.0), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("words", [{"on": "readout"}, {"coordinate": "time"}])
 def test_a_product_needs_two_angles_on_a_reading(words):
     table = {"coordinate": "table_outer", "beside": "table_middle", "coefficients": [1e-3], **words}
     with pytest.raises(TiltcalError, match="two angles of this table, on a reading"):
-        make_effect("learned", table, SETUP, sensor="accel", axis="x" if "on" not in words else "outer")
+        make_effect(
+            "learned", table, SETUP, sensor="accel", axis="x" if "on" not in words else "outer"
+        )

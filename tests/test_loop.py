@@ -1,4 +1,6 @@
-"""The whole loop: an ambiguous first recording, a laboratory behind a command, and an explanation in the end."""
+"""The whole loop: an ambiguous first recording, a laboratory behind a command, and an explanation
+in the end.
+"""
 
 import json
 import shlex
@@ -19,17 +21,35 @@ from tiltcal.setup.setup import Rig
 TESTS = Path(__file__).parent
 QUARTER = [{"action": "move", "outer_deg": float(a), "dwell_s": 3.0} for a in range(0, 91, 5)]
 HONEST: dict[str, Any] = {
-    "schema": 1, "name": "loop", "seed": 4, "site": {"gravity_m_s2": 9.8}, "rig": {"table": "placing"},
-    "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 25.0, "adjustable": ["bias", "scale", "cross_axis"]}],
-    "sequence": QUARTER,
-}  # fmt: skip
-CONCEALED = {
-    **HONEST, "role": "concealed",
-    "effect": [
-        {"id": "acc_noise", "white_ug_rthz": 20.0}, {"id": "acc_bias", "bias_x_ug": 900.0},
-        {"id": "table_encoder_eccentricity", "axis": "outer", "sin_arcsec": 150.0, "cos_arcsec": 90.0},
+    "schema": 1,
+    "name": "loop",
+    "seed": 4,
+    "site": {"gravity_m_s2": 9.8},
+    "rig": {"table": "placing"},
+    "sensor": [
+        {
+            "name": "accel",
+            "kind": "accelerometer",
+            "rate_hz": 25.0,
+            "adjustable": ["bias", "scale", "cross_axis"],
+        }
     ],
-}  # fmt: skip
+    "sequence": QUARTER,
+}
+CONCEALED = {
+    **HONEST,
+    "role": "concealed",
+    "effect": [
+        {"id": "acc_noise", "white_ug_rthz": 20.0},
+        {"id": "acc_bias", "bias_x_ug": 900.0},
+        {
+            "id": "table_encoder_eccentricity",
+            "axis": "outer",
+            "sin_arcsec": 150.0,
+            "cos_arcsec": 90.0,
+        },
+    ],
+}
 
 
 def command(*words: object) -> str:
@@ -40,20 +60,44 @@ def test_the_simulated_laboratory_follows_a_sequence_file(tmp_path: Path) -> Non
     (tmp_path / "concealed.toml").write_text(tomli_w.dumps(CONCEALED))
     steps = (Step(action="remount", mount="Rz(180)"), Step(action="move", outer_deg=50, dwell_s=4))
     (tmp_path / "s.csv").write_text(sequence_text(steps, Rig(table="placing")))
-    assert main(["lab", str(tmp_path / "concealed.toml"), str(tmp_path / "s.csv"), str(tmp_path / "r.csv")]) == 0
+    assert (
+        main(
+            [
+                "lab",
+                str(tmp_path / "concealed.toml"),
+                str(tmp_path / "s.csv"),
+                str(tmp_path / "r.csv"),
+            ]
+        )
+        == 0
+    )
     recording = read_recording(tmp_path / "r.csv")
     assert recording.metadata["mount"].startswith("Rz(180)")
     outer = np.degrees(np.asarray(recording.table("outer")))
     assert outer[-1] == pytest.approx(50, abs=1e-6)
     x = recording.column("accel_x_m_s2")
-    assert x[-50:].mean() == pytest.approx(9.8 * np.sin(np.radians(50)) + 900e-6 * 9.8, abs=0.01)  # turned round: +x now
+    assert x[-50:].mean() == pytest.approx(
+        9.8 * np.sin(np.radians(50)) + 900e-6 * 9.8, abs=0.01
+    )  # turned round: +x now
 
 
 def test_what_happened_once_lies_behind_the_simulated_laboratory(tmp_path: Path) -> None:
     step = {"id": "acc_bias_step", "bias_step_x_ug": 50000.0, "time_s": 30.0}
     (tmp_path / "concealed.toml").write_text(tomli_w.dumps({**CONCEALED, "effect": [step]}))
-    (tmp_path / "s.csv").write_text(sequence_text((Step(action="rest", dwell_s=5),), Rig(table="placing")))
-    assert main(["lab", str(tmp_path / "concealed.toml"), str(tmp_path / "s.csv"), str(tmp_path / "r.csv")]) == 0
+    (tmp_path / "s.csv").write_text(
+        sequence_text((Step(action="rest", dwell_s=5),), Rig(table="placing"))
+    )
+    assert (
+        main(
+            [
+                "lab",
+                str(tmp_path / "concealed.toml"),
+                str(tmp_path / "s.csv"),
+                str(tmp_path / "r.csv"),
+            ]
+        )
+        == 0
+    )
     x = read_recording(tmp_path / "r.csv").column("accel_x_m_s2")
     np.testing.assert_allclose(x, 0.05 * 9.80665, atol=1e-6)
 
@@ -64,7 +108,20 @@ def test_investigate_explains_what_a_quarter_turn_left_open(tmp_path: Path) -> N
     (tmp_path / "bench.toml").write_text(tomli_w.dumps(HONEST))
     out = tmp_path / "out"
     lab = command(sys.executable, "-m", "tiltcal", "lab", tmp_path / "concealed.toml")
-    assert main(["investigate", "--scenario", str(tmp_path / "bench.toml"), "--lab", lab, "-o", str(out)]) == 0
+    assert (
+        main(
+            [
+                "investigate",
+                "--scenario",
+                str(tmp_path / "bench.toml"),
+                "--lab",
+                lab,
+                "-o",
+                str(out),
+            ]
+        )
+        == 0
+    )
     told = json.loads((out / "investigation.json").read_text())
     assert told["verdicts"][0] == "ambiguous"
     assert told["verdicts"][-1] == "explained"
@@ -72,23 +129,46 @@ def test_investigate_explains_what_a_quarter_turn_left_open(tmp_path: Path) -> N
     assert [f["effect"] for f in last["findings"]] == ["table_encoder_eccentricity"]
     plan = json.loads((out / "diagnosis_1" / "next_block.json").read_text())
     assert plan["block"] == told["blocks"][1]["block"]
-    split = ["design", "--split", str(out / "diagnosis_1" / "diagnosis.json"), "--scenario", str(tmp_path / "bench.toml")]
+    split = [
+        "design",
+        "--split",
+        str(out / "diagnosis_1" / "diagnosis.json"),
+        "--scenario",
+        str(tmp_path / "bench.toml"),
+    ]
     assert main([*split, "-o", str(tmp_path / "next")]) == 0  # the diagnosis names its recordings
     assert (tmp_path / "next" / "sequence.csv").exists()
 
 
 @pytest.mark.slow
-def test_investigate_explains_physics_that_is_not_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """tests/blind draws an encoder's error that a quarter turn of the placing table leaves open, and records the blocks."""
+def test_investigate_explains_physics_that_is_not_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """tests/blind draws an encoder's error that a quarter turn of the placing table leaves open,
+    and records the blocks.
+    """
     monkeypatch.syspath_prepend(str(TESTS))
     from blind.lab import Blindfolded, drawn, lay_out
     from blind.loop import judged
 
     cases = (drawn("placing_sweep", [77, k], Blindfolded) for k in range(300))
-    case = next(c for c in cases if c and c.hidden.spec.id == "table_encoder_eccentricity" and 300 < c.hidden.found.lam < 3e3)
+    case = next(
+        c
+        for c in cases
+        if c and c.hidden.spec.id == "table_encoder_eccentricity" and 300 < c.hidden.found.lam < 3e3
+    )
     lay_out(tmp_path, "placing_sweep", case)
-    lab = command("env", f"PYTHONPATH={TESTS}", sys.executable, "-m", "blind.lab", tmp_path / "case.json")
-    words = ["investigate", str(tmp_path / "first.csv"), "--scenario", str(tmp_path / "scenario.toml"), "--lab", lab]
+    lab = command(
+        "env", f"PYTHONPATH={TESTS}", sys.executable, "-m", "blind.lab", tmp_path / "case.json"
+    )
+    words = [
+        "investigate",
+        str(tmp_path / "first.csv"),
+        "--scenario",
+        str(tmp_path / "scenario.toml"),
+        "--lab",
+        lab,
+    ]
     assert main([*words, "-o", str(tmp_path / "out")]) == 0
     told = judged(tmp_path / "out", "table_encoder_eccentricity")
     assert told["ambiguous"]

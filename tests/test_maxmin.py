@@ -1,4 +1,6 @@
-"""Blind to nothing: shares against the formula worked by hand, the bounds, the gradient, the order."""
+"""Blind to nothing: shares against the formula worked by hand, the bounds, the gradient, the
+order.
+"""
 
 import json
 import re
@@ -22,7 +24,7 @@ from tiltcal.design.maxmin import (
     grid_of_poses,
     most_log_det,
     most_visible,
-)  # fmt: skip
+)
 from tiltcal.design.signatures import Field, catalogue_signatures
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.time_budget import Clock
@@ -31,9 +33,16 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import parse_scenario
 
 LISTED = (
-    "acc_K2", "acc_K3", "acc_Kip", "acc_Kio", "acc_Kpo", "acc_scale_asym", "acc_bias_asym", "table_encoder_eccentricity",
+    "acc_K2",
+    "acc_K3",
+    "acc_Kip",
+    "acc_Kio",
+    "acc_Kpo",
+    "acc_scale_asym",
+    "acc_bias_asym",
+    "table_encoder_eccentricity",
     "table_encoder_2rev",
-)  # fmt: skip
+)
 """Second and third order, kinks, table harmonics: the effects of the table of classic schemes."""
 
 
@@ -41,7 +50,9 @@ LISTED = (
 def effects_of(table="dual", only=()):
     scenario = parse_scenario(TEXTBOOK | {"rig": {"table": table}})
     still = Still(scenario, 500.0)
-    return catalogue_signatures(still, scenario.sensor[0], grid_of_poses(clock_of(still)), only=only)
+    return catalogue_signatures(
+        still, scenario.sensor[0], grid_of_poses(clock_of(still)), only=only
+    )
 
 
 def clock_of(still):
@@ -55,12 +66,22 @@ def goal(only=()):
 
 
 def test_references_are_the_maxima_worked_by_hand_within_half_a_percent():
-    """K2: sum of var(x_i^2) is at most 2/3, on the faces. |f| alike. Outer harmonic: cos^2 + sin^2 of a unit turn, 1."""
+    """K2: sum of var(x_i^2) is at most 2/3, on the faces. |f| alike. Outer harmonic: cos^2 + sin^2
+    of a unit turn, 1.
+    """
     seen = effects_of("dual", LISTED)
-    level = (Field(seen, np.zeros((1, 2))).E ** 2).sum(axis=1)[0] @ seen.member  # z loaded alone: one coefficient's square
-    for name, most in (("acc_K2", 2 / 3), ("acc_scale_asym", 2 / 3), ("table_encoder_eccentricity outer", 1.0)):
+    level = (Field(seen, np.zeros((1, 2))).E ** 2).sum(axis=1)[
+        0
+    ] @ seen.member  # z loaded alone: one coefficient's square
+    for name, most in (
+        ("acc_K2", 2 / 3),
+        ("acc_scale_asym", 2 / 3),
+        ("table_encoder_eccentricity outer", 1.0),
+    ):
         k = seen.names.index(name)
-        reached, upper = (e / level[k] for e in most_visible(Field(seen, grid_of_poses(Clock(500))).only(k)))
+        reached, upper = (
+            e / level[k] for e in most_visible(Field(seen, grid_of_poses(Clock(500))).only(k))
+        )
         assert reached <= most * (1 + 1e-6)
         assert most <= upper * (1 + 1e-6)
         assert upper / reached < 1.005
@@ -70,7 +91,9 @@ def test_six_faces_show_K2_and_none_of_the_products_and_cubes():
     seen = effects_of("dual", LISTED)
     left = Field(seen, classic("six")).left_over(np.full(6, 1 / 6)).mean(axis=0)
     whole = (Field(seen, np.ones((1, 2))).E ** 2).sum(axis=1)[0] @ seen.member
-    assert left[seen.names.index("acc_K2")] > 0.5 * goal(LISTED).references[seen.names.index("acc_K2")]
+    assert (
+        left[seen.names.index("acc_K2")] > 0.5 * goal(LISTED).references[seen.names.index("acc_K2")]
+    )
     for name in ("acc_K3", "acc_Kip", "acc_Kio", "acc_Kpo"):
         assert left[seen.names.index(name)] < 1e-6 * whole[seen.names.index(name)]
 
@@ -87,11 +110,18 @@ def test_every_effect_of_the_catalogue_is_in_one_of_the_lists():
     told = {name.split()[0] for name in (*seen.names, *seen.in_order, *seen.ordinary, *seen.unseen)}
     for id, cls in CATALOGUE.items():
         here = not cls.kinds or "accelerometer" in cls.kinds
-        if here and not cls.random and cls.stage not in ("data", "timing") and not id.startswith(("servo", "adc_stuck", "acc_sat")):
+        if (
+            here
+            and not cls.random
+            and cls.stage not in ("data", "timing")
+            and not id.startswith(("servo", "adc_stuck", "acc_sat"))
+        ):
             assert id in told, id
     assert {"gravity_magnitude", "mount_misalignment"} <= set(seen.ordinary)
     assert {"lever_arm", "acc_bandwidth", "acc_vre"} <= set(seen.unseen)
-    assert {"acc_hysteresis", "table_backlash outer", "acc_drift", "cable_torque inner"} <= set(seen.in_order)
+    assert {"acc_hysteresis", "table_backlash outer", "acc_drift", "cable_torque inner"} <= set(
+        seen.in_order
+    )
 
 
 def test_classic_schemes_are_blind_to_something_and_the_designed_one_is_not():
@@ -102,7 +132,9 @@ def test_classic_schemes_are_blind_to_something_and_the_designed_one_is_not():
         assert judge.shares(classic(name)).min() < most, name
     assert found.efficiency >= REQUIRED
     assert found.reference_gap <= 0.005
-    assert 0.99 * found.bounds[1] <= found.shares.min() <= found.bounds[1] <= found.bounds[0]  # nothing is left on the table
+    assert (
+        0.99 * found.bounds[1] <= found.shares.min() <= found.bounds[1] <= found.bounds[0]
+    )  # nothing is left on the table
     assert min(found.in_order.values()) >= 0.5
     said = json.loads(json.dumps(summary(found)))
     assert said["least_share"] == pytest.approx(min(said["shares"].values()))
@@ -110,7 +142,9 @@ def test_classic_schemes_are_blind_to_something_and_the_designed_one_is_not():
 
 
 def test_second_and_third_order_kinks_and_harmonics_share_one_half():
-    """K2 against products: E sum x_i^4 + 2 E sum_(i<j) x_i^2 x_j^2 = 1 for every design, so that no design passes 1/2."""
+    """K2 against products: E sum x_i^4 + 2 E sum_(i<j) x_i^2 x_j^2 = 1 for every design, so that no
+    design passes 1/2.
+    """
     fourth_power, product = 0.5 * 2 / 9 + 1 / 9, 0.5 / 9
     assert 3 * fourth_power + 6 * product == pytest.approx(1.0)
     found = blind_to_nothing(effects_of("dual", LISTED), Clock(500), 24, 0)
@@ -152,11 +186,26 @@ def test_the_order_hides_no_drift_and_no_direction_though_the_poses_are_the_same
     assert shares["table_backlash outer"] > 0.5
 
 
-def test_the_command_prints_the_bounds_beside_the_least_share_and_what_is_out_of_reach(tmp_path, capsys):
-    words = ["design", "--textbook", "linear", "--budget-s", "500", "--blind-to-nothing", "24", "-o", str(tmp_path / "out")]
+def test_the_command_prints_the_bounds_beside_the_least_share_and_what_is_out_of_reach(
+    tmp_path, capsys
+):
+    words = [
+        "design",
+        "--textbook",
+        "linear",
+        "--budget-s",
+        "500",
+        "--blind-to-nothing",
+        "24",
+        "-o",
+        str(tmp_path / "out"),
+    ]
     assert main(words) == 0
     printed = capsys.readouterr().out
-    least, bound = (float(re.search(text + r" ([0-9.]+)", printed)[1]) for text in ("least share", "linear D-efficiency"))
+    least, bound = (
+        float(re.search(text + r" ([0-9.]+)", printed)[1])
+        for text in ("least share", "linear D-efficiency")
+    )
     assert least <= bound
     assert "taken up by bias, scale and cross-axis terms: gravity_magnitude" in printed
     assert re.search(r"acc_bandwidth.*: needs moves", printed)

@@ -24,7 +24,9 @@ WALKS = arrays(float, st.integers(1, 60), elements=st.integers(-6, 6).map(lambda
 
 
 def textbook_play(u, width):
-    """The play operator one sample after the other (Visintin 1994): the output moves only where it is pushed."""
+    """The play operator one sample after the other (Visintin 1994): the output moves only where it
+    is pushed.
+    """
     half, output, state = width / 2, u[0], []
     for x in u:
         output = min(max(output, x - half), x + half)
@@ -73,33 +75,49 @@ def test_play_of_no_width_is_the_direction():
 
 
 def test_play_forgets_a_small_loop_inside_a_large_one():
-    """Wiping-out property of Preisach operators: what happens between two equal extremes leaves no trace."""
+    """Wiping-out property of Preisach operators: what happens between two equal extremes leaves no
+    trace.
+    """
     plain = np.array([0.0, 10.0, -10.0, 3.0])
     looped = np.array([0.0, 10.0, 9.0, 10.0, -10.0, 3.0])
     assert play(looped, 4.0)[-1] == play(plain, 4.0)[-1]
 
 
 def test_rounded_play_is_dahl_s_law():
-    """dz/du = 1 - z going up, -1 - z going down, per width: from 0 up by 3, down by 1, up by 2, worked by hand."""
+    """dz/du = 1 - z going up, -1 - z going down, per width: from 0 up by 3, down by 1, up by 2,
+    worked by hand.
+    """
     width = 2.0
     up = 1 - np.exp(-3 / width)
     down = -1 + (up + 1) * np.exp(-1 / width)
     again = 1 + (down - 1) * np.exp(-2 / width)
-    np.testing.assert_allclose(rounded_play(np.array([5.0, 8.0, 8.0, 7.0, 9.0]), width), [0, up, up, down, again], atol=1e-15)
+    np.testing.assert_allclose(
+        rounded_play(np.array([5.0, 8.0, 8.0, 7.0, 9.0]), width),
+        [0, up, up, down, again],
+        atol=1e-15,
+    )
     assert rounded_play(np.array([0.0, 100.0]), width)[-1] == pytest.approx(1.0)
 
 
 def test_rounded_play_does_not_depend_on_the_samples_between(rng):
     corners = np.cumsum(rng.normal(size=12))
-    fine = np.concatenate([np.linspace(a, b, 30, endpoint=False) for a, b in pairwise(corners)] + [corners[-1:]])
-    np.testing.assert_allclose(rounded_play(fine, 1.3)[::30], rounded_play(corners, 1.3), atol=1e-14)
+    fine = np.concatenate(
+        [np.linspace(a, b, 30, endpoint=False) for a, b in pairwise(corners)] + [corners[-1:]]
+    )
+    np.testing.assert_allclose(
+        rounded_play(fine, 1.3)[::30], rounded_play(corners, 1.3), atol=1e-14
+    )
 
 
 def test_rounded_play_forgets_a_small_loop_only_in_part():
-    """No wiping-out property. With x = exp(-1/2), 0 to 2 is 1 - x^4; back by 1/2 at 1 on the way, 1 - 2 x^3 + 2 x^4 - x^6."""
+    """No wiping-out property. With x = exp(-1/2), 0 to 2 is 1 - x^4; back by 1/2 at 1 on the way, 1
+    - 2 x^3 + 2 x^4 - x^6.
+    """
     x = np.exp(-0.5)
     assert rounded_play(np.array([0.0, 1.0, 2.0]), 1.0)[-1] == pytest.approx(1 - x**4)
-    assert rounded_play(np.array([0.0, 1.0, 0.5, 1.0, 2.0]), 1.0)[-1] == pytest.approx(1 - 2 * x**3 + 2 * x**4 - x**6)
+    assert rounded_play(np.array([0.0, 1.0, 0.5, 1.0, 2.0]), 1.0)[-1] == pytest.approx(
+        1 - 2 * x**3 + 2 * x**4 - x**6
+    )
 
 
 def test_rounded_play_without_a_width_or_a_past_is_plain():
@@ -117,7 +135,9 @@ def test_a_lag_answers_a_ramp_as_the_textbook_says_at_any_stamps(tau, rng):
     time = irregular(rng)
     t = time - time[0]
     np.testing.assert_allclose(
-        first_order_lag(time, 1 + 2 * t, tau), 1 + 2 * (t - tau * -np.expm1(-t / tau)), atol=1e-10 * (1 + tau)
+        first_order_lag(time, 1 + 2 * t, tau),
+        1 + 2 * (t - tau * -np.expm1(-t / tau)),
+        atol=1e-10 * (1 + tau),
     )
 
 
@@ -127,7 +147,9 @@ def test_a_lag_settles_exponentially_after_a_ramp_that_stops(rng):
     y = first_order_lag(time, np.minimum(time, stop), tau)
     at_stop = y[np.searchsorted(time, stop)]
     late = time >= stop
-    np.testing.assert_allclose(y[late], stop + (at_stop - stop) * np.exp(-(time[late] - stop) / tau), atol=1e-12)
+    np.testing.assert_allclose(
+        y[late], stop + (at_stop - stop) * np.exp(-(time[late] - stop) / tau), atol=1e-12
+    )
 
 
 def test_a_lag_delays_a_slow_sine_by_its_phase():
@@ -135,7 +157,9 @@ def test_a_lag_delays_a_slow_sine_by_its_phase():
     time = np.linspace(0, 40, 40001)
     y = first_order_lag(time, np.sin(w * time), tau)
     expected = np.sin(w * time - np.arctan(w * tau)) / np.hypot(1, w * tau)
-    np.testing.assert_allclose(y[time > 10], expected[time > 10], atol=(w * 1e-3) ** 2)  # linear between samples: O((w dt)^2)
+    np.testing.assert_allclose(
+        y[time > 10], expected[time > 10], atol=(w * 1e-3) ** 2
+    )  # linear between samples: O((w dt)^2)
 
 
 def test_further_stamps_on_the_same_lines_change_nothing(rng):
@@ -143,7 +167,9 @@ def test_further_stamps_on_the_same_lines_change_nothing(rng):
     u = np.cumsum(rng.normal(size=60))
     fine = np.union1d(time, rng.uniform(time[0], time[-1], 300))
     y = first_order_lag(fine, np.interp(fine, time, u), 0.4)
-    np.testing.assert_allclose(y[np.searchsorted(fine, time)], first_order_lag(time, u, 0.4), atol=1e-11)
+    np.testing.assert_allclose(
+        y[np.searchsorted(fine, time)], first_order_lag(time, u, 0.4), atol=1e-11
+    )
 
 
 @pytest.mark.parametrize(("tau", "n"), [(0.0, 5), (-1.0, 5), (1.0, 1)])
@@ -153,8 +179,19 @@ def test_without_a_time_constant_or_a_past_nothing_lags(tau, n):
 
 
 def test_the_direction_of_a_motion_is_not_that_of_its_ringing_end():
-    """A differentiated readout swings back by a few per cent where a move ends; the axis did not."""
-    rate = np.concatenate([np.zeros(5), np.full(20, 0.3), [0.05, -0.008, 0.003], np.zeros(10), np.full(20, -0.01), np.zeros(5)])
+    """A differentiated readout swings back by a few per cent where a move ends; the axis did
+    not.
+    """
+    rate = np.concatenate(
+        [
+            np.zeros(5),
+            np.full(20, 0.3),
+            [0.05, -0.008, 0.003],
+            np.zeros(10),
+            np.full(20, -0.01),
+            np.zeros(5),
+        ]
+    )
     direction = motion_direction(Jet(np.cumsum(rate), rate, np.zeros_like(rate)))
     np.testing.assert_array_equal(direction[:5], 0)
     np.testing.assert_array_equal(direction[5:38], 1)
@@ -178,7 +215,10 @@ def test_a_lag_of_a_smooth_input_is_that_of_a_fine_grid(tau):
 
     expected = np.interp(coarse, fine, first_order_lag(fine, motion(fine), tau))
     done = motion(coarse) - expected  # what the lag does
-    assert np.abs(smooth_lag(coarse, motion(coarse), tau) - expected)[10:].max() < 0.01 * np.abs(done).max()
+    assert (
+        np.abs(smooth_lag(coarse, motion(coarse), tau) - expected)[10:].max()
+        < 0.01 * np.abs(done).max()
+    )
 
 
 def test_a_lag_of_a_straight_line_is_late_by_its_time_constant():
@@ -190,19 +230,27 @@ def test_a_lag_of_a_straight_line_is_late_by_its_time_constant():
 
 @pytest.mark.parametrize("tau", [0.002, 0.02, 0.15])
 def test_a_short_lag_of_a_smooth_motion_is_right_between_coarse_samples(tau):
-    """sin(w t) behind 1/(1 + tau s): sin(w t - atan(w tau)) / sqrt(1 + (w tau)^2); a chord's slope is half a sample late, 6 %."""
+    """sin(w t) behind 1/(1 + tau s): sin(w t - atan(w tau)) / sqrt(1 + (w tau)^2); a chord's slope
+    is half a sample late, 6 %.
+    """
     time, w = np.arange(0, 20, 0.04), 3.0
     u = np.sin(w * time)
     late = np.sin(w * time - np.arctan(w * tau)) / np.hypot(1, w * tau) - u
     settled = slice(int(20 * tau / 0.04) + 2, -2)
-    found, chord = ((law(time, u, tau) - u - late)[settled] for law in (smooth_lag, first_order_lag))
+    found, chord = (
+        (law(time, u, tau) - u - late)[settled] for law in (smooth_lag, first_order_lag)
+    )
     assert np.abs(found).max() < 0.005 * np.abs(late).max()
     assert tau > 0.1 or np.abs(chord).max() > 3 * np.abs(found).max()
 
 
 def test_a_slow_start_of_a_motion_is_a_part_of_it():
-    """A long soft ramp is slower than a twentieth of its top rate for many samples: the axis has turned round all the same."""
-    rate = np.concatenate([np.full(20, 0.3), np.zeros(10), -(np.linspace(0.001, 1, 40) ** 3), np.zeros(5)])
+    """A long soft ramp is slower than a twentieth of its top rate for many samples: the axis has
+    turned round all the same.
+    """
+    rate = np.concatenate(
+        [np.full(20, 0.3), np.zeros(10), -(np.linspace(0.001, 1, 40) ** 3), np.zeros(5)]
+    )
     direction = motion_direction(Jet(np.cumsum(rate), rate, np.zeros_like(rate)))
     np.testing.assert_array_equal(direction[:30], 1)
     np.testing.assert_array_equal(direction[30:], -1)
@@ -214,7 +262,9 @@ def test_a_play_is_crossed_over_its_travel_with_its_own_rate():
     side = crossed(angle, 0.5)
     np.testing.assert_array_equal(side.x, play(angle.x, 0.5))
     inside = np.abs(side.x) < 0.95  # a step before it is pushed
-    np.testing.assert_allclose(np.gradient(side.x, time)[1:-1][inside[1:-1]], side.v[1:-1][inside[1:-1]], atol=1e-2)
+    np.testing.assert_allclose(
+        np.gradient(side.x, time)[1:-1][inside[1:-1]], side.v[1:-1][inside[1:-1]], atol=1e-2
+    )
     assert not side.v[np.abs(side.x) == 1].any()
     at_once = crossed(angle, 0.0)
     np.testing.assert_array_equal(at_once.x, motion_direction(angle))

@@ -17,7 +17,9 @@ RATE, CHANNELS = 2.0, 400  # Hz
 
 def channels(rng, n, white=0.0, flicker=0.0, walk=0.0, rate=RATE, count=CHANNELS):
     """Independent channels, (count, n)."""
-    return np.array([draw_noise(n, rate, white, flicker, walk, stream) for stream in rng.spawn(count)])
+    return np.array(
+        [draw_noise(n, rate, white, flicker, walk, stream) for stream in rng.spawn(count)]
+    )
 
 
 def allan_variance(noise, m):
@@ -43,7 +45,9 @@ def test_white_noise_averages_down_as_one_over_tau(m, rng):
 def test_a_random_walk_climbs_as_tau_over_three(m, rng):
     estimate = allan_variance(channels(rng, 1024, walk=0.2), m)
     tau = m / RATE
-    assert abs(estimate.mean() - 0.04 * tau / 3 * (1 + 0.5 / m**2)) < mean_band(estimate)  # K^2 tau / 3, of a sum of steps
+    assert abs(estimate.mean() - 0.04 * tau / 3 * (1 + 0.5 / m**2)) < mean_band(
+        estimate
+    )  # K^2 tau / 3, of a sum of steps
 
 
 def test_a_random_walk_spreads_with_the_square_root_of_time(rng):
@@ -68,7 +72,9 @@ def test_flicker_has_the_allan_variance_of_its_processes(m, rng):
 
 def test_the_flicker_floor_is_the_bias_instability_well_inside_the_corners():
     floor = [flicker_allan(m) for m in (32, 64, 128, 256, 512)]  # 16 ... 256 s of 1 ... 1024 s
-    np.testing.assert_allclose(np.sqrt(floor), np.sqrt(2 * log(2) / pi), rtol=0.05)  # six processes for one straight spectrum
+    np.testing.assert_allclose(
+        np.sqrt(floor), np.sqrt(2 * log(2) / pi), rtol=0.05
+    )  # six processes for one straight spectrum
 
 
 def test_flicker_starts_stationary(rng):
@@ -95,7 +101,8 @@ def test_no_noise_is_nothing(rng):
     assert not draw_noise(50, RATE, 0, 0, 0, rng).any()
 
 
-# ------------------------------------------------------------------------------------ as effects of a sensor
+# ------------------------------------------------------------------------------------ as effects of
+# a sensor
 
 SENSORS = {
     "accelerometer": (
@@ -110,7 +117,12 @@ SENSORS = {
         {"white_ug_rthz": 50},
         50e-6,
     ),
-    "gyro": (Sensor(name="s", kind="gyro", rate_hz=RATE), "gyr_noise", {"white_deg_rth": 0.6}, 0.01 * DEG),
+    "gyro": (
+        Sensor(name="s", kind="gyro", rate_hz=RATE),
+        "gyr_noise",
+        {"white_deg_rth": 0.6},
+        0.01 * DEG,
+    ),
     "fog": (
         Sensor(name="s", kind="fog", axes=("a",), input_axis=(0, 0, 1), rate_hz=RATE),
         "gyr_noise",
@@ -138,5 +150,8 @@ def test_a_sensor_is_as_noisy_as_its_unit_says_and_its_channels_are_independent(
 def test_flicker_and_walk_units_are_those_of_the_allan_deviation():
     setup = setup_of("vertical", SENSORS["gyro"][0])
     effect = effect_of("gyr_noise", setup, flicker_deg_h=10, walk_deg_h_rth=30)
-    assert effect.values == {"flicker": pytest.approx(10 * DEG_H), "walk": pytest.approx(30 * DEG_H / 60)}
+    assert effect.values == {
+        "flicker": pytest.approx(10 * DEG_H),
+        "walk": pytest.approx(30 * DEG_H / 60),
+    }
     assert pytest.approx(180 * 3600 / pi) == 1 / ARCSEC

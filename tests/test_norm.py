@@ -56,13 +56,19 @@ def test_it_converges_from_half_the_scale_and_half_a_g_off(sign):
     for _ in range(40):
         scale, bias = 1 + 0.5 * sign * rng.uniform(-1, 1, 3), 0.5 * G * rng.uniform(-1, 1, 3)
         found = calibrate("norm", log(bias=bias, M=np.diag(scale)), SETUP, terms=6)
-        assert [found.value(f"accel.scale_{a}") for a in "xyz"] == pytest.approx(list(scale - 1), abs=1e-8)
-        assert [found.value(f"accel.bias_{a}") for a in "xyz"] == pytest.approx(list(bias), abs=1e-7)
+        assert [found.value(f"accel.scale_{a}") for a in "xyz"] == pytest.approx(
+            list(scale - 1), abs=1e-8
+        )
+        assert [found.value(f"accel.bias_{a}") for a in "xyz"] == pytest.approx(
+            list(bias), abs=1e-7
+        )
 
 
 @pytest.mark.slow
 def test_four_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
-    monkeypatch.setattr(norm_module, "_leave_directions_out", lambda *_: (0.0, 1.0))  # costs most, changes no parameter
+    monkeypatch.setattr(
+        norm_module, "_leave_directions_out", lambda *_: (0.0, 1.0)
+    )  # costs most, changes no parameter
     draws, names = 4000, list(truth(9))
     clean = log()
     segments = find_segments(clean)
@@ -71,7 +77,9 @@ def test_four_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypat
     values, nees, inside = np.empty((draws, 9)), np.empty(draws), np.zeros(9)
     for k in range(draws):
         noisy = columns + rng.normal(0, SIGMA, columns.shape)
-        draw = type(clean).from_columns(clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")})
+        draw = type(clean).from_columns(
+            clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")}
+        )
         found = calibrate("norm", draw, SETUP, segments=segments)
         values[k], nees[k] = [found.value(n) for n in names], normalised_error(found, truth(9))[0]
         sigma = np.array([found.parameters[n].sigma for n in names])
@@ -80,7 +88,11 @@ def test_four_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypat
     p = 1e-3 / 19 / 2  # one family: nine variances, nine coverages, the NEES
     low, high = chi2.ppf(p, draws - 1) / (draws - 1), chi2.isf(p, draws - 1) / (draws - 1)
     assert np.all((ratio > low) & (ratio < high)), ratio
-    assert chi2.ppf(p, 9 * draws) / (9 * draws) < nees.mean() / 9 < chi2.isf(p, 9 * draws) / (9 * draws) * (1 + 2 / 1500)
+    assert (
+        chi2.ppf(p, 9 * draws) / (9 * draws)
+        < nees.mean() / 9
+        < chi2.isf(p, 9 * draws) / (9 * draws) * (1 + 2 / 1500)
+    )
     least, most = binom.ppf([p, 1 - p], draws, 0.95)
     assert np.all((inside >= least) & (inside <= most)), inside / draws
 
@@ -92,7 +104,9 @@ def _bound(segments):
     v = DIRECTIONS @ inverse
     f = G * DIRECTIONS
     pairs = [(0, 1), (0, 2), (1, 2)]
-    J = np.hstack([v, v * f, np.column_stack([v[:, i] * f[:, j] + v[:, j] * f[:, i] for i, j in pairs])])
+    J = np.hstack(
+        [v, v * f, np.column_stack([v[:, i] * f[:, j] + v[:, j] * f[:, i] for i, j in pairs])]
+    )
     weight = counts / (SIGMA**2 * (v * v).sum(axis=1))
     return np.linalg.inv(J.T @ (J * weight[:, None]))
 
@@ -102,7 +116,8 @@ def test_six_positions_cannot_tell_about_their_own_model():
     found = calibrate("norm", log(up=FACES, rng=rng), SETUP, terms=6)
     assert found.verdict == "cannot_tell"
     assert found.dof == 0
-    # PHYSICS 6 (2): a shear of 1 mrad left out gives a zero residual and wrong parameters all the same
+    # PHYSICS 6 (2): a shear of 1 mrad left out gives a zero residual and wrong parameters all the
+    # same
     sheared = np.eye(3)
     sheared[0, 1] = 1e-3
     wrong = calibrate("norm", log(up=sphere(6), bias=0 * BIAS, M=sheared), SETUP, terms=6)
@@ -123,11 +138,18 @@ def test_random_positions_get_a_condition_verdict():
         conditions.append(test.statistic)
     assert np.median(conditions) > 5  # axis-aligned positions have 1
     best = calibrate("norm", log(up=FACES, bias=0 * BIAS, M=np.eye(3)), SETUP, terms=6)
-    assert next(t for t in best.tests if t.name == "condition of the positions").statistic == pytest.approx(1.0, abs=0.01)
+    assert next(
+        t for t in best.tests if t.name == "condition of the positions"
+    ).statistic == pytest.approx(1.0, abs=0.01)
 
 
 def test_six_directions_repeated_do_not_determine_nine_parameters():
-    found = calibrate("norm", log(up=np.vstack([FACES, FACES, FACES]), rng=rng_of("repeated faces")), SETUP, terms=9)
+    found = calibrate(
+        "norm",
+        log(up=np.vstack([FACES, FACES, FACES]), rng=rng_of("repeated faces")),
+        SETUP,
+        terms=9,
+    )
     assert found.verdict == "cannot_tell"
 
 
@@ -181,14 +203,20 @@ def test_the_paper_s_iteration_comes_home_from_half_the_scale_and_half_a_g_off()
         gain, bias = 1 + 0.5 * rng.uniform(-1, 1, 3), 0.5 * G * rng.uniform(-1, 1, 3)
         found = product_and_sum(G * near_faces(rng) * gain + bias, G)
         home += found.converged and bool(np.allclose(found.gain, gain, rtol=1e-6))
-    assert home >= 180  # of the few others the attitudes are badly conditioned: the likelihood fit starts from an ellipsoid
+    assert (
+        home >= 180
+        # of the few others the attitudes are badly conditioned: the likelihood fit starts from an
+        # ellipsoid
+    )
 
 
 def test_the_iteration_that_does_not_converge_says_so():
     far = 300 * G * np.ones(3)
     assert not product_and_sum(G * FACES + far, G).converged
     found = calibrate("norm", log(bias=far, M=np.eye(3)), SETUP, terms=6)
-    assert found.value("accel.bias_x") == pytest.approx(far[0], rel=1e-6)  # the likelihood fit starts from an ellipsoid
+    assert found.value("accel.bias_x") == pytest.approx(
+        far[0], rel=1e-6
+    )  # the likelihood fit starts from an ellipsoid
     assert any("does not converge in 30 steps" in w for w in found.warnings)
 
 
@@ -197,7 +225,10 @@ def test_the_convergence_record_stands_beside_the_likelihood_fit():
     record = found.provenance["product_and_sum"]
     assert record[0]["correction"] > 1e-3 > record[-1]["correction"]
     assert found.to_json()["provenance"]["product_and_sum"] == record
-    assert any("converges in" in w and "differs from the maximum-likelihood fit by" in w for w in found.warnings)
+    assert any(
+        "converges in" in w and "differs from the maximum-likelihood fit by" in w
+        for w in found.warnings
+    )
 
 
 def hint(found) -> np.ndarray:
@@ -209,10 +240,16 @@ def hint(found) -> np.ndarray:
 
 def test_the_next_best_pose_is_the_one_that_is_missing():
     without = np.delete(FACES, 4, axis=0)  # no -y
-    found = calibrate("norm", log(up=np.vstack([without, without[:1]]), bias=0 * BIAS, M=np.eye(3)), SETUP, terms=6)
+    found = calibrate(
+        "norm",
+        log(up=np.vstack([without, without[:1]]), bias=0 * BIAS, M=np.eye(3)),
+        SETUP,
+        terms=6,
+    )
     assert found.verdict == "cannot_tell"
     up = hint(found)
-    # without it bias and scale of y are one unknown: what tells them apart is anything with -y in it, the face itself best
+    # without it bias and scale of y are one unknown: what tells them apart is anything with -y in
+    # it, the face itself best
     assert up[1] < -0.9
 
 
@@ -221,7 +258,12 @@ def test_adding_the_next_best_pose_lowers_the_uncertainty_more_than_a_repeat():
     base = calibrate("norm", log(up=up, bias=0 * BIAS, M=np.eye(3)), SETUP, terms=6)
 
     def worst(extra):
-        found = calibrate("norm", log(up=np.vstack([up, extra]), bias=0 * BIAS, M=np.eye(3), rng=rng_of("next")), SETUP, terms=6)
+        found = calibrate(
+            "norm",
+            log(up=np.vstack([up, extra]), bias=0 * BIAS, M=np.eye(3), rng=rng_of("next")),
+            SETUP,
+            terms=6,
+        )
         return max(e.sigma for n, e in found.parameters.items() if "scale" in n)
 
     assert worst(hint(base)) < worst(up[4])

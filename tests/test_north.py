@@ -27,11 +27,27 @@ FOG_BIAS, ACCEL_BIAS = 2 * DEG_H, np.array([0.02, -0.01])
 
 
 def site(latitude=40.0, sensors=(FOG, ACCEL), **more):
-    return Setup(site=Site(gravity_m_s2=G, latitude_deg=latitude, **more), rig=Rig(table="vertical"), sensor=sensors)
+    return Setup(
+        site=Site(gravity_m_s2=G, latitude_deg=latitude, **more),
+        rig=Rig(table="vertical"),
+        sensor=sensors,
+    )
 
 
-def log(azimuth, *, latitude=40.0, roll=0.0, pitch=0.0, angles=FOUR, rng=None, axis=(1.0, 0.0, 0.0), forces=True):
-    """Written out by hand: East, North, Up of the site; the base turned by its tilt about table axes, then the table."""
+def log(
+    azimuth,
+    *,
+    latitude=40.0,
+    roll=0.0,
+    pitch=0.0,
+    angles=FOUR,
+    rng=None,
+    axis=(1.0, 0.0, 0.0),
+    forces=True,
+):
+    """Written out by hand: East, North, Up of the site; the base turned by its tilt about table
+    axes, then the table.
+    """
     up_rate, north_rate = EARTH_RATE * np.sin(latitude * DEG), EARTH_RATE * np.cos(latitude * DEG)
     heading = azimuth - np.pi / 2  # body x points along the table's East at zero
     earth = np.array([-north_rate * np.sin(heading), north_rate * np.cos(heading), up_rate])
@@ -40,10 +56,19 @@ def log(azimuth, *, latitude=40.0, roll=0.0, pitch=0.0, angles=FOUR, rng=None, a
     force = np.array([(R.T @ [0, 0, G])[:2] for R in to_world]) + ACCEL_BIAS
     track = np.repeat(np.arange(len(angles)), DWELL + MOVE)[:-MOVE]
     n = len(track)
-    noise = np.zeros((n, 3)) if rng is None else rng.normal(size=(n, 3)) * [FOG_SIGMA, ACCEL_SIGMA, ACCEL_SIGMA]
-    columns = {"table_outer_deg": np.asarray(angles)[track], "fog_a_rad_s": fog[track] + noise[:, 0]}
+    noise = (
+        np.zeros((n, 3))
+        if rng is None
+        else rng.normal(size=(n, 3)) * [FOG_SIGMA, ACCEL_SIGMA, ACCEL_SIGMA]
+    )
+    columns = {
+        "table_outer_deg": np.asarray(angles)[track],
+        "fog_a_rad_s": fog[track] + noise[:, 0],
+    }
     if forces:
-        columns |= {f"accel_{a}_m_s2": force[track, i] + noise[:, 1 + i] for i, a in enumerate("xy")}
+        columns |= {
+            f"accel_{a}_m_s2": force[track, i] + noise[:, 1 + i] for i, a in enumerate("xy")
+        }
     return Recording.from_columns(np.arange(n) / 10.0, columns)
 
 
@@ -69,7 +94,9 @@ def azimuth_of(azimuth, roll, pitch):
 @pytest.mark.parametrize("azimuth", [0.1, 1.4, 2.5, 3.3, 4.6, 6.2])
 def test_four_positions_give_any_azimuth_exactly_on_any_tilt(azimuth):
     found = solve(log(azimuth, roll=0.02, pitch=-0.05))
-    assert wrapped(found.value("base.azimuth") - azimuth_of(azimuth, 0.02, -0.05)) == pytest.approx(0, abs=1e-9)
+    assert wrapped(found.value("base.azimuth") - azimuth_of(azimuth, 0.02, -0.05)) == pytest.approx(
+        0, abs=1e-9
+    )
     assert found.value("base.roll") == pytest.approx(0.02, abs=1e-12)
     assert found.value("base.pitch") == pytest.approx(-0.05, abs=1e-12)
     assert found.value("fog.bias_a") == pytest.approx(FOG_BIAS, abs=1e-13)
@@ -91,13 +118,20 @@ def test_two_positions_give_the_cosine_only_and_the_sign_cannot_be_told():
 def test_an_axis_that_points_north_at_both_positions_is_hardly_resolved():
     found = solve(log(0.0, angles=TWO, rng=rng_of("north")), angles=TWO, near_deg=5)
     assert found.verdict == "suspect"
-    assert "turn the FOG's axis off north" in next(t for t in found.tests if t.name == "resolution").statement
+    assert (
+        "turn the FOG's axis off north"
+        in next(t for t in found.tests if t.name == "resolution").statement
+    )
 
 
 @pytest.mark.parametrize("latitude", [0.0, 20.0, 45.0, 60.0, -35.0])
 @pytest.mark.parametrize("tilt_deg", [0.2, 1.0])
-def test_without_the_tilt_correction_the_error_is_tan_latitude_over_sine_times_the_elevation(latitude, tilt_deg):
-    """Two positions: e the elevation of the FOG's axis at zero; four: the elevation across the heading."""
+def test_without_the_tilt_correction_the_error_is_tan_latitude_over_sine_times_the_elevation(
+    latitude, tilt_deg
+):
+    """Two positions: e the elevation of the FOG's axis at zero; four: the elevation across the
+    heading.
+    """
     azimuth, pitch = 70 * DEG, tilt_deg * DEG
     setup = site(latitude)
     draw = log(azimuth, latitude=latitude, pitch=pitch, angles=TWO)
@@ -107,9 +141,13 @@ def test_without_the_tilt_correction_the_error_is_tan_latitude_over_sine_times_t
     second = 4 * pitch**2 * (1 + np.tan(latitude * DEG) ** 2)
     assert wrapped(bare.value("base.azimuth") - azimuth) == pytest.approx(expected, abs=second)
     kept = solve(draw, setup, TWO, near_deg=70)
-    assert wrapped(kept.value("base.azimuth") - azimuth_of(azimuth, 0.0, pitch)) == pytest.approx(0, abs=1e-8)
+    assert wrapped(kept.value("base.azimuth") - azimuth_of(azimuth, 0.0, pitch)) == pytest.approx(
+        0, abs=1e-8
+    )
     said = next(w for w in kept.warnings if w.startswith("without the tilt correction"))
-    assert float(said.split("would be ")[1].split()[0]) * ARCSEC == pytest.approx(expected, abs=second + 1e-9)
+    assert float(said.split("would be ")[1].split()[0]) * ARCSEC == pytest.approx(
+        expected, abs=second + 1e-9
+    )
 
 
 def drawn(azimuth, roll, pitch, angles, rng):
@@ -124,9 +162,16 @@ def drawn(azimuth, roll, pitch, angles, rng):
 
     def draw():
         return Turntable(
-            np.radians(angles), np.eye(3), np.array([1.0, 0, 0]), fog + rng.normal(size=m) * sigma, sigma,
-            (force + rng.normal(size=(m, 2)) * ACCEL_SIGMA / n, whiten), G, 40 * DEG, ("fog", "accel"),
-        )  # fmt: skip
+            np.radians(angles),
+            np.eye(3),
+            np.array([1.0, 0, 0]),
+            fog + rng.normal(size=m) * sigma,
+            sigma,
+            (force + rng.normal(size=(m, 2)) * ACCEL_SIGMA / n, whiten),
+            G,
+            40 * DEG,
+            ("fog", "accel"),
+        )
 
     return draw
 
@@ -134,15 +179,27 @@ def drawn(azimuth, roll, pitch, angles, rng):
 @pytest.mark.slow
 @pytest.mark.parametrize("angles", [TWO, FOUR])
 def test_variance_nees_and_coverage_lie_in_one_computed_band(angles):
-    """Bounds by hand: half differences of two dwells, or sine and cosine of four; biases are means of all dwells."""
+    """Bounds by hand: half differences of two dwells, or sine and cosine of four; biases are means
+    of all dwells.
+    """
     draws, azimuth, m = 4000, 100 * DEG, len(angles)
     draw = drawn(azimuth, 0.0, 0.0, angles, rng_of(f"north statistics {m}"))
     truth = np.array([azimuth, FOG_BIAS, 0.0, 0.0, *ACCEL_BIAS])
     fog, level = FOG_SIGMA / np.sqrt(DWELL), ACCEL_SIGMA / np.sqrt(DWELL)
     slope = EARTH_RATE * np.cos(40 * DEG) * (abs(np.sin(azimuth)) if m == 2 else 1.0)
     tilt = level / G / np.sqrt(m)
-    lean = np.tan(40 * DEG) * tilt / (abs(np.sin(azimuth)) if m == 2 else 1.0)  # the tilt's own noise, through tan(latitude)
-    sigma = np.array([np.hypot(fog / slope / np.sqrt(2), lean), fog / np.sqrt(m), tilt, tilt, *[level / np.sqrt(m)] * 2])
+    lean = (
+        np.tan(40 * DEG) * tilt / (abs(np.sin(azimuth)) if m == 2 else 1.0)
+    )  # the tilt's own noise, through tan(latitude)
+    sigma = np.array(
+        [
+            np.hypot(fog / slope / np.sqrt(2), lean),
+            fog / np.sqrt(m),
+            tilt,
+            tilt,
+            *[level / np.sqrt(m)] * 2,
+        ]
+    )
     errors, nees, inside = np.empty((draws, 6)), 0.0, np.zeros(6)
     for k in range(draws):
         table = draw()
@@ -164,27 +221,39 @@ def test_variance_nees_and_coverage_lie_in_one_computed_band(angles):
 @pytest.mark.slow
 def test_the_whole_method_is_consistent_and_seldom_suspects_itself():
     rng, total, draws, verdicts = rng_of("north whole"), 0.0, 300, []
-    truth = {"base.azimuth": azimuth_of(1.0, 0.003, -0.004), "base.roll": 0.003, "base.pitch": -0.004}
+    truth = {
+        "base.azimuth": azimuth_of(1.0, 0.003, -0.004),
+        "base.roll": 0.003,
+        "base.pitch": -0.004,
+    }
     for _ in range(draws):
         found = solve(log(1.0, roll=0.003, pitch=-0.004, rng=rng))
         nees, _ = normalised_error(found, truth)
         total += nees
         verdicts.append(found.verdict)
     nu = 4 * (DWELL - 1)  # residuals that the noise is estimated from
-    assert chi2.ppf(FAMILY / 2, 3 * draws) < total * (nu - 2) / nu < chi2.isf(FAMILY / 2, 3 * draws), total / 3 / draws
+    assert (
+        chi2.ppf(FAMILY / 2, 3 * draws) < total * (nu - 2) / nu < chi2.isf(FAMILY / 2, 3 * draws)
+    ), total / 3 / draws
     assert verdicts.count("suspect") <= binom.isf(1e-4, draws, 3e-3)
 
 
 def test_a_wrong_latitude_shows_in_the_horizontal_rate():
     found = solve(log(1.0, latitude=40.0, rng=rng_of("latitude")), site(30.0))
     assert found.verdict == "suspect"
-    assert "of what the latitude says" in next(t for t in found.tests if t.name == "horizontal Earth rate").statement
+    assert (
+        "of what the latitude says"
+        in next(t for t in found.tests if t.name == "horizontal Earth rate").statement
+    )
 
 
 def test_a_base_that_moved_between_the_positions_is_seen_by_four_of_them():
     still, moved = (log(1.0, pitch=p, rng=rng_of("moved")) for p in (0.0, 60 * ARCSEC))
     half = 2 * (DWELL + MOVE)
-    columns = {n: np.where(np.arange(len(still)) < half, still.column(n), moved.column(n)) for n in still.column_names}
+    columns = {
+        n: np.where(np.arange(len(still)) < half, still.column(n), moved.column(n))
+        for n in still.column_names
+    }
     assert solve(Recording.from_columns(still.time, columns)).verdict == "suspect"
 
 
@@ -202,13 +271,17 @@ def test_what_it_cannot_use_is_refused_in_words():
     with pytest.raises(TiltcalError, match="need table vertical"):
         calibrate("north", draw, setup_of("dual", FOG, ACCEL))
     with pytest.raises(TiltcalError, match="found no latitude, need one within 85 deg"):
-        solve(draw, Setup(site=Site(gravity_m_s2=G), rig=Rig(table="vertical"), sensor=(FOG, ACCEL)))
+        solve(
+            draw, Setup(site=Site(gravity_m_s2=G), rig=Rig(table="vertical"), sensor=(FOG, ACCEL))
+        )
     with pytest.raises(TiltcalError, match="found latitude 89 deg"):
         solve(draw, site(89.0))
     with pytest.raises(TiltcalError, match="need two positions half a turn apart"):
         calibrate("north", draw, site(), segments=spans()[:1])
     half = {n: draw.column(n) for n in draw.column_names}
     for a in "xy":
-        half[f"accel_{a}_m_s2"] = np.where(np.arange(len(draw)) < 100, half[f"accel_{a}_m_s2"], np.nan)
+        half[f"accel_{a}_m_s2"] = np.where(
+            np.arange(len(draw)) < 100, half[f"accel_{a}_m_s2"], np.nan
+        )
     with pytest.raises(TiltcalError, match="need both sensors at every position"):
         solve(Recording.from_columns(draw.time, half))

@@ -1,4 +1,6 @@
-"""Estimators fed sample by sample: built in, the user's own, and firmware as a process; judged against the truth."""
+"""Estimators fed sample by sample: built in, the user's own, and firmware as a process; judged
+against the truth.
+"""
 
 import sys
 
@@ -23,19 +25,25 @@ from tiltcal.validation.online.estimators import make_estimator
 from tiltcal.validation.online.judging import OnlineResult, feed, part_of, run_estimator
 
 SWEEP = [{"action": "rest", "dwell_s": 2}] + [
-    {"action": "sweep", "outer_deg": a, "step_deg": 10, "dwell_s": 1.5, "rate_deg_s": 60} for a in (90, 0)
+    {"action": "sweep", "outer_deg": a, "step_deg": 10, "dwell_s": 1.5, "rate_deg_s": 60}
+    for a in (90, 0)
 ]
 BIAS = {"cos1_x_ug": 900, "cos2_y_ug": 700, "sin1_y_ug": 800}
 LIVE = [{"action": "remount", "mount": "Rz(45)", "dwell_s": 3}] + [
     {"action": "move", "outer_deg": a, "dwell_s": 3, "rate_deg_s": 60} for a in (13, 27, 41, 8)
 ]
 PLACING = {
-    "schema": 1, "name": "on line", "site": {"gravity_m_s2": G}, "rig": {"table": "placing"},
+    "schema": 1,
+    "name": "on line",
+    "site": {"gravity_m_s2": G},
+    "rig": {"table": "placing"},
     "sensor": [{"name": "accel", "kind": "accelerometer", "axes": ["x", "y"], "rate_hz": 50.0}],
     "effect": [{"id": "acc_noise", "white_ug_rthz": 2}, {"id": "acc_angle_bias", **BIAS}],
     "sequence": [*SWEEP, {"action": "remount", "mount": "Rz(90)", "dwell_s": 2}, *SWEEP[1:], *LIVE],
-}  # fmt: skip
-SETUP = setup_of("dual", ACCEL.model_copy(update={"rate_hz": 100.0}), GYRO.model_copy(update={"rate_hz": 100.0}))
+}
+SETUP = setup_of(
+    "dual", ACCEL.model_copy(update={"rate_hz": 100.0}), GYRO.model_copy(update={"rate_hz": 100.0})
+)
 
 
 @pytest.fixture(scope="module")
@@ -57,27 +65,37 @@ def test_the_corrector_takes_both_biases_off_on_line(live):
     fed = run(live, name="placing", calibrate="placing_table")
     assert fed.answered == 1
     assert plain.rms() / ARCSEC > 100
-    # noise of 14 ug a sample and axis, and 10 deg steps of the table: h^2/8 max|b''| = 11 ug at 0.7 mg cos 2 beta
+    # noise of 14 ug a sample and axis, and 10 deg steps of the table: h^2/8 max|b''| = 11 ug at 0.7
+    # mg cos 2 beta
     assert fed.rms() / ARCSEC < 9
     assert fed.rms("rest") == pytest.approx(fed.rms("move"), rel=0.5)
 
 
 def test_an_inclinometer_is_fed_as_well_and_corrected_alike(live):
-    """The same errors act on its force before the arcsine: two recordings without noise give the same tilts."""
+    """The same errors act on its force before the arcsine: two recordings without noise give the
+    same tilts.
+    """
     scenario, _, start = live
     level = PLACING["sensor"][0] | {"kind": "inclinometer"}
     twin = parse_scenario(PLACING | {"sensor": [level]})
     quiet = simulator().record(twin, None)
     for table in ({"name": "accelerometer"}, {"name": "placing", "calibrate": "placing_table"}):
         one, other = (
-            run_estimator(s.model_copy(update={"seed": None}), EstimatorTable(from_s=start, **table), r, simulator())
+            run_estimator(
+                s.model_copy(update={"seed": None}),
+                EstimatorTable(from_s=start, **table),
+                r,
+                simulator(),
+            )
             for s, r in ((scenario, simulator().record(scenario, None)), (twin, quiet))
         )
         np.testing.assert_allclose(other.error, one.error, atol=1e-9)
     assert other.rms() / ARCSEC < 9
 
 
-@pytest.mark.skipif(host.compiler() is None, reason="no C compiler on this machine: cc, gcc or clang")
+@pytest.mark.skipif(
+    host.compiler() is None, reason="no C compiler on this machine: cc, gcc or clang"
+)
 def test_the_exported_c_runs_as_a_process_and_errs_as_the_corrector_does(live, tmp_path):
     scenario, recording, start = live
     found = calibrate("placing_table", part_of(recording, recording.time < start), scenario)
@@ -86,8 +104,13 @@ def test_the_exported_c_runs_as_a_process_and_errs_as_the_corrector_does(live, t
     firmware = run(live, command=(str(program),))
     python = run(live, name="placing", calibrate="placing_table")
     np.testing.assert_allclose(firmware.error, python.error, atol=1e-12)
-    case = parse_scenario(PLACING | {"estimator": [{"command": [str(program)], "from_s": start, "accept": {"rms_arcsec": 9}}]})
-    with pytest.raises(TiltcalError, match=r"need leave to run programs; read it, then add --allow-commands"):
+    case = parse_scenario(
+        PLACING
+        | {"estimator": [{"command": [str(program)], "from_s": start, "accept": {"rms_arcsec": 9}}]}
+    )
+    with pytest.raises(
+        TiltcalError, match=r"need leave to run programs; read it, then add --allow-commands"
+    ):
         run_scenario(case, simulator())
     result = run_scenario(case, simulator(), allow_commands=True)
     assert result.accepted
@@ -99,16 +122,28 @@ def swung(error) -> OnlineResult:
     from tiltcal.validation.online.judging import judge
 
     scenario = parse_scenario(
-        PLACING | {"sequence": [{"action": "rest", "dwell_s": 5}, {"action": "move", "outer_deg": 32, "dwell_s": 5}]}
+        PLACING
+        | {
+            "sequence": [
+                {"action": "rest", "dwell_s": 5},
+                {"action": "move", "outer_deg": 32, "dwell_s": 5},
+            ]
+        }
     )
     legs = scenario.schedule.legs
     time = np.arange(0, legs[-1].t1, 0.01)
     e = error(time, legs[1].t0, legs[1].t1)
-    return judge(time, np.column_stack([0 * e, e]), np.tile([0.0, 0.0, 1.0], (len(time), 1)), scenario, 1e-6)
+    return judge(
+        time, np.column_stack([0 * e, e]), np.tile([0.0, 0.0, 1.0], (len(time), 1)), scenario, 1e-6
+    )
 
 
 def test_errors_are_split_by_rest_and_motion_and_settling_is_timed():
-    fading = swung(lambda t, start, end: np.where(t < start, 1e-4, np.where(t < end, 1e-2, 1e-2 * np.exp(-(t - end)))))
+    fading = swung(
+        lambda t, start, end: np.where(
+            t < start, 1e-4, np.where(t < end, 1e-2, 1e-2 * np.exp(-(t - end)))
+        )
+    )
     assert [s.kind for s in fading.sections] == ["rest", "move", "rest"]
     assert fading.rms("move") == pytest.approx(1e-2, rel=1e-6)
     assert fading.sections[0].rms == pytest.approx(1e-4, rel=1e-6)
@@ -162,7 +197,10 @@ def test_a_filter_carries_a_turn_by_its_gyro(name):
 def test_a_sample_of_one_sensor_alone_is_enough_for_a_filter():
     for name in ("complementary", "kalman"):
         filter_ = make_estimator(name, SETUP, None, {})
-        first, last = {"time_s": 0.0, "gyro": (0.0, 0.0, 0.0)}, {"time_s": 0.2, "gyro": (0.1, 0.0, 0.0)}
+        first, last = (
+            {"time_s": 0.0, "gyro": (0.0, 0.0, 0.0)},
+            {"time_s": 0.2, "gyro": (0.1, 0.0, 0.0)},
+        )
         tilt, _ = feed(filter_, [[first, {"time_s": 0.1, "accel": (0.0, 0.0, G)}, last]], name)
         assert np.isnan(tilt[0]).all()
         assert tilt[2, 1] == pytest.approx(0.01, abs=1e-4)
@@ -196,8 +234,14 @@ def module(here, monkeypatch):
 
 
 def test_an_estimator_of_the_user_s_is_judged_from_the_command_line(module, here, capsys):
-    text = HEAD + '[[sequence]]\naction = "move"\nouter_deg = 10\ndwell_s = 3\n' + f'[[estimator]]\nname = "{module}:own"\n'
-    (here / "own.toml").write_text(text + "options = { gain = 0.17453292519943295 }\n[estimator.accept]\nrest_arcsec = 1\n")
+    text = (
+        HEAD
+        + '[[sequence]]\naction = "move"\nouter_deg = 10\ndwell_s = 3\n'
+        + f'[[estimator]]\nname = "{module}:own"\n'
+    )
+    (here / "own.toml").write_text(
+        text + "options = { gain = 0.17453292519943295 }\n[estimator.accept]\nrest_arcsec = 1\n"
+    )
     assert main(["run", "own.toml", "-o", "out"]) == 0
     out = capsys.readouterr().out
     assert "on line" in out
@@ -212,36 +256,53 @@ def test_an_estimator_of_the_user_s_is_judged_from_the_command_line(module, here
     ("name", "options", "message"),
     [
         ("{}:own", {"gian": 1}, "found option 'gian', need one of it; did you mean 'gain'"),
-        ("{}:nothing", {}, "found a object, need an object with update"), ("kalmn", {}, "did you mean 'kalman'"),
-        ("{}:missing", {}, "has no attribute 'missing'"), ("placing", {}, "estimator placing: found no calibration"),
+        ("{}:nothing", {}, "found a object, need an object with update"),
+        ("kalmn", {}, "did you mean 'kalman'"),
+        ("{}:missing", {}, "has no attribute 'missing'"),
+        ("placing", {}, "estimator placing: found no calibration"),
     ],
-)  # fmt: skip
+)
 def test_an_estimator_that_does_not_keep_to_the_contract_is_told_so(module, name, options, message):
     with pytest.raises(TiltcalError, match=message):
         make_estimator(name.format(module), SETUP, None, options)
 
 
 def test_failures_while_it_runs_are_said_to_be_its_own(module):
-    with pytest.raises(TiltcalError, match=r"sample 1: found an error in it \(ValueError: gain below zero\)"):
+    with pytest.raises(
+        TiltcalError, match=r"sample 1: found an error in it \(ValueError: gain below zero\)"
+    ):
         feed(make_estimator(f"{module}:own", SETUP, None, {"gain": -1}), [still(seconds=1)], "own")
     with pytest.raises(TiltcalError, match=r"answers of shape \(1,\), need two numbers"):
         feed(make_estimator(f"{module}:own", SETUP, None, {"gain": 0}), [still(seconds=1)], "own")
-    with pytest.raises(TiltcalError, match="found no such sensor in the scenario, need a sensor of kind gyro"):
+    with pytest.raises(
+        TiltcalError, match="found no such sensor in the scenario, need a sensor of kind gyro"
+    ):
         make_estimator("kalman", setup_of("dual", ACCEL), None, {})
 
 
 def test_what_cannot_be_judged_is_refused_in_words(live):
     scenario, recording, _ = live
     with pytest.raises(TiltcalError, match="beyond the recording"):
-        run_estimator(scenario, EstimatorTable(name="accelerometer", from_s=1e6), recording, simulator())
+        run_estimator(
+            scenario, EstimatorTable(name="accelerometer", from_s=1e6), recording, simulator()
+        )
     with pytest.raises(TiltcalError, match="no sample before from_s"):
-        run_estimator(scenario, EstimatorTable(name="placing", calibrate="placing_table"), recording, simulator())
+        run_estimator(
+            scenario,
+            EstimatorTable(name="placing", calibrate="placing_table"),
+            recording,
+            simulator(),
+        )
     with pytest.raises(TiltcalError, match="found a laboratory without truth"):
         run_estimator(scenario, EstimatorTable(name="accelerometer"), recording, object())
     bare = Calibration("x", "good", {}, np.zeros((0, 0)))
     with pytest.raises(TiltcalError, match="without placing-angle tables"):
         make_estimator("placing", scenario, bare, {})
-    for wrong in ({}, {"name": "a", "command": ["b"]}, {"command": ["b"], "calibrate": "placing_table"}):
+    for wrong in (
+        {},
+        {"name": "a", "command": ["b"]},
+        {"command": ["b"], "calibrate": "placing_table"},
+    ):
         with pytest.raises(TiltcalError, match=r"estimator.1"):
             parse_scenario(PLACING | {"estimator": [wrong]})
 
@@ -249,11 +310,12 @@ def test_what_cannot_be_judged_is_refused_in_words(live):
 @pytest.mark.parametrize(
     ("code", "message"),
     [
-        ("print('nonsense', flush=True); input(); input()", "the answer 'nonsense'"), ("pass", "a program that has ended"),
+        ("print('nonsense', flush=True); input(); input()", "the answer 'nonsense'"),
+        ("pass", "a program that has ended"),
         ("import time; time.sleep(30)", "no answer within 0.3 s"),
         ("print('1,2,3', flush=True); input(); input()", "the answer '1,2,3'"),
     ],
-)  # fmt: skip
+)
 def test_a_program_that_does_not_answer_rightly_is_told_so(code, message, monkeypatch):
     monkeypatch.setattr(process, "PATIENCE", 0.3 if "sleep" in code else 10.0)
     program = process.Process([sys.executable, "-c", code], SETUP)
@@ -268,7 +330,10 @@ def test_a_program_that_is_not_there_is_named():
 
 
 def test_a_program_gets_a_line_a_sample_with_empty_cells_where_nothing_was_sampled():
-    code = "import sys\nfor line in sys.stdin: print(line.count(','), line.split(',').index(''), sep=',', flush=True)"
+    code = (
+        "import sys\nfor line in sys.stdin: print(line.count(','), line.split(',').index(''),"
+        " sep=',', flush=True)"
+    )
     program = process.Process([sys.executable, "-c", code], SETUP)
     try:
         assert program.update({"time_s": 0.5, "accel": (1.0, 2.0, 3.0)}) == (6.0, 4.0)
@@ -277,9 +342,15 @@ def test_a_program_gets_a_line_a_sample_with_empty_cells_where_nothing_was_sampl
 
 
 def test_the_truth_of_a_run_by_time_steps_is_the_mechanics_own():
-    text = PLACING | {"sequence": [{"action": "move", "outer_deg": 20, "dwell_s": 1}], "dynamics": {"stiffness_N_m_rad": 2000.0}}
+    text = PLACING | {
+        "sequence": [{"action": "move", "outer_deg": 20, "dwell_s": 1}],
+        "dynamics": {"stiffness_N_m_rad": 2000.0},
+    }
     scenario = parse_scenario(text)
     time = np.arange(0, 1.2, 0.1)
-    true, asked = simulator().true_up(scenario, 1, time), simulator().true_up(parse_scenario(text | {"dynamics": None}), 1, time)
+    true, asked = (
+        simulator().true_up(scenario, 1, time),
+        simulator().true_up(parse_scenario(text | {"dynamics": None}), 1, time),
+    )
     lag = np.degrees(np.linalg.norm(true - asked, axis=1)).max()
     assert lag > 0.01  # the servo follows late: prescribed motion would not be the truth

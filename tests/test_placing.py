@@ -1,4 +1,6 @@
-"""Placing-angle tables applied: look-ups, the on-line corrector, and what a table may not be extended to."""
+"""Placing-angle tables applied: look-ups, the on-line corrector, and what a table may not be
+extended to.
+"""
 
 import math
 import tracemalloc
@@ -36,11 +38,15 @@ def level(n: int, rng: np.random.Generator) -> np.ndarray:
     return G * f / np.linalg.norm(f, axis=1)[:, None]
 
 
-@pytest.mark.parametrize(("n", "interpolated", "rounded"), [(1, 0.0079, 1.80), (2, 0.031, 3.6), (4, 0.126, 7.2), (8, 0.50, 14.4)])
+@pytest.mark.parametrize(
+    ("n", "interpolated", "rounded"),
+    [(1, 0.0079, 1.80), (2, 0.031, 3.6), (4, 0.126, 7.2), (8, 0.50, 14.4)],
+)
 def test_the_error_of_a_one_degree_table_is_the_one_worked_out_by_hand(n, interpolated, rounded):
     beta = np.linspace(0, 90, 90_001) * DEG
     error = {
-        look: np.abs(wave(n).at(beta, look) - MG * np.cos(n * beta)).max() / G0 / ARCSEC for look in ("interpolated", "rounded")
+        look: np.abs(wave(n).at(beta, look) - MG * np.cos(n * beta)).max() / G0 / ARCSEC
+        for look in ("interpolated", "rounded")
     }
     assert error["interpolated"] == pytest.approx(interpolated, rel=0.02)
     assert error["rounded"] == pytest.approx(rounded, rel=0.01)
@@ -72,15 +78,22 @@ def test_each_axis_gives_the_other_its_angle():
     before = np.abs(reading - f)[:, :2].max() / G / ARCSEC
     after = np.abs(found - f[:, :2]).max() / G / ARCSEC
     assert before > 200
-    # two passes leave (b'/g)^2 b of the 1 mg: 0.005 arcsec even where a tilt near 85 deg magnifies an angle tenfold
+    # two passes leave (b'/g)^2 b of the 1 mg: 0.005 arcsec even where a tilt near 85 deg magnifies
+    # an angle tenfold
     assert after < 0.01
-    once = np.abs(reading[:, 0] - corrector().tables["x"].at(np.arctan2(reading[:, 1], reading[:, 2]), "smooth") - f[:, 0])
+    once = np.abs(
+        reading[:, 0]
+        - corrector().tables["x"].at(np.arctan2(reading[:, 1], reading[:, 2]), "smooth")
+        - f[:, 0]
+    )
     assert once.max() / G / ARCSEC > 5 * after  # the patent's single pass
 
 
 def test_two_channels_know_the_third_from_gravity():
     f = level(5000, rng_of("two channels"))
-    f = f[f[:, 2] > 0.5 * G]  # what two passes leave grows as (b'/f_z)^2 b: here 0.006 arcsec of each axis
+    f = f[
+        f[:, 2] > 0.5 * G
+    ]  # what two passes leave grows as (b'/f_z)^2 b: here 0.006 arcsec of each axis
     reading = f.copy()
     reading[:, 0] += truth("x", f)
     reading[:, 1] += truth("y", f)
@@ -90,10 +103,16 @@ def test_two_channels_know_the_third_from_gravity():
 @pytest.mark.parametrize(
     ("f", "lost"),
     [
-        ((-0.1, 0.2, 1.0), ()), ((-0.1, -0.2, 1.0), ("x",)), ((0.1, 0.2, 1.0), ("y",)), ((0.1, -0.2, 1.0), ("x", "y")),
-        ((-0.1, 0.2, -1.0), ("x", "y")), ((-1.0, 0.03, 0.03), ("x",)), ((-0.001, 0.001, 1.0), ()), ((0.004, -0.004, 1.0), ()),
+        ((-0.1, 0.2, 1.0), ()),
+        ((-0.1, -0.2, 1.0), ("x",)),
+        ((0.1, 0.2, 1.0), ("y",)),
+        ((0.1, -0.2, 1.0), ("x", "y")),
+        ((-0.1, 0.2, -1.0), ("x", "y")),
+        ((-1.0, 0.03, 0.03), ("x",)),
+        ((-0.001, 0.001, 1.0), ()),
+        ((0.004, -0.004, 1.0), ()),
     ],
-)  # fmt: skip
+)
 def test_negative_and_mirrored_quadrants_and_the_vertical_are_no_numbers(f, lost):
     found = dict(zip("xy", corrector().update([G * v for v in f]), strict=True))
     assert {a for a, v in found.items() if math.isnan(v)} == set(lost)
@@ -124,17 +143,26 @@ def stated(angles, unit="m_s2", **more):
 
 
 def cal(entries, lookup="interpolated"):
-    table = {"method": "placing_table", "verdict": "good", "parameters": {}, "bias_tables": {"accel.y": entries}, "lookup": lookup}
+    table = {
+        "method": "placing_table",
+        "verdict": "good",
+        "parameters": {},
+        "bias_tables": {"accel.y": entries},
+        "lookup": lookup,
+    }
     return calibration_from(table)
 
 
 @pytest.mark.parametrize(
     ("entries", "message"),
     [
-        (stated([0, 1, 3.5]), "3 entries at uneven or descending angles"), (stated([2, 1, 0]), "uneven or descending"),
-        (stated([0]), "1 entries"), (stated([0, 1], unit="arcsec"), "unit arcsec"), ([{"value": 1}], "no key 'angle_deg'"),
+        (stated([0, 1, 3.5]), "3 entries at uneven or descending angles"),
+        (stated([2, 1, 0]), "uneven or descending"),
+        (stated([0]), "1 entries"),
+        (stated([0, 1], unit="arcsec"), "unit arcsec"),
+        ([{"value": 1}], "no key 'angle_deg'"),
     ],
-)  # fmt: skip
+)
 def test_a_table_that_is_none_is_refused_in_words(entries, message):
     from builders import INCL
 

@@ -1,4 +1,6 @@
-"""S0: tables from sweeps. Recordings are made by hand here; the scenarios do the same through MuJoCo."""
+"""S0: tables from sweeps. Recordings are made by hand here; the scenarios do the same through
+MuJoCo.
+"""
 
 from dataclasses import replace
 
@@ -38,21 +40,31 @@ def readings(mount: int, outer: np.ndarray, lean: float = 0.0) -> np.ndarray:
     e = G * lean + zero  # the North end of the table's axis is high by this angle
     f = {0: (-s, e), 90: (e, s), 180: (s, -e), 270: (-e, -s)}[mount]
     beta = {0: ("y", outer), 90: ("x", outer), 180: ("y", -outer), 270: ("x", -outer)}[mount]
-    across = {"x": bias("x", zero), "y": bias("y", zero)} | {beta[0]: bias(*beta)}  # the other axis stands at 0
+    across = {"x": bias("x", zero), "y": bias("y", zero)} | {
+        beta[0]: bias(*beta)
+    }  # the other axis stands at 0
     return np.column_stack(f) + np.column_stack([across["x"], across["y"]])
 
 
 def log(*sweeps, noise=None, drift=0.0, lean=0.0, sensor=SENSOR, stated=None, readings_of=readings):
-    """A recording of sweeps (mount, angles), one after the other, with the mountings in its metadata."""
+    """A recording of sweeps (mount, angles), one after the other, with the mountings in its
+    metadata.
+    """
     outer = np.concatenate([a for _, a in sweeps])
     means = np.vstack([readings_of(m, a, lean) for m, a in sweeps])
     if drift:
         rows = rows_of(len(outer), DWELL, MOVE)[-1] + 1
-        noise = (0.0 if noise is None else noise) + drift * (np.arange(rows)[:, None] / sensor.rate_hz) * np.ones(2)
+        noise = (0.0 if noise is None else noise) + drift * (
+            np.arange(rows)[:, None] / sensor.rate_hz
+        ) * np.ones(2)
     made = log_of(means, sensor, dwell=DWELL, move=MOVE, noise=noise, angles={"outer": outer})
-    starts = np.cumsum([0, *(len(a) for _, a in sweeps[:-1])]) * (DWELL + MOVE) / sensor.rate_hz - MOVE / sensor.rate_hz / 2
+    starts = (
+        np.cumsum([0, *(len(a) for _, a in sweeps[:-1])]) * (DWELL + MOVE) / sensor.rate_hz
+        - MOVE / sensor.rate_hz / 2
+    )
     words = [
-        ("" if k == 0 else f"{t:g} s: ") + f"Rz({m})" for k, (t, (m, _)) in enumerate(zip(starts, stated or sweeps, strict=True))
+        ("" if k == 0 else f"{t:g} s: ") + f"Rz({m})"
+        for k, (t, (m, _)) in enumerate(zip(starts, stated or sweeps, strict=True))
     ]
     return replace(made, metadata={"mount": "; ".join(words)})
 
@@ -65,7 +77,9 @@ def dwells(made) -> list[Segment]:
     found = []
     for first in range(6, len(made), DWELL + MOVE):
         last = first + DWELL - 12
-        found.append(Segment(float(made.time[first]), float(made.time[last - 1]), first, last, "dwell"))
+        found.append(
+            Segment(float(made.time[first]), float(made.time[last - 1]), first, last, "dwell")
+        )
     return found
 
 
@@ -116,7 +130,9 @@ def test_an_ascending_sweep_hides_a_linear_drift_and_says_so_and_up_and_down_hid
     passed = np.polyfit(UP, wrong, 1)[0] * 90 / (drift * seconds)
     assert passed > 0.94  # from the first dwell to the last: what the table took of the drift ...
     left = wrong - np.polyval(np.polyfit(UP, wrong, 1), UP)
-    assert 1 - np.sum(left**2) / np.sum((wrong - wrong.mean()) ** 2) > 0.999  # ... is all of it, and nothing is left to show it
+    assert (
+        1 - np.sum(left**2) / np.sum((wrong - wrong.mean()) ** 2) > 0.999
+    )  # ... is all of it, and nothing is left to show it
     assert one_way.dof <= 0 or one_way.chi2_per_dof < 1
     assert one_way.verdict == "suspect"
     (test,) = [t for t in one_way.tests if t.name == "up and down"]
@@ -144,7 +160,9 @@ def test_a_second_sweep_turned_round_splits_the_table_from_the_sensor():
     split = swept(log(*four, lean=lean))
     for axis in "xy":
         np.testing.assert_allclose(entries(split, axis), bias(axis, UP), atol=1e-8)
-        assert split.bias_tables[f"accel.{axis}"][3]["table_value"] == pytest.approx(G * lean, rel=1e-4)
+        assert split.bias_tables[f"accel.{axis}"][3]["table_value"] == pytest.approx(
+            G * lean, rel=1e-4
+        )
     assert any("leans by 8 " in w for w in split.warnings)
     assert not any("remount of 180 deg, splits" in w for w in split.warnings)
 
@@ -168,9 +186,15 @@ def test_one_axis_alone_is_calibrated_and_the_other_is_asked_for():
 def test_an_inclinometer_is_swept_alike():
     incl = INCL.model_copy(update={"rate_hz": 50.0})
     setup = setup_of("placing", incl)
-    made = log(*BOTH, sensor=incl, readings_of=lambda m, a, e: np.arcsin(np.clip(readings(m, a, e) / G, -1, 1)))
+    made = log(
+        *BOTH,
+        sensor=incl,
+        readings_of=lambda m, a, e: np.arcsin(np.clip(readings(m, a, e) / G, -1, 1)),
+    )
     found = swept(made, setup)
-    np.testing.assert_allclose([e["value"] for e in found.bias_tables["incl.x"]], bias("x", UP), atol=1e-8)
+    np.testing.assert_allclose(
+        [e["value"] for e in found.bias_tables["incl.x"]], bias("x", UP), atol=1e-8
+    )
 
 
 def test_a_table_with_a_shape_beyond_four_harmonics_has_no_smooth_fit_and_stays_a_table():
@@ -181,7 +205,9 @@ def test_a_table_with_a_shape_beyond_four_harmonics_has_no_smooth_fit_and_stays_
     found = swept(log(*BOTH, noise=noise, readings_of=kinked))
     assert not found.parameters
     assert any("no smooth fit of up to 4 harmonics" in w for w in found.warnings)
-    np.testing.assert_allclose(entries(found, "y"), kinked(0, UP, 0.0)[:, 1], atol=6 * SIGMA / np.sqrt(70))
+    np.testing.assert_allclose(
+        entries(found, "y"), kinked(0, UP, 0.0)[:, 1], atol=6 * SIGMA / np.sqrt(70)
+    )
     asked = swept(log(*BOTH, noise=noise, readings_of=kinked), harmonics=2)
     assert asked.verdict == "suspect"
     with pytest.raises(TiltcalError, match="no smooth fit that holds"):
@@ -200,7 +226,10 @@ def test_missing_angles_and_dwells_off_the_steps_are_named():
 @pytest.mark.parametrize(("stated", "look"), [((0, 0), 90), ((0, 180), 270)])
 def test_a_mounting_that_the_readings_contradict_is_refused_by_name(stated, look):
     made = log(*BOTH, stated=[(m, None) for m in stated])
-    with pytest.raises(TiltcalError, match=rf"off the stated mounting but look like one turned by a further Rz\({look}\)"):
+    with pytest.raises(
+        TiltcalError,
+        match=rf"off the stated mounting but look like one turned by a further Rz\({look}\)",
+    ):
         swept(made)
 
 
@@ -217,12 +246,18 @@ def test_unusable_recordings_and_options_are_refused_in_words():
     with pytest.raises(TiltcalError, match="found table dual, need table placing"):
         calibrate("placing_table", made, setup_of("dual", SENSOR))
     blind = replace(
-        made, blocks=tuple(replace(b, columns={n: v for n, v in b.columns.items() if "table" not in n}) for b in made.blocks)
+        made,
+        blocks=tuple(
+            replace(b, columns={n: v for n, v in b.columns.items() if "table" not in n})
+            for b in made.blocks
+        ),
     )
     with pytest.raises(TiltcalError, match="without a readout of table_outer"):
         calibrate("placing_table", blind, SETUP)
     with pytest.raises(TiltcalError, match="found axes x of accel, need x and y"):
-        calibrate("placing_table", made, setup_of("placing", SENSOR.model_copy(update={"axes": ("x",)})))
+        calibrate(
+            "placing_table", made, setup_of("placing", SENSOR.model_copy(update={"axes": ("x",)}))
+        )
     with pytest.raises(TiltcalError, match=r"option lookup: found nearest"):
         swept(made, lookup="nearest")
     with pytest.raises(TiltcalError, match=r"option harmonics: found 7"):
@@ -243,13 +278,17 @@ def test_a_dwell_that_spans_a_remount_is_cut_there():
 
 @pytest.mark.slow
 def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
-    """Tables and smooth fits of both axes: one family of variances and NEES at 0.1 %, and 95 % intervals."""
+    """Tables and smooth fits of both axes: one family of variances and NEES at 0.1 %, and 95 %
+    intervals.
+    """
     draws, angles = 10_000, UP[::3]
     sweep = np.concatenate([angles, angles[-2::-1]])
     clean = log((0, sweep), (90, sweep))
     segments = dwells(clean)
     known = poses._known_up(clean, SETUP, segments)
-    monkeypatch.setattr(poses, "_known_up", lambda *_: known)  # the readout is the same in every draw: read it once
+    monkeypatch.setattr(
+        poses, "_known_up", lambda *_: known
+    )  # the readout is the same in every draw: read it once
     rng = rng_of("placing table at its bound")
     columns = np.column_stack([clean.column(f"accel_{a}_m_s2") for a in "xy"])
     truth = dict(
@@ -261,12 +300,18 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     )
     names, n = list(truth), len(angles)
     angle = {"table_outer_deg": clean.column("table_outer_deg")}
-    values, sigmas, nees = np.empty((draws, 2 * n + 10)), np.empty((draws, 2 * n + 10)), np.empty(draws)
+    values, sigmas, nees = (
+        np.empty((draws, 2 * n + 10)),
+        np.empty((draws, 2 * n + 10)),
+        np.empty(draws),
+    )
     for k in range(draws):
         noisy = columns + rng.normal(0, SIGMA, columns.shape)
         made = type(clean).from_columns(
-            clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xy")} | angle, metadata=clean.metadata,
-        )  # fmt: skip
+            clean.time,
+            {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xy")} | angle,
+            metadata=clean.metadata,
+        )
         found = calibrate("placing_table", made, SETUP, segments=segments, harmonics=2)
         tables = [e for a in "xy" for e in found.bias_tables[f"accel.{a}"]]
         values[k] = [e["value"] for e in tables] + [found.value(x) for x in names]
@@ -277,24 +322,40 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     p = FAMILY / (len(exact) + 1) / 2
     low, high = chi2.ppf(p, draws - 1) / (draws - 1), chi2.isf(p, draws - 1) / (draws - 1)
     assert np.all((ratio > low) & (ratio < high)), ratio
-    residuals = 2 * len(segments) * 39  # samples about their dwell means, from which the noise is estimated
-    assert chi2.ppf(p, 10 * draws) / (10 * draws) < nees.mean() / 10 < chi2.isf(p, 10 * draws) / (10 * draws) * (1 + 4 / residuals)
+    residuals = (
+        2 * len(segments) * 39
+    )  # samples about their dwell means, from which the noise is estimated
+    assert (
+        chi2.ppf(p, 10 * draws) / (10 * draws)
+        < nees.mean() / 10
+        < chi2.isf(p, 10 * draws) / (10 * draws) * (1 + 4 / residuals)
+    )
     coverage = (np.abs(values - exact) <= 1.959964 * sigmas).mean(axis=0)
     assert np.all((coverage > 0.94) & (coverage < 0.96)), coverage
     assert binom.ppf(p, draws, 0.95) / draws > 0.94
 
 
 def _bound(segments, sweep, angles) -> np.ndarray:
-    """Cramer-Rao by the whole design: table entries and a drift against samples; five terms and a drift against samples."""
+    """Cramer-Rao by the whole design: table entries and a drift against samples; five terms and a
+    drift against samples.
+    """
     counts = np.array([s.last - s.first for s in segments], dtype=float)
     times = np.array([(s.start + s.end) / 2 for s in segments])
     tables, smooth = [], []
-    for half in (slice(len(sweep), None), slice(0, len(sweep))):  # x in the second sweep, y in the first
+    for half in (
+        slice(len(sweep), None),
+        slice(0, len(sweep)),
+    ):  # x in the second sweep, y in the first
         t, w = times[half] - times[half].mean(), counts[half] / SIGMA**2
         b = np.radians(sweep)
         for basis, out in (
             (np.eye(len(angles))[np.round(sweep / (angles[1] - angles[0])).astype(int)], tables),
-            (np.column_stack([np.ones_like(b), np.cos(b), np.sin(b), np.cos(2 * b), np.sin(2 * b)]), smooth),
+            (
+                np.column_stack(
+                    [np.ones_like(b), np.cos(b), np.sin(b), np.cos(2 * b), np.sin(2 * b)]
+                ),
+                smooth,
+            ),
         ):
             A = np.column_stack([basis, t])
             out.append(np.diag(np.linalg.inv(A.T @ (A * w[:, None])))[:-1])

@@ -1,4 +1,6 @@
-"""Real logs diagnosed: what was left out is found and nothing more, and whole directions left out are predicted as well."""
+"""Real logs diagnosed: what was left out is found and nothing more, and whole directions left out
+are predicted as well.
+"""
 
 import json
 from dataclasses import replace
@@ -24,7 +26,11 @@ CROSS_AXIS = {"acc_cross_axis", "gyr_misalignment"}
 
 def known(words, folder, gyro='"bias", "scale"'):
     """A scenario whose sensors may be re-tuned in bias and scale only."""
-    text = (WORDS / f"{words}.toml").read_text(encoding="utf-8").replace('"bias", "scale", "cross_axis"', '"bias", "scale"')
+    text = (
+        (WORDS / f"{words}.toml")
+        .read_text(encoding="utf-8")
+        .replace('"bias", "scale", "cross_axis"', '"bias", "scale"')
+    )
     if text.count("adjustable") == 1:  # its gyro has none
         text += f"adjustable = [{gyro}]\n"
     (folder / "known.toml").write_text(text, encoding="utf-8")
@@ -50,7 +56,9 @@ def of(observations, axis):
 
 
 def in_poses(observations, axis, without=()):
-    """Mean residual of each rest, what one of each fitted size does to it, and the direction that it was taken in."""
+    """Mean residual of each rest, what one of each fitted size does to it, and the direction that
+    it was taken in.
+    """
     i = of(observations, axis)
     effects = [e for e in observations.known if e.id not in without]
     channel = observations.channels[i]
@@ -63,15 +71,24 @@ def in_poses(observations, axis, without=()):
     for effect in effects:
         for name in effect.sizes if effect.role in ("calibration", "found") else ():
             change = observations.changes(
-                replace(effect, values={**effect.values, **dict.fromkeys(effect.sizes, 0.0), name: 1e-4}), effects
+                replace(
+                    effect, values={**effect.values, **dict.fromkeys(effect.sizes, 0.0), name: 1e-4}
+                ),
+                effects,
             )
             columns += [means(change[i])] if i in change else []
     read = observations.recordings[0].sensor(observations.scenario.named("accel")).values
-    return means(observations.residuals(effects)[i]), np.array(columns).T, group_directions(means(read[channel.rows]))
+    return (
+        means(observations.residuals(effects)[i]),
+        np.array(columns).T,
+        group_directions(means(read[channel.rows])),
+    )
 
 
 def heldout(residual, columns, group):
-    """Rms of what groups left out read more than the others let expect: all sizes fitted to the others only."""
+    """Rms of what groups left out read more than the others let expect: all sizes fitted to the
+    others only.
+    """
     left = []
     for k in np.unique(group):
         out = group == k
@@ -80,7 +97,9 @@ def heldout(residual, columns, group):
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
 
 
-def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and_nothing_else(xsens):
+def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and_nothing_else(
+    xsens,
+):
     found, _ = xsens
     assert found["verdict"] == "explained"
     names = [f["effect"] for f in found["findings"]]
@@ -93,15 +112,26 @@ def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and
 
 def test_xsens_reaches_the_careful_fit_of_gravity_in_directions_left_out(xsens):
     _, observations = xsens
-    assert heldout(*in_poses(observations, "accel.norm")) / MILLI_G <= LOGS["xsens"][3]  # what `norm` reaches
-    assert heldout(*in_poses(observations, "accel.norm", CROSS_AXIS)) / MILLI_G > 5.0  # bias and scale alone: 6.95
+    assert (
+        heldout(*in_poses(observations, "accel.norm")) / MILLI_G <= LOGS["xsens"][3]
+    )  # what `norm` reaches
+    assert (
+        heldout(*in_poses(observations, "accel.norm", CROSS_AXIS)) / MILLI_G > 5.0
+    )  # bias and scale alone: 6.95
 
 
 def test_xsens_reaches_the_careful_fit_of_the_gyro_at_rest(xsens):
     _, observations = xsens
 
     def per_pose(without=()):
-        return np.sqrt(np.mean([heldout(*in_poses(observations, f"gyro.{a}", without)) ** 2 for a in "xyz"])) / HOUR
+        return (
+            np.sqrt(
+                np.mean(
+                    [heldout(*in_poses(observations, f"gyro.{a}", without)) ** 2 for a in "xyz"]
+                )
+            )
+            / HOUR
+        )
 
     assert per_pose() <= 80  # deg/h in directions left out; a careful fit of all of them: 68
     assert per_pose({"gyr_gsens"}) > 200
@@ -112,7 +142,9 @@ def test_xsens_reaches_the_careful_fit_of_its_turns(xsens):
     i = of(observations, "gyro.turn")
 
     def error(without=()):
-        left = observations.residuals([e for e in observations.known if e.id not in without])[i].reshape(-1, 3)
+        left = observations.residuals([e for e in observations.known if e.id not in without])[
+            i
+        ].reshape(-1, 3)
         return np.sqrt(np.mean(np.sum(left**2, axis=1))) / DEG
 
     assert error() <= 0.158
@@ -133,12 +165,17 @@ def test_a_thermal_cycle_leaves_a_lag_that_no_curve_over_temperature_has(tmp_pat
     late = next(f for f in found["findings"] if f["effect"] == "acc_temp_bias")
     assert late["where"]["coordinate"] == "temperature"
     named = {n for f in found["findings"] for n in f["class"]}
-    assert {"acc_thermal_hysteresis", "acc_thermal_gradient"} <= named  # in the class of the late bias, or beside it
+    assert {
+        "acc_thermal_hysteresis",
+        "acc_thermal_gradient",
+    } <= named  # in the class of the late bias, or beside it
     assert "warming and cooling differ, as of a thermal lag or hysteresis" in late["statement"]
 
 
 def test_six_positions_by_the_norm_alone_cannot_be_told(tmp_path):
-    path = imported("ferraris_session/example_ferraris_session.csv", "ferraris", tmp_path / "run.csv")
+    path = imported(
+        "ferraris_session/example_ferraris_session.csv", "ferraris", tmp_path / "run.csv"
+    )
     text = (WORDS / "ferraris.toml").read_text(encoding="utf-8")
     (tmp_path / "alone.toml").write_text(text[: text.rindex("[[sensor]]")], encoding="utf-8")
     assert diagnosed(path, tmp_path / "alone.toml", tmp_path)["verdict"] == "cannot_tell"

@@ -1,4 +1,6 @@
-"""Real logs as their owners published them: hand-turned instruments, judged by the norm of gravity."""
+"""Real logs as their owners published them: hand-turned instruments, judged by the norm of
+gravity.
+"""
 
 import json
 from pathlib import Path
@@ -13,17 +15,33 @@ from tiltcal.recordings.segmentation import dwells, find_segments
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 WORDS = Path(__file__).parent / "real"
 MILLI_G = 9.80665e-3
-LOGS = {  # file, mapping and scenario, least dwells, held-out residual of a careful fit in mg with 9 parameters
+# file, mapping and scenario, least dwells, held-out residual of a careful fit in mg with 9
+# parameters
+LOGS = {
     "xsens": ("xsens_mti/xsens_acc.mat", "xsens", 37, 0.18),
     "mpu0": ("mpu9150/imu0.log", "mpu9150", 19, 0.36),
     "mpu1": ("mpu9150/imu1.log", "mpu9150", 19, 0.32),
 }
 
-pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the published recordings are not in {FOLDER}")
+pytestmark = pytest.mark.skipif(
+    not FOLDER.is_dir(), reason=f"the published recordings are not in {FOLDER}"
+)
 
 
 def imported(file, words, out):
-    assert main(["import", str(FOLDER / file), "--map", str(WORDS / f"{words}_map.toml"), "-o", str(out)]) == 0
+    assert (
+        main(
+            [
+                "import",
+                str(FOLDER / file),
+                "--map",
+                str(WORDS / f"{words}_map.toml"),
+                "-o",
+                str(out),
+            ]
+        )
+        == 0
+    )
     return out
 
 
@@ -37,7 +55,16 @@ def log(request, tmp_path_factory):
 
 def calibrated(capsys, path, scenario, *more, status):
     capsys.readouterr()
-    words = ["calibrate", str(path), "--scenario", str(scenario), "--method", "norm", "--json", *map(str, more)]
+    words = [
+        "calibrate",
+        str(path),
+        "--scenario",
+        str(scenario),
+        "--method",
+        "norm",
+        "--json",
+        *map(str, more),
+    ]
     assert main(words) == status
     found = json.loads(capsys.readouterr().out)
     return found, found["fit"]["heldout_rms"]["accel"] / MILLI_G
@@ -65,8 +92,13 @@ def test_the_answer_hardly_depends_on_the_detector_s_window(log, tmp_path, capsy
     path, scenario, *_ = log
     reached = []
     for window in (0.5, 1, 2):
-        assert main(["segments", str(path), "--window", str(window), "-o", str(tmp_path / "SEG.csv")]) == 0
-        reached.append(calibrated(capsys, path, scenario, "--segments", tmp_path / "SEG.csv", status=0)[1])
+        assert (
+            main(["segments", str(path), "--window", str(window), "-o", str(tmp_path / "SEG.csv")])
+            == 0
+        )
+        reached.append(
+            calibrated(capsys, path, scenario, "--segments", tmp_path / "SEG.csv", status=0)[1]
+        )
     assert max(reached) / min(reached) < 1.2
 
 
@@ -79,17 +111,27 @@ def test_six_parameters_are_not_enough_and_called_suspect(log, capsys):
 
 
 def test_one_unit_s_calibration_does_not_fit_the_other(tmp_path, capsys):
-    runs = [imported(LOGS[unit][0], "mpu9150", tmp_path / f"{unit}.csv") for unit in ("mpu0", "mpu1")]
+    runs = [
+        imported(LOGS[unit][0], "mpu9150", tmp_path / f"{unit}.csv") for unit in ("mpu0", "mpu1")
+    ]
     scenario = WORDS / "mpu9150.toml"
     calibrated(capsys, runs[0], scenario, "-o", tmp_path / "CAL.json", status=0)
-    assert main(["check", str(tmp_path / "CAL.json"), str(runs[0]), "--scenario", str(scenario)]) == 0
-    assert main(["check", str(tmp_path / "CAL.json"), str(runs[1]), "--scenario", str(scenario)]) == 1
+    assert (
+        main(["check", str(tmp_path / "CAL.json"), str(runs[0]), "--scenario", str(scenario)]) == 0
+    )
+    assert (
+        main(["check", str(tmp_path / "CAL.json"), str(runs[1]), "--scenario", str(scenario)]) == 1
+    )
 
 
 @pytest.mark.parametrize("terms", [6, 9])
 def test_six_directions_by_the_norm_alone_cannot_be_told(terms, tmp_path, capsys):
-    path = imported("ferraris_session/example_ferraris_session.csv", "ferraris", tmp_path / "run.csv")
-    found, _ = calibrated(capsys, path, WORDS / "ferraris.toml", "--option", f"terms={terms}", status=1)
+    path = imported(
+        "ferraris_session/example_ferraris_session.csv", "ferraris", tmp_path / "run.csv"
+    )
+    found, _ = calibrated(
+        capsys, path, WORDS / "ferraris.toml", "--option", f"terms={terms}", status=1
+    )
     assert found["verdict"] == "cannot_tell"
     blind = next(t for t in found["tests"] if t["name"] == "directions predict each other")
     assert not blind["passed"]

@@ -1,4 +1,6 @@
-"""The Recording: blocks on one time axis, conversions to SI, and what it says when something is missing."""
+"""The Recording: blocks on one time axis, conversions to SI, and what it says when something is
+missing.
+"""
 
 import numpy as np
 import pytest
@@ -15,12 +17,16 @@ ACCEL = Sensor(name="accel", kind="accelerometer")
 
 def recording(**columns):
     return Recording.from_columns(
-        TIME, {name: np.array(values, float) for name, values in columns.items()}, source="recording r.csv"
+        TIME,
+        {name: np.array(values, float) for name, values in columns.items()},
+        source="recording r.csv",
     )
 
 
 def triad(unit, x=(1, 2, 3, 4)):
-    return recording(**{f"accel_x_{unit}": x, f"accel_y_{unit}": (0, 0, 0, 0), f"accel_z_{unit}": (9, 9, 9, 9)})
+    return recording(
+        **{f"accel_x_{unit}": x, f"accel_y_{unit}": (0, 0, 0, 0), f"accel_z_{unit}": (9, 9, 9, 9)}
+    )
 
 
 @pytest.mark.parametrize(
@@ -42,7 +48,9 @@ def test_the_unit_is_read_from_the_right_longest_first(name, parts):
 def test_compound_units_of_parameters_have_their_size():
     assert split_unit("temp_bias_x_ug_degC", PARAMETER_UNITS) == ("temp_bias_x", "ug_degC")
     assert PARAMETER_UNITS["ug_degC"].factor == pytest.approx(1e-6 * G0)
-    assert PARAMETER_UNITS["deg_rth"].factor == pytest.approx(DEG / 60)  # 1 deg/rt h = 1/60 deg/rt s
+    assert PARAMETER_UNITS["deg_rth"].factor == pytest.approx(
+        DEG / 60
+    )  # 1 deg/rt h = 1/60 deg/rt s
     assert PARAMETER_UNITS["deg_h_rth"].factor == pytest.approx(DEG / 3600 / 60)
     assert COLUMN_UNITS["arcsec"].factor == pytest.approx(np.pi / 180 / 3600)
 
@@ -70,7 +78,9 @@ def test_a_column_that_was_never_sampled_keeps_its_name():
     assert np.isnan(r.column("accel_x_g")).all()
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("m_s2", 1), ("g", 9.80665), ("mg", 9.80665e-3), ("ug", 9.80665e-6)])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("m_s2", 1), ("g", 9.80665), ("mg", 9.80665e-3), ("ug", 9.80665e-6)]
+)
 def test_a_sensor_reads_in_si_whatever_its_columns_unit(unit, factor):
     samples = triad(unit).sensor(ACCEL)
     np.testing.assert_allclose(samples.values, factor * np.array([[k, 0, 9] for k in (1, 2, 3, 4)]))
@@ -108,12 +118,18 @@ def test_a_sensors_samples_are_the_rows_where_any_channel_was_read():
 )
 def test_raw_codes_become_si_by_zero_and_slope(slope, si):
     conversion = Input(unit="LSB", zero=33000, **slope)
-    np.testing.assert_allclose(conversion.to_si(np.array([[33415.0, 33000, 32585]])), si * np.array([[1, 0, -1]]))
-    np.testing.assert_allclose(conversion.from_si(si * np.array([[1, 0, -1]])), [[33415, 33000, 32585]])
+    np.testing.assert_allclose(
+        conversion.to_si(np.array([[33415.0, 33000, 32585]])), si * np.array([[1, 0, -1]])
+    )
+    np.testing.assert_allclose(
+        conversion.from_si(si * np.array([[1, 0, -1]])), [[33415, 33000, 32585]]
+    )
 
 
 def test_a_sensor_with_an_input_conversion_takes_raw_columns_and_si_ones():
-    sensor = ACCEL.model_copy(update={"input": Input(unit="LSB", zero=(100, 200, 300), per_m_s2=10)})
+    sensor = ACCEL.model_copy(
+        update={"input": Input(unit="LSB", zero=(100, 200, 300), per_m_s2=10)}
+    )
     raw = recording(accel_x_LSB=(110,) * 4, accel_y_LSB=(200,) * 4, accel_z_LSB=(398,) * 4)
     np.testing.assert_allclose(raw.sensor(sensor).values[0], [1, 0, 9.8])
     np.testing.assert_allclose(triad("g").sensor(sensor).values[0], [G0, 0, 9 * G0])
@@ -136,9 +152,13 @@ def test_table_angles_and_temperature_are_read_with_their_gaps():
 
 def test_unknown_columns_are_kept_and_reported():
     r = Recording.from_columns(
-        TIME, {name: np.zeros(4) for name in ("accel_x_g", "pressure_V", "table_outer_deg", "temperature_degC")},
+        TIME,
+        {
+            name: np.zeros(4)
+            for name in ("accel_x_g", "pressure_V", "table_outer_deg", "temperature_degC")
+        },
         extra={"operator": np.array(["A"] * 4, object)},
-    )  # fmt: skip
+    )
     assert r.unknown([ACCEL]) == ["pressure_V", "operator"]
     assert r.channel("pressure") == "pressure_V"
     assert r.channel("humidity") is None
@@ -158,7 +178,8 @@ def test_time_that_increases_is_fine():
     assert r.require_increasing() is r
 
 
-# -------------------------------------------------------------------------------------------------- messages
+# --------------------------------------------------------------------------------------------------
+# messages
 
 
 @pytest.mark.parametrize(
@@ -166,7 +187,10 @@ def test_time_that_increases_is_fine():
     [
         (
             (0, 1, 0.98, 2),
-            r"r\.csv, data row 3: found time goes back by 0\.02 s \(at 0\.98 s\), need time stamps that increase",
+            (
+                r"r\.csv, data row 3: found time goes back by 0\.02 s \(at 0\.98 s\), need time"
+                r" stamps that increase"
+            ),
         ),
         ((0, 1, 2, 2), r"data row 4: found a repeated time stamp, step 0 s \(at 2 s\)"),
     ],
@@ -179,7 +203,9 @@ def test_time_that_does_not_increase_is_located(time, message):
 def test_a_missing_column_is_answered_with_the_nearest():
     with pytest.raises(
         TiltcalError,
-        match=r"recording r\.csv, column accel_x_gg: found no such column.*did you mean 'accel_x_g'\?",
+        match=(
+            r"recording r\.csv, column accel_x_gg: found no such column.*did you mean 'accel_x_g'\?"
+        ),
     ):
         triad("g").column("accel_x_gg")
     with pytest.raises(TiltcalError, match="it has none"):
@@ -189,22 +215,33 @@ def test_a_missing_column_is_answered_with_the_nearest():
 def test_a_sensor_without_a_column_names_the_axis():
     with pytest.raises(
         TiltcalError,
-        match=r"sensor accel: found no column accel_y_<unit>, need one column for each of its axes x, y, z",
+        match=(
+            r"sensor accel: found no column accel_y_<unit>, need one column for each of its axes x,"
+            r" y, z"
+        ),
     ):
         recording(accel_x_g=(0,) * 4).sensor(ACCEL)
     with pytest.raises(TiltcalError, match="found no column accel_x_<unit>"):
         Recording(TIME).sensor(ACCEL)
 
 
-@pytest.mark.parametrize(("unit", "advice"), [("LSB", r"add input = \{unit = \.\.\."), ("V", "add input"), ("deg_s", "rename it")])
+@pytest.mark.parametrize(
+    ("unit", "advice"),
+    [("LSB", r"add input = \{unit = \.\.\."), ("V", "add input"), ("deg_s", "rename it")],
+)
 def test_a_unit_that_does_not_fit_the_sensor_is_refused(unit, advice):
-    with pytest.raises(TiltcalError, match=f"column accel_x_{unit}: found unit {unit}, need a unit of acceleration; {advice}"):
+    with pytest.raises(
+        TiltcalError,
+        match=f"column accel_x_{unit}: found unit {unit}, need a unit of acceleration; {advice}",
+    ):
         triad(unit).sensor(ACCEL)
 
 
 def test_the_nearest_word_is_a_near_one_or_the_whole_list():
     assert nearest("acc_k2", ["acc_K2", "acc_K3"]) == "did you mean 'acc_K2'?"
-    assert nearest("acceleration_of_gravity", ["acceptance", "limits"]) == "did you mean 'acceptance'?"
+    assert (
+        nearest("acceleration_of_gravity", ["acceptance", "limits"]) == "did you mean 'acceptance'?"
+    )
     assert nearest("zzz", ["b", "a"]) == "valid are a, b"
 
 

@@ -1,4 +1,6 @@
-"""Recordings as files: what is written reads back exactly, and every file that cannot be read says where and why."""
+"""Recordings as files: what is written reads back exactly, and every file that cannot be read says
+where and why.
+"""
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +14,14 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import SUFFIXES, read_recording, write_recording
 
-NUMBERS = ("accel_x_m_s2", "accel_y_ug", "gyro_z_deg_h", "table_outer_deg", "pressure_V", "temperature_degC")
+NUMBERS = (
+    "accel_x_m_s2",
+    "accel_y_ug",
+    "gyro_z_deg_h",
+    "table_outer_deg",
+    "pressure_V",
+    "temperature_degC",
+)
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 WORD = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=12).map(lambda t: t or None)
 KEY = st.text(st.characters(categories=("L", "N")), min_size=1, max_size=8)
@@ -27,7 +36,9 @@ def recordings(draw):
     for name in draw(st.lists(st.sampled_from(NUMBERS), unique=True)):
         every, values = draw(st.sampled_from([1, 2, 3])), draw(arrays(float, n, elements=FINITE))
         values[np.arange(n) % every > 0] = np.nan
-        columns[name] = np.where(draw(arrays(bool, n)), np.nan, values) if draw(st.booleans()) else values
+        columns[name] = (
+            np.where(draw(arrays(bool, n)), np.nan, values) if draw(st.booleans()) else values
+        )
     words = st.lists(WORD, min_size=n, max_size=n).map(lambda w: np.array(w, dtype=object))
     labels = draw(st.none() | words)
     extra = draw(st.dictionaries(st.sampled_from(["operator", 'said "so", he', "Prüfer"]), words))
@@ -59,16 +70,22 @@ def test_what_is_written_reads_back_exactly(suffix, original, tmp_path):
         assert_same_bits(again.column(name), original.column(name))
     assert (again.labels is None) == (original.labels is None)
     assert original.labels is None or list(again.labels) == list(original.labels)
-    assert {k: list(v) for k, v in again.extra.items()} == {k: list(v) for k, v in original.extra.items()}
+    assert {k: list(v) for k, v in again.extra.items()} == {
+        k: list(v) for k, v in original.extra.items()
+    }
     assert again.metadata == original.metadata
     assert again.source == f"recording {path.name}"
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("value", [-0.0, 5e-324, 1.7976931348623157e308, 0.1 + 0.2, 1 / 3, 1e22, -np.inf])
+@pytest.mark.parametrize(
+    "value", [-0.0, 5e-324, 1.7976931348623157e308, 0.1 + 0.2, 1 / 3, 1e22, -np.inf]
+)
 def test_hard_numbers_survive(suffix, value, tmp_path):
     path = tmp_path / f"r{suffix}"
-    write_recording(Recording.from_columns(np.arange(2.0), {"accel_x_g": np.array([value, np.nan])}), path)
+    write_recording(
+        Recording.from_columns(np.arange(2.0), {"accel_x_g": np.array([value, np.nan])}), path
+    )
     assert_same_bits(read_recording(path).column("accel_x_g"), np.array([value, np.nan]))
 
 
@@ -95,7 +112,8 @@ def test_a_csv_from_anywhere_reads(tmp_path):
     assert list(r.extra["note"]) == ["a", None]
 
 
-# -------------------------------------------------------------------------------------------- unusable files
+# --------------------------------------------------------------------------------------------
+# unusable files
 
 HEAD = "# by: us\ntime_s,accel_x_g\n0,1\n"
 
@@ -107,14 +125,20 @@ HEAD = "# by: us\ntime_s,accel_x_g\n0,1\n"
         ("# only: metadata\n", r"found no header line, need column names; add the header"),
         ("time_s,accel_x_g\n", r"found a header and no rows, need at least one row"),
         ("time_s,accel_x_g", r"found a header and no rows, need at least one row"),
-        ("t,accel_x_g\n0,1\n", r"found columns t, accel_x_g, need a column time_s; name the time column so"),
+        (
+            "t,accel_x_g\n0,1\n",
+            r"found columns t, accel_x_g, need a column time_s; name the time column so",
+        ),
         (
             "# a: b\ntime_s,accel_x_g,accel_x_g\n0,1,2\n",
             r"run7\.csv, line 2: found column accel_x_g twice, need each column once",
         ),
         (
             HEAD + "1,high\n",
-            r"run7\.csv, line 4, column accel_x_g: found the text 'high', need a number or an empty cell",
+            (
+                r"run7\.csv, line 4, column accel_x_g: found the text 'high', need a number or an"
+                r" empty cell"
+            ),
         ),
         (HEAD + "1,1_000\n", r"run7\.csv, line 4, column accel_x_g: found the text '1_000'"),
         (HEAD + '1,"1,5"\n', r"line 4, column accel_x_g: found the text '1,5'"),
@@ -130,14 +154,21 @@ def test_a_csv_that_cannot_be_read_says_where(text, message, tmp_path):
 
 
 def test_a_cell_of_blanks_is_empty(tmp_path):
-    np.testing.assert_array_equal(read_text(tmp_path, HEAD + "1, \n").column("accel_x_g"), [1, np.nan])
+    np.testing.assert_array_equal(
+        read_text(tmp_path, HEAD + "1, \n").column("accel_x_g"), [1, np.nan]
+    )
 
 
 @pytest.mark.parametrize("name", ["run7.txt", "run7", "run7.CSV.gz"])
 def test_a_wrong_ending_names_the_right_ones(name, tmp_path):
-    with pytest.raises(TiltcalError, match=r"need one of \.csv, \.parquet, \.npz; rename it, or bring a foreign format in"):
+    with pytest.raises(
+        TiltcalError,
+        match=r"need one of \.csv, \.parquet, \.npz; rename it, or bring a foreign format in",
+    ):
         read_text(tmp_path, HEAD, name)
-    with pytest.raises(TiltcalError, match=r"found the ending .*need one of \.csv, \.parquet, \.npz; rename it"):
+    with pytest.raises(
+        TiltcalError, match=r"found the ending .*need one of \.csv, \.parquet, \.npz; rename it"
+    ):
         write_recording(Recording(np.zeros(1)), tmp_path / name)
 
 
@@ -156,7 +187,10 @@ def npz(tmp_path, **members):
 def test_arrays_of_different_length_are_refused(tmp_path):
     with pytest.raises(
         TiltcalError,
-        match=r"array accel_x_g: found 3 values, need as many as time_s, 2; write all arrays at one length",
+        match=(
+            r"array accel_x_g: found 3 values, need as many as time_s, 2; write all arrays at one"
+            r" length"
+        ),
     ):
         npz(tmp_path, time_s=np.arange(2.0), accel_x_g=np.ones(3))
 
@@ -171,7 +205,14 @@ def test_arrays_of_different_length_are_refused(tmp_path):
         {"time_s": np.arange(2.0), "note": np.array(3)},
         {"time_s": np.arange(2.0), "accel_x_g": np.ones((2, 2))},
     ],
-    ids=["text for numbers", "pickled objects", "broken metadata", "one number", "one word", "a matrix"],
+    ids=[
+        "text for numbers",
+        "pickled objects",
+        "broken metadata",
+        "one number",
+        "one word",
+        "a matrix",
+    ],
 )
 def test_arrays_that_are_no_columns_are_refused(members, tmp_path):
     with pytest.raises(TiltcalError, match=r"r\.npz"):
@@ -201,11 +242,16 @@ def test_a_foreign_parquet_file_of_whole_numbers_reads(tmp_path):
     assert list(r.labels) == ["a", "b"]
 
 
-@pytest.mark.parametrize("bad", [pa.array(["1", "2"]), pa.array([0, 1], pa.timestamp("s"))], ids=["text", "dates"])
+@pytest.mark.parametrize(
+    "bad", [pa.array(["1", "2"]), pa.array([0, 1], pa.timestamp("s"))], ids=["text", "dates"]
+)
 def test_parquet_columns_of_another_type_are_refused(bad, tmp_path):
     with pytest.raises(
         TiltcalError,
-        match=r"recording r\.parquet, column accel_x_g: found type .*, need numbers; convert that column",
+        match=(
+            r"recording r\.parquet, column accel_x_g: found type .*, need numbers; convert that"
+            r" column"
+        ),
     ):
         table(tmp_path, time_s=pa.array([0.0, 1.0]), accel_x_g=bad)
 

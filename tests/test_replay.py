@@ -26,13 +26,19 @@ def scenario(**more):
         lever_arm_m=(0.05, 0, 0.02),
     )
     table = setup.model_dump(exclude_none=True)
-    return parse_scenario({"schema": 1, **table, "sequence": STEPS, "climate": {"ramp_degC_h": 600}, **more})
+    return parse_scenario(
+        {"schema": 1, **table, "sequence": STEPS, "climate": {"ramp_degC_h": 600}, **more}
+    )
 
 
 def steady(time):
-    """Rows well inside a dwell, or a turn at constant rate: away from where the table speeds up or slows down."""
+    """Rows well inside a dwell, or a turn at constant rate: away from where the table speeds up or
+    slows down.
+    """
     drive = scenario().schedule.drive(time)
-    unsteady = np.any([jet.a != 0 for jet in drive.axes.values()], axis=0) | (np.diff(drive.stop, prepend=0) != 0)
+    unsteady = np.any([jet.a != 0 for jet in drive.axes.values()], axis=0) | (
+        np.diff(drive.stop, prepend=0) != 0
+    )
     return np.convolve(unsteady.astype(float), np.ones(61), mode="same") < 0.5
 
 
@@ -68,7 +74,9 @@ def test_temperature_comes_from_the_column_or_the_site():
     recording = LABORATORY.record(scenario())
     course = replay(recording, scenario())
     assert course.reference == pytest.approx(np.mean(recording.column("temperature_degC")))
-    bare = Recording.from_columns(recording.time, {n: recording.column(n) for n in ("table_outer_deg", "table_inner_deg")})
+    bare = Recording.from_columns(
+        recording.time, {n: recording.column(n) for n in ("table_outer_deg", "table_inner_deg")}
+    )
     assert set(replay(bare, scenario()).temperature) == {23.0}
     assert replay(recording, scenario(), reference_temperature=20.0).reference == 20.0
 
@@ -85,7 +93,9 @@ def test_between_stamps_a_steady_table_moves_on():
 def test_a_recording_without_the_tables_readout_is_refused():
     recording = LABORATORY.record(scenario())
     bare = Recording.from_columns(
-        recording.time, {"table_outer_deg": recording.column("table_outer_deg")}, source="recording r.csv"
+        recording.time,
+        {"table_outer_deg": recording.column("table_outer_deg")},
+        source="recording r.csv",
     )
     with pytest.raises(
         TiltcalError,
@@ -98,10 +108,22 @@ def test_a_recording_without_the_tables_readout_is_refused():
 
 
 def test_a_table_that_never_rests_has_no_stops_at_its_turning_points():
-    """The quietest tenth of a record that only oscillates is no dwell: its rates are those of the motion."""
-    swing = [{"action": "oscillate", "axis": "inner", "amplitude_deg": 60, "frequency_hz": 0.2, "cycles": 10}]
+    """The quietest tenth of a record that only oscillates is no dwell: its rates are those of the
+    motion.
+    """
+    swing = [
+        {
+            "action": "oscillate",
+            "axis": "inner",
+            "amplitude_deg": 60,
+            "frequency_hz": 0.2,
+            "cycles": 10,
+        }
+    ]
     setup = setup_of("dual", GYRO.model_copy(update={"rate_hz": 100}))
-    recording = LABORATORY.record(parse_scenario({"schema": 1, **setup.model_dump(exclude_none=True), "sequence": swing}), 1)
+    recording = LABORATORY.record(
+        parse_scenario({"schema": 1, **setup.model_dump(exclude_none=True), "sequence": swing}), 1
+    )
     course = replay(recording, setup)
     assert not (course.stop >= 0).any()
     axis = course.drive(recording.time).axes["inner"]
@@ -115,7 +137,9 @@ def test_every_dwell_is_one_stop_however_coarse_the_readout_is(noise_codes, rng)
     angle = 10.0 * (np.floor(time / 6.0) + 3 * edges**2 - 2 * edges**3)
     code = 1e-5
     angle = np.round((angle + noise_codes * code * rng.standard_normal(len(time))) / code) * code
-    stop = replay(Recording.from_columns(time, {"table_outer_deg": angle}), setup_of("placing", ACCEL)).stop
+    stop = replay(
+        Recording.from_columns(time, {"table_outer_deg": angle}), setup_of("placing", ACCEL)
+    ).stop
     lengths = np.bincount(stop[stop >= 0])
     assert len(lengths) == 10
     assert lengths.min() > 90
@@ -123,15 +147,26 @@ def test_every_dwell_is_one_stop_however_coarse_the_readout_is(noise_codes, rng)
 
 
 def test_a_slow_move_within_a_dwell_parts_it_into_two_stops(rng):
-    """0.05 deg in 5 s, less than any limit of a stop: what turns fast before and after it keeps its ends, and it has its rates."""
+    """0.05 deg in 5 s, less than any limit of a stop: what turns fast before and after it keeps its
+    ends, and it has its rates.
+    """
     time = np.arange(0, 40, 0.02)
     fast = np.clip(time - 5, 0, 2) / 2, np.clip(time - 30, 0, 2) / 2
     slow = np.clip(time - 15, 0, 5) / 5
-    angle = sum((3 * u**2 - 2 * u**3) * np.deg2rad(step) for u, step in zip((*fast, slow), (60, 40, 0.05), strict=True))
+    angle = sum(
+        (3 * u**2 - 2 * u**3) * np.deg2rad(step)
+        for u, step in zip((*fast, slow), (60, 40, 0.05), strict=True)
+    )
     rate = np.gradient(angle, time)
     read = angle + 5e-7 * rng.standard_normal(len(time))
-    course = replay(Recording.from_columns(time, {"table_outer_deg": np.rad2deg(read)}), setup_of("placing", ACCEL))
-    assert [len(set(course.stop[(time > a) & (time < b)]) - {-1}) for a, b in ((0, 5), (7, 15), (20, 30), (32, 40))] == [1] * 4
+    course = replay(
+        Recording.from_columns(time, {"table_outer_deg": np.rad2deg(read)}),
+        setup_of("placing", ACCEL),
+    )
+    assert [
+        len(set(course.stop[(time > a) & (time < b)]) - {-1})
+        for a, b in ((0, 5), (7, 15), (20, 30), (32, 40))
+    ] == [1] * 4
     assert len(set(course.stop) - {-1}) == 4
     error = np.abs(course.drive(time).axes["outer"].v - rate)
     inside = (time > 15.2) & (time < 19.8)
@@ -140,7 +175,8 @@ def test_a_slow_move_within_a_dwell_parts_it_into_two_stops(rng):
 
 
 def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):
-    """The rate falls with the cube of the time: the last five samples of a move are within 3 sigma of its end.
+    """The rate falls with the cube of the time: the last five samples of a move are within 3 sigma
+    of its end.
 
     It is told to a fifth of a sample.
     """
@@ -148,8 +184,13 @@ def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):
     u = np.clip((time % 12.0) / 4.0, 0, 1)
     half = np.minimum(u, 1 - u)
     way = 16 * half**4 * (2.5 - 6 * half + 4 * half**2)
-    read = np.radians(5.0) * (np.floor(time / 12.0) + np.where(u < 0.5, way, 1 - way)) + 1e-6 * rng.standard_normal(len(time))
-    course = replay(Recording.from_columns(time, {"table_outer_deg": np.degrees(read)}), setup_of("placing", ACCEL))
+    read = np.radians(5.0) * (
+        np.floor(time / 12.0) + np.where(u < 0.5, way, 1 - way)
+    ) + 1e-6 * rng.standard_normal(len(time))
+    course = replay(
+        Recording.from_columns(time, {"table_outer_deg": np.degrees(read)}),
+        setup_of("placing", ACCEL),
+    )
     middle = np.abs(time % 12.0 - 10.0) < 0.02
     late = course.rests.since(time)[middle] - (time[middle] % 12.0 - 4.0)
     assert len(late) == 30

@@ -16,7 +16,9 @@ NONE = np.zeros(2)
 
 
 def dwell(rng, share=0.0, code=0.0, n=N):
-    """A dwell at a place that is no multiple of a code: white noise, a share of it twenty times as wide."""
+    """A dwell at a place that is no multiple of a code: white noise, a share of it twenty times as
+    wide.
+    """
     place = rng.uniform(-1e-3, 1e-3, 2) * G0
     wide = rng.random((n, 2)) < share
     values = place + rng.normal(size=(n, 2)) * np.where(wide, 20 * SIGMA, SIGMA)
@@ -27,7 +29,9 @@ def dwell(rng, share=0.0, code=0.0, n=N):
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.parametrize("share", [0.0, 0.2])
 def test_the_stated_uncertainty_is_that_of_the_errors(estimator, share):
-    """Four dwells a draw share their scale, so that the stated variance is nearly that of infinitely many samples."""
+    """Four dwells a draw share their scale, so that the stated variance is nearly that of
+    infinitely many samples.
+    """
     rng, draws = rng_of(f"robust {estimator} {share}"), 500
     errors, stated = [], []
     for _ in range(draws):
@@ -38,8 +42,12 @@ def test_the_stated_uncertainty_is_that_of_the_errors(estimator, share):
     n = np.size(errors)
     ratio = np.mean(np.square(errors)) / np.mean(stated)
     p = FAMILY / 10 / 2
-    small_sample = 0.06 if share and estimator == "median" else 0.03  # (1 + 3/N), and a MAD that the wide part raises
-    assert chi2.ppf(p, n) / n * (1 - small_sample) < ratio < chi2.isf(p, n) / n * (1 + small_sample), ratio
+    small_sample = (
+        0.06 if share and estimator == "median" else 0.03
+    )  # (1 + 3/N), and a MAD that the wide part raises
+    assert (
+        chi2.ppf(p, n) / n * (1 - small_sample) < ratio < chi2.isf(p, n) / n * (1 + small_sample)
+    ), ratio
 
 
 def test_on_clean_noise_all_but_the_median_keep_their_efficiency():
@@ -58,7 +66,9 @@ def test_almost_half_of_the_samples_may_be_anything_for_all_but_the_mean():
     values = rng.normal(size=(N, 1)) * SIGMA
     values[: int(0.45 * N)] = 1.0
     for estimator in ("median", "tukey", "inliers"):
-        assert abs(locations([values], estimator, np.zeros(1)).values[0, 0]) < 2.5 * SIGMA, estimator
+        assert abs(locations([values], estimator, np.zeros(1)).values[0, 0]) < 2.5 * SIGMA, (
+            estimator
+        )
     assert locations([values], "mean", np.zeros(1)).values[0, 0] > 0.4
 
 
@@ -70,7 +80,9 @@ def test_a_constant_signal_is_its_own_location():
 
 @pytest.mark.slow
 def test_the_median_of_codes_is_a_trap_and_the_mean_of_inliers_the_remedy():
-    """PHYSICS 0.9: code 30.5 ug, noise 50 ug, a half difference of two dwells: median 1.47 arcsec, mean 0.52."""
+    """PHYSICS 0.9: code 30.5 ug, noise 50 ug, a half difference of two dwells: median 1.47 arcsec,
+    mean 0.52.
+    """
     rng, draws, code = rng_of("the trap"), 3000, 30.5e-6 * G0
     rms = dict.fromkeys(("median", "inliers", "mean"), 0.0)
     for _ in range(draws):
@@ -80,8 +92,12 @@ def test_the_median_of_codes_is_a_trap_and_the_mean_of_inliers_the_remedy():
             rms[estimator] += float(np.mean(((error[0] - error[1]) / 2 / G0) ** 2))
     rms = {e: np.sqrt(v / draws) / ARCSEC for e, v in rms.items()}
     band = 3.5 / np.sqrt(2 * 2 * draws)
-    assert rms["mean"] == pytest.approx(np.hypot(50, 30.5 / np.sqrt(12)) * 1e-6 / np.sqrt(2 * N) / ARCSEC, rel=band)
-    assert rms["median"] == pytest.approx(1.47, rel=3.3 * np.sqrt(1 / (4 * draws) + 1 / 800))  # 400 trials there
+    assert rms["mean"] == pytest.approx(
+        np.hypot(50, 30.5 / np.sqrt(12)) * 1e-6 / np.sqrt(2 * N) / ARCSEC, rel=band
+    )
+    assert rms["median"] == pytest.approx(
+        1.47, rel=3.3 * np.sqrt(1 / (4 * draws) + 1 / 800)
+    )  # 400 trials there
     assert rms["inliers"] < 1.03 * rms["mean"]
 
 
@@ -103,7 +119,9 @@ def eight_runs(rng, estimator, tilts):
 
 @pytest.mark.slow
 def test_beside_a_road_the_robust_estimate_repeats_under_two_arcsec_and_the_mean_does_not():
-    """500 sets of eight runs, a fifth of the samples 1 mg wide, all in codes of 1.75 arcsec; the paper's two tilts."""
+    """500 sets of eight runs, a fifth of the samples 1 mg wide, all in codes of 1.75 arcsec; the
+    paper's two tilts.
+    """
     tilts = 728.5 * ARCSEC, 3573.25 * ARCSEC
     rng, sets = rng_of("beside a road"), 500
     good = {"inliers": 0, "mean": 0}

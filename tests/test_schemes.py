@@ -1,4 +1,6 @@
-"""The library of measuring schemes: what is turned up, on which table, and what each scheme can tell."""
+"""The library of measuring schemes: what is turned up, on which table, and what each scheme can
+tell.
+"""
 
 import numpy as np
 import pytest
@@ -18,10 +20,14 @@ COUNTS = {"6": 6, "8": 8, "12": 12, "24": 24, "tumble": 36}
 
 
 def rank_of(scheme: str, terms: list[str]) -> tuple[int, int]:
-    """Rank of the design of some terms at the positions of a scheme, and the number of its parameters."""
+    """Rank of the design of some terms at the positions of a scheme, and the number of its
+    parameters.
+    """
     names, _, columns = term_columns(terms, ACCEL, setup_of("dual", ACCEL), G * directions(scheme))
     A = columns.reshape(len(names), -1).T
-    return int(np.linalg.matrix_rank(A / np.maximum(np.linalg.norm(A, axis=0), 1e-12), tol=1e-9)), len(names)
+    return int(
+        np.linalg.matrix_rank(A / np.maximum(np.linalg.norm(A, axis=0), 1e-12), tol=1e-9)
+    ), len(names)
 
 
 @pytest.mark.parametrize("scheme", COUNTS)
@@ -71,7 +77,10 @@ def test_labels_are_short_where_they_can_be():
 
 
 def test_a_table_that_cannot_reach_them_and_a_scheme_that_is_none_are_refused():
-    with pytest.raises(TiltcalError, match=r"sequence step 1 \(scheme\): found table placing, need dual, three or handheld"):
+    with pytest.raises(
+        TiltcalError,
+        match=r"sequence step 1 \(scheme\): found table placing, need dual, three or handheld",
+    ):
         build_schedule([Step(action="scheme", scheme="6", dwell_s=1)], Rig(table="placing"))
     with pytest.raises(ValidationError, match="action scheme needs scheme"):
         Step(action="scheme")

@@ -16,7 +16,10 @@ DWELL = 5.0  # s
 POSES = {
     "vertical": [{"outer_deg": a} for a in (0, 90, 180, 360, 180)],
     "placing": [{"outer_deg": a} for a in (0, 10, 45, 100, -90, 80)],
-    "dual": [{"outer_deg": o, "inner_deg": i} for o, i in ((0, 0), (30, 90), (30, 180), (-60, 180), (90, 0))],
+    "dual": [
+        {"outer_deg": o, "inner_deg": i}
+        for o, i in ((0, 0), (30, 90), (30, 180), (-60, 180), (90, 0))
+    ],
     "three": [
         {"outer_deg": 40},
         {"middle_deg": 40},
@@ -38,18 +41,28 @@ CODES = [
 
 def scenario_of(table, effects=()):
     """Five seconds at each pose; each pose is a step, the last ones repeated nowhere."""
-    steps = [{"action": "move", "dwell_s": DWELL, "rate_deg_s": 40, **pose} for pose in POSES[table]]
+    steps = [
+        {"action": "move", "dwell_s": DWELL, "rate_deg_s": 40, **pose} for pose in POSES[table]
+    ]
     return parse_scenario(
         {
-            "schema": 1, "site": {"gravity_m_s2": 9.8, "latitude_deg": 40}, "rig": {"table": table},
-            "sensor": [ACCEL, GYRO], "sequence": steps, "effect": list(effects),
+            "schema": 1,
+            "site": {"gravity_m_s2": 9.8, "latitude_deg": 40},
+            "rig": {"table": table},
+            "sensor": [ACCEL, GYRO],
+            "sequence": steps,
+            "effect": list(effects),
         }
-    )  # fmt: skip
+    )
 
 
 def truly(schedule):
     """(start, end) of each true dwell; rests that touch are one."""
-    groups = (list(group) for rest, group in groupby(schedule.legs, key=lambda leg: leg.law == "rest") if rest)
+    groups = (
+        list(group)
+        for rest, group in groupby(schedule.legs, key=lambda leg: leg.law == "rest")
+        if rest
+    )
     return [(group[0].t0, group[-1].t1) for group in groups]
 
 
@@ -64,7 +77,9 @@ def assert_found(recording, truth, window=0.5):
     for segment, (start, end) in zip(found, truth, strict=True):
         assert start - 1e-9 <= segment.start < segment.end <= end + 1e-9
         assert segment.end - segment.start >= 0.6 * (end - start)
-        np.testing.assert_array_equal(recording.time[[segment.first, segment.last - 1]], [segment.start, segment.end])
+        np.testing.assert_array_equal(
+            recording.time[[segment.first, segment.last - 1]], [segment.start, segment.end]
+        )
 
 
 @pytest.mark.parametrize("effects", [(), NOISE, CODES], ids=["clean", "noisy", "in coarse codes"])
@@ -75,14 +90,22 @@ def test_every_dwell_is_found_inside_the_true_one(table, effects):
 
 def test_a_steady_turn_about_the_vertical_is_no_dwell_to_a_gyro():
     recording, truth = logged("vertical", NOISE)
-    gyro = {name: recording.column(name) for name in recording.column_names if name.startswith("gyro")}
+    gyro = {
+        name: recording.column(name) for name in recording.column_names if name.startswith("gyro")
+    }
     assert_found(Recording.from_columns(recording.time, gyro), truth)
 
 
-@pytest.mark.parametrize("table", [t for t in POSES if t != "vertical"])  # gravity does not see a turn about the vertical
+@pytest.mark.parametrize(
+    "table", [t for t in POSES if t != "vertical"]
+)  # gravity does not see a turn about the vertical
 def test_dwells_are_found_without_a_table_readout(table):
     recording, truth = logged(table, NOISE)
-    bare = {name: recording.column(name) for name in recording.column_names if not name.startswith("table_")}
+    bare = {
+        name: recording.column(name)
+        for name in recording.column_names
+        if not name.startswith("table_")
+    }
     assert_found(Recording.from_columns(recording.time, bare), truth)
 
 
@@ -124,7 +147,8 @@ def test_a_guard_shortens_both_ends_inside_the_log():
         assert a.end - b.end == pytest.approx(1.0, abs=0.021)
 
 
-# ---------------------------------------------------------------------------------------------------- labels
+# --------------------------------------------------------------------------------------------------
+# -- labels
 
 
 def words(*labels):
@@ -151,22 +175,34 @@ def test_a_recording_without_labels_has_none():
 
 def test_each_dwell_of_a_hand_held_log_carries_its_label():
     recording, _ = logged("handheld", NOISE)
-    assert [s.label for s in dwells(find_segments(recording))] == ["+x", "-x", "+y", "-y", "+z", "-z"]
+    assert [s.label for s in dwells(find_segments(recording))] == [
+        "+x",
+        "-x",
+        "+y",
+        "-y",
+        "+z",
+        "-z",
+    ]
 
 
-# -------------------------------------------------------------------------------------------------- messages
+# --------------------------------------------------------------------------------------------------
+# messages
 
 
 def test_a_log_that_cannot_show_motion_is_refused():
     with pytest.raises(
         TiltcalError,
-        match="found no table, accelerometer, inclinometer or gyro column, need one that shows motion",
+        match=(
+            "found no table, accelerometer, inclinometer or gyro column, need one that shows motion"
+        ),
     ):
         find_segments(Recording.from_columns(np.arange(9.0), {"temperature_degC": np.zeros(9)}))
 
 
 def test_a_log_shorter_than_the_window_is_refused():
-    with pytest.raises(TiltcalError, match="found 5 rows, need more than one window of 6 rows; record longer"):
+    with pytest.raises(
+        TiltcalError, match="found 5 rows, need more than one window of 6 rows; record longer"
+    ):
         find_segments(Recording.from_columns(np.arange(5.0), {"accel_x_g": np.zeros(5)}))
 
 

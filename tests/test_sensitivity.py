@@ -16,20 +16,25 @@ ACCEL = Sensor(name="accel", kind="accelerometer", rate_hz=20, adjustable=("bias
 STEPS = {
     "dual": [
         {"action": "move", "outer_deg": o, "inner_deg": i, "dwell_s": 2, "rate_deg_s": 40}
-        for i in (0, 70) for o in (0, 50, -80, 130)
+        for i in (0, 70)
+        for o in (0, 50, -80, 130)
     ],
     "three": [
         {"action": "move", "middle_deg": 40, "inner_deg": 60, "dwell_s": 2, "rate_deg_s": 40},
         {"action": "turn", "axis": "outer", "angle_deg": 200, "rate_deg_s": 50, "dwell_s": 1},
         {"action": "move", "middle_deg": -50, "inner_deg": 200, "dwell_s": 2, "rate_deg_s": 40},
     ],
-}  # fmt: skip
+}
 SHARE = 0.02  # of the plausible size: small enough for a derivative
 
 
 def laboratory(table):
     setup = setup_of(table, ACCEL, INCL, GYRO, FOG, readout="command")
-    course = build_schedule([Step(**s) for s in STEPS[table]], setup.rig, Climate(ramp_degC_h=600, swing_degC=1, period_s=20))
+    course = build_schedule(
+        [Step(**s) for s in STEPS[table]],
+        setup.rig,
+        Climate(ramp_degC_h=600, swing_degC=1, period_s=20),
+    )
     time = np.arange(0.0, course.times[1], 0.05)
     return setup, course, Rows(time, np.ones(len(time)))
 
@@ -49,19 +54,35 @@ def test_every_column_is_the_change_of_the_chain_s_readings(table):
         )
         words = {f"{column.name}{p.suffix}": size * SHARE}
         cls = type(make_effect(column.effect, {}, setup, sensor=column.sensor, axis=column.axis))
-        words |= {f"{q.name}{q.suffix}": shapes[q.name] for q in cls.parameters if q.name in shapes and not q.default}
+        words |= {
+            f"{q.name}{q.suffix}": shapes[q.name]
+            for q in cls.parameters
+            if q.name in shapes and not q.default
+        }
         effect = make_effect(column.effect, words, setup, sensor=column.sensor, axis=column.axis)
         now = readings(setup, course, times, [effect])
         for sensor in setup.sensor:
-            near_level = np.abs(base[sensor.name]) < 1.2 if sensor.kind == "inclinometer" else np.ones_like(base[sensor.name], bool)
+            near_level = (
+                np.abs(base[sensor.name]) < 1.2
+                if sensor.kind == "inclinometer"
+                else np.ones_like(base[sensor.name], bool)
+            )
             for k in range(len(sensor.axes)):
-                expected = (now[sensor.name] - base[sensor.name])[:, k] / white_noise(sensor, ()) / SHARE
+                expected = (
+                    (now[sensor.name] - base[sensor.name])[:, k] / white_noise(sensor, ()) / SHARE
+                )
                 found = column.channels.get((sensor.name, k), np.zeros(len(expected), np.float32))
                 keep = near_level[:, k]
                 error = np.linalg.norm((found - expected)[keep])
-                angle = size * p.factor if PARAMETER_UNITS[p.unit].quantity.startswith("angle") else 0.0
-                largest = {"accelerometer": G, "inclinometer": 1.0 / np.cos(1.2)}.get(sensor.kind, 1.0)  # gyros: 1 rad/s
-                second = angle**2 * largest * np.sqrt(len(expected)) / white_noise(sensor, ())  # order of a small turn squared
+                angle = (
+                    size * p.factor if PARAMETER_UNITS[p.unit].quantity.startswith("angle") else 0.0
+                )
+                largest = {"accelerometer": G, "inclinometer": 1.0 / np.cos(1.2)}.get(
+                    sensor.kind, 1.0
+                )  # gyros: 1 rad/s
+                second = (
+                    angle**2 * largest * np.sqrt(len(expected)) / white_noise(sensor, ())
+                )  # order of a small turn squared
                 allowed = 0.03 * np.linalg.norm(expected[keep]) + 4 * second + 1e-6
                 assert error <= allowed, (column.label, sensor.name, k)
 

@@ -23,7 +23,10 @@ def ends(schedule):
 
 
 def test_a_move_takes_its_distance_at_its_rate_and_one_ramp():
-    schedule = course("dual", {"action": "move", "outer_deg": 90, "inner_deg": -45, "rate_deg_s": 30, "dwell_s": 2})
+    schedule = course(
+        "dual",
+        {"action": "move", "outer_deg": 90, "inner_deg": -45, "rate_deg_s": 30, "dwell_s": 2},
+    )
     assert schedule.times == (0.0, pytest.approx(90 / 30 + RAMP + 2))
     rate = schedule.drive(np.array([1.5])).axes
     assert rate["outer"].v[0] == pytest.approx(30 * DEG)
@@ -32,7 +35,9 @@ def test_a_move_takes_its_distance_at_its_rate_and_one_ramp():
 
 
 def test_angles_left_out_stay_and_a_short_move_takes_two_ramps():
-    schedule = course("three", {"action": "move", "outer_deg": 10}, {"action": "move", "inner_deg": 1})
+    schedule = course(
+        "three", {"action": "move", "outer_deg": 10}, {"action": "move", "inner_deg": 1}
+    )
     assert ends(schedule) == {"outer": [10, 10], "middle": [0, 0], "inner": [0, 1]}
     assert schedule.legs[1].t1 - schedule.legs[1].t0 == pytest.approx(2 * RAMP)
 
@@ -59,7 +64,9 @@ def test_a_sweep_back_does_not_stop_twice_at_its_start_and_uneven_steps_become_e
         {"action": "sweep", "outer_deg": 90, "step_deg": 45, "dwell_s": 1},
         {"action": "sweep", "outer_deg": 0, "step_deg": 40, "dwell_s": 1},
     )
-    assert [leg.q0[0] / DEG for leg in schedule.legs if leg.law == "rest"] == pytest.approx([0, 45, 90, 60, 30, 0])
+    assert [leg.q0[0] / DEG for leg in schedule.legs if leg.law == "rest"] == pytest.approx(
+        [0, 45, 90, 60, 30, 0]
+    )
 
 
 def test_an_oscillation_swings_its_axis_and_comes_back():
@@ -85,7 +92,7 @@ def test_a_remount_changes_the_mounting_from_its_step_on_and_labels_follow():
         "placing",
         {"action": "rest", "dwell_s": 2, "label": "+z"},
         {"action": "remount", "mount": "Rz(180)", "dwell_s": 2},
-    )  # fmt: skip
+    )
     time = np.array([0.0, 1.9, 2.0, 3.0])
     assert schedule.mountings(time) == ((0, "identity"), (2, "Rz(180)"))
     np.testing.assert_array_equal(schedule.drive(time).mounts[1][1], parse_mount("Rz(180)"))
@@ -94,7 +101,9 @@ def test_a_remount_changes_the_mounting_from_its_step_on_and_labels_follow():
 
 
 def test_before_and_after_a_schedule_the_table_rests():
-    drive = course("vertical", {"action": "turn", "axis": "outer", "angle_deg": 90}).drive(np.array([-5.0, 1e3]))
+    drive = course("vertical", {"action": "turn", "axis": "outer", "angle_deg": 90}).drive(
+        np.array([-5.0, 1e3])
+    )
     np.testing.assert_allclose(drive.axes["outer"].x / DEG, [0, 90])
     np.testing.assert_allclose(drive.axes["outer"].v, 0, atol=1e-15)
 
@@ -116,7 +125,9 @@ def test_a_hand_held_turn_about_a_body_axis_and_a_move_to_up():
         {"action": "move", "up": "-x"},
     )
     R = schedule.drive(np.array([leg.t1 for leg in schedule.legs])).attitude.R_wb
-    np.testing.assert_allclose(R[:, 2], [[0, 1, 0], [1, 0, 0], [-1, 0, 0]], atol=1e-12)  # up in the body frame
+    np.testing.assert_allclose(
+        R[:, 2], [[0, 1, 0], [1, 0, 0], [-1, 0, 0]], atol=1e-12
+    )  # up in the body frame
     assert [leg.label for leg in schedule.legs] == [None, "+x", "-x"]
 
 
@@ -126,11 +137,17 @@ def test_the_climate_starts_ramps_swings_and_settles():
     assert Climate(swing_degC=2, period_s=40).at(np.array([10.0])) == pytest.approx(25)
     assert Climate(ramp_degC_h=3600).reference(100) == pytest.approx(23 + 50)
     assert Climate(ramp_degC_h=3600, reference_degC=20).reference(100) == 20
-    drive = course("placing", {"action": "rest", "dwell_s": 100}, ramp_degC_h=3600).drive(np.array([50.0]))
-    assert (drive.temperature[0], drive.reference_temperature) == (pytest.approx(73), pytest.approx(73))
+    drive = course("placing", {"action": "rest", "dwell_s": 100}, ramp_degC_h=3600).drive(
+        np.array([50.0])
+    )
+    assert (drive.temperature[0], drive.reference_temperature) == (
+        pytest.approx(73),
+        pytest.approx(73),
+    )
 
 
-# -------------------------------------------------------------------------------------------------- messages
+# --------------------------------------------------------------------------------------------------
+# messages
 
 
 @pytest.mark.parametrize(
@@ -138,9 +155,15 @@ def test_the_climate_starts_ramps_swings_and_settles():
     [
         ({"action": "turn"}, "action turn needs axis, angle_deg"),
         ({"action": "turn", "axis": "outer"}, "action turn needs angle_deg"),
-        ({"action": "oscillate", "axis": "outer"}, "action oscillate needs amplitude_deg, frequency_hz"),
+        (
+            {"action": "oscillate", "axis": "outer"},
+            "action oscillate needs amplitude_deg, frequency_hz",
+        ),
         ({"action": "remount"}, "action remount needs mount"),
-        ({"action": "move", "up": "sideways"}, r"up = 'sideways' is no direction; write '\+x', '-z' or"),
+        (
+            {"action": "move", "up": "sideways"},
+            r"up = 'sideways' is no direction; write '\+x', '-z' or",
+        ),
         ({"action": "move", "rate_deg_s": 0}, "greater than 0"),
         ({"action": "rest", "dwell_s": -1}, "greater than or equal to 0"),
         ({"action": "jump"}, "Input should be 'rest', 'move'"),
@@ -201,5 +224,8 @@ def test_a_step_with_a_mounting_that_does_not_read_is_refused(mount):
 
 
 def test_an_empty_sequence_is_refused():
-    with pytest.raises(TiltcalError, match=r"sequence: found no steps, need at least one; add a \[\[sequence\]\] table"):
+    with pytest.raises(
+        TiltcalError,
+        match=r"sequence: found no steps, need at least one; add a \[\[sequence\]\] table",
+    ):
         build_schedule([], setup_of("placing").rig)

@@ -1,4 +1,6 @@
-"""A sequence as a laboratory's file: what is written is what is read, and what cannot be is said."""
+"""A sequence as a laboratory's file: what is written is what is read, and what cannot be is
+said.
+"""
 
 from pathlib import Path
 
@@ -29,19 +31,27 @@ def test_a_sequence_comes_back_with_the_same_angles_at_every_instant(tmp_path: P
         Step(action="turn", axis="inner", angle_deg=720, rate_deg_s=40),
         Step(action="sweep", outer_deg=60, step_deg=10, dwell_s=1),
         Step(action="scheme", scheme="6", dwell_s=1.5),
-    )  # fmt: skip
+    )
     first = build_schedule(steps, DUAL)
     back = build_schedule(read_sequence(written(tmp_path, sequence_text(steps, DUAL))), DUAL)
     assert back.times[1] == pytest.approx(first.times[1], abs=1e-4)
     time = np.linspace(0, first.times[1], 2000)
     for name in DUAL.axis_names:
-        np.testing.assert_allclose(back.drive(time).axes[name].x, first.drive(time).axes[name].x, atol=2e-6)
-    assert [m for _, m in back.mountings(time)] == [m for _, m in first.mountings(time)] == ["identity", "Rz(180)"]
+        np.testing.assert_allclose(
+            back.drive(time).axes[name].x, first.drive(time).axes[name].x, atol=2e-6
+        )
+    assert (
+        [m for _, m in back.mountings(time)]
+        == [m for _, m in first.mountings(time)]
+        == ["identity", "Rz(180)"]
+    )
     assert list(back.labels(time)) == list(first.labels(time))
 
 
 def test_an_empty_cell_means_unchanged(tmp_path: Path) -> None:
-    steps = read_sequence(written(tmp_path, HEAD + "1,move,10,,20,5,1,,\n2,turn,50,,,10,,,\n3,sweep,,,0,10,2,,\n"))
+    steps = read_sequence(
+        written(tmp_path, HEAD + "1,move,10,,20,5,1,,\n2,turn,50,,,10,,,\n3,sweep,,,0,10,2,,\n")
+    )
     end = build_schedule(steps, DUAL).drive(np.array([1e6])).axes
     assert np.degrees(end["outer"].x[0]) == pytest.approx(50)
     assert np.degrees(end["inner"].x[0]) == pytest.approx(0)
@@ -82,6 +92,8 @@ def test_bytes_that_are_no_text_are_no_sequence(tmp_path: Path) -> None:
 
 def test_what_has_no_word_in_the_file_is_refused() -> None:
     with pytest.raises(TiltcalError, match="oscillate"):
-        sequence_text((Step(action="oscillate", axis="outer", amplitude_deg=5, frequency_hz=1),), DUAL)
+        sequence_text(
+            (Step(action="oscillate", axis="outer", amplitude_deg=5, frequency_hz=1),), DUAL
+        )
     with pytest.raises(TiltcalError, match="handheld"):
         sequence_text((Step(action="rest", dwell_s=1),), Rig(table="handheld"))

@@ -26,7 +26,12 @@ FAMILY = 1e-3
 def truth() -> dict[str, float]:
     names = {f"accel.bias_{a}": BIAS[i] for i, a in enumerate("xyz")}
     names |= {f"accel.scale_{a}": M[i, i] - 1 for i, a in enumerate("xyz")}
-    return names | {f"accel.cross_{a}{b}": M[i, j] for i, a in enumerate("xyz") for j, b in enumerate("xyz") if a != b}
+    return names | {
+        f"accel.cross_{a}{b}": M[i, j]
+        for i, a in enumerate("xyz")
+        for j, b in enumerate("xyz")
+        if a != b
+    }
 
 
 def noiseless(labels=LABELS, faces=FACES, **more):
@@ -47,14 +52,17 @@ def test_the_sigmas_are_those_worked_out_by_hand():
     found = calibrate("six_position", log, SETUP)
     used = np.mean([round((p.end_s - p.start_s) * 50) + 1 for p in found.poses])
     s = SIGMA / np.sqrt(used)
-    # sd(M_ij) = s / (g sqrt 2), sd(b) = s / sqrt 6; the noise itself is estimated from some 900 samples
+    # sd(M_ij) = s / (g sqrt 2), sd(b) = s / sqrt 6; the noise itself is estimated from some 900
+    # samples
     assert found.parameters["accel.scale_x"].sigma == pytest.approx(s / (G * np.sqrt(2)), rel=0.15)
     assert found.parameters["accel.bias_z"].sigma == pytest.approx(s / np.sqrt(6), rel=0.15)
 
 
 @pytest.mark.slow
 def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
-    monkeypatch.setattr(six_position, "_heldout", lambda *_: {})  # these two cost most and change no parameter
+    monkeypatch.setattr(
+        six_position, "_heldout", lambda *_: {}
+    )  # these two cost most and change no parameter
     monkeypatch.setattr(six_position, "_fit_tests", lambda *_: [])
     draws, names = 10_000, list(truth())
     clean = noiseless()
@@ -65,7 +73,9 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     for k in range(draws):
         noisy = clean_values + rng.normal(0, SIGMA, clean_values.shape)
         log = type(clean).from_columns(
-            clean.time, {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")}, labels=clean.labels
+            clean.time,
+            {f"accel_{a}_m_s2": noisy[:, i] for i, a in enumerate("xyz")},
+            labels=clean.labels,
         )
         found = calibrate("six_position", log, SETUP, segments=segments)
         values[k] = [found.value(n) for n in names]
@@ -77,7 +87,9 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     p = FAMILY / 13 / 2  # one family: twelve variances and the NEES
     low, high = chi2.ppf(p, draws - 1) / (draws - 1), chi2.isf(p, draws - 1) / (draws - 1)
     assert np.all((ratio > low) & (ratio < high)), ratio
-    estimated_noise = 1 + 2 / (3 * 5 * (DWELL - 20))  # the covariance comes from some hundred residuals, not from the truth
+    estimated_noise = 1 + 2 / (
+        3 * 5 * (DWELL - 20)
+    )  # the covariance comes from some hundred residuals, not from the truth
     assert low_nees(draws, p) < nees.mean() / 12 < high_nees(draws, p) * estimated_noise
     coverage = inside / draws
     assert np.all((coverage > 0.94) & (coverage < 0.96)), coverage
@@ -97,7 +109,11 @@ def _bound(segments, names):
     counts = np.array([s.last - s.first for s in segments if s.kind == "dwell"], dtype=float)
     A = np.hstack([np.ones((6, 1)), G * FACES])
     C = SIGMA**2 * np.linalg.inv(A.T @ (A * counts[:, None]))
-    column = {"bias": lambda _: 0, "scale": lambda a: 1 + "xyz".index(a), "cross": lambda a: 1 + "xyz".index(a[1])}
+    column = {
+        "bias": lambda _: 0,
+        "scale": lambda a: 1 + "xyz".index(a),
+        "cross": lambda a: 1 + "xyz".index(a[1]),
+    }
     terms = [n.split(".")[1].split("_") for n in names]
     return np.array([C[column[t](a), column[t](a)] for t, a in terms])
 
@@ -131,12 +147,20 @@ def test_a_second_order_term_does_not_close_the_spare_equations():
     rng = rng_of("second order seen")
     readings = BIAS + force @ M.T
     readings[:, 0] += K2 * force[:, 0] ** 2
-    log = log_of(readings, SENSOR, dwell=DWELL, labels=LABELS, noise=rng.normal(0, SIGMA, (len(noiseless()), 3)))
+    log = log_of(
+        readings,
+        SENSOR,
+        dwell=DWELL,
+        labels=LABELS,
+        noise=rng.normal(0, SIGMA, (len(noiseless()), 3)),
+    )
     found = calibrate("six_position", log, SETUP)
     assert found.verdict == "suspect"
     assert not next(t for t in found.tests if t.name == "second order").passed
     # PHYSICS 6 (1): the bias takes K2 g^2 / 3
-    assert found.value("accel.bias_x") - BIAS[0] == pytest.approx(K2 * G**2 / 3, abs=6 * SIGMA / np.sqrt(6 * 35))
+    assert found.value("accel.bias_x") - BIAS[0] == pytest.approx(
+        K2 * G**2 / 3, abs=6 * SIGMA / np.sqrt(6 * 35)
+    )
 
 
 def test_a_third_order_term_hides_in_the_scale_factor():
@@ -154,10 +178,14 @@ def test_a_rotation_of_the_fixture_is_the_antisymmetric_part_of_the_cross_terms(
     skew = np.array([[0, -e[2], e[1]], [e[2], 0, -e[0]], [-e[1], e[0], 0]])
     R = np.eye(3) + skew + skew @ skew / 2
     found = calibrate(
-        "six_position", log_of(triad_readings(FACES @ R, G, BIAS, np.eye(3)), SENSOR, dwell=DWELL, labels=LABELS), SETUP
+        "six_position",
+        log_of(triad_readings(FACES @ R, G, BIAS, np.eye(3)), SENSOR, dwell=DWELL, labels=LABELS),
+        SETUP,
     )
     for a, b, size in (("y", "z", e[0]), ("z", "x", e[1]), ("x", "y", e[2])):
-        antisymmetric = (found.value(f"accel.cross_{a}{b}") - found.value(f"accel.cross_{b}{a}")) / 2
+        antisymmetric = (
+            found.value(f"accel.cross_{a}{b}") - found.value(f"accel.cross_{b}{a}")
+        ) / 2
         assert antisymmetric == pytest.approx(size, abs=1e-8)
         assert abs(found.value(f"accel.cross_{a}{b}") + found.value(f"accel.cross_{b}{a}")) < 1e-5
     (gauge,) = [w for w in found.warnings if "rotation common to all poses" in w]
@@ -169,7 +197,11 @@ def test_a_table_with_one_axis_leaves_terms_undetermined_and_names_them():
     setup = setup_of("placing", SENSOR)
     angles = np.arange(0.0, 360.0, 30.0)
     up = np.column_stack([-np.sin(np.radians(angles)), 0 * angles, np.cos(np.radians(angles))])
-    found = calibrate("six_position", log_of(triad_readings(up, G, BIAS, M), SENSOR, dwell=DWELL, angles={"outer": angles}), setup)
+    found = calibrate(
+        "six_position",
+        log_of(triad_readings(up, G, BIAS, M), SENSOR, dwell=DWELL, angles={"outer": angles}),
+        setup,
+    )
     assert found.verdict == "cannot_tell"
     assert any("accel.scale_y" in w for w in found.warnings)
     assert "accel.scale_y" not in found.parameters
@@ -194,7 +226,9 @@ def test_a_face_recorded_twice_instead_of_its_opposite_is_named_and_saved(tmp_pa
     rng = rng_of("a face twice")
     labels = ["+z", "-z", "+x", "+x", "+y", "-y"]
     found = calibrate(
-        "six_position", noiseless(labels=labels, faces=faces, noise=rng.normal(0, SIGMA, (len(noiseless()), 3))), SETUP
+        "six_position",
+        noiseless(labels=labels, faces=faces, noise=rng.normal(0, SIGMA, (len(noiseless()), 3))),
+        SETUP,
     )
     assert found.verdict == "suspect"
     assert any("no pose within 60 deg of -x up" in t.statement for t in found.tests)
@@ -213,13 +247,22 @@ def test_a_table_column_that_was_never_read_leaves_the_labels():
     setup = setup_of("dual", SENSOR)
     log = noiseless()
     empty = np.full(len(log), np.nan)
-    columns = {n: log.column(n) for n in log.column_names} | {"table_outer_deg": empty, "table_inner_deg": empty}
-    found = calibrate("six_position", type(log).from_columns(log.time, columns, labels=log.labels), setup)
+    columns = {n: log.column(n) for n in log.column_names} | {
+        "table_outer_deg": empty,
+        "table_inner_deg": empty,
+    }
+    found = calibrate(
+        "six_position", type(log).from_columns(log.time, columns, labels=log.labels), setup
+    )
     assert found.verdict == "good"
     assert found.value("accel.scale_x") == pytest.approx(M[0, 0] - 1, abs=1e-10)
 
 
 def test_a_face_that_was_recorded_twice_in_place_of_another_is_named():
     order = [0, 1, 2, 4, 2, 5]
-    found = calibrate("six_position", noiseless(faces=FACES[order], labels=[LABELS[k] for k in order]), SETUP)
-    assert any("of -x up, but +x 2 times: recorded twice instead?" in t.statement for t in found.tests)
+    found = calibrate(
+        "six_position", noiseless(faces=FACES[order], labels=[LABELS[k] for k in order]), SETUP
+    )
+    assert any(
+        "of -x up, but +x 2 times: recorded twice instead?" in t.statement for t in found.tests
+    )

@@ -1,4 +1,6 @@
-"""Blocks that tell rivals apart: what they should bring is what they bring, and what none can bring is said."""
+"""Blocks that tell rivals apart: what they should bring is what they bring, and what none can bring
+is said.
+"""
 
 from typing import Any
 
@@ -32,18 +34,33 @@ from tiltcal.setup.sequence import Step
 
 UP = [{"action": "move", "outer_deg": float(a), "dwell_s": 2.0} for a in range(0, 91, 10)]
 PLACING: dict[str, Any] = {
-    "schema": 1, "name": "quarter", "site": {"gravity_m_s2": 9.8}, "rig": {"table": "placing"},
-    "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 25.0, "adjustable": ["bias", "scale", "cross_axis"]}],
-    "effect": [{"id": "acc_noise", "white_ug_rthz": 20.0}], "sequence": UP,
-}  # fmt: skip
+    "schema": 1,
+    "name": "quarter",
+    "site": {"gravity_m_s2": 9.8},
+    "rig": {"table": "placing"},
+    "sensor": [
+        {
+            "name": "accel",
+            "kind": "accelerometer",
+            "rate_hz": 25.0,
+            "adjustable": ["bias", "scale", "cross_axis"],
+        }
+    ],
+    "effect": [{"id": "acc_noise", "white_ug_rthz": 20.0}],
+    "sequence": UP,
+}
 
 
 def silent(words: str) -> None:
     pass
 
 
-def ambiguous(found: dict[str, Any], *names: str) -> tuple[Scenario, Recording, dict[str, Any], dict[str, Any]]:
-    """A scenario, its recording with an effect concealed, and what a diagnosis that names these would have written."""
+def ambiguous(
+    found: dict[str, Any], *names: str
+) -> tuple[Scenario, Recording, dict[str, Any], dict[str, Any]]:
+    """A scenario, its recording with an effect concealed, and what a diagnosis that names these
+    would have written.
+    """
     table = {**PLACING, "effect": [*PLACING["effect"], found]}
     recording = SimulatedLaboratory().record(parse_scenario(table), seed=3)
     known = fresh(parse_scenario(PLACING), effect=(), sequence=())
@@ -56,7 +73,9 @@ def ambiguous(found: dict[str, Any], *names: str) -> tuple[Scenario, Recording, 
 @pytest.fixture(scope="module")
 def cubic() -> tuple[Scenario, Question]:
     """K2 or K3: a quarter turn does not say."""
-    known, recording, told, amended = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3")
+    known, recording, told, amended = ambiguous(
+        {"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3"
+    )
     (question,) = questions(known, [recording], told, amended)
     return known, question
 
@@ -77,13 +96,23 @@ def test_a_circle_tells_what_a_quarter_turn_does_not(cubic: tuple[Scenario, Ques
 
 
 def test_the_separation_is_what_least_squares_leaves(cubic: tuple[Scenario, Question]) -> None:
-    """K3 fitted to K2's reading by hand: bias, scale and cross terms are re-fitted, x and z read -g sin and g cos."""
+    """K3 fitted to K2's reading by hand: bias, scale and cross terms are re-fitted, x and z read -g
+    sin and g cos.
+    """
     scenario, question = cubic
     block = imagined(blocks_of(scenario)["circle outer"], scenario, question)
     pair = next(p for p in separations(question, block) if p.truth == "acc_K2")
-    angles = [np.asarray(r.table("outer"))[question.block // 2 :: question.block] for r in question.observations.recordings]
-    angle = np.concatenate([*angles, np.asarray(block.table("outer"))[question.block // 2 :: question.block]])
-    force = {"x": -scenario.site.gravity * np.sin(angle), "z": scenario.site.gravity * np.cos(angle)}
+    angles = [
+        np.asarray(r.table("outer"))[question.block // 2 :: question.block]
+        for r in question.observations.recordings
+    ]
+    angle = np.concatenate(
+        [*angles, np.asarray(block.table("outer"))[question.block // 2 :: question.block]]
+    )
+    force = {
+        "x": -scenario.site.gravity * np.sin(angle),
+        "z": scenario.site.gravity * np.cos(angle),
+    }
     term, total = question.rivals[0].terms[0], 0.0
     for name, value in zip(term.names, term.values, strict=True):
         f = force[name[-1]]
@@ -92,11 +121,15 @@ def test_the_separation_is_what_least_squares_leaves(cubic: tuple[Scenario, Ques
         signal = value * f**2 / G0
         left = signal - A @ np.linalg.lstsq(A, signal, rcond=None)[0]
         total += float(left @ left) / question.noise["accel", name[-1]].white ** 2
-    assert pair.separation == pytest.approx(total, rel=0.1)  # moves are averaged in blocks of samples
+    assert pair.separation == pytest.approx(
+        total, rel=0.1
+    )  # moves are averaged in blocks of samples
 
 
 def test_the_chance_is_how_often_the_likelihoods_tell_apart() -> None:
-    """Two rivals by hand: how often the deviances differ by enough, against the normal law of their difference."""
+    """Two rivals by hand: how often the deviances differ by enough, against the normal law of their
+    difference.
+    """
     rng = np.random.default_rng(seed_of("the chance is how often"))
     x = np.linspace(-1, 1, 60)
     common = np.column_stack([np.ones_like(x), x])
@@ -129,9 +162,13 @@ def test_the_best_block_is_enough_and_tells_most_a_minute(cubic: tuple[Scenario,
 
 def test_what_no_motion_splits_is_said_with_what_would() -> None:
     sag, circle = "table_sag", "table_encoder_eccentricity"
-    known, recording, told, amended = ambiguous({"id": sag, "axis": "outer", "sag_arcsec": 60.0}, sag, circle)
+    known, recording, told, amended = ambiguous(
+        {"id": sag, "axis": "outer", "sag_arcsec": 60.0}, sag, circle
+    )
     plan = next_block(known, [recording], told, amended, Limits(), silent)
-    assert plan.proposal is None or all({p.truth, p.rival} != {sag, circle} for p in plan.proposal.pairs)
+    assert plan.proposal is None or all(
+        {p.truth, p.rival} != {sag, circle} for p in plan.proposal.pairs
+    )
     assert "payload" in plan.statement
     assert plan.to_json()["out_of_reach"]
 
@@ -150,9 +187,14 @@ def test_there_is_nothing_to_split_where_all_is_explained() -> None:
 
 
 def test_hand_held_and_the_meaning_of_data_are_left_to_words() -> None:
-    known, recording, told, amended = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3")
+    known, recording, told, amended = ambiguous(
+        {"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3"
+    )
     hand = parse_scenario({**PLACING, "rig": {"table": "handheld"}, "sequence": [], "effect": []})
-    assert "by hand: think." in next_block(hand, [recording], told, amended, Limits(), silent).statement
+    assert (
+        "by hand: think."
+        in next_block(hand, [recording], told, amended, Limits(), silent).statement
+    )
     plan = next_block(known, [recording], told, {**amended, "effect": []}, Limits(), silent)
     assert plan.proposal is None
     assert "meaning of the data" in plan.statement
@@ -160,27 +202,41 @@ def test_hand_held_and_the_meaning_of_data_are_left_to_words() -> None:
 
 def test_too_few_poses_ask_for_more() -> None:
     known, recording, _, amended = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2")
-    plan = next_block(known, [recording], {"verdict": "cannot_tell", "findings": []}, amended, Limits(), silent)
+    plan = next_block(
+        known, [recording], {"verdict": "cannot_tell", "findings": []}, amended, Limits(), silent
+    )
     assert plan.proposal is not None
     assert plan.proposal.block.words == said("reverse")
     assert "no spare readings" in plan.statement
     assert plan.to_json()["confidence"] == 0.0
-    plan = next_block(known, [recording], {"verdict": "unlisted", "findings": []}, amended, Limits(), silent)
+    plan = next_block(
+        known, [recording], {"verdict": "unlisted", "findings": []}, amended, Limits(), silent
+    )
     assert "No name fits" in plan.statement
 
 
 def test_an_inclinometer_is_not_tilted_beyond_where_it_has_been() -> None:
-    table = {**PLACING, "sensor": [{"name": "incl", "kind": "inclinometer", "rate_hz": 25.0, "axes": ["x", "y"]}], "effect": []}
-    scenario = parse_scenario(table | {"sequence": [{"action": "move", "outer_deg": 40.0, "dwell_s": 5.0}]})
+    table = {
+        **PLACING,
+        "sensor": [{"name": "incl", "kind": "inclinometer", "rate_hz": 25.0, "axes": ["x", "y"]}],
+        "effect": [],
+    }
+    scenario = parse_scenario(
+        table | {"sequence": [{"action": "move", "outer_deg": 40.0, "dwell_s": 5.0}]}
+    )
     recording = SimulatedLaboratory().record(scenario)
     assert table_of(scenario, [recording], Limits()).reach == {"outer": (0.0, 40.0)}
-    assert table_of(scenario, [recording], Limits(angles={"outer": (-10.0, 10.0)})).reach == {"outer": (-10.0, 10.0)}
+    assert table_of(scenario, [recording], Limits(angles={"outer": (-10.0, 10.0)})).reach == {
+        "outer": (-10.0, 10.0)
+    }
     assert table_of(parse_scenario(PLACING), [recording], Limits()).reach == {"outer": (0.0, 360.0)}
     with pytest.raises(TiltcalError, match="axis inner"):
         table_of(scenario, [recording], Limits(angles={"inner": (0.0, 10.0)}))
 
 
-def test_design_split_names_what_it_lacks(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_design_split_names_what_it_lacks(
+    tmp_path: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
     import json
 
     import tomli_w
@@ -192,7 +248,9 @@ def test_design_split_names_what_it_lacks(tmp_path: Any, capsys: pytest.CaptureF
     (tmp_path / "other.json").write_text("[1]")
     split = ["design", "--split", told]
     assert "without a scenario" in refusal(split, tmp_path, capsys)
-    assert "no recordings in it" in refusal([*split, "--scenario", tmp_path / "bench.toml"], tmp_path, capsys)
+    assert "no recordings in it" in refusal(
+        [*split, "--scenario", tmp_path / "bench.toml"], tmp_path, capsys
+    )
     words = ["design", "--split", tmp_path / "other.json", "--scenario", tmp_path / "bench.toml"]
     assert "no verdict and findings" in refusal(words, tmp_path, capsys)
     (tmp_path / "other.json").write_text("not json")
@@ -201,31 +259,52 @@ def test_design_split_names_what_it_lacks(tmp_path: Any, capsys: pytest.CaptureF
 
 @pytest.mark.parametrize("table", ["placing", "dual"])
 def test_every_block_rests_long_enough_for_its_moves_to_be_seen(table: str) -> None:
-    """What hardly ever rests is taken for rest by the search for dwells, and all its rates for zero."""
+    """What hardly ever rests is taken for rest by the search for dwells, and all its rates for
+    zero.
+    """
     from tiltcal.recordings.replay import replay
 
-    scenario = parse_scenario({**PLACING, "rig": {"table": table}, "sequence": [{"action": "rest", "dwell_s": 5.0}]})
+    scenario = parse_scenario(
+        {**PLACING, "rig": {"table": table}, "sequence": [{"action": "rest", "dwell_s": 5.0}]}
+    )
     reach = dict.fromkeys(scenario.rig.axis_names, (0.0, 360.0))
     for block in candidates(Table(scenario.rig, reach)):
         recording = blank(block, scenario)
         drive = build_schedule(block.steps, scenario.rig).drive(recording.time)
-        moving = np.max([np.abs(np.asarray(jet.v)) for jet in drive.axes.values()], axis=0) > np.radians(0.5)
+        moving = np.max(
+            [np.abs(np.asarray(jet.v)) for jet in drive.axes.values()], axis=0
+        ) > np.radians(0.5)
         wrong = moving & (replay(recording, scenario).stop >= 0)
         assert wrong.sum() <= 0.05 * len(recording), block.name
 
 
 def test_a_block_does_not_promise_to_come_from_another_side_than_the_table_came_so_far() -> None:
-    """A play met from one side only looks like a zero error; an axis that a block leaves alone stands as it was come to."""
-    rising = [{"action": "move", "outer_deg": 10.0 + 55 * k, "inner_deg": 10.0 + 45 * k, "dwell_s": 2.0} for k in range(6)]
+    """A play met from one side only looks like a zero error; an axis that a block leaves alone
+    stands as it was come to.
+    """
+    rising = [
+        {"action": "move", "outer_deg": 10.0 + 55 * k, "inner_deg": 10.0 + 45 * k, "dwell_s": 2.0}
+        for k in range(6)
+    ]
     dual = {**PLACING, "rig": {"table": "dual"}, "sequence": rising}
     play = {"id": "table_backlash", "axis": "outer", "width_arcsec": 40.0}
-    recording = SimulatedLaboratory().record(parse_scenario({**dual, "effect": [*dual["effect"], play]}), seed=3)
+    recording = SimulatedLaboratory().record(
+        parse_scenario({**dual, "effect": [*dual["effect"], play]}), seed=3
+    )
     known = fresh(parse_scenario(dual), effect=(), sequence=())
-    told = {"verdict": "ambiguous", "findings": [{"effect": "table_backlash", "class": ["table_backlash", "table_encoder_zero"]}]}
+    told = {
+        "verdict": "ambiguous",
+        "findings": [
+            {"effect": "table_backlash", "class": ["table_backlash", "table_encoder_zero"]}
+        ],
+    }
     amended = {**dual, "effect": [{**play, "role": "found"}]}
     (question,) = questions(known, [recording], told, amended)
     assert last_sides(recording, known) == {"outer": 1.0, "inner": 1.0}
-    blocks = {b.name: b for b in candidates(Table(known.rig, dict.fromkeys(known.rig.axis_names, (0.0, 360.0))))}
+    blocks = {
+        b.name: b
+        for b in candidates(Table(known.rig, dict.fromkeys(known.rig.axis_names, (0.0, 360.0))))
+    }
     for name, block in blocks.items():
         (pair,) = (p for p in judged(block, [question], known) if p.truth == "table_backlash")
         if name.startswith(("reverse outer", "spin outer")) and name.endswith("90"):
@@ -236,11 +315,21 @@ def test_a_block_does_not_promise_to_come_from_another_side_than_the_table_came_
 
 def test_the_first_pose_of_an_imagined_block_is_come_to_as_the_table_moved_last() -> None:
     scenario = parse_scenario({**PLACING, "rig": {"table": "dual"}})
-    block = Block("x", "x", (Step(action="rest", dwell_s=1.0), Step(action="move", inner_deg=30.0, dwell_s=2.0)))
+    block = Block(
+        "x",
+        "x",
+        (Step(action="rest", dwell_s=1.0), Step(action="move", inner_deg=30.0, dwell_s=2.0)),
+    )
     recording = come_to(block, scenario, {"outer": -1.0, "inner": 1.0})
     outer, inner = (np.degrees(np.asarray(recording.table(axis))) for axis in ("outer", "inner"))
     assert (outer[0], inner[0]) == (pytest.approx(5.0, abs=0.01), pytest.approx(25.0, abs=0.01))
     assert (outer[-1], inner[-1]) == (pytest.approx(0.0, abs=0.01), pytest.approx(30.0, abs=0.01))
     assert last_sides(recording, scenario) == {"outer": -1.0, "inner": 1.0}
-    away = Block("x", "x", (Step(action="remount", mount="Rz(90)"), Step(action="move", outer_deg=30.0, dwell_s=2.0)))
-    assert np.asarray(come_to(away, scenario, {"outer": 1.0, "inner": 1.0}).table("outer"))[0] == pytest.approx(0.0, abs=1e-4)
+    away = Block(
+        "x",
+        "x",
+        (Step(action="remount", mount="Rz(90)"), Step(action="move", outer_deg=30.0, dwell_s=2.0)),
+    )
+    assert np.asarray(come_to(away, scenario, {"outer": 1.0, "inner": 1.0}).table("outer"))[
+        0
+    ] == pytest.approx(0.0, abs=1e-4)

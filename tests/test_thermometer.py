@@ -40,7 +40,9 @@ def test_gaps_are_bridged_and_the_ends_held():
 
 
 def test_the_rate_of_warming_goes_on_after_the_last_reading():
-    """Read each 10 s, the last time at 300 s, where it rises by 0.047 K/s: held from there on, the rate would jump to nothing."""
+    """Read each 10 s, the last time at 300 s, where it rises by 0.047 K/s: held from there on, the
+    rate would jump to nothing.
+    """
     time, read = TIME[:3095], np.full(3095, np.nan)
     read[::100] = np.round(TRUE[:3095:100], 2)
     rate = np.gradient(smooth_temperature(time, read), time)

@@ -1,4 +1,6 @@
-"""The two faces of what moves: algebra for the estimator, MuJoCo's mechanics for the laboratory; and the norm law."""
+"""The two faces of what moves: algebra for the estimator, MuJoCo's mechanics for the laboratory;
+and the norm law.
+"""
 
 from zlib import crc32
 
@@ -15,7 +17,11 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.setup.trajectory import Jet
 from tiltsim.motion import mujoco_motion
 
-MOVERS = tuple(id for id, cls in CATALOGUE.items() if not issubclass(cls, SignalEffect | DelayEffect | WritingEffect))
+MOVERS = tuple(
+    id
+    for id, cls in CATALOGUE.items()
+    if not issubclass(cls, SignalEffect | DelayEffect | WritingEffect)
+)
 TURNING = tuple(id for id, cls in CATALOGUE.items() if issubclass(cls, AngleEffect | FrameEffect))
 MOUNT = parse_mount("Rx(20) Rz(50)")
 N = 60
@@ -29,7 +35,11 @@ def springs_of(id, setup):
     """The springs that are its face in MuJoCo on this set-up."""
     effect = plausible(id, setup)
     mechanised = getattr(effect, "mechanised", False)
-    return [m for m in effect.mechanisms(setup.rig, setup.site.gravity) if isinstance(m, Spring)] if mechanised else []
+    return (
+        [m for m in effect.mechanisms(setup.rig, setup.site.gravity) if isinstance(m, Spring)]
+        if mechanised
+        else []
+    )
 
 
 SPRUNG = tuple(id for id in MOVERS if any(springs_of(id, setup_on(table)) for table in AXLED))
@@ -41,7 +51,9 @@ def poses(setup, rng):
     zero = np.zeros(N)
     axes = {name: Jet(rng.uniform(-np.pi, np.pi, N), zero, zero) for name in setup.rig.axis_names}
     time = np.arange(N, dtype=float)
-    return drive_of(axes, time, temperature=23 + 3 * np.sin(time / 9), rest=True, mounts=((0, MOUNT),))
+    return drive_of(
+        axes, time, temperature=23 + 3 * np.sin(time / 9), rest=True, mounts=((0, MOUNT),)
+    )
 
 
 def streams(effect):
@@ -51,7 +63,9 @@ def streams(effect):
 
 def both(setup, drive, *effects):
     """Closed form and MuJoCo with the same random numbers."""
-    return closed_form(setup, drive, effects, streams), mujoco_motion(setup, drive, effects, streams)
+    return closed_form(setup, drive, effects, streams), mujoco_motion(
+        setup, drive, effects, streams
+    )
 
 
 def axes_of(id, setup):
@@ -117,7 +131,8 @@ def test_two_springs_bend_together(table, rng):
     )
 
 
-# -------------------------------------------------------------------------------------------------- the norm
+# --------------------------------------------------------------------------------------------------
+# the norm
 
 
 def norm_change(setup, drive, effect):
@@ -126,7 +141,9 @@ def norm_change(setup, drive, effect):
         read_poses(setup, drive, seed=1)["accel"],
         read_poses(setup, drive, effect, seed=1)["accel"],
     )
-    return np.abs(np.linalg.norm(changed, axis=1) - np.linalg.norm(plain, axis=1)).max(), np.abs(changed - plain).max()
+    return np.abs(np.linalg.norm(changed, axis=1) - np.linalg.norm(plain, axis=1)).max(), np.abs(
+        changed - plain
+    ).max()
 
 
 @pytest.mark.parametrize("table", AXLED)
@@ -139,7 +156,9 @@ def test_what_turns_the_table_or_the_mount_leaves_the_norm(id, table, rng):
         np.testing.assert_allclose(np.linalg.norm(force, axis=1), setup.site.gravity, rtol=1e-14)
 
 
-@pytest.mark.parametrize("id", ["acc_K2", "acc_K3", "acc_Kip", "acc_scale_asym", "acc_bias", "acc_scale"])
+@pytest.mark.parametrize(
+    "id", ["acc_K2", "acc_K3", "acc_Kip", "acc_scale_asym", "acc_bias", "acc_scale"]
+)
 def test_what_the_sensor_does_changes_the_norm(id, rng):
     setup = setup_on("three")
     norm, change = norm_change(setup, poses(setup, rng), plausible(id, setup, setup.named("accel")))

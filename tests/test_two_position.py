@@ -25,14 +25,25 @@ P = 1e-3 / 2
 def readings(roll: float, pitch: float, angles: np.ndarray, bias: float = BIAS) -> np.ndarray:
     """f_b = Rz(-a) R_base^T (0, 0, g), first two components, plus bias."""
     base = rotation("x", roll) @ rotation("y", pitch)
-    return np.array([(rotation("z", -a) @ base.T @ [0, 0, G])[:2] + bias for a in np.radians(angles)])
+    return np.array(
+        [(rotation("z", -a) @ base.T @ [0, 0, G])[:2] + bias for a in np.radians(angles)]
+    )
 
 
 def log(roll, pitch, angles=(0.0, 180.0), sensor=ACCEL, noise=None, dwell=SAMPLES, code=0.0):
-    values = log_of(readings(roll, pitch, np.array(angles)), sensor, dwell=dwell, angles={"outer": np.array(angles)}, noise=noise)
+    values = log_of(
+        readings(roll, pitch, np.array(angles)),
+        sensor,
+        dwell=dwell,
+        angles={"outer": np.array(angles)},
+        noise=noise,
+    )
     if code:
         columns = {
-            n: np.round(values.column(n) / code) * code if n.startswith("accel") else values.column(n) for n in values.column_names
+            n: np.round(values.column(n) / code) * code
+            if n.startswith("accel")
+            else values.column(n)
+            for n in values.column_names
         }
         return type(values).from_columns(values.time, columns)
     return values
@@ -50,48 +61,79 @@ def test_any_two_opposite_angles_and_any_mounting_turn_serve():
     found = calibrate("two_position", log(0.01, -0.02, angles=(37.0, 217.0)), SETUP)
     assert found.value("base.roll") == pytest.approx(0.01, abs=1e-14)
     quarter, angles = rotation("z", np.pi / 2), np.array([0.0, 180.0])
-    in_body = np.array([(quarter.T @ np.append(r, 0.0))[:2] for r in readings(0.01, -0.02, angles, 0.0)])
+    in_body = np.array(
+        [(quarter.T @ np.append(r, 0.0))[:2] for r in readings(0.01, -0.02, angles, 0.0)]
+    )
     turned = log_of(in_body, ACCEL, dwell=SAMPLES, angles={"outer": angles})
     mounted = Setup(site=SETUP.site, rig=Rig(table="vertical", mount="Rz(90)"), sensor=(ACCEL,))
-    assert calibrate("two_position", turned, mounted).value("base.pitch") == pytest.approx(-0.02, abs=1e-14)
+    assert calibrate("two_position", turned, mounted).value("base.pitch") == pytest.approx(
+        -0.02, abs=1e-14
+    )
 
 
 def monte_carlo(draws: int, name: str, estimator: str, code: float = 0.0) -> np.ndarray:
     """Errors of the roll, rad, (draws,), with 50 ug noise and 200 samples a position."""
     clean = log(0.0, 0.0)
     segments = [s for s in find_segments(clean, guard=0.0) if s.kind == "dwell"]
-    segments = [type(s)(s.start, s.end, f, f + SAMPLES, "dwell") for s, f in zip(segments, (0, SAMPLES + 12), strict=True)]
+    segments = [
+        type(s)(s.start, s.end, f, f + SAMPLES, "dwell")
+        for s, f in zip(segments, (0, SAMPLES + 12), strict=True)
+    ]
     rng = rng_of(name)
     errors = np.empty(draws)
     for k in range(draws):
         roll = rng.uniform(-0.02, 0.02)
         draw = log(roll, 0.0, noise=rng.normal(0, SIGMA, (len(clean), 2)), code=code)
-        errors[k] = calibrate("two_position", draw, SETUP, segments=segments, estimator=estimator).value("base.roll") - roll
+        errors[k] = (
+            calibrate("two_position", draw, SETUP, segments=segments, estimator=estimator).value(
+                "base.roll"
+            )
+            - roll
+        )
     return errors
 
 
 @pytest.mark.slow
 def test_four_thousand_reversals_reach_the_bound_and_their_intervals_cover():
-    """Half the difference and half the sum of two means: variance s^2/2 each; d roll = du_y / (g cos roll), and so on."""
+    """Half the difference and half the sum of two means: variance s^2/2 each; d roll = du_y / (g
+    cos roll), and so on.
+    """
     draws, roll, pitch, s2 = 4000, 0.01, -0.02, SIGMA**2 / SAMPLES / 2
-    names, true = ["base.roll", "base.pitch", "accel.bias_x", "accel.bias_y"], np.array([roll, pitch, BIAS, BIAS])
-    slopes = np.array([[0, 1 / np.cos(roll)], [-1 / (np.cos(roll) * np.cos(pitch)), np.tan(pitch) * np.tan(roll) / np.cos(roll)]])
+    names, true = (
+        ["base.roll", "base.pitch", "accel.bias_x", "accel.bias_y"],
+        np.array([roll, pitch, BIAS, BIAS]),
+    )
+    slopes = np.array(
+        [
+            [0, 1 / np.cos(roll)],
+            [-1 / (np.cos(roll) * np.cos(pitch)), np.tan(pitch) * np.tan(roll) / np.cos(roll)],
+        ]
+    )
     bound = np.append((slopes**2).sum(axis=1) * s2 / G**2, [s2, s2])
     clean, rng = log(roll, pitch), rng_of("reversal family")
     step = SAMPLES + 12
-    segments = [Segment(k * step / 20, (k * step + SAMPLES - 1) / 20, k * step, k * step + SAMPLES, "dwell") for k in range(2)]
+    segments = [
+        Segment(k * step / 20, (k * step + SAMPLES - 1) / 20, k * step, k * step + SAMPLES, "dwell")
+        for k in range(2)
+    ]
     errors, nees, inside = np.empty((draws, 4)), 0.0, np.zeros(4)
     for k in range(draws):
         draw = log(roll, pitch, noise=rng.normal(0, SIGMA, (len(clean), 2)))
         found = calibrate("two_position", draw, SETUP, segments=segments)
         errors[k] = [found.value(n) for n in names] - true
         nees += errors[k] @ np.linalg.solve(found.covariance, errors[k])
-        inside += np.abs(errors[k]) <= 1.959964 * np.array([found.parameters[n].sigma for n in names])
+        inside += np.abs(errors[k]) <= 1.959964 * np.array(
+            [found.parameters[n].sigma for n in names]
+        )
     p = 1e-3 / 9 / 2  # one family: four variances, four coverages, the NEES
     ratio = (errors**2).sum(axis=0) / bound
     assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws))), ratio / draws
-    freedom = 2 * SAMPLES - 2  # of the noise: its inverse is that much larger on average, in two channels
-    assert chi2.ppf(p, 4 * draws) < nees < chi2.isf(p, 4 * draws) * freedom / (freedom - 3), nees / 4 / draws
+    freedom = (
+        2 * SAMPLES - 2
+    )  # of the noise: its inverse is that much larger on average, in two channels
+    assert chi2.ppf(p, 4 * draws) < nees < chi2.isf(p, 4 * draws) * freedom / (freedom - 3), (
+        nees / 4 / draws
+    )
     low, high = binom.ppf([p, 1 - p], draws, 0.95)
     assert np.all((inside >= low) & (inside <= high)), inside / draws
 
@@ -110,7 +152,9 @@ def test_the_median_reaches_what_physics_allows():
 
 @pytest.mark.slow
 def test_a_median_of_codes_defeats_the_dither():
-    """PHYSICS 0.9: 16 bit over +-1 g, 50 ug noise: mean 0.52 arcsec, median 1.47 arcsec (400 trials there)."""
+    """PHYSICS 0.9: 16 bit over +-1 g, 50 ug noise: mean 0.52 arcsec, median 1.47 arcsec (400 trials
+    there).
+    """
     code = 30.5e-6 * G0
     draws = 2000
     mean = np.sqrt(np.mean(monte_carlo(draws, "codes by mean", "mean", code) ** 2)) / ARCSEC
@@ -129,12 +173,20 @@ def test_the_uncertainty_is_consistent_for_an_inclinometer():
     draws, total = 4000, 0.0
     for _ in range(draws):
         tilt = np.arcsin(readings(0.01, -0.02, angles, 1e-3) / G)
-        draw = log_of(tilt, INCL, dwell=60, angles={"outer": angles}, noise=rng.normal(0, 50e-6, (3 * 72 - 12, 2)))
+        draw = log_of(
+            tilt,
+            INCL,
+            dwell=60,
+            angles={"outer": angles},
+            noise=rng.normal(0, 50e-6, (3 * 72 - 12, 2)),
+        )
         found = calibrate("two_position", draw, setup)
         error = np.array([found.value("base.roll") - 0.01, found.value("base.pitch") + 0.02])
         total += error @ np.linalg.solve(found.covariance[:2, :2], error)
     low, high = chi2.ppf([P, 1 - P], 2 * draws) / (2 * draws)
-    assert low < total / (2 * draws) < high * (1 + 2 / 250)  # noise estimated from some 250 residuals
+    assert (
+        low < total / (2 * draws) < high * (1 + 2 / 250)
+    )  # noise estimated from some 250 residuals
 
 
 def test_a_median_that_sticks_to_codes_is_warned_about():
@@ -143,7 +195,9 @@ def test_a_median_that_sticks_to_codes_is_warned_about():
     draw = log(0.003, 0.0, noise=rng.normal(0, SIGMA, (len(clean), 2)), code=30.5e-6 * G0)
     found = calibrate("two_position", draw, SETUP, estimator="median")
     assert found.verdict == "suspect"
-    assert "use the mean" in next(t for t in found.tests if t.name == "median against codes").statement
+    assert (
+        "use the mean" in next(t for t in found.tests if t.name == "median against codes").statement
+    )
 
 
 def test_a_base_that_moved_is_seen_by_the_repeats():
@@ -151,7 +205,13 @@ def test_a_base_that_moved_is_seen_by_the_repeats():
     angles = np.array([0.0, 180.0, 0.0, 180.0])
     means = readings(0.01, -0.02, angles)
     means[2:] += 20 * ARCSEC * G
-    draw = log_of(means, ACCEL, dwell=SAMPLES, angles={"outer": angles}, noise=rng.normal(0, SIGMA, (4 * 212 - 12, 2)))
+    draw = log_of(
+        means,
+        ACCEL,
+        dwell=SAMPLES,
+        angles={"outer": angles},
+        noise=rng.normal(0, SIGMA, (4 * 212 - 12, 2)),
+    )
     assert calibrate("two_position", draw, SETUP).verdict == "suspect"
 
 
@@ -165,7 +225,8 @@ def solved(means, angles, name):
     """The calibration of such a log, its dwells given."""
     step = SAMPLES + 12
     spans = [
-        Segment(k * step / 20, (k * step + SAMPLES - 1) / 20, k * step, k * step + SAMPLES, "dwell") for k in range(len(angles))
+        Segment(k * step / 20, (k * step + SAMPLES - 1) / 20, k * step, k * step + SAMPLES, "dwell")
+        for k in range(len(angles))
     ]
     return calibrate("two_position", noisy(means, angles, name), SETUP, segments=spans)
 
@@ -208,10 +269,14 @@ def test_what_no_single_fault_explains_is_not_guessed():
 def test_a_base_that_moves_during_a_position_is_seen_even_with_two():
     draw = log(0.01, -0.02, noise=rng_of("creeping").normal(0, SIGMA, (2 * SAMPLES + 12, 2)))
     creep = np.clip((draw.time - draw.time[-SAMPLES]) / 10.0, 0, 1) * 20 * ARCSEC * G
-    columns = {n: draw.column(n) + (creep if n.startswith("accel_y") else 0.0) for n in draw.column_names}
+    columns = {
+        n: draw.column(n) + (creep if n.startswith("accel_y") else 0.0) for n in draw.column_names
+    }
     rows = ((0, SAMPLES), (SAMPLES + 12, 2 * SAMPLES + 12))
     segments = [Segment(draw.time[a], draw.time[b - 1], a, b, "dwell") for a, b in rows]
-    found = calibrate("two_position", Recording.from_columns(draw.time, columns), SETUP, segments=segments)
+    found = calibrate(
+        "two_position", Recording.from_columns(draw.time, columns), SETUP, segments=segments
+    )
     assert found.verdict == "suspect"
     assert "moved during position 2" in said(found, "still while dwelling").statement
 
@@ -219,9 +284,16 @@ def test_a_base_that_moves_during_a_position_is_seen_even_with_two():
 @pytest.mark.parametrize("full_scale", [None, 2.5])
 def test_a_saturated_channel_is_named(full_scale):
     draw = log(0.01, 0.3, noise=rng_of("clipped").normal(0, SIGMA, (2 * SAMPLES + 12, 2)))
-    columns = {n: np.minimum(draw.column(n), 2.5) if n.startswith("accel") else draw.column(n) for n in draw.column_names}
-    setup = SETUP.model_copy(update={"sensor": (ACCEL.model_copy(update={"full_scale": full_scale}),)})
-    with pytest.raises(TiltcalError, match=r"channel accel_x: found saturated for \d\d% of the log"):
+    columns = {
+        n: np.minimum(draw.column(n), 2.5) if n.startswith("accel") else draw.column(n)
+        for n in draw.column_names
+    }
+    setup = SETUP.model_copy(
+        update={"sensor": (ACCEL.model_copy(update={"full_scale": full_scale}),)}
+    )
+    with pytest.raises(
+        TiltcalError, match=r"channel accel_x: found saturated for \d\d% of the log"
+    ):
         calibrate("two_position", Recording.from_columns(draw.time, columns), setup)
 
 
@@ -251,7 +323,9 @@ def test_a_turn_that_is_no_half_turn_is_named():
 def test_wrong_tables_options_and_missing_angles_are_refused_in_words():
     with pytest.raises(TiltcalError, match="need table vertical"):
         calibrate("two_position", log(0.0, 0.0), setup_of("dual", ACCEL))
-    with pytest.raises(TiltcalError, match="found 'mode', need one of mean, median, huber, tukey, inliers"):
+    with pytest.raises(
+        TiltcalError, match="found 'mode', need one of mean, median, huber, tukey, inliers"
+    ):
         calibrate("two_position", log(0.0, 0.0), SETUP, estimator="mode")
     with pytest.raises(TiltcalError, match="need two positions half a turn apart"):
         calibrate("two_position", log(0.0, 0.0, angles=(0.0, 5.0)), SETUP)

@@ -1,4 +1,6 @@
-"""The user's own algorithm, as a function, an installed entry point or a program, judged like a built-in one."""
+"""The user's own algorithm, as a function, an installed entry point or a program, judged like a
+built-in one.
+"""
 
 import json
 import sys
@@ -62,7 +64,9 @@ def judged(folder, capsys, method, *words, status):
 
 
 def test_a_function_of_the_user_s_is_accepted_and_never_sees_a_truth(module, here, capsys):
-    found = judged(here, capsys, f'name = "{module}:own"\noptions = {{ gain = 2.5 }}\nruns = 3', status=0)
+    found = judged(
+        here, capsys, f'name = "{module}:own"\noptions = {{ gain = 2.5 }}\nruns = 3', status=0
+    )
     assert (found["method"], found["runs"], found["accepted"]) == ("lab_methods:own", 3, True)
     seen = sys.modules[module].seen
     assert [gain for _, _, gain in seen] == [2.5] * 3
@@ -80,13 +84,21 @@ def test_a_function_that_is_wrong_is_not_accepted(module, here, capsys):
     assert broken == ["parameters, NEES per degree of freedom"]
 
 
-@pytest.mark.parametrize(("function", "words"), [
-    ("rubbish", "found a dict, need a tiltcal.calibration.result.Calibration"),
-    ("missing", "has no attribute 'missing'"),
-    ("elsewhere", "sensor 'acel': found no such sensor, need one of accel"),
-    ("own\"\noptions = { gian = 2 }\n#", "found option 'gian', need an option of it; did you mean 'gain'?"),
-])  # fmt: skip
-def test_a_function_that_does_not_keep_to_the_contract_is_told_so(function, words, module, here, capsys):
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        ("rubbish", "found a dict, need a tiltcal.calibration.result.Calibration"),
+        ("missing", "has no attribute 'missing'"),
+        ("elsewhere", "sensor 'acel': found no such sensor, need one of accel"),
+        (
+            'own"\noptions = { gian = 2 }\n#',
+            "found option 'gian', need an option of it; did you mean 'gain'?",
+        ),
+    ],
+)
+def test_a_function_that_does_not_keep_to_the_contract_is_told_so(
+    function, words, module, here, capsys
+):
     found = judged(here, capsys, f'name = "{module}:{function}"', status=1)
     assert words in found["error"]
     assert main(["run", "claim.toml"]) == 1
@@ -94,7 +106,14 @@ def test_a_function_that_does_not_keep_to_the_contract_is_told_so(function, word
 
 
 def test_a_function_calibrates_from_the_command_line(module, good, capsys):
-    words = ["calibrate", str(good / "run.csv"), "--scenario", str(good / "bench.toml"), "--method", f"{module}:own"]
+    words = [
+        "calibrate",
+        str(good / "run.csv"),
+        "--scenario",
+        str(good / "bench.toml"),
+        "--method",
+        f"{module}:own",
+    ]
     assert main([*words, "--option", "gain=4", "--json"]) == 0
     own = json.loads(capsys.readouterr().out)
     built_in = json.loads((good / "CAL.json").read_text())
@@ -105,20 +124,27 @@ def test_a_function_calibrates_from_the_command_line(module, good, capsys):
 
 
 def test_an_installed_entry_point_stands_wherever_a_name_does(here, monkeypatch, capsys):
-    entry = EntryPoint("lab_six", "tiltcal.calibration.methods.six_position:six_position", registry.GROUP)
+    entry = EntryPoint(
+        "lab_six", "tiltcal.calibration.methods.six_position:six_position", registry.GROUP
+    )
     for place in ("tiltcal.calibration.methods.registry", "tiltcal.cli.reference"):
-        monkeypatch.setattr(f"{place}.entry_points", lambda group: (entry,) if group == registry.GROUP else ())
+        monkeypatch.setattr(
+            f"{place}.entry_points", lambda group: (entry,) if group == registry.GROUP else ()
+        )
     assert registry.find_method("lab_six") is six_position
     assert judged(here, capsys, 'name = "lab_six"', status=0)["accepted"]
     assert main(["methods"]) == 0
     assert "lab_six" in capsys.readouterr().out
-    assert main(["calibrate", "x.csv", "--scenario", "claim.toml", "--method", "lab_sic"]) == 2  # the recording comes first
+    assert (
+        main(["calibrate", "x.csv", "--scenario", "claim.toml", "--method", "lab_sic"]) == 2
+    )  # the recording comes first
     (here / "x.csv").write_text("time_s\n1\n")
     assert main(["calibrate", "x.csv", "--scenario", "claim.toml", "--method", "lab_sic"]) == 2
     assert "did you mean 'lab_six'?" in capsys.readouterr().err
 
 
-# ------------------------------------------------------------------------------------------------------------ a program
+# --------------------------------------------------------------------------------------------------
+# ---------- a program
 
 PROGRAM = """
 import json, sys, tomllib
@@ -140,10 +166,12 @@ parameters = {}
 for i, a in enumerate("xyz"):
     up, down = (f[still & (label == sign + a), i] for sign in "+-")
     sigma = np.hypot(up.std() / len(up) ** 0.5, down.std() / len(down) ** 0.5) / 2
-    parameters[f"accel.bias_{a}"] = {"value": (up.mean() + down.mean()) / 2, "sigma": sigma, "unit": "m_s2"}
-    parameters[f"accel.scale_{a}"] = {"value": (up.mean() - down.mean()) / 2 / g - 1, "sigma": sigma / g, "unit": "1"}
+    bias, scale = (up.mean() + down.mean()) / 2, (up.mean() - down.mean()) / 2 / g - 1
+    parameters[f"accel.bias_{a}"] = {"value": bias, "sigma": sigma, "unit": "m_s2"}
+    parameters[f"accel.scale_{a}"] = {"value": scale, "sigma": sigma / g, "unit": "1"}
 with open(cal, "w") as out:
-    json.dump({"schema": 1, "method": "six by hand", "verdict": "good", "parameters": parameters}, out)
+    found = {"schema": 1, "method": "six by hand", "verdict": "good", "parameters": parameters}
+    json.dump(found, out)
 """
 FILES = '"{recording}", "{scenario}", "{cal}"'
 
@@ -155,7 +183,9 @@ def program(here):
 
 
 def test_a_program_is_judged_and_its_words_pass_no_shell(program, here, capsys):
-    found = judged(here, capsys, program + ', "; touch hacked", "$HOME", "*"]', "--allow-commands", status=0)
+    found = judged(
+        here, capsys, program + ', "; touch hacked", "$HOME", "*"]', "--allow-commands", status=0
+    )
     assert found["accepted"], found
     assert found["verdict"] == "good"
     assert len(found["parameters"]) == 6
@@ -170,13 +200,21 @@ def test_a_program_runs_only_with_leave(program, here, capsys):
     assert not (here / "said.json").exists()
 
 
-@pytest.mark.parametrize(("source", "words"), [
-    ("import sys; sys.exit('no light')", "found exit status 1 (no light), need 0"),
-    ("", "found no such file, need an existing file"),
-    ("import sys; open(sys.argv[3], 'w').write('{}')", "calibration CAL.json: found no key 'parameters'"),
-    ("import sys; sys.stderr.write('\\x1b[31mred\\n'); sys.exit(3)", "exit status 3"),
-])  # fmt: skip
-def test_a_program_that_fails_or_writes_no_calibration_is_named(source, words, program, here, capsys):
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("import sys; sys.exit('no light')", "found exit status 1 (no light), need 0"),
+        ("", "found no such file, need an existing file"),
+        (
+            "import sys; open(sys.argv[3], 'w').write('{}')",
+            "calibration CAL.json: found no key 'parameters'",
+        ),
+        ("import sys; sys.stderr.write('\\x1b[31mred\\n'); sys.exit(3)", "exit status 3"),
+    ],
+)
+def test_a_program_that_fails_or_writes_no_calibration_is_named(
+    source, words, program, here, capsys
+):
     (here / "own.py").write_text(source)
     found = judged(here, capsys, program + "]", "--allow-commands", "-o", "out", status=1)
     assert words in found["error"]
@@ -185,5 +223,7 @@ def test_a_program_that_fails_or_writes_no_calibration_is_named(source, words, p
 
 
 def test_a_program_that_is_not_there_is_named(here, capsys):
-    found = judged(here, capsys, f'command = ["./no-such-program", {FILES}]', "--allow-commands", status=1)
+    found = judged(
+        here, capsys, f'command = ["./no-such-program", {FILES}]', "--allow-commands", status=1
+    )
     assert "command ./no-such-program: found" in found["error"]

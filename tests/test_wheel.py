@@ -13,15 +13,24 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PARTS = (
-    "tiltcal/cli/__init__.py", "tiltsim/laboratory.py", "tiltcal/scenarios/two_position_level.toml",
+    "tiltcal/cli/__init__.py",
+    "tiltsim/laboratory.py",
+    "tiltcal/scenarios/two_position_level.toml",
     "tiltcal/report/report.html.jinja",
-)  # fmt: skip
+)
 
 pytestmark = pytest.mark.slow
 
 
 def run(*words, cwd, **environment):
-    done = subprocess.run(list(map(str, words)), cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        list(map(str, words)),
+        cwd=cwd,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return done.stdout
 
@@ -33,7 +42,9 @@ def built(source, out, *kinds):
 
 @pytest.fixture(scope="module")
 def published(tmp_path_factory):
-    """The wheel and the source distribution, built from what git would publish: no build product lies around."""
+    """The wheel and the source distribution, built from what git would publish: no build product
+    lies around.
+    """
     out = tmp_path_factory.mktemp("dist")
     return built(ROOT, out, "--wheel", "--sdist")
 
@@ -42,7 +53,18 @@ def published(tmp_path_factory):
 def installed(published, tmp_path_factory):
     """The wheel in a folder of its own."""
     target = tmp_path_factory.mktemp("target")
-    run(sys.executable, "-m", "pip", "install", "--no-deps", "--no-index", "--target", target, published[".whl"], cwd=target)
+    run(
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--no-deps",
+        "--no-index",
+        "--target",
+        target,
+        published[".whl"],
+        cwd=target,
+    )
     return target
 
 
@@ -65,8 +87,21 @@ def test_the_installed_wheel_runs_a_packaged_scenario_far_from_the_checkout(inst
     code = "import tiltcal, tiltsim; print(tiltcal.__file__, tiltsim.__file__, sep='\\n')"
     where = run(sys.executable, "-P", "-c", code, cwd=tmp_path, PYTHONPATH=path).split()
     assert all(Path(file).is_relative_to(installed) for file in where), where
-    scenario = shutil.copy(installed / "tiltcal" / "scenarios" / "two_position_level.toml", tmp_path / "claim.toml")
-    said = run(sys.executable, "-P", "-m", "tiltcal", "run", scenario, "-o", "out", cwd=tmp_path, PYTHONPATH=path)
+    scenario = shutil.copy(
+        installed / "tiltcal" / "scenarios" / "two_position_level.toml", tmp_path / "claim.toml"
+    )
+    said = run(
+        sys.executable,
+        "-P",
+        "-m",
+        "tiltcal",
+        "run",
+        scenario,
+        "-o",
+        "out",
+        cwd=tmp_path,
+        PYTHONPATH=path,
+    )
     assert "1 of 1 scenarios accepted" in said
     assert (tmp_path / "out" / "report.html").stat().st_size > 1e6
     script = installed / "bin" / "tiltcal"
@@ -79,5 +114,9 @@ def test_the_source_distribution_builds_the_same_wheel(published, tmp_path):
     (source,) = tmp_path.iterdir()
     (tmp_path / "out").mkdir()
     again = built(source, tmp_path / "out", "--wheel")[".whl"]
-    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(published[".whl"]).namelist())
-    assert {"Makefile", "requirements.lock", "LICENSE", "README.md"} <= {p.name for p in source.iterdir()}
+    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(
+        zipfile.ZipFile(published[".whl"]).namelist()
+    )
+    assert {"Makefile", "requirements.lock", "LICENSE", "README.md"} <= {
+        p.name for p in source.iterdir()
+    }

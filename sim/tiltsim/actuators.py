@@ -1,19 +1,26 @@
 """Faces of the drive and of what rings, for runs by time steps.
 
-Effects state what the servo of stiffness kp lets through, as angles; here they become torques on the joint:
+Effects state what the servo of stiffness kp lets through, as angles; here they become torques on
+the joint:
 
-==============  =====================================  ==========================================================
+==============  =====================================
+==========================================================
 friction        dry friction kp short                  the axis rests ``short`` of the command
 lag             damping kp tau, the bearing's in it    a ramp is followed ``tau`` late
 ballast         weight x arm = kp droop                the servo gives way by droop sin(angle)
 cable           stiffness -kp pull / (1 + pull)        kp (c - q) = k q: q = c (1 + pull)
-cogging         kp size sin(n q)                       q = c + size sin(n q), where the servo follows: n rate tau << 1
+cogging         kp size sin(n q)                       q = c + size sin(n q), where the servo
+follows: n rate tau << 1
 ring            a hinge with the inertia behind it     let go at the end of a move, it rings
-==============  =====================================  ==========================================================
+==============  =====================================
+==========================================================
 
-A ring is the mechanics of one hinge. Each move winds it up, slowly at first, to the stated size, and lets go as it
-stops: A exp(-t/tau) (cos wt + sin(wt) / (w tau)), the closed form but for the release from rest. Like any structure
-it also bends by -acceleration / w^2 while the table speeds up; its weight is trimmed, sag is an effect of its own.
+A ring is the mechanics of one hinge. Each move winds it up, slowly at first, to the stated size,
+and lets go as it
+stops: A exp(-t/tau) (cos wt + sin(wt) / (w tau)), the closed form but for the release from rest.
+    Like any structure
+it also bends by -acceleration / w^2 while the table speeds up; its weight is trimmed, sag is an
+effect of its own.
 """
 
 from collections.abc import Sequence
@@ -31,10 +38,16 @@ INNER = 1e-5  # kg m2, of a ring's hinge itself, which keeps two hinges of one b
 
 
 def install_drives(spec: "mujoco.MjSpec", mechanisms: Sequence[Mechanism], gravity: float) -> None:
-    """Friction, damping, ballasts and cables of the servos, whose stiffness is already what it will be."""
+    """Friction, damping, ballasts and cables of the servos, whose stiffness is already what it will
+    be.
+    """
     for servo in spec.actuators:
         joint, kp = spec.joint(servo.name), float(servo.gainprm[0])
-        mine = [m for m in mechanisms if isinstance(m, Friction | Lag | Ballast | Cable) and m.axis == servo.name]
+        mine = [
+            m
+            for m in mechanisms
+            if isinstance(m, Friction | Lag | Ballast | Cable) and m.axis == servo.name
+        ]
         joint.frictionloss += kp * sum(m.short for m in mine if isinstance(m, Friction))
         pull = sum(m.pull for m in mine if isinstance(m, Cable))
         joint.stiffness = [-kp * pull / (1 + pull), 0.0, 0.0]
@@ -46,9 +59,13 @@ def install_drives(spec: "mujoco.MjSpec", mechanisms: Sequence[Mechanism], gravi
         droop = sum(m.droop for m in mine if isinstance(m, Ballast))
         if droop:
             spec.body(servo.name).add_body(
-                name=f"{servo.name}_load", pos=[0.0, 0.0, float(np.copysign(ARM, droop))], ipos=[0.0, 0.0, 0.0],
-                mass=kp * abs(droop) / (gravity * ARM), inertia=[1e-6] * 3, explicitinertial=True,
-            )  # fmt: skip
+                name=f"{servo.name}_load",
+                pos=[0.0, 0.0, float(np.copysign(ARM, droop))],
+                ipos=[0.0, 0.0, 0.0],
+                mass=kp * abs(droop) / (gravity * ARM),
+                inertia=[1e-6] * 3,
+                explicitinertial=True,
+            )
 
 
 def install_rings(spec: "mujoco.MjSpec", mechanisms: Sequence[Mechanism]) -> None:
@@ -60,19 +77,26 @@ def install_rings(spec: "mujoco.MjSpec", mechanisms: Sequence[Mechanism]) -> Non
     for ring in (m for m in mechanisms if isinstance(m, Ring)):
         if spec.joint(ring.joint) is not None:
             raise TiltcalError(
-                f"rig, {ring.body}", found="two effects that ring about the same axis", need="one, in a run by time steps",
+                f"rig, {ring.body}",
+                found="two effects that ring about the same axis",
+                need="one, in a run by time steps",
                 do="leave one out, or leave out [dynamics]",
-            )  # fmt: skip
+            )
         axis = np.eye(3)["xyz".index(ring.axis)]
-        spec.body(ring.body).add_joint(name=ring.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, armature=INNER)
+        spec.body(ring.body).add_joint(
+            name=ring.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, armature=INNER
+        )
 
 
 def tune(model: "mujoco.MjModel", data: "mujoco.MjData", rings: Sequence[Ring]) -> None:
-    """Give each ring the stiffness and damping with which the stepped model, servos and all, has its frequency and decay.
+    """Give each ring the stiffness and damping with which the stepped model, servos and all, has
+    its frequency and decay.
 
     A mode z^n of the integrator, whose damping is implicit, obeys D(z) q = 0 with
-    D = M (z - 1)^2 / (z dt^2) + C (z - 1) / dt + K; so the ring's own k + c (z - 1) / dt is minus the Schur
-    complement of the rest. A ring that its servo damps faster than stated keeps no damping of its own.
+    D = M (z - 1)^2 / (z dt^2) + C (z - 1) / dt + K; so the ring's own k + c (z - 1) / dt is minus
+    the Schur
+    complement of the rest. A ring that its servo damps faster than stated keeps no damping of its
+    own.
 
     Raises:
         TiltcalError: the servo is too soft to let it ring like that.
@@ -82,8 +106,12 @@ def tune(model: "mujoco.MjModel", data: "mujoco.MjData", rings: Sequence[Ring]) 
     mujoco.mj_fullM(model, data, inertia)
     axes = [int(model.joint(model.actuator(i).name).dofadr[0]) for i in range(model.nu)]
     dt = float(model.opt.timestep)
-    held = {i for i in range(model.nv) if model.joint(i).name.endswith("_gap")}  # a load with play, at rest
-    held |= {int(model.joint(ring.joint).dofadr[0]) for ring in rings}  # each by itself: equal ones would be one mode
+    held = {
+        i for i in range(model.nv) if model.joint(i).name.endswith("_gap")
+    }  # a load with play, at rest
+    held |= {
+        int(model.joint(ring.joint).dofadr[0]) for ring in rings
+    }  # each by itself: equal ones would be one mode
     others = [i for i in range(model.nv) if i not in held]
     for ring in rings:
         joint = model.joint(ring.joint)
@@ -100,24 +128,45 @@ def tune(model: "mujoco.MjModel", data: "mujoco.MjData", rings: Sequence[Ring]) 
         k = own.real - c * s.real
         if k <= 0:
             raise TiltcalError(
-                f"rig, {ring.body}", found=f"a servo too soft for a structure that rings at {ring.frequency:.4g} Hz",
-                need="a stiffer servo", do="raise dynamics.stiffness_N_m_rad",
-            )  # fmt: skip
+                f"rig, {ring.body}",
+                found=f"a servo too soft for a structure that rings at {ring.frequency:.4g} Hz",
+                need="a stiffer servo",
+                do="raise dynamics.stiffness_N_m_rad",
+            )
         model.jnt_stiffness[joint.id], model.dof_damping[r] = k, c
 
 
 class Torques:
-    """What moves wind up, and what motors cog: planned a block of steps ahead, applied step by step."""
+    """What moves wind up, and what motors cog: planned a block of steps ahead, applied step by
+    step.
+    """
 
     def __init__(
-        self, model: "mujoco.MjModel", data: "mujoco.MjData", schedule: Schedule, rings: Sequence[Ring], coggings: Sequence[Cogging]
+        self,
+        model: "mujoco.MjModel",
+        data: "mujoco.MjData",
+        schedule: Schedule,
+        rings: Sequence[Ring],
+        coggings: Sequence[Cogging],
     ) -> None:
         tune(model, data, rings)
-        self.angles, self.applied, self.bias, self.schedule = data.qpos, data.qfrc_applied, data.qfrc_bias, schedule
+        self.angles, self.applied, self.bias, self.schedule = (
+            data.qpos,
+            data.qfrc_applied,
+            data.qfrc_bias,
+            schedule,
+        )
         self.rings = [int(model.joint(ring.joint).dofadr[0]) for ring in rings]
-        self.hold = np.array([model.jnt_stiffness[model.joint(ring.joint).id] * ring.size for ring in rings])
-        stiffness = {model.actuator(i).name: float(model.actuator_gainprm[i, 0]) for i in range(model.nu)}
-        self.coggings = [(int(model.joint(c.axis).dofadr[0]), c.poles, stiffness[c.axis] * c.size) for c in coggings]
+        self.hold = np.array(
+            [model.jnt_stiffness[model.joint(ring.joint).id] * ring.size for ring in rings]
+        )
+        stiffness = {
+            model.actuator(i).name: float(model.actuator_gainprm[i, 0]) for i in range(model.nu)
+        }
+        self.coggings = [
+            (int(model.joint(c.axis).dofadr[0]), c.poles, stiffness[c.axis] * c.size)
+            for c in coggings
+        ]
 
     def plan(self, time: Array) -> None:
         """The torques that do not depend on the state, at the instants of the next steps, (n,)."""
@@ -135,7 +184,9 @@ class Torques:
 
 
 def winding(schedule: Schedule, time: Array) -> Array:
-    """0 at rest; 0 to 1 in the course of each motion between two stops, with continuous acceleration, (n,)."""
+    """0 at rest; 0 to 1 in the course of each motion between two stops, with continuous
+    acceleration, (n,).
+    """
     legs = schedule.legs
     which = np.asarray(schedule.leg_of(time))
     start, end = np.array([leg.t0 for leg in legs]), np.array([leg.t1 for leg in legs])

@@ -1,4 +1,6 @@
-"""What a run by time steps is run on: the mechanisms of all effects, those the time step can follow, and the rig."""
+"""What a run by time steps is run on: the mechanisms of all effects, those the time step can
+follow, and the rig.
+"""
 
 from collections.abc import Sequence
 
@@ -13,11 +15,15 @@ from tiltcal.forward.kinematics import world_of
 from tiltcal.laboratory.scenario import Dynamics, Scenario
 from tiltsim.rig import Rig, RigBuilder
 
-RESOLVED = 0.7  # rad: largest phase a free spring may go through in a step; beyond, it follows at once
+RESOLVED = (
+    0.7  # rad: largest phase a free spring may go through in a step; beyond, it follows at once
+)
 
 
 def readout_errors(effects: Sequence[Effect]) -> list[Effect]:
-    """The effects that make an encoder, on which its axis' loop is closed, say something else than where the axis is."""
+    """The effects that make an encoder, on which its axis' loop is closed, say something else than
+    where the axis is.
+    """
     return [e for e in effects if isinstance(e, ReadoutError) and not e.is_identity]
 
 
@@ -31,8 +37,12 @@ def mechanisms_of(scenario: Scenario, effects: Sequence[Effect]) -> tuple[Mechan
     return tuple(m for e in _movers(effects) for m in e.dynamics(scenario.rig, gravity))
 
 
-def realised(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism]) -> tuple[str, ...]:
-    """Addresses of the effects that these mechanisms hold whole; springs are not among them, the reader knows their joints."""
+def realised(
+    scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism]
+) -> tuple[str, ...]:
+    """Addresses of the effects that these mechanisms hold whole; springs are not among them, the
+    reader knows their joints.
+    """
     gravity, whole, missing = world_of(scenario, effects).gravity, [], set()
     for effect in _movers(effects):
         faces = [m for m in effect.dynamics(scenario.rig, gravity) if not isinstance(m, Spring)]
@@ -43,27 +53,43 @@ def realised(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence
     return tuple(address for address in dict.fromkeys(whole) if address not in missing)
 
 
-def resolved(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism]) -> tuple[Mechanism, ...]:
-    """The mechanisms without the springs and rings that swing faster than the time step can follow."""
+def resolved(
+    scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism]
+) -> tuple[Mechanism, ...]:
+    """The mechanisms without the springs and rings that swing faster than the time step can
+    follow.
+    """
     dt = (scenario.dynamics or Dynamics()).timestep_s
-    slow = [m for m in mechanisms if not isinstance(m, Ring) or 2 * np.pi * m.frequency * dt <= RESOLVED]
+    slow = [
+        m for m in mechanisms if not isinstance(m, Ring) or 2 * np.pi * m.frequency * dt <= RESOLVED
+    ]
     rig = build(scenario, effects, [m for m in slow if not isinstance(m, Ring)], scenario.rig.mount)
     data, inertia = mujoco.MjData(rig.model), np.empty((rig.model.nv, rig.model.nv))
     mujoco.mj_forward(rig.model, data)
     mujoco.mj_fullM(rig.model, data, inertia)
-    mobility = np.diag(np.linalg.inv(inertia))  # of each joint with all others free: the fastest it can swing
-    soft = {name.removesuffix("_sag") for name, k in rig.springs.items() if k * mobility[rig.dof(name)] <= (RESOLVED / dt) ** 2}
+    mobility = np.diag(
+        np.linalg.inv(inertia)
+    )  # of each joint with all others free: the fastest it can swing
+    soft = {
+        name.removesuffix("_sag")
+        for name, k in rig.springs.items()
+        if k * mobility[rig.dof(name)] <= (RESOLVED / dt) ** 2
+    }
     return tuple(m for m in slow if not isinstance(m, Spring) or m.body in soft)
 
 
-def build(scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism], mount: str) -> Rig:
+def build(
+    scenario: Scenario, effects: Sequence[Effect], mechanisms: Sequence[Mechanism], mount: str
+) -> Rig:
     """The rig with what never moves built in, and the mechanisms with their true masses."""
     world = world_of(scenario, effects)
     drive = scenario.schedule.drive(np.array(scenario.schedule.times[:1]))
     context = Context(drive, drive.axes, scenario.rig, world.gravity)
     slots = ["base", *(f"{name}_bearing" for name in scenario.rig.axis_names), "mount"]
     frames = [e for e in effects if isinstance(e, FrameEffect)]
-    fixed = [e for e in frames if all(t.angle.constant for slot in slots for t in e.turns(slot, context))]
+    fixed = [
+        e for e in frames if all(t.angle.constant for slot in slots for t in e.turns(slot, context))
+    ]
     builder = RigBuilder(scenario, world, parse_mount(mount))
     builder.install_frames(fixed, drive, drive.axes)
     builder.install_dynamics(scenario.dynamics or Dynamics(), mechanisms)

@@ -1,20 +1,32 @@
-"""A sequence run by time steps: the servos follow with droop, lag and friction, the structure rings.
+"""A sequence run by time steps: the servos follow with droop, lag and friction, the structure
+rings.
 
-``run_dynamics`` steps the mechanics once, keeps a log of the joints and returns it as a Course. The readings
-come from the exact reader of prescribed motion (``motion.py``) at the logged states: none is one step old.
+``run_dynamics`` steps the mechanics once, keeps a log of the joints and returns it as a Course. The
+readings
+come from the exact reader of prescribed motion (``motion.py``) at the logged states: none is one
+step old.
 
-- The log takes positions from the integrator, rates and accelerations from differences of its own step
-  velocities (fourth order): one curve. ``qacc`` would not do: it is explicit, the servo's damping implicit.
-- Vibration: a base that accelerates by ``a`` is, for everything on it, a gravity ``g - a`` (equivalence
-  principle): the stepping shakes gravity, exactly and without driven slides; the reader adds the base's own.
-- Turns of effects that move (wobble, slip, thermal tilt) are tiny and load nothing: left to the reader.
-- Springs too stiff for the time step follow at once: the reader settles them, as in prescribed motion; rings too
+- The log takes positions from the integrator, rates and accelerations from differences of its own
+  step
+  velocities (fourth order): one curve. ``qacc`` would not do: it is explicit, the servo's damping
+  implicit.
+- Vibration: a base that accelerates by ``a`` is, for everything on it, a gravity ``g - a``
+  (equivalence
+  principle): the stepping shakes gravity, exactly and without driven slides; the reader adds the
+  base's own.
+- Turns of effects that move (wobble, slip, thermal tilt) are tiny and load nothing: left to the
+  reader.
+- Springs too stiff for the time step follow at once: the reader settles them, as in prescribed
+  motion; rings too
   fast for it are left to the reader's closed form.
-- Effects of the drive are mechanics (``faces.py``): the algebra leaves out those in ``Drive.realised``.
-- Memory: a row a millisecond (a step, with springs) where something accelerates, one of CHUNK where nothing
+- Effects of the drive are mechanics (``faces.py``): the algebra leaves out those in
+  ``Drive.realised``.
+- Memory: a row a millisecond (a step, with springs) where something accelerates, one of CHUNK where
+  nothing
   does, and ROWS at most: runs beyond half an hour have wider rows.
 
-Errors: the implicit damping c of a joint adds c dt / 2 to its inertia: a mount of 30 arcsec/g rings 2 % too
+Errors: the implicit damping c of a joint adds c dt / 2 to its inertia: a mount of 30 arcsec/g rings
+    2 % too
 low at 0.5 ms. Friction creeps by some 0.05 arcsec/s.
 """
 
@@ -48,7 +60,9 @@ HAND = 2 * np.pi * 5.0  # rad/s, natural frequency of a hand that holds an instr
 TREMOR = 3.0  # Hz, corner of a hand's irregular torque
 
 
-def run_dynamics(scenario: Scenario, seed: int | None, progress: Progress | None = None) -> "DynamicCourse":
+def run_dynamics(
+    scenario: Scenario, seed: int | None, progress: Progress | None = None
+) -> "DynamicCourse":
     """Run a scenario's sequence by time steps.
 
     Args:
@@ -101,7 +115,9 @@ class DynamicCourse:
         parts = [np.asarray(part) for part in (states.x, states.v, states.a)]
         joints = {name: Jet(*(part[:, i] for part in parts)) for name, i in self.columns.items()}
         motors = {name: joints.pop(name) for name in asked.axes}
-        beyond: dict[str, Jet] = {}  # of the encoders: play, and structure that rings about the axis
+        beyond: dict[
+            str, Jet
+        ] = {}  # of the encoders: play, and structure that rings about the axis
         for name, axis in self.scenario.rig.axes:
             for joint in (f"{name}_gap", f"{name}_ring_{axis}"):
                 if joint in joints:
@@ -109,13 +125,19 @@ class DynamicCourse:
         errors = readout_errors(self.scenario.effects)
         if self.scenario.rig.readout == "command":
             goals = true_angles(self.scenario, asked, errors)
-            beyond = {name: motors[name] - goals[name] + beyond.get(name, Jet(0.0)) for name in motors}
+            beyond = {
+                name: motors[name] - goals[name] + beyond.get(name, Jet(0.0)) for name in motors
+            }
             return replace(asked, structure=joints | beyond, realised=self.realised)
         axes = self._readout(asked, motors, errors)
         return replace(asked, axes=axes, structure=joints | beyond, realised=self.realised)
 
-    def _readout(self, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]) -> dict[str, Jet]:
-        """What encoders say at true angles: a fixed point contracts by the errors' slope, < 1e-2."""
+    def _readout(
+        self, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]
+    ) -> dict[str, Jet]:
+        """What encoders say at true angles: a fixed point contracts by the errors' slope, <
+        1e-2.
+        """
         readout = dict(true)
         for _ in range(6 if errors else 0):
             found = true_angles(self.scenario, replace(asked, axes=readout), errors)
@@ -160,9 +182,11 @@ def _march(scenario: Scenario, driver: _Driver, progress: Progress | None) -> Lo
             step(model, data)
         if not (np.isfinite(x).all() and np.isfinite(u).all()):
             raise TiltcalError(
-                f"scenario {scenario.name}", found=f"a motion that diverges before {time[-1]:.4g} s",
-                need="a stable run by time steps", do="lower dynamics.timestep_s, or the servo's stiffness",
-            )  # fmt: skip
+                f"scenario {scenario.name}",
+                found=f"a motion that diverges before {time[-1]:.4g} s",
+                need="a stable run by time steps",
+                do="lower dynamics.timestep_s, or the servo's stiffness",
+            )
         recorder.add(time, x, u, dt)
         if progress is not None:
             progress(first + n, steps)
@@ -170,7 +194,9 @@ def _march(scenario: Scenario, driver: _Driver, progress: Progress | None) -> Lo
 
 
 class _Recorder:
-    """Turns steps into rows: rates and accelerations by differences, thinned where nothing accelerates."""
+    """Turns steps into rows: rates and accelerations by differences, thinned where nothing
+    accelerates.
+    """
 
     def __init__(self, stride: int) -> None:
         self.stride, self.offset = stride, 0
@@ -178,9 +204,13 @@ class _Recorder:
         self.parts: list[tuple[Array, Array, Array, Array]] = []
 
     def add(self, time: Array, x: Array, u: Array, dt: float) -> None:
-        """Steps at these times, (n,), with positions (n, nq) and the velocities that led there, (n, nv)."""
+        """Steps at these times, (n,), with positions (n, nq) and the velocities that led there, (n,
+        nv).
+        """
         if self.carry is not None:
-            time, x, u = (np.concatenate(pair) for pair in zip(self.carry, (time, x, u), strict=True))
+            time, x, u = (
+                np.concatenate(pair) for pair in zip(self.carry, (time, x, u), strict=True)
+            )
         self.carry = time[-3:], x[-3:], u[-3:]
         u0, u1, u2, u3 = u[:-3], u[1:-2], u[2:-1], u[3:]  # two steps before and two after each row
         v, a = (7 * (u1 + u2) - u0 - u3) / 12, (15 * (u2 - u1) - (u3 - u0)) / (12 * dt)
@@ -195,9 +225,15 @@ class _Recorder:
 
 
 def _worth_keeping(a: Array) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
-    """Rows, (n,), of chunks in which something accelerates; else the chunk's first; and the last of all."""
+    """Rows, (n,), of chunks in which something accelerates; else the chunk's first; and the last of
+    all.
+    """
     group = np.arange(len(a)) // CHUNK
-    keep = np.bincount(group, (np.abs(a) > QUIET).any(axis=1))[group] > 0 if len(a) else np.zeros(0, bool)
+    keep = (
+        np.bincount(group, (np.abs(a) > QUIET).any(axis=1))[group] > 0
+        if len(a)
+        else np.zeros(0, bool)
+    )
     keep[::CHUNK] = True
     keep[-1:] = True
     return np.asarray(keep)
@@ -220,22 +256,33 @@ class _Servos:
         self.data = mujoco.MjData(self.rig.model)
         self.names = [self.rig.model.actuator(i).name for i in range(self.rig.model.nu)]
         self._balance()
-        self.torques = Torques(self.rig.model, self.data, self.schedule, self.rig.rings, self.rig.coggings)
+        self.torques = Torques(
+            self.rig.model, self.data, self.schedule, self.rig.rings, self.rig.coggings
+        )
 
     def _goal(self, time: Array) -> Array:
-        """Angles asked of the motors, rad, (n, axes): loops are closed on the encoders, errors and all."""
+        """Angles asked of the motors, rad, (n, axes): loops are closed on the encoders, errors and
+        all.
+        """
         goals = true_angles(self.scenario, self.schedule.drive(time), self.errors)
         return np.column_stack([np.asarray(goals[name].x) for name in self.names])
 
     def _balance(self) -> None:
-        """Start in equilibrium: servos and springs hold the weight. A fixed point contracts by m g l / k."""
+        """Start in equilibrium: servos and springs hold the weight. A fixed point contracts by m g
+        l / k.
+        """
         model, data, rig = self.rig.model, self.data, self.rig
         goal = self._goal(np.array(self.schedule.times[:1]))[0]
-        axes, springs = [rig.dof(name) for name in self.names], [rig.dof(name) for name in rig.springs]
+        axes, springs = (
+            [rig.dof(name) for name in self.names],
+            [rig.dof(name) for name in rig.springs],
+        )
         data.qpos[axes] = goal
         for _ in range(6):
             mujoco.mj_forward(model, data)
-            data.qpos[axes] = goal - (data.qfrc_bias - data.qfrc_passive)[axes] / model.actuator_gainprm[:, 0]
+            data.qpos[axes] = (
+                goal - (data.qfrc_bias - data.qfrc_passive)[axes] / model.actuator_gainprm[:, 0]
+            )
             data.qpos[springs] = -data.qfrc_bias[springs] / np.array(list(rig.springs.values()))
 
     def plan(self, time: Array) -> None:
@@ -246,11 +293,15 @@ class _Servos:
         if self.world.shakes:
             self.gravity = np.tile([0.0, 0.0, -self.world.gravity], (len(time), 1))
             for shake in self.world.shakes:
-                self.gravity -= np.column_stack([jet.a for jet in shake.jets(time - self.schedule.times[0])])
+                self.gravity -= np.column_stack(
+                    [jet.a for jet in shake.jets(time - self.schedule.times[0])]
+                )
         self.remounts = dict(self.schedule.mountings(time)) if len(self.mounts) > 1 else {}
 
     def push(self, k: int) -> None:
-        """Set the command; after a remount the mount's springs start from where they were, and ring."""
+        """Set the command; after a remount the mount's springs start from where they were, and
+        ring.
+        """
         self.ctrl[:] = self.goal[k]
         self.torques.push(k)
         if self.gravity is not None:
@@ -273,7 +324,9 @@ class _Hand:
         inertia = float(np.mean(self.rig.model.dof_M0[3:6]))
         self.stiffness = dynamics.stiffness_N_m_rad or inertia * HAND**2
         critical = 2 * np.sqrt(self.stiffness * inertia)
-        self.damping = critical if dynamics.damping_N_m_s_rad is None else dynamics.damping_N_m_s_rad
+        self.damping = (
+            critical if dynamics.damping_N_m_s_rad is None else dynamics.damping_N_m_s_rad
+        )
         self.torque = dynamics.hand_torque_N_m
         self.rng = None if seed is None else stream(seed, "hand")
         self.tremor = _Tremor(float(self.rig.model.opt.timestep))
@@ -284,7 +337,9 @@ class _Hand:
         self.quat[:] = self.wanted[0]
 
     def plan(self, time: Array) -> None:
-        """Wanted attitudes (w, x, y, z), (n, 4), and the torque that does not depend on the state, (n, 3)."""
+        """Wanted attitudes (w, x, y, z), (n, 4), and the torque that does not depend on the state,
+        (n, 3).
+        """
         from scipy.spatial.transform import Rotation
 
         attitude = self.schedule.drive(time).attitude
@@ -298,17 +353,23 @@ class _Hand:
     def _effort(self, time: Array, attitude: Attitude) -> Array:
         """Rate as a share of its leg's highest, (n,): 0 at rest, so that nothing moves there."""
         moves = [e if e.law == "ramp" else None for e in self.schedule.legs]
-        peaks = np.array([1.0 if e is None else np.linalg.norm(e.dq) / (e.t1 - e.t0 - e.ramp) for e in moves])
+        peaks = np.array(
+            [1.0 if e is None else np.linalg.norm(e.dq) / (e.t1 - e.t0 - e.ramp) for e in moves]
+        )
         return np.asarray(np.linalg.norm(attitude.rate, axis=1) / peaks[self.schedule.leg_of(time)])
 
     def push(self, k: int) -> None:
-        """Torque in the body frame: stiffness x turn to go + damping x rate to gain + irregular part."""
+        """Torque in the body frame: stiffness x turn to go + damping x rate to gain + irregular
+        part.
+        """
         mujoco.mju_subQuat(self.error, self.wanted[k], self.quat)
         self.force[:] = self.stiffness * self.error + self.known[k] - self.damping * self.spin
 
 
 class _Tremor:
-    """White noise through two equal first-order lags of corner TREMOR, rms 1: H ~ 1 / (1 - p z^-1)^2."""
+    """White noise through two equal first-order lags of corner TREMOR, rms 1: H ~ 1 / (1 - p
+    z^-1)^2.
+    """
 
     def __init__(self, dt: float) -> None:
         p = float(np.exp(-2 * np.pi * TREMOR * dt))

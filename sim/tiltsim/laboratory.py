@@ -1,4 +1,6 @@
-"""The Laboratory made of MuJoCo: a scenario's sequence through mechanics, then the chain of effects, to a Recording."""
+"""The Laboratory made of MuJoCo: a scenario's sequence through mechanics, then the chain of
+effects, to a Recording.
+"""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,6 @@
-"""The log of a run by time steps: joint states at rows of their own, read between the rows by one smooth curve."""
+"""The log of a run by time steps: joint states at rows of their own, read between the rows by one
+smooth curve.
+"""
 
 from dataclasses import dataclass
 
@@ -33,17 +35,23 @@ class Log:
         """All joints of a table at these times: a jet of shape (m, nq)."""
         i, h, t = self._between(time)
         k = i + 1
-        return _quintic(Jet(self.x[i], self.v[i], self.a[i]), Jet(self.x[k], self.v[k], self.a[k]), h, t)
+        return _quintic(
+            Jet(self.x[i], self.v[i], self.a[i]), Jet(self.x[k], self.v[k], self.a[k]), h, t
+        )
 
     def attitude(self, time: Array) -> Attitude:
-        """Attitude of a free body at these times: that of the row before, then a small rotation vector u.
+        """Attitude of a free body at these times: that of the row before, then a small rotation
+        vector u.
 
-        Its body rate is w = u' - u x u' / 2 + u x (u x u') / 6 (Bortz), so that u' = w + u x w / 2 + ...
+        Its body rate is w = u' - u x u' / 2 + u x (u x u') / 6 (Bortz), so that u' = w + u x w / 2
+        + ...
         """
         from scipy.spatial.transform import Rotation
 
         i, h, t = self._between(time)
-        here, there = (Rotation.from_quat(self.x[rows, 3:7], scalar_first=True) for rows in (i, i + 1))
+        here, there = (
+            Rotation.from_quat(self.x[rows, 3:7], scalar_first=True) for rows in (i, i + 1)
+        )
         w, a = self.v[:, 3:], self.a[:, 3:]
         step, rate, cross = (here.inv() * there).as_rotvec(), w[i + 1], np.cross
         du = rate + cross(step, rate) / 2 + cross(step, cross(step, rate)) / 12

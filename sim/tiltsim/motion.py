@@ -1,8 +1,11 @@
 """Prescribed motion through MuJoCo: exact readings on all threads.
 
-Every joint gets an inertia of 1e15 and the force 1e15 x qacc, so that ``mj_forward`` returns the prescribed acceleration
-and its accelerometer the exact specific force (a plain ``mj_forward`` lets the gimbals fall). MuJoCo's world is the
-Earth-fixed laboratory; Earth's rate and the Coriolis acceleration are added in the body frame afterwards.
+Every joint gets an inertia of 1e15 and the force 1e15 x qacc, so that ``mj_forward`` returns the
+prescribed acceleration
+and its accelerometer the exact specific force (a plain ``mj_forward`` lets the gimbals fall).
+MuJoCo's world is the
+Earth-fixed laboratory; Earth's rate and the Coriolis acceleration are added in the body frame
+afterwards.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,21 +32,34 @@ def mujoco_motion(
     effects: Sequence[Effect] = (),
     streams: Streams = no_streams,
 ) -> Motion:
-    """The motion of the instrument by MuJoCo's mechanics; the same arguments as ``kinematics.closed_form``."""
+    """The motion of the instrument by MuJoCo's mechanics; the same arguments as
+    ``kinematics.closed_form``.
+    """
     world = world_of(setup, effects)
     starts = [row for row, _ in drive.mounts] + [len(drive.time)]
     parts = []
     for (first, mount), last in zip(drive.mounts, starts[1:], strict=True):
         if last > first:
-            parts.append(_one_mounting(setup, drive, effects, streams, world, mount, slice(first, last)))
+            parts.append(
+                _one_mounting(setup, drive, effects, streams, world, mount, slice(first, last))
+            )
     return Motion(drive.time, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def _one_mounting(
-    setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Streams, world: World,
-    mount: Array, rows: slice,
-) -> tuple[Array, ...]:  # fmt: skip
-    movers = [e for e in effects if isinstance(e, AngleEffect | FrameEffect) and e.address not in drive.realised]
+    setup: Setup,
+    drive: Drive,
+    effects: Sequence[Effect],
+    streams: Streams,
+    world: World,
+    mount: Array,
+    rows: slice,
+) -> tuple[Array, ...]:
+    movers = [
+        e
+        for e in effects
+        if isinstance(e, AngleEffect | FrameEffect) and e.address not in drive.realised
+    ]
     springs = [e for e in movers if e.mechanised and _has_spring(e, setup)]
     rest = [e for e in effects if e not in springs]
     angles = true_angles(setup, drive, rest, streams)
@@ -83,13 +99,20 @@ def _states(rig: Rig, drive: Drive, rows: slice) -> tuple[Array, Array, Array]:
     return q, v, a
 
 
-def read_states(rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array) -> tuple[Array, ...]:
-    """Force, rate, up, north and angular acceleration in the body frame at given joint states, (n, 3) each.
+def read_states(
+    rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array
+) -> tuple[Array, ...]:
+    """Force, rate, up, north and angular acceleration in the body frame at given joint states, (n,
+    3) each.
 
     States that repeat (a dwell) are computed once.
     """
     new = np.ones(len(q), bool)
-    new[1:] = (np.diff(q, axis=0) != 0).any(axis=1) | (np.diff(v, axis=0) != 0).any(axis=1) | (np.diff(a, axis=0) != 0).any(axis=1)
+    new[1:] = (
+        (np.diff(q, axis=0) != 0).any(axis=1)
+        | (np.diff(v, axis=0) != 0).any(axis=1)
+        | (np.diff(a, axis=0) != 0).any(axis=1)
+    )
     first = np.flatnonzero(new)
     which = np.cumsum(new) - 1
     if len(first) < len(q):
@@ -111,8 +134,12 @@ class _Runner:
         self.batch = mujoco.batch.Batch(rig.model, self.size)
         self.fields = {name: self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied")}
 
-    def blocks(self, q: Array, v: Array, a: Array, correction: Array | None, output: str) -> Iterator[tuple[slice, Array]]:
-        """An output field of mj_forward at each state, as (rows, values); the values are valid until the next block."""
+    def blocks(
+        self, q: Array, v: Array, a: Array, correction: Array | None, output: str
+    ) -> Iterator[tuple[slice, Array]]:
+        """An output field of mj_forward at each state, as (rows, values); the values are valid
+        until the next block.
+        """
         bound = self.batch.bind(output)
         for i in range(0, len(q), self.size):
             part = slice(i, min(i + self.size, len(q)))
@@ -126,14 +153,23 @@ class _Runner:
 
     def still(self, q: Array, v: Array, output: str) -> Array:
         """An output field at each state with no acceleration prescribed."""
-        return np.concatenate([data.copy() for _, data in self.blocks(q, v, np.zeros_like(v), None, output)])
+        return np.concatenate(
+            [data.copy() for _, data in self.blocks(q, v, np.zeros_like(v), None, output)]
+        )
 
 
 def _settle(
-    rig: Rig, runner: _Runner, q: Array, v: Array, a: Array, which: "np.ndarray[tuple[int], np.dtype[np.intp]]",
-    first: "np.ndarray[tuple[int], np.dtype[np.intp]]", time: Array,
-) -> Array:  # fmt: skip
-    """Move the compliant joints to equilibrium: bias torque + k q = 0, by fixed point (contracts by m g l / k).
+    rig: Rig,
+    runner: _Runner,
+    q: Array,
+    v: Array,
+    a: Array,
+    which: "np.ndarray[tuple[int], np.dtype[np.intp]]",
+    first: "np.ndarray[tuple[int], np.dtype[np.intp]]",
+    time: Array,
+) -> Array:
+    """Move the compliant joints to equilibrium: bias torque + k q = 0, by fixed point (contracts by
+    m g l / k).
 
     Returns the generalised force that holds everything else still.
     """
@@ -143,14 +179,17 @@ def _settle(
         bias = runner.still(q, np.zeros_like(v), "qfrc_bias")
         q[:, dofs] = -bias[:, dofs] / stiffness
     if np.any(v):
-        for dof in dofs:  # a deflection that changes turns the instrument: its rate, from the deflection against time
+        # a deflection that changes turns the instrument: its rate, from the deflection against time
+        for dof in dofs:
             jet = sampled_jet(time, q[which, dof])
             v[:, dof], a[:, dof] = np.asarray(jet.v)[first], np.asarray(jet.a)[first]
     return runner.still(q, v, "qfrc_bias") - runner.still(q, v, "qfrc_passive")
 
 
 def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, ...]:
-    """Sensor data to force, rate, up, north, angular acceleration; adds Earth's rate and Coriolis."""
+    """Sensor data to force, rate, up, north, angular acceleration; adds Earth's rate and
+    Coriolis.
+    """
 
     def sensor(name: str) -> Array:
         s = rig.model.sensor(name)
@@ -174,9 +213,15 @@ class _Rotations:
     def __init__(self, quaternion: Array) -> None:
         w, x, y, z = quaternion.T
         self.rows = np.empty((3, len(w), 3))  # rows of R_wb: R_bw v = sum_i v_i row_i
-        self.rows[0] = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)])
-        self.rows[1] = np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)])
-        self.rows[2] = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+        self.rows[0] = np.column_stack(
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
+        )
+        self.rows[1] = np.column_stack(
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
+        )
+        self.rows[2] = np.column_stack(
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
+        )
 
     def of(self, v: Array) -> Array:
         """Body components of world vectors: one, (3,), or one a row, (n, 3)."""

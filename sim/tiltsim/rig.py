@@ -1,6 +1,7 @@
 """The rig: an MjSpec from models/ with the mechanisms of the effects built into it.
 
-Slots are bodies: ``base``, ``<axis>_bearing``, ``<axis>``, ``mount``. A constant turn is multiplied into the slot's quat;
+Slots are bodies: ``base``, ``<axis>_bearing``, ``<axis>``, ``mount``. A constant turn is multiplied
+    into the slot's quat;
 one that moves becomes a hinge of its own, prescribed like the table's axes.
 """
 
@@ -23,7 +24,8 @@ from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
 
-ARMATURE = 1e15  # kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
+# kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
+ARMATURE = 1e15
 GAP_FRICTION = 2.0  # N m on a load with play: stops it against its own inertia up to some 5 rad/s2
 _VECTOR = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 
@@ -33,7 +35,8 @@ class Rig:
     """A compiled model and what drives each of its joints.
 
     Args:
-        model: with accelerometer, gyro, framequat, angular acceleration and velocimeter on the instrument.
+        model: with accelerometer, gyro, framequat, angular acceleration and velocimeter on the
+            instrument.
         prescribed: joint name -> jet, of the joints that follow a given motion.
         springs: joint name -> stiffness, N m/rad, of the joints whose equilibrium MuJoCo finds.
         rings, coggings: what a run by time steps still has to tune, to wind up and to drive.
@@ -82,13 +85,21 @@ class RigBuilder:
         self.displaced = bool(np.any(world.lever)) or bool(world.shakes)
 
     def install_frames(
-        self, effects: Sequence[FrameEffect], drive: Drive, angles: Mapping[str, Jet], streams: Streams = no_streams
+        self,
+        effects: Sequence[FrameEffect],
+        drive: Drive,
+        angles: Mapping[str, Jet],
+        streams: Streams = no_streams,
     ) -> None:
         """Build the turns of frame effects into their slots."""
         rig, gravity = self.setup.rig, self.world.gravity
         slots = ["base", *(f"{name}_bearing" for name in self.setup.rig.axis_names), "mount"]
         for slot in slots:
-            turns = [t for e in effects for t in turns_at(e, slot, Context(drive, angles, rig, gravity, None, streams(e)))]
+            turns = [
+                t
+                for e in effects
+                for t in turns_at(e, slot, Context(drive, angles, rig, gravity, None, streams(e)))
+            ]
             body: Any = self.spec.body(slot) if turns else None
             while turns and turns[0].angle.constant:
                 R = rotation(turns[0].axis, float(turns.pop(0).angle.x))
@@ -99,7 +110,8 @@ class RigBuilder:
                 self._hinge(f"{slot}_turn{k}", self._room(slot, k), turn)
 
     def _room(self, slot: str, k: int) -> "mujoco.MjsBody":
-        """The body for the k-th moving turn of a slot: a body holds six joints, the mount's bend bodies take the rest.
+        """The body for the k-th moving turn of a slot: a body holds six joints, the mount's bend
+        bodies take the rest.
 
         Raises:
             TiltcalError: there are more than they hold.
@@ -107,9 +119,11 @@ class RigBuilder:
         chain = [slot, "bend_x", "bend_y", "bend_z"] if slot == "mount" else [slot]
         if k // 6 >= len(chain):
             raise TiltcalError(
-                f"rig, {slot}", found=f"more than {6 * len(chain)} moving turns", need="fewer effects that turn this frame",
+                f"rig, {slot}",
+                found=f"more than {6 * len(chain)} moving turns",
+                need="fewer effects that turn this frame",
                 do="leave some out",
-            )  # fmt: skip
+            )
         return self.spec.body(chain[k // 6])
 
     def _hinge(self, name: str, body: "mujoco.MjsBody", turn: Turn) -> None:
@@ -125,25 +139,41 @@ class RigBuilder:
                 self.displaced = True
 
     def install_shakes(self, drive: Drive) -> None:
-        """Slide joints under the base for its vibration (a mocap body would not shake the sensors)."""
+        """Slide joints under the base for its vibration (a mocap body would not shake the
+        sensors).
+        """
         if not self.world.shakes:
             return
         pier = self.spec.body("pier")  # outside the levelling: its axes are the world's
         totals = [Jet(0.0), Jet(0.0), Jet(0.0)]
         for shake in self.world.shakes:
-            totals = [total + jet for total, jet in zip(totals, shake.jets(drive.elapsed), strict=True)]
+            totals = [
+                total + jet for total, jet in zip(totals, shake.jets(drive.elapsed), strict=True)
+            ]
         for axis, jet in zip("xyz", totals, strict=True):
-            pier.add_joint(name=f"base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=_VECTOR[axis])
+            pier.add_joint(
+                name=f"base_{axis}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=_VECTOR[axis]
+            )
             self.prescribed[f"base_{axis}"] = jet
 
     def install_dynamics(self, dynamics: Dynamics, mechanisms: Sequence[Mechanism]) -> None:
-        """Make the model ready for a run by time steps: mechanisms with true masses, servos, dry friction."""
+        """Make the model ready for a run by time steps: mechanisms with true masses, servos, dry
+        friction.
+        """
         spec = self.spec
         spec.option.timestep = dynamics.timestep_s
         self.install_mechanisms(mechanisms, light=False)
         for servo in spec.actuators:
-            kp = servo.gainprm[0] if dynamics.stiffness_N_m_rad is None else dynamics.stiffness_N_m_rad
-            kv = -servo.biasprm[2] if dynamics.damping_N_m_s_rad is None else dynamics.damping_N_m_s_rad
+            kp = (
+                servo.gainprm[0]
+                if dynamics.stiffness_N_m_rad is None
+                else dynamics.stiffness_N_m_rad
+            )
+            kv = (
+                -servo.biasprm[2]
+                if dynamics.damping_N_m_s_rad is None
+                else dynamics.damping_N_m_s_rad
+            )
             servo.set_to_position(kp, kv=kv)
         for name in self.setup.rig.axis_names:
             joint = spec.joint(name)
@@ -156,7 +186,8 @@ class RigBuilder:
     def install_mechanisms(self, mechanisms: Sequence[Mechanism], light: bool = True) -> None:
         """Springs and gaps.
 
-        Either way the mount's ballasts are no load for the table: ``light`` makes them tiny, else counterweights
+        Either way the mount's ballasts are no load for the table: ``light`` makes them tiny, else
+        counterweights
         hold them, as a table is trimmed for its payload.
         """
         springs = combined([m for m in mechanisms if isinstance(m, Spring)])
@@ -172,7 +203,9 @@ class RigBuilder:
         body = self.spec.body(spring.body)
         joint = self.spec.joint(name)
         if joint is None:
-            joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[spring.axis])
+            joint = body.add_joint(
+                name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[spring.axis]
+            )
             joint.damping = [2.0, 0.0, 0.0]
         joint.stiffness = [spring.stiffness * scale, 0.0, 0.0]
         mass = spring.mass * scale
@@ -188,20 +221,29 @@ class RigBuilder:
         if scale == 1.0 and name.startswith("bend"):
             behind = tuple(-r for r in spring.arm)
             self.spec.body("mount").add_body(
-                name=f"{name}_counterweight", pos=behind, ipos=[0.0, 0.0, 0.0], mass=mass, inertia=[1e-6] * 3,
+                name=f"{name}_counterweight",
+                pos=behind,
+                ipos=[0.0, 0.0, 0.0],
+                mass=mass,
+                inertia=[1e-6] * 3,
                 explicitinertial=True,
-            )  # fmt: skip
+            )
 
     def _gap(self, gap: Gap) -> None:
         """Lost motion: a second hinge between hard limits.
 
-        The friction that holds the load back is the bearing's, against the stator, so it acts on the sum of the two
+        The friction that holds the load back is the bearing's, against the stator, so it acts on
+        the sum of the two
         angles: a tendon (friction inside the gap would carry the load along).
         """
         joint = self.spec.body(gap.axis).add_joint(
-            name=f"{gap.axis}_gap", type=mujoco.mjtJoint.mjJNT_HINGE, axis=_VECTOR[dict(self.setup.rig.axes)[gap.axis]],
-            limited=True, range=[-gap.width / 2, gap.width / 2], armature=0.01,
-        )  # fmt: skip
+            name=f"{gap.axis}_gap",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=_VECTOR[dict(self.setup.rig.axes)[gap.axis]],
+            limited=True,
+            range=[-gap.width / 2, gap.width / 2],
+            armature=0.01,
+        )
         joint.solimp_limit = [0.9999, 0.9999, 1e-6, 0.5, 2.0]
         stop = 8 * self.spec.option.timestep  # s; with 2 steps the load rattles between its stops
         joint.solref_limit = [stop, 1.0]
@@ -219,10 +261,14 @@ class RigBuilder:
                 self.spec.delete(joint)
 
     def compile(self) -> Rig:
-        """The rig for prescribed motion: no actuators, no constraints, inertia that nothing else can move."""
+        """The rig for prescribed motion: no actuators, no constraints, inertia that nothing else
+        can move.
+        """
         spec, free = self.spec, self.setup.rig.table == "handheld"
         flags = mujoco.mjtDisableBit
-        spec.option.disableflags |= int(flags.mjDSBL_ACTUATION) | int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
+        spec.option.disableflags |= (
+            int(flags.mjDSBL_ACTUATION) | int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
+        )
         for joint in spec.joints:
             joint.armature = ARMATURE
             joint.damping = [0.0, 0.0, 0.0]
@@ -231,17 +277,33 @@ class RigBuilder:
                 body.gravcomp = 1.0
         spec.delete(spec.sensor("fog"))
         kinds = mujoco.mjtSensor
-        frames = (("attitude", kinds.mjSENS_FRAMEQUAT), ("spin", kinds.mjSENS_FRAMEANGACC), ("place", kinds.mjSENS_FRAMEPOS))
+        frames = (
+            ("attitude", kinds.mjSENS_FRAMEQUAT),
+            ("spin", kinds.mjSENS_FRAMEANGACC),
+            ("place", kinds.mjSENS_FRAMEPOS),
+        )
         for name, kind in frames:
             spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
-        spec.add_sensor(name="speed", type=kinds.mjSENS_VELOCIMETER, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
+        spec.add_sensor(
+            name="speed",
+            type=kinds.mjSENS_VELOCIMETER,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            objname="accel",
+        )
         centre = np.array(spec.body("hand" if free else "pier").pos)
         return Rig(
-            spec.compile(), dict(self.prescribed), dict(self.springs), free=free, displaced=self.displaced, centre=centre
-        )  # fmt: skip
+            spec.compile(),
+            dict(self.prescribed),
+            dict(self.springs),
+            free=free,
+            displaced=self.displaced,
+            centre=centre,
+        )
 
     def compile_dynamic(self) -> Rig:
-        """The rig for a run by time steps: everything moves as its inertia lets it; a hand carries the weight."""
+        """The rig for a run by time steps: everything moves as its inertia lets it; a hand carries
+        the weight.
+        """
         spec, free = self.spec, self.setup.rig.table == "handheld"
         flags = mujoco.mjtDisableBit
         for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_SENSOR, flags.mjDSBL_AUTORESET):
@@ -254,19 +316,26 @@ class RigBuilder:
 
 
 def combined(springs: Sequence[Spring]) -> list[Spring]:
-    """One spring for all that bend the same body about the same axis: the deflections m g arm / k add up as vectors."""
+    """One spring for all that bend the same body about the same axis: the deflections m g arm / k
+    add up as vectors.
+    """
     groups: dict[tuple[str, str], list[Spring]] = {}
     for spring in springs:
         groups.setdefault((spring.body, spring.axis), []).append(spring)
     found = []
     for first, *more in groups.values():
-        arm = sum((first.stiffness / first.mass * s.mass / s.stiffness * np.array(s.arm) for s in more), np.array(first.arm))
+        arm = sum(
+            (first.stiffness / first.mass * s.mass / s.stiffness * np.array(s.arm) for s in more),
+            np.array(first.arm),
+        )
         found.append(replace(first, arm=(float(arm[0]), float(arm[1]), float(arm[2]))))
     return found
 
 
 def harden(joint: "mujoco.MjsJoint | mujoco.MjsTendon") -> None:
-    """Dry friction that holds: with MuJoCo's default a loaded joint creeps 1970 arcsec/s, so 0.09."""
+    """Dry friction that holds: with MuJoCo's default a loaded joint creeps 1970 arcsec/s, so
+    0.09.
+    """
     joint.solref_friction, joint.solimp_friction = [0.001, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0]
 
 

@@ -3,7 +3,17 @@
 import importlib
 import sys
 
-ROOMS = ("simulation", "reading", "information", "placing", "designing", "accuracy", "allan", "investigating", "diagnosing")
+ROOMS = (
+    "simulation",
+    "reading",
+    "information",
+    "placing",
+    "designing",
+    "accuracy",
+    "allan",
+    "investigating",
+    "diagnosing",
+)
 
 
 def main(names: list[str]) -> None:

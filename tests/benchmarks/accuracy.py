@@ -1,4 +1,6 @@
-"""Variance over the Cramer-Rao bound with fresh seeds, through MuJoCo: the scenarios that state a tilt error."""
+"""Variance over the Cramer-Rao bound with fresh seeds, through MuJoCo: the scenarios that state a
+tilt error.
+"""
 
 import secrets
 
@@ -25,7 +27,10 @@ DRAWS = 40
 
 
 def _error(scenario: Scenario, found: Calibration) -> TiltError:
-    gyro = "base.roll" not in found.parameters and not scenario.named(found.sensors()[0]).is_accelerometer
+    gyro = (
+        "base.roll" not in found.parameters
+        and not scenario.named(found.sensors()[0]).is_accelerometer
+    )
     return (attitude_error if gyro else tilt_error)(scenario, scenario.effects, found)
 
 
@@ -40,7 +45,9 @@ def main() -> None:
         nees, dof, ratio = 0.0, 0, []
         first = secrets.randbelow(2**31)
         for k in range(DRAWS):
-            found = calibrate(str(method.name), laboratory.record(scenario, first + k), scenario, **method.options)
+            found = calibrate(
+                str(method.name), laboratory.record(scenario, first + k), scenario, **method.options
+            )
             value, n = normalised_error(found, true_parameters(scenario, scenario.effects, found))
             tilt = _error(scenario, found)
             nees, dof = nees + value, dof + n

@@ -1,10 +1,15 @@
-"""Compare what two commits answer: every number to a relative tolerance, every word apart from the prose exactly.
+"""Compare what two commits answer: every number to a relative tolerance, every word apart from the
+prose exactly.
 
-    python -m tests.benchmarks.compare_commits BASE HEAD [-j 2] [--recordings DIR] [--tolerance 1e-9] [--only TEXT]
+    python -m tests.benchmarks.compare_commits BASE HEAD [-j 2] [--recordings DIR] [--tolerance
+    1e-9] [--only TEXT]
 
-The inputs are the same for both: 60 blind cases of a fixed seed, the cases below DIR (folders with `recording.csv` and
-`scenario.toml`), and every scenario of BASE. Each commit is built as a wheel into a folder of its own and run from there.
-Answers are kept below `build/compare`, so that an interrupted comparison goes on where it stopped. HEAD may be `.`, the
+The inputs are the same for both: 60 blind cases of a fixed seed, the cases below DIR (folders with
+    `recording.csv` and
+`scenario.toml`), and every scenario of BASE. Each commit is built as a wheel into a folder of its
+own and run from there.
+Answers are kept below `build/compare`, so that an interrupted comparison goes on where it stopped.
+HEAD may be `.`, the
 working tree: then nothing is kept for the next call.
 
 Exit status: 0 the same; 1 something differs; 2 the command line is wrong.
@@ -31,15 +36,26 @@ ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "build" / "compare"
 BLIND_CASES, BLIND_SEED = 60, 2026
 PROSE = {
-    "about", "equation", "frames", "inverse", "next_measurement", "notes", "provenance", "recordings",
-    "seconds", "statement", "warnings",
-}  # fmt: skip
+    "about",
+    "equation",
+    "frames",
+    "inverse",
+    "next_measurement",
+    "notes",
+    "provenance",
+    "recordings",
+    "seconds",
+    "statement",
+    "warnings",
+}
 LIMIT_S = 1200.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """One thing to ask of a commit: a recording to diagnose, or a scenario to simulate and calibrate."""
+    """One thing to ask of a commit: a recording to diagnose, or a scenario to simulate and
+    calibrate.
+    """
 
     name: str
     scenario: Path
@@ -74,7 +90,9 @@ def blind_cases(folder: Path) -> list[Case]:
             place.mkdir(parents=True, exist_ok=True)
             key = [BLIND_SEED, KINDS.index(kind), TYPES.index(type_), k]
             case = make(kind, type_, 1 if k % 2 == 0 else 4, key)
-            write_recording(place / "recording.csv", case.lab, case.rows, np.random.default_rng(key))
+            write_recording(
+                place / "recording.csv", case.lab, case.rows, np.random.default_rng(key)
+            )
             write_scenario(place / "scenario.toml", case.lab)
         cases.append(Case(f"blind/{place.name}", place / "scenario.toml", place / "recording.csv"))
     return cases
@@ -88,7 +106,10 @@ def recorded_cases(folder: Path) -> list[Case]:
 
 def scenario_cases(site: Path) -> list[Case]:
     """Every scenario that a build brings with it."""
-    return [Case(f"scenario/{p.stem}", p) for p in sorted((site / "tiltcal" / "scenarios").glob("*.toml"))]
+    return [
+        Case(f"scenario/{p.stem}", p)
+        for p in sorted((site / "tiltcal" / "scenarios").glob("*.toml"))
+    ]
 
 
 def build(commit: str, folder: Path) -> Path:
@@ -100,10 +121,20 @@ def build(commit: str, folder: Path) -> Path:
         source = ROOT
         if commit != ".":
             source = folder / "source"
-            archive = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, stdout=subprocess.PIPE)
+            archive = subprocess.run(
+                ["git", "archive", commit], cwd=ROOT, check=True, stdout=subprocess.PIPE
+            )
             with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as files:
                 files.extractall(source, filter="data")
-        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation"]
+        pip = [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--no-deps",
+            "--no-build-isolation",
+        ]
         subprocess.run([*pip, "--target", str(site), str(source)], check=True)
     return site
 
@@ -125,27 +156,46 @@ def _run(site: Path, place: Path, *words: str) -> int:
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     result = subprocess.run(
         [sys.executable, "-m", "tiltcal", *words],
-        cwd=place, env=os.environ | threads | {"PYTHONPATH": str(site)}, timeout=LIMIT_S,
-        stdout=(place / "stdout.txt").open("w"), stderr=(place / "stderr.txt").open("w"), check=False,
-    )  # fmt: skip
+        cwd=place,
+        env=os.environ | threads | {"PYTHONPATH": str(site)},
+        timeout=LIMIT_S,
+        stdout=(place / "stdout.txt").open("w"),
+        stderr=(place / "stderr.txt").open("w"),
+        check=False,
+    )
     return result.returncode
 
 
 def _diagnosis(case: Case, site: Path, place: Path) -> dict[str, Any]:
-    status = _run(site, place, "diagnose", str(case.recording), "--scenario", str(case.scenario), "-o", "out")
+    status = _run(
+        site, place, "diagnose", str(case.recording), "--scenario", str(case.scenario), "-o", "out"
+    )
     if status:
         return {"status": status, "stderr": (place / "stderr.txt").read_text(encoding="utf-8")}
     amended = tomllib.loads((place / "out" / "amended.toml").read_text(encoding="utf-8"))
-    return {"diagnosis": json.loads((place / "out" / "diagnosis.json").read_text(encoding="utf-8")), "amended": amended}
+    return {
+        "diagnosis": json.loads((place / "out" / "diagnosis.json").read_text(encoding="utf-8")),
+        "amended": amended,
+    }
 
 
 def _claims(case: Case, site: Path, place: Path) -> dict[str, Any]:
-    out: dict[str, Any] = {"simulate": _run(site, place, "simulate", str(case.scenario), "-o", "run.csv")}
+    out: dict[str, Any] = {
+        "simulate": _run(site, place, "simulate", str(case.scenario), "-o", "run.csv")
+    }
     if out["simulate"] == 0:
         out["recording"] = _columns(place / "run.csv")
     scenario = tomllib.loads(case.scenario.read_text(encoding="utf-8"))
     for method in dict.fromkeys(m["name"] for m in scenario.get("method", []) if "name" in m):
-        words = ("run.csv", "--scenario", str(case.scenario), "--method", method, "-o", f"{method}.json")
+        words = (
+            "run.csv",
+            "--scenario",
+            str(case.scenario),
+            "--method",
+            method,
+            "-o",
+            f"{method}.json",
+        )
         out[f"calibrate {method}"] = _run(site, place, "calibrate", *words)
         if (place / f"{method}.json").exists():
             out[method] = json.loads((place / f"{method}.json").read_text(encoding="utf-8"))
@@ -164,19 +214,27 @@ def _columns(path: Path) -> dict[str, Any]:
     return columns
 
 
-def differences(before: Any, after: Any, tolerance: float, place: str = "") -> Iterator[tuple[str, Any, Any]]:
+def differences(
+    before: Any, after: Any, tolerance: float, place: str = ""
+) -> Iterator[tuple[str, Any, Any]]:
     """(place, before, after) of everything that is not the same."""
     if isinstance(before, dict) and isinstance(after, dict):
         for key in before.keys() | after.keys():
             if key not in PROSE:
                 yield from differences(before.get(key), after.get(key), tolerance, f"{place}/{key}")
     elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
-        scale = max((abs(x) for x in before if isinstance(x, float) and math.isfinite(x)), default=0.0)
+        scale = max(
+            (abs(x) for x in before if isinstance(x, float) and math.isfinite(x)), default=0.0
+        )
         for k, (b, a) in enumerate(zip(before, after, strict=True)):
-            if not (isinstance(b, float) and isinstance(a, float) and abs(b - a) <= tolerance * scale):
+            if not (
+                isinstance(b, float) and isinstance(a, float) and abs(b - a) <= tolerance * scale
+            ):
                 yield from differences(b, a, tolerance, f"{place}/{k}")
     elif isinstance(before, float) and isinstance(after, float | int):
-        if not math.isclose(before, after, rel_tol=tolerance, abs_tol=1e-12) and not (math.isnan(before) and math.isnan(after)):
+        if not math.isclose(before, after, rel_tol=tolerance, abs_tol=1e-12) and not (
+            math.isnan(before) and math.isnan(after)
+        ):
             yield place, before, after
     elif before != after:
         yield place, before, after
@@ -192,13 +250,19 @@ def compare(args: argparse.Namespace) -> list[Difference]:
     found: list[Difference] = []
 
     def both(case: Case) -> tuple[Case, list[Difference]]:
-        before, after = (answer(case, sites[c], KEPT / _folder(c) / "answers") for c in (args.base, args.head))
+        before, after = (
+            answer(case, sites[c], KEPT / _folder(c) / "answers") for c in (args.base, args.head)
+        )
         return case, [Difference(case.name, *d) for d in differences(before, after, args.tolerance)]
 
     with ThreadPoolExecutor(args.jobs) as pool:
         for n, (case, own) in enumerate(pool.map(both, cases), 1):
             found += own
-            print(f"{n}/{len(cases)} {case.name}: {len(own) or 'no'} differences", file=sys.stderr, flush=True)
+            print(
+                f"{n}/{len(cases)} {case.name}: {len(own) or 'no'} differences",
+                file=sys.stderr,
+                flush=True,
+            )
             for d in own[:6]:
                 print(f"    {d}", flush=True)
     same = len(cases) - len({d.case for d in found})
@@ -210,16 +274,24 @@ def _folder(commit: str) -> str:
     if commit == ".":
         return "working-tree"
     return subprocess.run(
-        ["git", "rev-parse", "--short=12", commit], cwd=ROOT, check=True, capture_output=True, text=True
+        ["git", "rev-parse", "--short=12", commit],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
     ).stdout.strip()
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("base")
     parser.add_argument("head")
     parser.add_argument("-j", "--jobs", type=int, default=1)
-    parser.add_argument("--recordings", type=Path, help="folder of cases, each with recording.csv and scenario.toml")
+    parser.add_argument(
+        "--recordings", type=Path, help="folder of cases, each with recording.csv and scenario.toml"
+    )
     parser.add_argument("--tolerance", type=float, default=1e-9)
     parser.add_argument("--only", default="", help="cases whose name holds this text")
     return 1 if compare(parser.parse_args()) else 0

@@ -1,4 +1,6 @@
-"""Designs against the known bars with fresh seeds, speed of the environments, the leaderboard, the max-min design."""
+"""Designs against the known bars with fresh seeds, speed of the environments, the leaderboard, the
+max-min design.
+"""
 
 import os
 import subprocess
@@ -22,58 +24,99 @@ from tiltcal.gym.vector import CalibrationVector
 from tiltcal.laboratory.scenario import parse_scenario
 
 BARS = {
-    ("linear", False, 300): 92.64, ("linear", False, 900): 99.23, ("linear", True, 300): 90.42, ("linear", True, 900): 96.98,
-    ("K2K3", True, 300): 130.47, ("K2K3", True, 900): 140.74, ("quadratic", True, 300): 196.79, ("quadratic", True, 900): 212.39,
-}  # fmt: skip
+    ("linear", False, 300): 92.64,
+    ("linear", False, 900): 99.23,
+    ("linear", True, 300): 90.42,
+    ("linear", True, 900): 96.98,
+    ("K2K3", True, 300): 130.47,
+    ("K2K3", True, 900): 140.74,
+    ("quadratic", True, 300): 196.79,
+    ("quadratic", True, 900): 212.39,
+}
 ORDERS_AND_KINKS = (
-    "acc_K2", "acc_K3", "acc_Kip", "acc_Kio", "acc_Kpo", "acc_scale_asym", "acc_bias_asym", "table_encoder_eccentricity",
+    "acc_K2",
+    "acc_K3",
+    "acc_Kip",
+    "acc_Kio",
+    "acc_Kpo",
+    "acc_scale_asym",
+    "acc_bias_asym",
+    "table_encoder_eccentricity",
     "table_encoder_2rev",
-)  # fmt: skip
+)
 
 
 def cells(seed: int) -> None:
-    """nats, arcsec and seconds of each cell by the default criterion, the classic sequences, and what the other criteria reach."""
+    """nats, arcsec and seconds of each cell by the default criterion, the classic sequences, and
+    what the other criteria reach.
+    """
     for (kind, drift, budget), bar in BARS.items():
         name = f"{kind}{'+drift' if drift else ''}, {budget} s"
         begun = time.perf_counter()
         plan = design(Problem(textbook_model(kind, drift, budget), Clock(budget)), seed=seed)
         took, best = time.perf_counter() - begun, max(f.nats for f in plan.baselines.values())
         print(
-            f"design {name}: {plan.forecast.nats:.2f} nats (bar {bar:.2f}, best classic {best:.2f}), "
-            f"{plan.forecast.tilt_arcsec:.3f} arcsec, {plan.forecast.poses} poses, {took:.2f} s (limit 5)"
+            f"design {name}: {plan.forecast.nats:.2f} nats (bar {bar:.2f}, best classic"
+            f" {best:.2f}), {plan.forecast.tilt_arcsec:.3f} arcsec, {plan.forecast.poses} poses,"
+            f" {took:.2f} s (limit 5)"
         )
-        classic = ", ".join(f"{k} {f.nats:.2f} nats {f.tilt_arcsec:.2f} arcsec" for k, f in plan.baselines.items())
+        classic = ", ".join(
+            f"{k} {f.nats:.2f} nats {f.tilt_arcsec:.2f} arcsec" for k, f in plan.baselines.items()
+        )
         print(f"  classic: {classic}")
-        nats, tilt = (design(Problem(plan.problem.model, plan.problem.clock, c), seed=seed).forecast for c in ("D", "tilt"))
+        nats, tilt = (
+            design(Problem(plan.problem.model, plan.problem.clock, c), seed=seed).forecast
+            for c in ("D", "tilt")
+        )
         print(
-            f"  the default against D alone {plan.forecast.nats - nats.nats:+.2f} nats, against tilt alone "
-            f"{100 * (plan.forecast.tilt_arcsec / tilt.tilt_arcsec - 1):+.1f} % tilt error; tilt alone against D alone "
-            f"{tilt.nats - nats.nats:+.2f} nats"
+            f"  the default against D alone {plan.forecast.nats - nats.nats:+.2f} nats, against"
+            f" tilt alone {100 * (plan.forecast.tilt_arcsec / tilt.tilt_arcsec - 1):+.1f} % tilt"
+            f" error; tilt alone against D alone {tilt.nats - nats.nats:+.2f} nats"
         )
 
 
 def command() -> None:
     """One cell as a user asks for it, the start of Python included."""
     begun = time.perf_counter()
-    words = [sys.executable, "-m", "tiltcal", "design", "--textbook", "quadratic", "--budget-s", "900", "--json"]
+    words = [
+        sys.executable,
+        "-m",
+        "tiltcal",
+        "design",
+        "--textbook",
+        "quadratic",
+        "--budget-s",
+        "900",
+        "--json",
+    ]
     subprocess.run(words, capture_output=True, check=True)
-    print(f"tiltcal design, quadratic+drift, 900 s, whole command: {time.perf_counter() - begun:.2f} s (limit 5)")
+    print(
+        f"tiltcal design, quadratic+drift, 900 s, whole command: {time.perf_counter() - begun:.2f}"
+        " s (limit 5)"
+    )
 
 
 def blind(seed: int) -> None:
-    """The max-min design: every effect of the catalogue that poses show, and the table harmonics, orders and kinks alone."""
+    """The max-min design: every effect of the catalogue that poses show, and the table harmonics,
+    orders and kinks alone.
+    """
     scenario = parse_scenario(TEXTBOOK)
     clock, still = Clock(500), Still(scenario, 500)
-    for words, only in (("whole catalogue", ()), ("K2, K3, products, |f|, sgn f, harmonics", ORDERS_AND_KINKS)):
+    for words, only in (
+        ("whole catalogue", ()),
+        ("K2, K3, products, |f|, sgn f, harmonics", ORDERS_AND_KINKS),
+    ):
         begun = time.perf_counter()
         seen = catalogue_signatures(still, scenario.sensor[0], grid_of_poses(clock), only=only)
         found = blind_to_nothing(seen, clock, 24, seed)
         print(
-            f"blind to nothing, {words} ({len(seen.names)} effects, {len(found.in_order)} by the order), 24 poses: least share "
-            f"{found.shares.min():.4f} (at least .38; no design passes {found.bounds[0]:.4f}, none with 98.5 % D-efficiency "
-            f"{found.bounds[1]:.4f}), D-efficiency {found.efficiency:.4f} (at least .985), references within "
-            f"{100 * found.reference_gap:.2f} %, least share by the order {min(found.in_order.values(), default=1.0):.2f}, "
-            f"{time.perf_counter() - begun:.1f} s (limit 10), seed {seed}"
+            f"blind to nothing, {words} ({len(seen.names)} effects, {len(found.in_order)} by the"
+            f" order), 24 poses: least share {found.shares.min():.4f} (at least .38; no design"
+            f" passes {found.bounds[0]:.4f}, none with 98.5 % D-efficiency {found.bounds[1]:.4f}),"
+            f" D-efficiency {found.efficiency:.4f} (at least .985), references within"
+            f" {100 * found.reference_gap:.2f} %, least share by the order"
+            f" {min(found.in_order.values(), default=1.0):.2f}, {time.perf_counter() - begun:.1f} s"
+            f" (limit 10), seed {seed}"
         )
 
 
@@ -82,7 +125,12 @@ def rate(model: str = "linear", count: int = 4096, steps: int = 60) -> float:
     environment = CalibrationVector(count, model=model)
     environment.reset(seed=0)
     rng = np.random.default_rng(0)
-    actions = [np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(-1, -0.6, count)]).astype(np.float32) for _ in range(8)]
+    actions = [
+        np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(-1, -0.6, count)]).astype(
+            np.float32
+        )
+        for _ in range(8)
+    ]
     begun = time.perf_counter()
     for k in range(steps):
         environment.step(actions[k % 8])
@@ -95,10 +143,16 @@ def speed() -> None:
         code = f"from tests.benchmarks.designing import rate; print(rate({model!r}))"
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         pair = [
-            subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment) for _ in range(2)
+            subprocess.Popen(
+                [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment
+            )
+            for _ in range(2)
         ]
         both = sum(float(p.communicate()[0]) for p in pair)
-        print(f"environment {model}+drift: {rate(model):,.0f} steps/s in one process, {both:,.0f} on two cores (at least 200,000)")
+        print(
+            f"environment {model}+drift: {rate(model):,.0f} steps/s in one process, {both:,.0f} on"
+            " two cores (at least 200,000)"
+        )
 
 
 def main() -> None:

@@ -1,6 +1,8 @@
-"""Cost of `tiltcal diagnose`, report and re-simulation included, by rows: in dwells and always moving, with an effect and without.
+"""Cost of `tiltcal diagnose`, report and re-simulation included, by rows: in dwells and always
+moving, with an effect and without.
 
-Each run is a process of its own, as a user starts it; CPU seconds are what a shared machine cannot spoil.
+Each run is a process of its own, as a user starts it; CPU seconds are what a shared machine cannot
+spoil.
 """
 
 import os
@@ -22,13 +24,23 @@ LIMIT_S = {False: 10.0, True: 30.0}  # by whether it is always moving
 LIMIT_MiB = 1024
 TERMS = ["bias", "scale", "cross_axis"]
 HONEST: dict[str, Any] = {
-    "schema": 1, "name": "cost", "site": {"gravity_m_s2": 9.81, "latitude_deg": 48.0}, "rig": {"table": "three"},
+    "schema": 1,
+    "name": "cost",
+    "site": {"gravity_m_s2": 9.81, "latitude_deg": 48.0},
+    "rig": {"table": "three"},
     "sensor": [
         {"name": "accel", "kind": "accelerometer", "rate_hz": RATE, "adjustable": TERMS},
         {"name": "gyro", "kind": "gyro", "rate_hz": RATE, "adjustable": TERMS},
-        {"name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [1, 1, 1], "rate_hz": RATE, "adjustable": ["bias", "scale"]},
+        {
+            "name": "fog",
+            "kind": "fog",
+            "axes": ["a"],
+            "input_axis": [1, 1, 1],
+            "rate_hz": RATE,
+            "adjustable": ["bias", "scale"],
+        },
     ],
-}  # fmt: skip
+}
 NOISE = [
     {"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 25.0, "walk_ug_rts": 0.2},
     {"id": "gyr_noise", "sensor": "gyro", "white_deg_rth": 0.3, "flicker_deg_h": 2.0},
@@ -43,18 +55,30 @@ def laboratory(rows: int, moving: bool, hidden: bool) -> Scenario:
         axes = ("inner", "middle", "outer")
         cycles = 5 * max(round(rows / RATE / 25.0), 1)
         steps: list[dict[str, Any]] = [
-            {"action": "oscillate", "axis": axes[k % 3], "amplitude_deg": 60.0, "frequency_hz": 0.2, "cycles": 5}
+            {
+                "action": "oscillate",
+                "axis": axes[k % 3],
+                "amplitude_deg": 60.0,
+                "frequency_hz": 0.2,
+                "cycles": 5,
+            }
             for k in range(cycles // 5)
         ]
     else:
         steps = [
             {
-                "action": "move", "outer_deg": 137.5 * k % 360 - 180, "middle_deg": 77.5 * k % 180 - 90,
-                "inner_deg": 222.5 * k % 360 - 180, "rate_deg_s": 90.0, "dwell_s": 20.0,
+                "action": "move",
+                "outer_deg": 137.5 * k % 360 - 180,
+                "middle_deg": 77.5 * k % 180 - 90,
+                "inner_deg": 222.5 * k % 360 - 180,
+                "rate_deg_s": 90.0,
+                "dwell_s": 20.0,
             }
             for k in range(max(round(rows / RATE / 22.6), 1))
-        ]  # fmt: skip
-    return parse_scenario({**HONEST, "sequence": steps, "effect": [*NOISE, *([HIDDEN] if hidden else [])]})
+        ]
+    return parse_scenario(
+        {**HONEST, "sequence": steps, "effect": [*NOISE, *([HIDDEN] if hidden else [])]}
+    )
 
 
 def measure(folder: Path, rows: int, moving: bool, hidden: bool) -> dict[str, Any]:
@@ -65,11 +89,18 @@ def measure(folder: Path, rows: int, moving: bool, hidden: bool) -> dict[str, An
     write_recording(recording, folder / "recording.csv")
     (folder / "scenario.toml").write_text(tomli_w.dumps(HONEST), encoding="utf-8")
     command = [
-        str(Path(sys.executable).with_name("tiltcal")), "diagnose", str(folder / "recording.csv"), "--scenario",
-        str(folder / "scenario.toml"), "-o", str(folder / "out"),
-    ]  # fmt: skip
+        str(Path(sys.executable).with_name("tiltcal")),
+        "diagnose",
+        str(folder / "recording.csv"),
+        "--scenario",
+        str(folder / "scenario.toml"),
+        "-o",
+        str(folder / "out"),
+    ]
     start = time.perf_counter()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
         assert process.stdout is not None
         words = process.stdout.read()
         _, status, used = os.wait4(process.pid, 0)
@@ -77,25 +108,39 @@ def measure(folder: Path, rows: int, moving: bool, hidden: bool) -> dict[str, An
     if process.returncode:
         raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
     return {
-        "rows": len(recording), "wall_s": time.perf_counter() - start, "cpu_s": used.ru_utime + used.ru_stime,
-        "peak_MiB": used.ru_maxrss / 1024, "verdict": words.split(":")[0],
-    }  # fmt: skip
+        "rows": len(recording),
+        "wall_s": time.perf_counter() - start,
+        "cpu_s": used.ru_utime + used.ru_stime,
+        "peak_MiB": used.ru_maxrss / 1024,
+        "verdict": words.split(":")[0],
+    }
 
 
 def main() -> None:
     """A table with the ratio to the run of half as many rows."""
-    print(f"diagnose 7 channels on a three-axis table (limits at {ROWS[-1]} rows: 10 s in dwells, 30 s moving, {LIMIT_MiB} MiB)")
-    print(f"{'motion':<8} {'effect':<7} {'rows':>6} {'wall s':>7} {'CPU s':>7} {'ratio':>6} {'peak MiB':>9}  verdict")
+    print(
+        f"diagnose 7 channels on a three-axis table (limits at {ROWS[-1]} rows: 10 s in dwells, 30"
+        f" s moving, {LIMIT_MiB} MiB)"
+    )
+    print(
+        f"{'motion':<8} {'effect':<7} {'rows':>6} {'wall s':>7} {'CPU s':>7} {'ratio':>6}"
+        f" {'peak MiB':>9}  verdict"
+    )
     for moving in (False, True):
         for hidden in (True, False):
             before = float("nan")
             for rows in ROWS:
                 with tempfile.TemporaryDirectory() as folder:
                     r = measure(Path(folder), rows, moving, hidden)
-                late = " (above the limit)" if rows == ROWS[-1] and r["wall_s"] > LIMIT_S[moving] else ""
+                late = (
+                    " (above the limit)"
+                    if rows == ROWS[-1] and r["wall_s"] > LIMIT_S[moving]
+                    else ""
+                )
                 print(
-                    f"{'moving' if moving else 'dwells':<8} {'K2' if hidden else 'none':<7} {r['rows']:>6} {r['wall_s']:>7.1f} "
-                    f"{r['cpu_s']:>7.1f} {r['cpu_s'] / before:>6.2f} {r['peak_MiB']:>9.0f}  {r['verdict']}{late}",
+                    f"{'moving' if moving else 'dwells':<8} {'K2' if hidden else 'none':<7}"
+                    f" {r['rows']:>6} {r['wall_s']:>7.1f} {r['cpu_s']:>7.1f}"
+                    f" {r['cpu_s'] / before:>6.2f} {r['peak_MiB']:>9.0f}  {r['verdict']}{late}",
                     flush=True,
                 )
                 before = r["cpu_s"]

@@ -1,4 +1,6 @@
-"""Time and memory of what `confuse` computes: a 64-pose scenario, and the information matrix of an always moving log."""
+"""Time and memory of what `confuse` computes: a 64-pose scenario, and the information matrix of an
+always moving log.
+"""
 
 import json
 import subprocess
@@ -9,7 +11,9 @@ import numpy as np
 
 
 def moving() -> dict[str, float]:
-    """Gram matrix of all effects for 60 000 moving samples of six channels: seconds and peak RSS."""
+    """Gram matrix of all effects for 60 000 moving samples of six channels: seconds and peak
+    RSS.
+    """
     import resource
 
     from tests.benchmarks.simulation import scenario
@@ -21,7 +25,11 @@ def moving() -> dict[str, float]:
     columns = sensitivity(case, case.schedule, rows)
     matrix = gram(columns)
     seconds = time.perf_counter() - start
-    return {"seconds": seconds, "columns": len(matrix), "peak_MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
+    return {
+        "seconds": seconds,
+        "columns": len(matrix),
+        "peak_MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
 
 
 def poses() -> dict[str, float]:
@@ -31,15 +39,26 @@ def poses() -> dict[str, float]:
 
     steps = [
         {"action": "move", "outer_deg": o, "inner_deg": i, "dwell_s": 5.0, "rate_deg_s": 30}
-        for i in range(0, 360, 45) for o in range(-180, 180, 45)
-    ]  # fmt: skip
+        for i in range(0, 360, 45)
+        for o in range(-180, 180, 45)
+    ]
     case = parse_scenario(
         {
-            "schema": 1, "name": "64 poses", "site": {"gravity_m_s2": 9.80123}, "rig": {"table": "dual"},
-            "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 50.0, "adjustable": ["bias", "scale", "cross_axis"]}],
+            "schema": 1,
+            "name": "64 poses",
+            "site": {"gravity_m_s2": 9.80123},
+            "rig": {"table": "dual"},
+            "sensor": [
+                {
+                    "name": "accel",
+                    "kind": "accelerometer",
+                    "rate_hz": 50.0,
+                    "adjustable": ["bias", "scale", "cross_axis"],
+                }
+            ],
             "sequence": steps,
         }
-    )  # fmt: skip
+    )
     start = time.perf_counter()
     found = confuse(case)
     return {"seconds": time.perf_counter() - start, "columns": len(found.sights), "peak_MiB": 0.0}
@@ -51,9 +70,16 @@ def main() -> None:
         ("confuse, 64 poses on the dual table", "poses", 2.0),
         ("information matrix of all effects, 60 000 moving samples x 6", "moving", 4.0),
     ):
-        code = f"import json; from tests.benchmarks.information import {function}; print(json.dumps({function}()))"
+        code = (
+            f"import json; from tests.benchmarks.information import {function};"
+            f" print(json.dumps({function}()))"
+        )
         runs = [
-            json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+            json.loads(
+                subprocess.run(
+                    [sys.executable, "-c", code], capture_output=True, text=True, check=True
+                ).stdout
+            )
             for _ in range(3)
         ]
         seconds, peak = np.median([r["seconds"] for r in runs]), max(r["peak_MiB"] for r in runs)

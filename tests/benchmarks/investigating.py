@@ -1,4 +1,6 @@
-"""The loop of `investigate` against concealed tables: how often it ends explained and right. LOOP_N makes it longer or shorter."""
+"""The loop of `investigate` against concealed tables: how often it ends explained and right. LOOP_N
+makes it longer or shorter.
+"""
 
 import os
 import secrets

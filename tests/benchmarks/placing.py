@@ -1,4 +1,6 @@
-"""The on-line corrector: speed in blocks, sample by sample and as exported C; memory over a day; look-up errors."""
+"""The on-line corrector: speed in blocks, sample by sample and as exported C; memory over a day;
+look-up errors.
+"""
 
 import subprocess
 import sys
@@ -18,7 +20,9 @@ def wave(n: int) -> BiasTable:
     """1 mg cos(n beta) every degree."""
     terms = [0.0] * (2 * n + 1)
     terms[2 * n - 1] = 1e-3 * G0
-    return BiasTable(0.0, DEG, 1e-3 * G0 * np.cos(n * np.arange(91) * DEG), np.zeros(91), tuple(terms))
+    return BiasTable(
+        0.0, DEG, 1e-3 * G0 * np.cos(n * np.arange(91) * DEG), np.zeros(91), tuple(terms)
+    )
 
 
 def forces(n: int) -> np.ndarray:
@@ -32,7 +36,10 @@ def day() -> dict[str, float]:
     import resource
 
     peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # noqa: E731
-    corrector, hour = PlacingCorrector({"x": wave(2), "y": wave(3)}, G), forces(3600 * RATE).tolist()
+    corrector, hour = (
+        PlacingCorrector({"x": wave(2), "y": wave(3)}, G),
+        forces(3600 * RATE).tolist(),
+    )
     for row in hour:
         corrector.update(row)
     first = peak()
@@ -66,8 +73,15 @@ def main() -> None:
     """All of it."""
     beta = np.linspace(0, 90, 90_001) * DEG
     for look in LOOKUPS:
-        errors = [np.abs(wave(n).at(beta, look) - 1e-3 * G0 * np.cos(n * beta)).max() / G0 / ARCSEC for n in (1, 2, 4, 8)]
-        print(f"1 mg cos(n beta) at 1 deg, {look}: " + ", ".join(f"{e:.3g}" for e in errors) + " arcsec for n = 1, 2, 4, 8")
+        errors = [
+            np.abs(wave(n).at(beta, look) - 1e-3 * G0 * np.cos(n * beta)).max() / G0 / ARCSEC
+            for n in (1, 2, 4, 8)
+        ]
+        print(
+            f"1 mg cos(n beta) at 1 deg, {look}: "
+            + ", ".join(f"{e:.3g}" for e in errors)
+            + " arcsec for n = 1, 2, 4, 8"
+        )
     for look in LOOKUPS:
         corrector = PlacingCorrector({"x": wave(2), "y": wave(3)}, G, look)
         block, rows = forces(2_000_000), forces(200_000).tolist()
@@ -78,8 +92,16 @@ def main() -> None:
         for row in rows:
             corrector.update(row)
         alone = (time.perf_counter() - start) / len(rows)
-        print(f"corrector, {look}: {fast / 1e6:.1f} million samples/s in blocks (>= 2), {alone * 1e6:.2f} us alone (<= 5)")
+        print(
+            f"corrector, {look}: {fast / 1e6:.1f} million samples/s in blocks (>= 2),"
+            f" {alone * 1e6:.2f} us alone (<= 5)"
+        )
     print(f"exported C at -O2, two channels (<= 100): {exported()}")
     code = "import json; from tests.benchmarks.placing import day; print(json.dumps(day()))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    print(f"24 h at {RATE} Hz sample by sample, peak RSS after an hour and after the day: {found.strip()}")
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    print(
+        f"24 h at {RATE} Hz sample by sample, peak RSS after an hour and after the day:"
+        f" {found.strip()}"
+    )

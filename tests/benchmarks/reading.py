@@ -1,4 +1,6 @@
-"""Time of dwells + fit on a real log, inside the process after imports, and with reading the text."""
+"""Time of dwells + fit on a real log, inside the process after imports, and with reading the
+text.
+"""
 
 import subprocess
 import sys
@@ -26,7 +28,10 @@ def main() -> None:
     from tiltcal.laboratory.scenario import load_scenario
     from tiltcal.recordings.text_import import import_recording, load_mapping
 
-    setup, mapping = load_scenario(ROOT / "tests/real/xsens.toml"), load_mapping(ROOT / "tests/real/xsens_map.toml")
+    setup, mapping = (
+        load_scenario(ROOT / "tests/real/xsens.toml"),
+        load_mapping(ROOT / "tests/real/xsens_map.toml"),
+    )
     fits, whole = [], []
     for _ in range(11):
         begin = time.perf_counter()
@@ -36,6 +41,7 @@ def main() -> None:
         fits.append(time.perf_counter() - middle)
         whole.append(time.perf_counter() - begin)
     print(
-        f"dwells + 9-parameter fit of {len(recording)} real samples: {1e3 * np.median(fits):.0f} ms (limit 25), with reading the "
-        f"text {1e3 * np.median(whole):.0f} ms (limit 90), held-out {found.heldout_rms['accel'] / 9.80665e-3:.3f} mg"
+        f"dwells + 9-parameter fit of {len(recording)} real samples: {1e3 * np.median(fits):.0f} ms"
+        f" (limit 25), with reading the text {1e3 * np.median(whole):.0f} ms (limit 90), held-out"
+        f" {found.heldout_rms['accel'] / 9.80665e-3:.3f} mg"
     )

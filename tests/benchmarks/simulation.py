@@ -1,4 +1,6 @@
-"""Speed of the laboratory against a bare ``mj_inverse`` loop over the same samples, in one run; peak memory."""
+"""Speed of the laboratory against a bare ``mj_inverse`` loop over the same samples, in one run;
+peak memory.
+"""
 
 import json
 import resource
@@ -33,7 +35,7 @@ ERRORS = [
     {"id": "gyr_gsens", "gsens_xx_deg_h_g": 30, "gsens_yz_deg_h_g": 20},
     {"id": "gyr_noise", "white_deg_rth": 0.3, "flicker_deg_h": 8},
     {"id": "adc_quantisation", "sensor": "gyro", "lsb_si": 1e-5},
-]  # fmt: skip
+]
 
 
 def scenario(moving: bool) -> Scenario:
@@ -42,25 +44,34 @@ def scenario(moving: bool) -> Scenario:
         steps = [
             {"action": "turn", "axis": axis, "angle_deg": 20.0 * 200, "rate_deg_s": 20.0}
             for axis in ("outer", "middle", "inner") * 6
-        ]  # fmt: skip
+        ]
     else:
         steps = [
             {
-                "action": "move", "outer_deg": 7.0 * k, "middle_deg": 31.0 * k, "inner_deg": 53.0 * k % 360, "rate_deg_s": 60,
+                "action": "move",
+                "outer_deg": 7.0 * k,
+                "middle_deg": 31.0 * k,
+                "inner_deg": 53.0 * k % 360,
+                "rate_deg_s": 60,
                 "dwell_s": 55,
             }
             for k in range(1, 64)
-        ]  # fmt: skip
+        ]
     return parse_scenario(
         {
-            "schema": 1, "name": "benchmark", "site": {"gravity_m_s2": 9.80123, "latitude_deg": 45.0}, "rig": {"table": "three"},
+            "schema": 1,
+            "name": "benchmark",
+            "site": {"gravity_m_s2": 9.80123, "latitude_deg": 45.0},
+            "rig": {"table": "three"},
             "climate": {"ramp_degC_h": 4.0},
             "sensor": [
-                {"name": "accel", "kind": "accelerometer", "rate_hz": RATE}, {"name": "gyro", "kind": "gyro", "rate_hz": RATE}
+                {"name": "accel", "kind": "accelerometer", "rate_hz": RATE},
+                {"name": "gyro", "kind": "gyro", "rate_hz": RATE},
             ],
-            "sequence": steps, "effect": ERRORS,
+            "sequence": steps,
+            "effect": ERRORS,
         }
-    )  # fmt: skip
+    )
 
 
 def bare_loop(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
@@ -83,7 +94,9 @@ def bare_loop(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
 
 
 def measure(moving: bool) -> dict[str, float]:
-    """Seconds of the laboratory and of the loop over the same samples; peak RSS of the laboratory in MiB."""
+    """Seconds of the laboratory and of the loop over the same samples; peak RSS of the laboratory
+    in MiB.
+    """
     from tiltsim.laboratory import MujocoLaboratory
 
     case = scenario(moving)
@@ -93,8 +106,16 @@ def measure(moving: bool) -> dict[str, float]:
     ours = time.perf_counter() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     drive = case.schedule.drive(recording.time)
-    q, v, a = (np.column_stack([np.asarray(getattr(jet, part)) for jet in drive.axes.values()]) for part in "xva")
-    return {"rows": len(recording), "laboratory_s": ours, "loop_s": bare_loop(q, v, a), "peak_MiB": peak}
+    q, v, a = (
+        np.column_stack([np.asarray(getattr(jet, part)) for jet in drive.axes.values()])
+        for part in "xva"
+    )
+    return {
+        "rows": len(recording),
+        "laboratory_s": ours,
+        "loop_s": bare_loop(q, v, a),
+        "peak_MiB": peak,
+    }
 
 
 def main() -> None:
@@ -102,12 +123,18 @@ def main() -> None:
     for name, moving, limit in (("always moving", True, 1.25), ("mostly dwells", False, 0.40)):
         runs = []
         for _ in range(3):
-            code = f"import json; from tests.benchmarks.simulation import measure; print(json.dumps(measure({moving})))"
-            done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+            code = (
+                "import json; from tests.benchmarks.simulation import measure;"
+                f" print(json.dumps(measure({moving})))"
+            )
+            done = subprocess.run(
+                [sys.executable, "-c", code], capture_output=True, text=True, check=True
+            )
             runs.append(json.loads(done.stdout))
         ratio = float(np.median([r["laboratory_s"] / r["loop_s"] for r in runs]))
         peak = max(r["peak_MiB"] for r in runs)
         print(
-            f"simulate 1 h x 100 Hz x 6 axes, {name}: {runs[0]['rows']} rows, {ratio:.2f} x a bare mj_inverse loop "
-            f"(limit {limit}), {np.median([r['laboratory_s'] for r in runs]):.2f} s, peak RSS {peak:.0f} MiB (limit 300)"
+            f"simulate 1 h x 100 Hz x 6 axes, {name}: {runs[0]['rows']} rows, {ratio:.2f} x a bare"
+            f" mj_inverse loop (limit {limit}), {np.median([r['laboratory_s'] for r in runs]):.2f}"
+            f" s, peak RSS {peak:.0f} MiB (limit 300)"
         )

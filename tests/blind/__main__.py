@@ -1,4 +1,6 @@
-"""Run trials and print the score table: ``python -m blind --command 'tiltcal' -o DIR`` with this folder's parent on the path."""
+"""Run trials and print the score table: ``python -m blind --command 'tiltcal' -o DIR`` with this
+folder's parent on the path.
+"""
 
 import argparse
 import json
@@ -16,7 +18,9 @@ from blind.trial import trial
 
 
 def plan(n: int, kinds: Sequence[str], types: Sequence[str]) -> list[tuple[str, str, int]]:
-    """(kind, type, number) of n cases of every type, the kinds in turn; number decides the noise stratum too."""
+    """(kind, type, number) of n cases of every type, the kinds in turn; number decides the noise
+    stratum too.
+    """
     out = []
     for i in range(n):
         for type_ in types:
@@ -34,7 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = []
     with ProcessPoolExecutor(args.jobs) as pool:
         waiting: set[Future[Any]] = {
-            pool.submit(trial, folder, kind, type_, k, args.seed, shlex.split(args.command), args.time_limit)
+            pool.submit(
+                trial, folder, kind, type_, k, args.seed, shlex.split(args.command), args.time_limit
+            )
             for kind, type_, k in jobs
         }
         try:
@@ -45,7 +51,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     _tell(results[-1], len(results), len(jobs))
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
-            print(f"interrupted after {len(results)} of {len(jobs)}; run again with -o {folder} to go on", file=sys.stderr)
+            print(
+                f"interrupted after {len(results)} of {len(jobs)}; run again with -o {folder} to"
+                " go on",
+                file=sys.stderr,
+            )
             return 130
     return _finish(results, folder, args.json)
 
@@ -65,7 +75,8 @@ def _finish(results: list[dict[str, Any]], folder: Path, as_json: bool) -> int:
     ]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "score.json").write_text(
-        json.dumps({"table": rows, "cases": results}, indent=1, default=float) + "\n", encoding="utf-8"
+        json.dumps({"table": rows, "cases": results}, indent=1, default=float) + "\n",
+        encoding="utf-8",
     )
     print(json.dumps({"table": rows}, indent=1, default=float) if as_json else show(table))
     print(f"cases, answers and truth: {folder}", file=sys.stderr)

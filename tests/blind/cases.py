@@ -1,4 +1,6 @@
-"""A case: a laboratory, what it conceals, the files an honest user has, and the truth that nobody gets before the answer."""
+"""A case: a laboratory, what it conceals, the files an honest user has, and the truth that nobody
+gets before the answer.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,7 +51,9 @@ class Case:
 
 
 def possible(kind: str, type_: str) -> bool:
-    """Six poses carry nulls and the impossible only; elsewhere nothing that is drawn is impossible."""
+    """Six poses carry nulls and the impossible only; elsewhere nothing that is drawn is
+    impossible.
+    """
     return (type_ in ("null", "impossible")) if kind in SIX else type_ != "impossible"
 
 
@@ -72,10 +76,17 @@ def _conceal(rng: np.random.Generator, lab: Lab, type_: str) -> list[Hidden] | N
     if type_ in ("null", "data"):
         return []
     oracle = Oracle(lab, rng)
-    specs = unlisted(lab) if type_ == "unlisted" else [s for s in listed(lab) if s.drawn and (type_ != "odd" or s.odd)]
+    specs = (
+        unlisted(lab)
+        if type_ == "unlisted"
+        else [s for s in listed(lab) if s.drawn and (type_ != "odd" or s.odd)]
+    )
     if type_ == "impossible":
         specs = [
-            s for s in listed(lab) if s.id.startswith("acc_K") or s.id in ("acc_Koq", "acc_scale_asym", "acc_bias_asym", "adc_inl")
+            s
+            for s in listed(lab)
+            if s.id.startswith("acc_K")
+            or s.id in ("acc_Koq", "acc_scale_asym", "acc_bias_asym", "adc_inl")
         ]
     if not specs:
         return None
@@ -94,10 +105,14 @@ def _pick(rng: np.random.Generator, specs: Sequence[Spec]) -> Spec:
 
 
 def _draw(rng: np.random.Generator, oracle: Oracle, spec: Spec, type_: str) -> Hidden | None:
-    """One effect at a size drawn by its non-centrality; None where it cannot be seen, or is not itself."""
+    """One effect at a size drawn by its non-centrality; None where it cannot be seen, or is not
+    itself.
+    """
     odd = spec.odd is not None and (type_ == "odd")
     shapes = spec.shapes(rng, oracle.lab)
-    shape = spec.odd(rng, oracle.lab) if odd and spec.odd else shapes[int(rng.integers(len(shapes)))]
+    shape = (
+        spec.odd(rng, oracle.lab) if odd and spec.odd else shapes[int(rng.integers(len(shapes)))]
+    )
     way = (
         rng.normal(size=len(spec.names))
         if spec.together
@@ -109,7 +124,9 @@ def _draw(rng: np.random.Generator, oracle: Oracle, spec: Spec, type_: str) -> H
     way = np.abs(way) if len(way) == 1 and spec.names[0] in POSITIVE else way
     full = spec.plausible * spec.unit * way
     if type_ == "impossible":
-        return _hidden(oracle, spec, shape, full * rng.uniform(0.2, 1.0), textbook=True, unseen=True)
+        return _hidden(
+            oracle, spec, shape, full * rng.uniform(0.2, 1.0), textbook=True, unseen=True
+        )
     r = oracle.residual(oracle.signal([spec.physics(0.1 * full, shape)])[:, :, None])
     lam = float((r**2).sum())
     size = 0.1 * np.sqrt(10 ** rng.uniform(1.7, 5) / max(lam, 1e-12))
@@ -119,7 +136,9 @@ def _draw(rng: np.random.Generator, oracle: Oracle, spec: Spec, type_: str) -> H
 POSITIVE = ("mix_unitless", "latency_ms", "tau_ms", "width_arcsec", "sigma_arcsec", "skew_ms")
 
 
-def _hidden(oracle: Oracle, spec: Spec, shape: Shape, p: np.ndarray, textbook: bool, unseen: bool = False) -> Hidden | None:
+def _hidden(
+    oracle: Oracle, spec: Spec, shape: Shape, p: np.ndarray, textbook: bool, unseen: bool = False
+) -> Hidden | None:
     r = oracle.residual(oracle.signal([spec.physics(p, shape)])[:, :, None])
     lam = float((r**2).sum())
     if unseen:
@@ -147,7 +166,8 @@ def _together(oracle: Oracle, a: Hidden, b: Hidden) -> list[Hidden] | None:
     return out
 
 
-# ------------------------------------------------------------------------------------------------------------- the files
+# --------------------------------------------------------------------------------------------------
+# ----------- the files
 
 
 def _finish(rng: np.random.Generator, lab: Lab, type_: str, hidden: list[Hidden]) -> Case:
@@ -164,12 +184,19 @@ def _finish(rng: np.random.Generator, lab: Lab, type_: str, hidden: list[Hidden]
         "effects": effects,
         "sigma": {n: lab.sensors[s].sigma for n, (s, _) in zip(channel_names(lab), lab.channels)},
     }
-    if lab.table == "handheld" or lab.unlocked or type_ in ("data", "impossible") or any(h.spec.later == "none" for h in hidden):
+    if (
+        lab.table == "handheld"
+        or lab.unlocked
+        or type_ in ("data", "impossible")
+        or any(h.spec.later == "none" for h in hidden)
+    ):
         return Case(lab, rows, None, None, None, truth)
     other = another(rng, lab)
     after = [bound(h.spec, other).physics(h.p, settled(h.spec, h.shape)) for h in hidden]
     clean = _clean(rng, other, after)
-    truth["heldout"] = prediction(Oracle(lab, rng), other, [(h.spec, h.shape, h.p) for h in hidden], rows.y - ideal.y)
+    truth["heldout"] = prediction(
+        Oracle(lab, rng), other, [(h.spec, h.shape, h.p) for h in hidden], rows.y - ideal.y
+    )
     return Case(lab, rows, other, _noisy(rng, other, clean), clean, truth)
 
 
@@ -179,7 +206,11 @@ def channel_names(lab: Lab) -> list[str]:
 
 
 def _said(h: Hidden) -> dict[str, Any]:
-    values = {n: float(v / h.spec.unit) for n, v in zip(h.spec.names, h.p, strict=True) if v or h.spec.together}
+    values = {
+        n: float(v / h.spec.unit)
+        for n, v in zip(h.spec.names, h.p, strict=True)
+        if v or h.spec.together
+    }
     return {
         "id": h.spec.id,
         "listed": h.spec.listed,
@@ -202,7 +233,9 @@ def _clean(rng: np.random.Generator, lab: Lab, hooks: Sequence[Physics]) -> Rows
     n = int(lab.track.end_s * lab.rate_hz)
     t = (np.arange(n) + lab.noise.jitter * rng.uniform(-1, 1, n)) / lab.rate_hz
     t = np.round(t - t[0], 4)
-    return Rows(t, lab.track.angles(t), readings(lab, hooks, t, Past(lab)), np.round(lab.room.at(t), 2))
+    return Rows(
+        t, lab.track.angles(t), readings(lab, hooks, t, Past(lab)), np.round(lab.room.at(t), 2)
+    )
 
 
 def _noisy(rng: np.random.Generator, lab: Lab, clean: Rows) -> Rows:

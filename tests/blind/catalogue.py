@@ -19,7 +19,9 @@ def settled(spec: Spec, shape: Shape) -> Shape:
 
 
 def bound(spec: Spec, lab: Lab) -> Spec:
-    """The same effect in another recording's laboratory: its hooks follow that motion and that temperature."""
+    """The same effect in another recording's laboratory: its hooks follow that motion and that
+    temperature.
+    """
     key = (spec.id, spec.axes, spec.sensors)
     return next(s for s in listed(lab) + unlisted(lab) if (s.id, s.axes, s.sensors) == key)
 

@@ -35,7 +35,9 @@ def _converter(lab: Lab, sensor: Sensor) -> list[Spec]:
 
     def tone(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
         phase = 2 * np.pi * shape["hertz"] * s.t + shape["phase"]
-        return np.sin(phase + shape.get("wander", 0.0) * np.sin(2 * np.pi * s.t / (0.3 * lab.track.end_s)))
+        return np.sin(
+            phase + shape.get("wander", 0.0) * np.sin(2 * np.pi * s.t / (0.3 * lab.track.end_s))
+        )
 
     def hertz(rng: np.random.Generator, lab: Lab) -> list[Shape]:
         mains = rng.choice([50.0, 60.0]) + rng.uniform(-0.15, 0.15)
@@ -81,7 +83,19 @@ def _gains(lab: Lab) -> list[Spec]:
         return Physics(shape=gain)
 
     names = tuple(s.name for s in lab.sensors)
-    return [Spec("reference_drift", "electronics", ("gain_ppm_degC",), 1e-6, 400, drift, ("temperature",), names, odd=warm_odd)]
+    return [
+        Spec(
+            "reference_drift",
+            "electronics",
+            ("gain_ppm_degC",),
+            1e-6,
+            400,
+            drift,
+            ("temperature",),
+            names,
+            odd=warm_odd,
+        )
+    ]
 
 
 def _timing(lab: Lab) -> list[Spec]:
@@ -94,19 +108,41 @@ def _timing(lab: Lab) -> list[Spec]:
         return Physics(delay=lambda: dict.fromkeys(names, p[0]))
 
     def skew(p: np.ndarray, shape: Shape) -> Physics:
-        return Physics(delay=lambda: {s.name: p[0] * np.arange(len(s.axes)) for s in lab.sensors if len(s.axes) > 1})
+        return Physics(
+            delay=lambda: {
+                s.name: p[0] * np.arange(len(s.axes)) for s in lab.sensors if len(s.axes) > 1
+            }
+        )
 
     def slow(sensor: str) -> Any:
         def physics(p: np.ndarray, shape: Shape) -> Physics:
-            return Physics(lag=lambda: {sensor: p[0]}, delay=(lambda: {sensor: p[0] * shape["dead"]}) if shape else None)
+            return Physics(
+                lag=lambda: {sensor: p[0]},
+                delay=(lambda: {sensor: p[0] * shape["dead"]}) if shape else None,
+            )
 
         return physics
 
     def clock(p: np.ndarray, shape: Shape) -> Physics:
-        return Physics(stamps=lambda t: t * (1 - p[0]) + shape.get("bend", 0.0) * p[0] * t**2 / lab.track.end_s)
+        return Physics(
+            stamps=lambda t: t * (1 - p[0]) + shape.get("bend", 0.0) * p[0] * t**2 / lab.track.end_s
+        )
 
     moving = not lab.unlocked and lab.kind != "six_any"
-    specs.append(Spec("data_latency", "timing", ("latency_ms",), 1e-3, 40, later, ("rate", "time"), names, drawn=moving, axes=()))
+    specs.append(
+        Spec(
+            "data_latency",
+            "timing",
+            ("latency_ms",),
+            1e-3,
+            40,
+            later,
+            ("rate", "time"),
+            names,
+            drawn=moving,
+            axes=(),
+        )
+    )
     if moving:
         specs.append(
             Spec(

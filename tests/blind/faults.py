@@ -22,7 +22,9 @@ class Rows:
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault in one laboratory: ``make(rng, lab, rows)`` changes the rows and says what it did."""
+    """One fault in one laboratory: ``make(rng, lab, rows)`` changes the rows and says what it
+    did.
+    """
 
     id: str
     stage: str
@@ -34,7 +36,11 @@ class Fault:
 def _strong(lab: Lab, rows: Rows) -> list[int]:
     """Channels that sense much: a fault of theirs shows."""
     limit = {"accelerometer": 3.0, "inclinometer": 0.2, "gyro": 0.25, "fog": 0.15}
-    return [c for c, (s, _) in enumerate(lab.channels) if rows.y[:, c].std() > limit[lab.sensors[s].kind]]
+    return [
+        c
+        for c, (s, _) in enumerate(lab.channels)
+        if rows.y[:, c].std() > limit[lab.sensors[s].kind]
+    ]
 
 
 def _axis(lab: Lab, c: int) -> dict[str, Any]:
@@ -60,7 +66,9 @@ def swap(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
 def unit(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
     """A whole sensor in another unit than the column says."""
     s = int(rng.integers(len(lab.sensors)))
-    factor = float(rng.choice([G0, 1 / G0] if lab.sensors[s].kind == "accelerometer" else [DEG, 1 / DEG]))
+    factor = float(
+        rng.choice([G0, 1 / G0] if lab.sensors[s].kind == "accelerometer" else [DEG, 1 / DEG])
+    )
     for c, (k, _) in enumerate(lab.channels):
         rows.y[:, c] *= factor if k == s else 1.0
     return {"sensor": lab.sensors[s].name, "factor_unitless": factor}
@@ -72,7 +80,12 @@ def stuck(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
     start, length = rng.uniform(0.2, 0.7) * rows.t[-1], rng.uniform(6, 20)
     a, b = np.searchsorted(rows.t, [start, start + length])
     rows.y[a:b, c] = rows.y[a, c]
-    return {**_axis(lab, c), "start_s": start, "length_s": length, "interval_s": [start, start + length]}
+    return {
+        **_axis(lab, c),
+        "start_s": start,
+        "length_s": length,
+        "interval_s": [start, start + length],
+    }
 
 
 def duplicate(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
@@ -85,7 +98,11 @@ def duplicate(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
 
 def outlier(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
     """Gross values in one channel."""
-    c, share, size = int(rng.integers(len(lab.channels))), rng.uniform(0.003, 0.02), rng.uniform(15, 60)
+    c, share, size = (
+        int(rng.integers(len(lab.channels))),
+        rng.uniform(0.003, 0.02),
+        rng.uniform(15, 60),
+    )
     hit = rng.random(len(rows.t)) < share
     rows.y[hit, c] += rng.choice([-1, 1], hit.sum()) * size * lab.sensors[lab.channels[c][0]].sigma
     return {**_axis(lab, c), "share_unitless": share, "size_sigma": size}
@@ -97,22 +114,39 @@ def drop(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
     n = len(rows.t) - lost
     rows.y = np.vstack([rows.y[:at], rows.y[at + lost :]])
     rows.t, rows.table, rows.T = rows.t[:n], rows.table[:n], rows.T[:n]
-    return {"sensor": "", "samples": lost, "time_s": float(rows.t[at]), "interval_s": [float(rows.t[at]), None]}
+    return {
+        "sensor": "",
+        "samples": lost,
+        "time_s": float(rows.t[at]),
+        "interval_s": [float(rows.t[at]), None],
+    }
 
 
 def label(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
     """The angle of one dwell is wrong."""
-    k, (a, b) = int(rng.integers(len(lab.axes))), lab.track.dwells[int(rng.integers(3, len(lab.track.dwells) - 3))]
+    k, (a, b) = (
+        int(rng.integers(len(lab.axes))),
+        lab.track.dwells[int(rng.integers(3, len(lab.track.dwells) - 3))],
+    )
     error = rng.choice([-1, 1]) * rng.uniform(0.1, 2) * DEG
     rows.table[(rows.t >= a) & (rows.t <= b), k] += error
-    return {"sensor": "", "axis": lab.axis_names[k], "error_arcsec": error / DEG * 3600, "interval_s": [a, b]}
+    return {
+        "sensor": "",
+        "axis": lab.axis_names[k],
+        "error_arcsec": error / DEG * 3600,
+        "interval_s": [a, b],
+    }
 
 
 def clip(kinds: tuple[str, ...]) -> Callable[[np.random.Generator, Lab, Rows], dict[str, Any]]:
     """One channel of such a sensor saturates."""
 
     def make(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
-        c = int(rng.choice([c for c in _strong(lab, rows) if lab.sensors[lab.channels[c][0]].kind in kinds]))
+        c = int(
+            rng.choice(
+                [c for c in _strong(lab, rows) if lab.sensors[lab.channels[c][0]].kind in kinds]
+            )
+        )
         limit = rng.uniform(0.6, 0.95) * np.abs(rows.y[:, c]).max()
         rows.y[:, c] = np.clip(rows.y[:, c], -limit, limit)
         return {**_axis(lab, c), "full_scale_si": limit}
@@ -141,7 +175,9 @@ def bit(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
 def jitter(rng: np.random.Generator, lab: Lab, rows: Rows) -> dict[str, Any]:
     """Stamps wrong by chance: readings taken a little earlier or later."""
     sigma = rng.uniform(4, 15) * 1e-3
-    rows.y = rows.y + np.gradient(rows.y, rows.t, axis=0) * rng.normal(0, sigma, len(rows.t))[:, None]
+    rows.y = (
+        rows.y + np.gradient(rows.y, rows.t, axis=0) * rng.normal(0, sigma, len(rows.t))[:, None]
+    )
     return {"sensor": "", "jitter_ms": sigma * 1e3}
 
 
@@ -172,10 +208,15 @@ def faults(lab: Lab, rows: Rows) -> list[Fault]:
     ]
     if _strong(lab, rows):
         kind = {lab.sensors[lab.channels[c][0]].kind for c in _strong(lab, rows)}
-        every += [Fault("data_sign", "data", ("tilt", "rate"), sign), Fault("data_unit", "data", ("tilt", "rate"), unit)]
+        every += [
+            Fault("data_sign", "data", ("tilt", "rate"), sign),
+            Fault("data_unit", "data", ("tilt", "rate"), unit),
+        ]
         if not lab.unlocked and lab.kind != "six_any":
             every += [Fault("adc_stuck_bit", "electronics", sample, bit)]
-            every += [Fault(i, "sensor", sample, clip(k)) for i, k in CLIPPED.items() if kind & set(k)]
+            every += [
+                Fault(i, "sensor", sample, clip(k)) for i, k in CLIPPED.items() if kind & set(k)
+            ]
     if lab.table in ("dual", "three") and not lab.unlocked:
         every += [
             Fault("data_axis_swap", "data", ("tilt", "rate"), swap),
@@ -183,7 +224,12 @@ def faults(lab: Lab, rows: Rows) -> list[Fault]:
         ]
     if lab.table in ("dual", "three", "placing") and not lab.unlocked:
         every += [
-            Fault("data_pose_label", "data", ("table_outer", "table_inner", "time", "move", "table_middle"), label),
+            Fault(
+                "data_pose_label",
+                "data",
+                ("table_outer", "table_inner", "time", "move", "table_middle"),
+                label,
+            ),
             Fault("data_drop", "data", time, drop),
             Fault("data_truncation", "data", (*sample, "table_outer", "table_inner"), truncation),
             Fault("data_jitter", "timing", ("rate", "time", "sample"), jitter, before_noise=True),

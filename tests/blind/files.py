@@ -1,4 +1,6 @@
-"""The files of a case, as an honest user has them: recording and scenario; and the noise-free one that only judges."""
+"""The files of a case, as an honest user has them: recording and scenario; and the noise-free one
+that only judges.
+"""
 
 from pathlib import Path
 
@@ -9,7 +11,16 @@ from blind.faults import Rows
 from blind.laboratory import Lab
 from blind.rotations import ARCSEC, DEG, G0
 
-UNITS = {"m_s2": 1.0, "g": G0, "mg": 1e-3 * G0, "deg": DEG, "arcsec": ARCSEC, "deg_s": DEG, "rad_s": 1.0, "deg_h": DEG / 3600}
+UNITS = {
+    "m_s2": 1.0,
+    "g": G0,
+    "mg": 1e-3 * G0,
+    "deg": DEG,
+    "arcsec": ARCSEC,
+    "deg_s": DEG,
+    "rad_s": 1.0,
+    "deg_h": DEG / 3600,
+}
 TITLES = {
     "dual": "dual-axis tumble",
     "placing": "placing-angle sweep",
@@ -33,16 +44,25 @@ def write_recording(path: Path, lab: Lab, rows: Rows, rng: np.random.Generator |
         unit = lab.sensors[s].unit
         columns.append(rows.y[:, c] / UNITS[unit])
         head.append(f"{name}_{unit}")
-        decimals = 9 if rng is None else max(0, int(np.ceil(-np.log10(lab.sensors[s].sigma / UNITS[unit] / 30))))
+        decimals = (
+            9
+            if rng is None
+            else max(0, int(np.ceil(-np.log10(lab.sensors[s].sigma / UNITS[unit] / 30))))
+        )
         formats.append(f"%.{decimals}f")
         blank.append(rng.random(len(rows.t)) < lab.noise.missing if rng is not None else blank[0])
     columns.append(rows.T)
     head.append("temperature_degC")
     formats.append("%.2f")
     blank.append(np.arange(len(rows.t)) % int(lab.rate_hz) != 0)
-    cells = [np.where(b, "", np.char.mod(f, x)) for f, x, b in zip(formats, columns, blank, strict=True)]
+    cells = [
+        np.where(b, "", np.char.mod(f, x)) for f, x, b in zip(formats, columns, blank, strict=True)
+    ]
     lines = [",".join(row) for row in zip(*(c.tolist() for c in cells), strict=True)]
-    path.write_text(f"# set-up: {TITLES[lab.table]}\n{','.join(head)}\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    path.write_text(
+        f"# set-up: {TITLES[lab.table]}\n{','.join(head)}\n" + "\n".join(lines) + "\n",
+        encoding="utf-8",
+    )
 
 
 def _between(lab: Lab, t: np.ndarray) -> np.ndarray:
@@ -63,10 +83,14 @@ def write_scenario(path: Path, lab: Lab) -> None:
     ]
     for s in lab.sensors:
         axes = ", ".join(f'"{a}"' for a in s.axes)
-        own = "" if s.input_axis is None else "input_axis = [" + ", ".join(f"{x:.9f}" for x in s.input_axis) + "]\n"
+        own = (
+            ""
+            if s.input_axis is None
+            else "input_axis = [" + ", ".join(f"{x:.9f}" for x in s.input_axis) + "]\n"
+        )
         adjustable = ", ".join(f'"{a}"' for a in s.adjustable)
         text.append(
-            f'[[sensor]]\nname = "{s.name}"\nkind = "{s.kind}"\naxes = [{axes}]\n{own}rate_hz = {s.rate_hz}\n'
-            f"adjustable = [{adjustable}]\n"
+            f'[[sensor]]\nname = "{s.name}"\nkind = "{s.kind}"\naxes = [{axes}]\n{own}rate_hz ='
+            f" {s.rate_hz}\nadjustable = [{adjustable}]\n"
         )
     path.write_text("\n".join(text), encoding="utf-8")

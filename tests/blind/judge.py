@@ -13,12 +13,21 @@ TWINS = (
     {"data_drop", "data_gap"},
     {"table_index_error", "table_wobble_async"},
 )
-CONTAINED = {"mount_thermal_tilt": "acc_temp_misalign"}  # any small tilt is three of its six numbers; it is not drawn itself
-TURNED = {"data_sign", "data_hand", "data_rotation_sense", "data_axis_swap"}  # one and the same seen by a single axis
+CONTAINED = {
+    "mount_thermal_tilt": "acc_temp_misalign"
+}  # any small tilt is three of its six numbers; it is not drawn itself
+TURNED = {
+    "data_sign",
+    "data_hand",
+    "data_rotation_sense",
+    "data_axis_swap",
+}  # one and the same seen by a single axis
 
 
 def judge(truth: Plain, answer: Plain | None, heldout: float | None) -> Plain:
-    """Everything the table counts. ``answer``: diagnosis.json; ``heldout``: rms of the prediction in units of sample noise."""
+    """Everything the table counts. ``answer``: diagnosis.json; ``heldout``: rms of the prediction
+    in units of sample noise.
+    """
     findings = (answer or {}).get("findings") or []
     verdict = (answer or {}).get("verdict")
     said = {k: truth[k] for k in ("kind", "type", "walk", "flicker")}
@@ -38,7 +47,9 @@ def judge(truth: Plain, answer: Plain | None, heldout: float | None) -> Plain:
         said["heldout"] = {**truth["heldout"], "product": heldout}
     alone = len(truth["effects"]) == 1
     said["effects"] = [
-        _effect(e, findings, truth["kind"], verdict, alone) for e in truth["effects"] if truth["type"] != "impossible"
+        _effect(e, findings, truth["kind"], verdict, alone)
+        for e in truth["effects"]
+        if truth["type"] != "impossible"
     ]
     return said
 
@@ -49,14 +60,18 @@ def expected(truth: Plain) -> tuple[str, ...]:
         return ("match", "cannot_tell") if truth["kind"].startswith("six") else ("match",)
     if truth["type"] == "unlisted":
         return ("unlisted",)
-    if truth["type"] == "data" or any(set(e["tolerated"]) != set(e["inseparable"]) for e in truth["effects"]):
+    if truth["type"] == "data" or any(
+        set(e["tolerated"]) != set(e["inseparable"]) for e in truth["effects"]
+    ):
         return "explained", "ambiguous"
     return ("ambiguous",) if any(e["inseparable"] for e in truth["effects"]) else ("explained",)
 
 
 def _effect(e: Plain, findings: list[Plain], kind: str, verdict: str | None, alone: bool) -> Plain:
     said = {"id": e["id"], "lambda": e["lambda"], "textbook": e["textbook"], "listed": e["listed"]}
-    return said | (_listed(e, findings, kind, alone) if e["listed"] else _unlisted(e, findings, verdict))
+    return said | (
+        _listed(e, findings, kind, alone) if e["listed"] else _unlisted(e, findings, verdict)
+    )
 
 
 def _listed(e: Plain, findings: list[Plain], kind: str, alone: bool) -> Plain:
@@ -71,13 +86,18 @@ def _listed(e: Plain, findings: list[Plain], kind: str, alone: bool) -> Plain:
     f = next(iter(named or honest or held or first), None)
     certain = [x for x in findings if x.get("effect") and len(x.get("class") or [0]) <= 1]
     return {
-        "named": bool(named), "in_class": bool(held or named), "honest": bool(honest), "good": bool(named or honest),
-        "wrong_certain": alone and any(x["effect"] not in right | set(e["inseparable"]) for x in certain),
+        "named": bool(named),
+        "in_class": bool(held or named),
+        "honest": bool(honest),
+        "good": bool(named or honest),
+        "wrong_certain": alone
+        and any(x["effect"] not in right | set(e["inseparable"]) for x in certain),
         "false_certainty": bool(e["inseparable"]) and any(x["effect"] in right for x in certain),
         "padded": sorted(set().union(*(set(x["class"]) for x in held)) - allowed),
-        "stage_right": bool(f and (named or honest)) and _same_stage(f["stage"], e["stage"], honest, named),
+        "stage_right": bool(f and (named or honest))
+        and _same_stage(f["stage"], e["stage"], honest, named),
         "pulls": pulls(f, e) if f and f in named and e["textbook"] and e["lambda"] else [],
-    }  # fmt: skip
+    }
 
 
 def _same_stage(found: str, true: str, honest: list[Plain], named: list[Plain]) -> bool:
@@ -92,21 +112,25 @@ def _unlisted(e: Plain, findings: list[Plain], verdict: str | None) -> Plain:
     main = max(e["energy"], key=e["energy"].get, default="")
     return {
         "said": verdict == "unlisted" or bool(unnamed),
-        "wrong_certain": verdict == "explained" and any(f["effect"] not in e["inseparable"] for f in names),
+        "wrong_certain": verdict == "explained"
+        and any(f["effect"] not in e["inseparable"] for f in names),
         "channel": bool(where) and _channel(where, main),
         "coordinate": bool(where) and (where.get("where") or {}).get("coordinate") in e["where"],
-    }  # fmt: skip
+    }
 
 
 def _channel(finding: Plain, main: str) -> bool:
     axes = {str(a).split(".")[-1] for a in finding.get("axes") or []}
     return not main or (
-        (not axes or main.split(".")[-1] in axes) and main.split(".")[0] in (finding.get("sensors") or [main.split(".")[0]])
+        (not axes or main.split(".")[-1] in axes)
+        and main.split(".")[0] in (finding.get("sensors") or [main.split(".")[0]])
     )
 
 
 def pulls(finding: Plain, e: Plain) -> list[float]:
-    """|value - truth| / sigma of the parameters that both name; of a tone, whose phase is not named, the size only."""
+    """|value - truth| / sigma of the parameters that both name; of a tone, whose phase is not
+    named, the size only.
+    """
     out = []
     for name, true in e["parameters"].items():
         told = (finding.get("parameters") or {}).get(name)

@@ -1,4 +1,6 @@
-"""Laboratories drawn at random: a rig, a sequence, ordinary sensors, a room that warms and cools."""
+"""Laboratories drawn at random: a rig, a sequence, ordinary sensors, a room that warms and
+cools.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -34,7 +36,9 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Noise:
-    """Beyond white: random walk per root second and flicker, both in units of a sample's sigma; nuisances of the log."""
+    """Beyond white: random walk per root second and flicker, both in units of a sample's sigma;
+    nuisances of the log.
+    """
 
     walk: float
     walk_stratum: int
@@ -89,12 +93,18 @@ class Lab:
     T0: float = 0.0
     written: bool = True  # table columns stand in the file
     unlocked: bool = False  # they are empty while moving
-    mount: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # body to faceplate
+    mount: tuple[tuple[float, float, float], ...] = (
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.0, 0.0, 1.0),
+    )  # body to faceplate
     past: dict = field(default_factory=dict, compare=False)
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Which body directions the axes turn about, outermost first (hand turns: as a three-axis table)."""
+        """Which body directions the axes turn about, outermost first (hand turns: as a three-axis
+        table).
+        """
         return TABLES[self.table if self.table in TABLES else "three"]
 
     @property
@@ -113,7 +123,8 @@ class Lab:
         return self.sensors[0].rate_hz
 
 
-# ------------------------------------------------------------------------------------------------- sensors and the room
+# -------------------------------------------------------------------------------------------------
+# sensors and the room
 
 
 def _matrix(rng: np.random.Generator, size: int) -> np.ndarray:
@@ -124,21 +135,48 @@ def accelerometer(rng: np.random.Generator, rate_hz: float) -> Sensor:
     """A triad."""
     sigma = 10 ** rng.uniform(-3.9, -2.9) if rate_hz < 40 else 10 ** rng.uniform(-3.3, -2.9)
     unit = str(rng.choice(["m_s2", "g", "mg"]))
-    return Sensor("accel", "accelerometer", ("x", "y", "z"), rate_hz, unit, sigma, _matrix(rng, 3), rng.normal(0, 0.15, 3))
+    return Sensor(
+        "accel",
+        "accelerometer",
+        ("x", "y", "z"),
+        rate_hz,
+        unit,
+        sigma,
+        _matrix(rng, 3),
+        rng.normal(0, 0.15, 3),
+    )
 
 
 def inclinometer(rng: np.random.Generator, rate_hz: float) -> Sensor:
     """Two axes, sensing specific force."""
     sigma = 10 ** rng.uniform(-4.4, -3.9)
     unit = str(rng.choice(["deg", "arcsec"]))
-    return Sensor("incl", "inclinometer", ("x", "y"), rate_hz, unit, sigma, _matrix(rng, 2), rng.normal(0, 0.02, 2))
+    return Sensor(
+        "incl",
+        "inclinometer",
+        ("x", "y"),
+        rate_hz,
+        unit,
+        sigma,
+        _matrix(rng, 2),
+        rng.normal(0, 0.02, 2),
+    )
 
 
 def gyro(rng: np.random.Generator, rate_hz: float) -> Sensor:
     """A triad."""
     sigma = 10 ** rng.uniform(-3.6, -3.1)
     unit = str(rng.choice(["deg_s", "rad_s"]))
-    return Sensor("gyro", "gyro", ("x", "y", "z"), rate_hz, unit, sigma, _matrix(rng, 3), rng.normal(0, 0.3 * DEG, 3))
+    return Sensor(
+        "gyro",
+        "gyro",
+        ("x", "y", "z"),
+        rate_hz,
+        unit,
+        sigma,
+        _matrix(rng, 3),
+        rng.normal(0, 0.3 * DEG, 3),
+    )
 
 
 def fog(rng: np.random.Generator, rate_hz: float) -> Sensor:
@@ -146,7 +184,17 @@ def fog(rng: np.random.Generator, rate_hz: float) -> Sensor:
     u = np.ones(3) / np.sqrt(3) + rng.normal(0, 0.06, 3)
     sigma = 10 ** rng.uniform(-4.3, -3.6)
     M, b = np.eye(1) + rng.normal(0, 5e-4), rng.normal(0, 5e-6, 1)
-    return Sensor("fog", "fog", ("a",), rate_hz, str(rng.choice(["deg_h", "deg_s"])), sigma, M, b, u / np.linalg.norm(u))
+    return Sensor(
+        "fog",
+        "fog",
+        ("a",),
+        rate_hz,
+        str(rng.choice(["deg_h", "deg_s"])),
+        sigma,
+        M,
+        b,
+        u / np.linalg.norm(u),
+    )
 
 
 def noise(rng: np.random.Generator, stratum: int) -> Noise:
@@ -165,17 +213,23 @@ def noise(rng: np.random.Generator, stratum: int) -> Noise:
 def room(rng: np.random.Generator, lasts_s: float) -> Room:
     """A few degrees, at the paces of air conditioning and doors."""
     periods = lasts_s * rng.uniform(0.25, 1.6, 3)
-    waves = np.stack([rng.uniform(0.2, 1.6, 3), 2 * np.pi / periods, rng.uniform(0, 2 * np.pi, 3)], 1)
+    waves = np.stack(
+        [rng.uniform(0.2, 1.6, 3), 2 * np.pi / periods, rng.uniform(0, 2 * np.pi, 3)], 1
+    )
     return Room(rng.uniform(20, 27), rng.uniform(-1.5, 1.5) / lasts_s, waves)
 
 
-# -------------------------------------------------------------------------------------------------------------- sequences
+# --------------------------------------------------------------------------------------------------
+# ------------ sequences
 
 
 def _tumble(rng: np.random.Generator) -> Track:
     """Dual: tilts one after the other, several inner angles at each."""
     step, first = float(rng.choice([45.0, 60.0, 60.0])), rng.uniform(0, 30)
-    tilts, inner = first + np.arange(0, 360, step), rng.uniform(0, 40) + np.arange(0, 360, rng.choice([72.0, 90.0]))
+    tilts, inner = (
+        first + np.arange(0, 360, step),
+        rng.uniform(0, 40) + np.arange(0, 360, rng.choice([72.0, 90.0])),
+    )
     plan = Plan([tilts[0] * DEG, inner[0] * DEG])
     dwell, rate = rng.uniform(2.5, 3.5), rng.uniform(15, 30) * DEG
     for n, tilt in enumerate(tilts):
@@ -226,7 +280,10 @@ def _rates(rng: np.random.Generator) -> Track:
         plan.swing(axis, rng.uniform(15, 40) * DEG, rng.uniform(0.2, 0.4), 3)
         plan.dwell(2)
     for _ in range(12):
-        plan.go(dict(enumerate(rng.choice([-90, -60, -45, 0, 30, 45, 90, 135, 180, 200], 3) * DEG)), rng.uniform(30, 60) * DEG)
+        plan.go(
+            dict(enumerate(rng.choice([-90, -60, -45, 0, 30, 45, 90, 135, 180, 200], 3) * DEG)),
+            rng.uniform(30, 60) * DEG,
+        )
         plan.dwell(3.5)
     plan.go({0: 0.0, 1: 0.0, 2: 0.0}, 50 * DEG)
     plan.dwell(4)
@@ -239,8 +296,14 @@ def _by_hand(rng: np.random.Generator) -> Track:
     plan.dwell(8)
     for axis in (0, 1, 2, *rng.permutation(3)):
         for target in rng.choice([180, 270, 360], 2) * DEG * (1, -1):
-            plan.go({axis: plan.at[axis] + target, (axis + 1) % 3: plan.at[(axis + 1) % 3] + rng.normal(0, 0.1)},
-                    rng.uniform(60, 160) * DEG, rng.uniform(0.3, 0.5))  # fmt: skip
+            plan.go(
+                {
+                    axis: plan.at[axis] + target,
+                    (axis + 1) % 3: plan.at[(axis + 1) % 3] + rng.normal(0, 0.1),
+                },
+                rng.uniform(60, 160) * DEG,
+                rng.uniform(0.3, 0.5),
+            )
             plan.dwell(rng.uniform(1.5, 4))
     plan.dwell(6)
     return plan.track()
@@ -265,19 +328,39 @@ def _poses(rng: np.random.Generator, poses: np.ndarray) -> Track:
     return plan.track()
 
 
-# ------------------------------------------------------------------------------------------------------------- the kinds
+# --------------------------------------------------------------------------------------------------
+# ----------- the kinds
 
-KINDS = ("dual_tumble", "placing_sweep", "vertical_turn", "three_rates", "field_turns", "six_faces", "six_any")
+KINDS = (
+    "dual_tumble",
+    "placing_sweep",
+    "vertical_turn",
+    "three_rates",
+    "field_turns",
+    "six_faces",
+    "six_any",
+)
 
 
 def draw(rng: np.random.Generator, kind: str, stratum: int) -> Lab:
     """A laboratory of one kind."""
-    table = {"dual_tumble": "dual", "placing_sweep": "placing", "vertical_turn": "vertical", "three_rates": "three",
-             "field_turns": "handheld", "six_faces": "dual", "six_any": "handheld"}[kind]  # fmt: skip
+    table = {
+        "dual_tumble": "dual",
+        "placing_sweep": "placing",
+        "vertical_turn": "vertical",
+        "three_rates": "three",
+        "field_turns": "handheld",
+        "six_faces": "dual",
+        "six_any": "handheld",
+    }[kind]
     sensors = _sensors(rng, kind)
     track = sequence(rng, kind, sensors)
     lever = rng.uniform(-0.04, 0.04, 3) if kind in ("dual_tumble", "three_rates") else np.zeros(3)
-    readout = str(rng.choice(["encoder", "encoder", "command"])) if table in ("dual", "placing", "vertical", "three") else "encoder"
+    readout = (
+        str(rng.choice(["encoder", "encoder", "command"]))
+        if table in ("dual", "placing", "vertical", "three")
+        else "encoder"
+    )
     lab = Lab(
         kind,
         table,
@@ -310,15 +393,26 @@ def sequence(rng: np.random.Generator, kind: str, sensors: tuple[Sensor, ...]) -
     if kind == "placing_sweep":
         steep = float(rng.choice([45.0, 55.0])) if sensors[0].kind == "inclinometer" else 360.0
         return _sweep(rng, quarter=bool(rng.random() < 0.3), steep=steep)
-    plans = {"dual_tumble": _tumble, "vertical_turn": _turns, "three_rates": _rates, "field_turns": _by_hand,
-             "six_faces": _faces, "six_any": _any_six}  # fmt: skip
+    plans = {
+        "dual_tumble": _tumble,
+        "vertical_turn": _turns,
+        "three_rates": _rates,
+        "field_turns": _by_hand,
+        "six_faces": _faces,
+        "six_any": _any_six,
+    }
     return plans[kind](rng)
 
 
 def another(rng: np.random.Generator, lab: Lab) -> Lab:
-    """The same laboratory on another day: other poses, another course of temperature, the same reference temperature."""
+    """The same laboratory on another day: other poses, another course of temperature, the same
+    reference temperature.
+    """
     reach = lab.track.angles(np.linspace(0, lab.track.end_s, 2000))
-    low, high = reach.min(0), np.minimum(reach.max(0), reach.min(0) + 2 * np.pi)  # no farther than the recording has been
+    low, high = (
+        reach.min(0),
+        np.minimum(reach.max(0), reach.min(0) + 2 * np.pi),
+    )  # no farther than the recording has been
     plan = Plan(list(lab.track.home))
     rate = rng.uniform(15, 28) if lab.rate_hz < 40 else rng.uniform(40, 110)
     for _ in range(22):
@@ -335,4 +429,16 @@ def mean_temperature(lab: Lab) -> float:
     return float(np.mean(np.round(lab.room.at(np.arange(0.0, lab.track.end_s, 1.0)), 2)))
 
 
-__all__ = ["EARTH_RATE", "G0", "KINDS", "Lab", "Noise", "Room", "Sensor", "another", "draw", "mean_temperature", "sequence"]
+__all__ = [
+    "EARTH_RATE",
+    "G0",
+    "KINDS",
+    "Lab",
+    "Noise",
+    "Room",
+    "Sensor",
+    "another",
+    "draw",
+    "mean_temperature",
+    "sequence",
+]

@@ -1,4 +1,5 @@
-"""The loop, judged: cases that a poor first recording leaves ambiguous, investigated with the concealed table behind a command.
+"""The loop, judged: cases that a poor first recording leaves ambiguous, investigated with the
+concealed table behind a command.
 
 ``python -m blind.loop --n 10 --command tiltcal -o DIR`` with this folder's parent on the path.
 """
@@ -26,7 +27,10 @@ from blind.table import wilson
 from blind.trial import _run
 
 Plain = dict[str, Any]
-DWELL_S, RATE_DEG_S = 3.0, 30.0  # as the blocks are recorded: the yardstick is not made longer than they are
+DWELL_S, RATE_DEG_S = (
+    3.0,
+    30.0,
+)  # as the blocks are recorded: the yardstick is not made longer than they are
 
 
 def scheme_minutes(kind: str) -> float:
@@ -40,7 +44,9 @@ def scheme_minutes(kind: str) -> float:
     return plan.clock_s / 60
 
 
-def run_case(folder: Path, kind: str, seed: int, k: int, command: Sequence[str], limit_s: float) -> Plain:
+def run_case(
+    folder: Path, kind: str, seed: int, k: int, command: Sequence[str], limit_s: float
+) -> Plain:
     """One investigation, or its result where it is finished."""
     place = folder / f"{kind}-{k:03d}"
     done = place / "result.json"
@@ -50,9 +56,21 @@ def run_case(folder: Path, kind: str, seed: int, k: int, command: Sequence[str],
     python = f"{shlex.quote(sys.executable)} -m blind.lab {shlex.quote(str(place / 'case.json'))}"
     lab = f"env PYTHONPATH={shlex.quote(str(Path(__file__).parents[1]))} {python}"
     start = time.perf_counter()
-    words = [*command, "investigate", str(place / "first.csv"), "--scenario", str(place / "scenario.toml")]
+    words = [
+        *command,
+        "investigate",
+        str(place / "first.csv"),
+        "--scenario",
+        str(place / "scenario.toml"),
+    ]
     status, said = _run([*words, "--lab", lab, "-o", str(place / "out")], limit_s)
-    result = {"kind": kind, "truth": case.hidden.spec.id, "lambda": case.hidden.found.lam, "status": status, "said": said}
+    result = {
+        "kind": kind,
+        "truth": case.hidden.spec.id,
+        "lambda": case.hidden.found.lam,
+        "status": status,
+        "said": said,
+    }
     result |= {"rivals": case.hidden.found.inseparable, "seconds": time.perf_counter() - start}
     result |= judged(place / "out", case.hidden.spec.id)
     result["quick"] = result["minutes"] < scheme_minutes(kind)
@@ -62,7 +80,10 @@ def run_case(folder: Path, kind: str, seed: int, k: int, command: Sequence[str],
 
 def judged(out: Path, truth: str) -> Plain:
     """What the investigation's files say, against the truth."""
-    answers = [json.loads(p.read_text(encoding="utf-8")) for p in sorted(out.glob("diagnosis_*/diagnosis.json"))]
+    answers = [
+        json.loads(p.read_text(encoding="utf-8"))
+        for p in sorted(out.glob("diagnosis_*/diagnosis.json"))
+    ]
     right = {truth}.union(*(t for t in TWINS if truth in t))
     last = answers[-1] if answers else {"verdict": None, "findings": []}
     state = out / "investigation.json"
@@ -73,8 +94,12 @@ def judged(out: Path, truth: str) -> Plain:
         "held": bool(answers) and any(right & set(f["class"]) for f in answers[0]["findings"]),
         "explained": last["verdict"] == "explained",
         "right": bool(last["findings"]) and all(f["effect"] in right for f in last["findings"]),
-        "minutes": json.loads(state.read_text(encoding="utf-8"))["table_minutes"] if state.exists() else 0.0,
-    }  # fmt: skip
+        "minutes": (
+            json.loads(state.read_text(encoding="utf-8"))["table_minutes"]
+            if state.exists()
+            else 0.0
+        ),
+    }
 
 
 def show(results: Sequence[Plain]) -> str:
@@ -82,22 +107,36 @@ def show(results: Sequence[Plain]) -> str:
     asked = [r for r in results if r["ambiguous"]]
     lines = [f"{len(results)} cases, {len(asked)} ambiguous at first"]
     for name, hits, required in (
-        ("explained and right within two blocks", [r["explained"] and r["right"] for r in asked], ">= 90 %"),
+        (
+            "explained and right within two blocks",
+            [r["explained"] and r["right"] for r in asked],
+            ">= 90 %",
+        ),
         ("explained, but wrong", [r["explained"] and not r["right"] for r in asked], ""),
         ("in less table time than 24 positions twice", [r["quick"] for r in asked], ""),
         ("truth in the first class", [r["held"] for r in asked], ""),
     ):
         k, n = sum(hits), len(hits)
         low, high = wilson(k, n) if n else (0.0, 1.0)
-        lines.append(f"{name:45s} {k:4d}/{n:<4d} {100 * k / max(n, 1):5.1f} %  {100 * low:5.1f} .. {100 * high:5.1f} %  {required}")
-    if asked:
-        lines.append(f"table time of the blocks (median)             {np.median([r['minutes'] for r in asked]):.1f} min")
         lines.append(
-            f"24 positions twice                            {', '.join(f'{k} {scheme_minutes(k):.1f} min' for k in KINDS)}"
+            f"{name:45s} {k:4d}/{n:<4d} {100 * k / max(n, 1):5.1f} %  {100 * low:5.1f} .."
+            f" {100 * high:5.1f} %  {required}"
+        )
+    if asked:
+        lines.append(
+            "table time of the blocks (median)            "
+            f" {np.median([r['minutes'] for r in asked]):.1f} min"
+        )
+        lines.append(
+            "24 positions twice                           "
+            f" {', '.join(f'{k} {scheme_minutes(k):.1f} min' for k in KINDS)}"
         )
     for r in asked:
         if not (r["explained"] and r["right"]):
-            lines.append(f"  {r['kind']} {r['truth']} ({r['lambda']:.0f}): {r['verdicts']} {r['classes'][-1]} {r['said']}")
+            lines.append(
+                f"  {r['kind']} {r['truth']} ({r['lambda']:.0f}): {r['verdicts']}"
+                f" {r['classes'][-1]} {r['said']}"
+            )
     return "\n".join(lines)
 
 
@@ -125,7 +164,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for job in jobs:
             results.append(job.result())
             r = results[-1]
-            print(f"{r['kind']} {r['truth']}: {r['verdicts']} {r['minutes']:.1f} min", file=sys.stderr, flush=True)
+            print(
+                f"{r['kind']} {r['truth']}: {r['verdicts']} {r['minutes']:.1f} min",
+                file=sys.stderr,
+                flush=True,
+            )
     print(show(results))
     return 0
 

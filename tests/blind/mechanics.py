@@ -30,7 +30,9 @@ def _base(lab: Lab) -> list[Spec]:
     forms = {
         "ramp": lambda t, s: t / end,
         "relax": lambda t, s: -np.expm1(-t / (s["tau"] * end)),
-        "steps": lambda t, s: sum(1 / (1 + np.exp(-(t / end - c) * 300)) for c in s["at"]) / len(s["at"]),
+        "steps": lambda t, s: (
+            sum(1 / (1 + np.exp(-(t / end - c) * 300)) for c in s["at"]) / len(s["at"])
+        ),
         "wave": lambda t, s: np.sin(np.pi * s["tau"] * t / end),
     }
 
@@ -38,7 +40,9 @@ def _base(lab: Lab) -> list[Spec]:
         return Physics(base=lambda past, t: _east_north(past, t, p, np.ones(len(t))))
 
     def drift(p: np.ndarray, shape: Shape) -> Physics:
-        return Physics(base=lambda past, t: _east_north(past, t, p, forms[shape.get("form", "ramp")](t, shape)))
+        return Physics(
+            base=lambda past, t: _east_north(past, t, p, forms[shape.get("form", "ramp")](t, shape))
+        )
 
     def odd(rng: np.random.Generator, lab: Lab) -> Shape:
         form = str(rng.choice(["relax", "steps", "wave"]))
@@ -50,7 +54,9 @@ def _base(lab: Lab) -> list[Spec]:
 
     def shake(p: np.ndarray, shape: Shape) -> Physics:
         def course(past: Past, t: np.ndarray) -> np.ndarray:
-            phase = 2 * np.pi * shape["hertz"] * t + shape.get("wander", 0.0) * np.sin(2 * np.pi * t / (0.3 * end))
+            phase = 2 * np.pi * shape["hertz"] * t + shape.get("wander", 0.0) * np.sin(
+                2 * np.pi * t / (0.3 * end)
+            )
             return np.outer(np.cos(phase), p[0::2]) + np.outer(np.sin(phase), p[1::2])
 
         return Physics(shake=course)
@@ -59,8 +65,29 @@ def _base(lab: Lab) -> list[Spec]:
         return [{"hertz": f} for f in rng.uniform(0.13, 0.42, 1) * lab.rate_hz]
 
     specs = [
-        Spec("table_levelling", "table", names, ARCSEC, 60, level, TILT, together=True, drawn=not lab.unlocked),
-        Spec("floor_tilt_drift", "environment", names, ARCSEC, 60, drift, ("time",), odd=odd, together=True, later="none"),
+        Spec(
+            "table_levelling",
+            "table",
+            names,
+            ARCSEC,
+            60,
+            level,
+            TILT,
+            together=True,
+            drawn=not lab.unlocked,
+        ),
+        Spec(
+            "floor_tilt_drift",
+            "environment",
+            names,
+            ARCSEC,
+            60,
+            drift,
+            ("time",),
+            odd=odd,
+            together=True,
+            later="none",
+        ),
     ]
     if lab.sensors[0].kind == "accelerometer":
         lines = tuple(f"{d}{q}_ug" for d in "enu" for q in "cs")
@@ -83,10 +110,13 @@ def _base(lab: Lab) -> list[Spec]:
     return specs
 
 
-# ------------------------------------------------------------------------------------------------------------- readouts
+# --------------------------------------------------------------------------------------------------
+# ----------- readouts
 
 
-def _readout(k: int, lab: Lab, curve: Callable[[Past, np.ndarray, np.ndarray], np.ndarray]) -> Physics:
+def _readout(
+    k: int, lab: Lab, curve: Callable[[Past, np.ndarray, np.ndarray], np.ndarray]
+) -> Physics:
     """An error of one readout: curve(past, t, angle)."""
 
     def error(past: Past, t: np.ndarray) -> np.ndarray:
@@ -108,7 +138,9 @@ def _readouts(lab: Lab) -> list[Spec]:
                 k,
                 lab,
                 lambda past, t, a: (
-                    p[0] * np.cos(n * a) + p[1] * np.sin(n * a) + more * (p[0] * np.sin(3 * n * a) - p[1] * np.cos(2 * n * a))
+                    p[0] * np.cos(n * a)
+                    + p[1] * np.sin(n * a)
+                    + more * (p[0] * np.sin(3 * n * a) - p[1] * np.cos(2 * n * a))
                 ),
             )
 
@@ -148,22 +180,38 @@ def _readouts(lab: Lab) -> list[Spec]:
             )
         )
         specs.append(
-            Spec("table_encoder_zero", "table", (f"{name}_zero_arcsec",), ARCSEC, 60, zero, where, drawn=False, axes=(name,))
+            Spec(
+                "table_encoder_zero",
+                "table",
+                (f"{name}_zero_arcsec",),
+                ARCSEC,
+                60,
+                zero,
+                where,
+                drawn=False,
+                axes=(name,),
+            )
         )
     return specs
 
 
-# -------------------------------------------------------------------------------------------------------- axes and load
+# --------------------------------------------------------------------------------------------------
+# ------ axes and load
 
 
 def _axes(lab: Lab) -> list[Spec]:
     specs = [_wobble(lab, k, name) for k, name in enumerate(lab.axis_names)]
-    names = {"dual": ("outer_inner_arcsec",), "three": ("outer_middle_arcsec", "middle_inner_arcsec")}.get(lab.table)
+    names = {
+        "dual": ("outer_inner_arcsec",),
+        "three": ("outer_middle_arcsec", "middle_inner_arcsec"),
+    }.get(lab.table)
     if names:
         about = {"dual": {0: (0, 1.0, 0)}, "three": {0: (1.0, 0, 0), 1: (0, 0, 1.0)}}[lab.table]
 
         def bent(p: np.ndarray, shape: Shape) -> Physics:
-            return Physics(between=lambda k: p[k] * np.array(about[k]) if k in about else np.zeros(3))
+            return Physics(
+                between=lambda k: p[k] * np.array(about[k]) if k in about else np.zeros(3)
+            )
 
         along = {"dual": (0, 1.0, 0), "three": (1.0, 0, 0)}[lab.table]
 
@@ -171,10 +219,29 @@ def _axes(lab: Lab) -> list[Spec]:
             return Physics(offset=lambda k: p[0] * np.array(along) if k == 0 else np.zeros(3))
 
         specs.append(
-            Spec("axis_nonorthogonality", "table", names, ARCSEC, 120, bent, ("table_inner", "table_middle", *TILT), together=True)
+            Spec(
+                "axis_nonorthogonality",
+                "table",
+                names,
+                ARCSEC,
+                120,
+                bent,
+                ("table_inner", "table_middle", *TILT),
+                together=True,
+            )
         )
         if lab.table == "three":
-            specs.append(Spec("axis_nonintersection", "table", ("offset_mm",), 1e-3, 5, apart, ("rate", "time", *TILT)))
+            specs.append(
+                Spec(
+                    "axis_nonintersection",
+                    "table",
+                    ("offset_mm",),
+                    1e-3,
+                    5,
+                    apart,
+                    ("rate", "time", *TILT),
+                )
+            )
     return specs
 
 
@@ -186,7 +253,10 @@ def _wobble(lab: Lab, k: int, name: str) -> Spec:
         def course(past: Past, axis_k: int, a: np.ndarray) -> np.ndarray | None:
             if axis_k != k:
                 return None
-            z = sum((p[2 * m] + 1j * p[2 * m + 1]) * np.exp(1j * n * a) for m, n in enumerate((-1, 2, -2)))
+            z = sum(
+                (p[2 * m] + 1j * p[2 * m + 1]) * np.exp(1j * n * a)
+                for m, n in enumerate((-1, 2, -2))
+            )
             z = z + shape.get("more", 0.0) * (p[0] - 1j * p[3]) * np.exp(3j * a)
             out = np.zeros((len(a), 3))
             out[:, i], out[:, j] = z.real, z.imag
@@ -195,8 +265,18 @@ def _wobble(lab: Lab, k: int, name: str) -> Spec:
         return Physics(axis_tilt=course)
 
     names = tuple(f"{m}_arcsec" for m in ("m1c", "m1s", "p2c", "p2s", "m2c", "m2s"))
-    return Spec("table_axis_wobble", "table", names, ARCSEC, 20, tilt, (f"table_{name}", "tilt"), together=True, axes=(name,),
-                odd=lambda r, lab: {"more": r.uniform(0.3, 1.0)})  # fmt: skip
+    return Spec(
+        "table_axis_wobble",
+        "table",
+        names,
+        ARCSEC,
+        20,
+        tilt,
+        (f"table_{name}", "tilt"),
+        together=True,
+        axes=(name,),
+        odd=lambda r, lab: {"more": r.uniform(0.3, 1.0)},
+    )
 
 
 def _drive(lab: Lab) -> list[Spec]:
@@ -206,34 +286,74 @@ def _drive(lab: Lab) -> list[Spec]:
     def moved(curve: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray, Shape], Physics]:
         return lambda p, shape: _readout(k, lab, lambda past, t, a: p[0] * curve(a))
 
-    if lab.table in ("placing", "dual"):  # a horizontal axis feels the load. true = readout + d sin(readout)
+    if lab.table in (
+        "placing",
+        "dual",
+    ):  # a horizontal axis feels the load. true = readout + d sin(readout)
 
         def sag(p: np.ndarray, shape: Shape) -> Physics:
-            return _readout(k, lab, lambda past, t, a: -p[0] * (np.sin(a) + shape.get("more", 0.0) * np.sin(a) * np.abs(np.sin(a))))
+            return _readout(
+                k,
+                lab,
+                lambda past, t, a: (
+                    -p[0] * (np.sin(a) + shape.get("more", 0.0) * np.sin(a) * np.abs(np.sin(a)))
+                ),
+            )
 
         specs.append(
-            Spec("table_sag", "table", ("sag_arcsec",), ARCSEC, 20, sag, where, odd=lambda r, lab: {"more": r.uniform(0.5, 1.5)})
+            Spec(
+                "table_sag",
+                "table",
+                ("sag_arcsec",),
+                ARCSEC,
+                20,
+                sag,
+                where,
+                odd=lambda r, lab: {"more": r.uniform(0.5, 1.5)},
+            )
         )
 
     def pull(p: np.ndarray, shape: Shape) -> Physics:
-        return _readout(k, lab, lambda past, t, a: -p[0] * (a + shape.get("more", 0.0) * a * np.abs(a)))
+        return _readout(
+            k, lab, lambda past, t, a: -p[0] * (a + shape.get("more", 0.0) * a * np.abs(a))
+        )
 
     def lost(sign: float) -> Callable[[np.ndarray, Shape], Physics]:
         def physics(p: np.ndarray, shape: Shape) -> Physics:
             width = shape.get("width", 0.02 * DEG)
             return _readout(
-                k, lab, lambda past, t, a: sign * p[0] / 2 * past.at(t, ("lost", k, width), lambda: _direction(past, k, width))
+                k,
+                lab,
+                lambda past, t, a: (
+                    sign
+                    * p[0]
+                    / 2
+                    * past.at(t, ("lost", k, width), lambda: _direction(past, k, width))
+                ),
             )
 
         return physics
 
     def lag(p: np.ndarray, shape: Shape) -> Physics:
-        return _readout(k, lab, lambda past, t, a: p[0] * (lab.track.angles(t + H)[:, k] - lab.track.angles(t - H)[:, k]) / (2 * H))
+        return _readout(
+            k,
+            lab,
+            lambda past, t, a: (
+                p[0] * (lab.track.angles(t + H)[:, k] - lab.track.angles(t - H)[:, k]) / (2 * H)
+            ),
+        )
 
     rounded = lambda r, lab: {"width": r.uniform(3, 15) * DEG}  # noqa: E731
     specs += [
         Spec(
-            "cable_torque", "table", ("pull_arcsec_rad",), ARCSEC, 20, pull, where, odd=lambda r, lab: {"more": r.uniform(0.1, 0.4)}
+            "cable_torque",
+            "table",
+            ("pull_arcsec_rad",),
+            ARCSEC,
+            20,
+            pull,
+            where,
+            odd=lambda r, lab: {"more": r.uniform(0.1, 0.4)},
         ),
         Spec(
             "table_backlash",
@@ -279,7 +399,13 @@ def _events(lab: Lab) -> list[Spec]:
         def course(past: Past, t: np.ndarray, a: np.ndarray) -> np.ndarray:
             since = lab.track.since_arrival(t)
             soft = np.clip(since / 0.08, 0, 1)
-            return -p[0] * soft**2 * (3 - 2 * soft) * np.exp(-since / shape["tau"]) * np.cos(2 * np.pi * shape["hertz"] * since)
+            return (
+                -p[0]
+                * soft**2
+                * (3 - 2 * soft)
+                * np.exp(-since / shape["tau"])
+                * np.cos(2 * np.pi * shape["hertz"] * since)
+            )
 
         return _readout(0, lab, course)
 

@@ -1,4 +1,6 @@
-"""Smooth moves between poses: angles of every axis at any instant, and a record of when nothing moves."""
+"""Smooth moves between poses: angles of every axis at any instant, and a record of when nothing
+moves.
+"""
 
 from dataclasses import dataclass, field
 
@@ -25,7 +27,9 @@ class Move:
         u = np.clip((t - self.start_s) / (self.end_s - self.start_s), 0.0, 1.0)
         if self.swings:
             edge = np.minimum(1.0, np.minimum(u, 1 - u) * self.swings)
-            return self.from_rad + self.swing_rad * edge**3 * (10 - 15 * edge + 6 * edge**2) * np.sin(2 * np.pi * self.swings * u)
+            return self.from_rad + self.swing_rad * edge**3 * (
+                10 - 15 * edge + 6 * edge**2
+            ) * np.sin(2 * np.pi * self.swings * u)
         return self.from_rad + (self.to_rad - self.from_rad) * _soft(u, self.ramp)
 
 
@@ -70,7 +74,9 @@ class Track:
         return np.where(rest, np.maximum(t - ends[which], 0.0), 0.0), which + (~rest).astype(int)
 
     def since_arrival(self, t: np.ndarray) -> np.ndarray:
-        """Time since the last dwell that was arrived at by a move began; long before the first. t: (n,)."""
+        """Time since the last dwell that was arrived at by a move began; long before the first. t:
+        (n,).
+        """
         ends = np.array([-1e3, *(a for a, _ in self.dwells if a > 0)])
         return t - ends[np.searchsorted(ends, t, side="right") - 1]
 
@@ -100,7 +106,9 @@ class Plan:
         lasts = max(way / rate_rad_s / (1 - ramp), SHORTEST_S)
         for axis, angle in target.items():
             if abs(angle - self.at[axis]) > 1e-9:
-                self.moves.append(Move(axis, self.clock_s, self.clock_s + lasts, self.at[axis], angle, ramp))
+                self.moves.append(
+                    Move(axis, self.clock_s, self.clock_s + lasts, self.at[axis], angle, ramp)
+                )
                 self.at[axis] = angle
         self.clock_s += lasts
 
@@ -108,7 +116,9 @@ class Plan:
         """Swing about the present angle."""
         lasts = swings / hertz
         here = self.at[axis]
-        self.moves.append(Move(axis, self.clock_s, self.clock_s + lasts, here, here, 0.5, amplitude_rad, swings))
+        self.moves.append(
+            Move(axis, self.clock_s, self.clock_s + lasts, here, here, 0.5, amplitude_rad, swings)
+        )
         self.clock_s += lasts
 
     def track(self) -> Track:

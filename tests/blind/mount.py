@@ -12,7 +12,9 @@ TILT = ("table_outer", "tilt")
 
 def step_shape(rng: np.random.Generator, lab: Lab) -> list[Shape]:
     """Instants of a step."""
-    between = (np.floor(rng.uniform(0.15, 0.85, 1) * lab.track.end_s * lab.rate_hz) + 0.5) / lab.rate_hz
+    between = (
+        np.floor(rng.uniform(0.15, 0.85, 1) * lab.track.end_s * lab.rate_hz) + 0.5
+    ) / lab.rate_hz
     return [{"time": float(x)} for x in between]
 
 
@@ -24,7 +26,9 @@ def step_odd(rng: np.random.Generator, lab: Lab) -> Shape:
 def step(t: np.ndarray, shape: Shape) -> np.ndarray:
     """0 before, 1 in the end."""
     late = np.clip(t - shape["time"], 0, None)
-    return np.where(t >= shape["time"], 1 - shape.get("creep", 0.0) * np.exp(-late / shape.get("tau", 1.0)), 0.0)
+    return np.where(
+        t >= shape["time"], 1 - shape.get("creep", 0.0) * np.exp(-late / shape.get("tau", 1.0)), 0.0
+    )
 
 
 def mount(lab: Lab) -> list[Spec]:
@@ -34,7 +38,11 @@ def mount(lab: Lab) -> list[Spec]:
         return tuple(x.format(stem, suffix) for x in xyz)
 
     def slip(p: np.ndarray, shape: Shape) -> Physics:
-        return Physics(mount=lambda past, t, up: np.outer(np.full(len(t), 1.0) if shape.get("settled") else step(t, shape), p))
+        return Physics(
+            mount=lambda past, t, up: np.outer(
+                np.full(len(t), 1.0) if shape.get("settled") else step(t, shape), p
+            )
+        )
 
     def thermal(p: np.ndarray, shape: Shape) -> Physics:
         return Physics(mount=lambda past, t, up: np.outer(warm(lab, t, shape), p))
@@ -149,4 +157,8 @@ def warm(lab: Lab, t: np.ndarray, shape: Shape) -> np.ndarray:
 
 def warm_odd(rng: np.random.Generator, lab: Lab) -> Shape:
     """Lagged by 15-60 s, or bent."""
-    return {"lag": rng.uniform(15, 60)} if rng.random() < 0.6 else {"bend": rng.choice([-1, 1]) * rng.uniform(0.15, 0.4)}
+    return (
+        {"lag": rng.uniform(15, 60)}
+        if rng.random() < 0.6
+        else {"bend": rng.choice([-1, 1]) * rng.uniform(0.15, 0.4)}
+    )

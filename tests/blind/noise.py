@@ -4,12 +4,16 @@ import numpy as np
 
 from blind.laboratory import Lab
 
-FLICKER_TAUS = 4.0 ** np.arange(6)  # s: a sum of exponentials passes for 1/f over the length of a recording
+FLICKER_TAUS = 4.0 ** np.arange(
+    6
+)  # s: a sum of exponentials passes for 1/f over the length of a recording
 TAIL = 2.0  # of the heavier part: 8 sigma stay as rare as they ought to be
 
 
 def draw(rng: np.random.Generator, lab: Lab, t: np.ndarray) -> np.ndarray:
-    """White (with heavier tails), random walk and flicker of every channel, SI. t: (n,), returns (n, channels)."""
+    """White (with heavier tails), random walk and flicker of every channel, SI. t: (n,), returns
+    (n, channels).
+    """
     return np.stack([lab.sensors[s].sigma * _one(rng, lab, t) for s, _ in lab.channels], 1)
 
 
@@ -18,7 +22,9 @@ def _one(rng: np.random.Generator, lab: Lab, t: np.ndarray) -> np.ndarray:
     white = rng.standard_normal(n) * np.where(rng.random(n) < own.heavy_share, TAIL, 1.0)
     steps = np.diff(t, prepend=t[0])
     walk = own.walk * np.cumsum(rng.standard_normal(n) * np.sqrt(steps))
-    flicker = sum((_lagged(rng, steps, tau) for tau in FLICKER_TAUS), np.zeros(n)) if own.flicker else 0.0
+    flicker = (
+        sum((_lagged(rng, steps, tau) for tau in FLICKER_TAUS), np.zeros(n)) if own.flicker else 0.0
+    )
     return white + walk + own.flicker * flicker
 
 
@@ -35,7 +41,9 @@ def _lagged(rng: np.random.Generator, steps: np.ndarray, tau: float) -> np.ndarr
 
 
 def whitener(lab: Lab, t: np.ndarray, every: int) -> np.ndarray:
-    """W with W C W' = I for means of ``every`` samples at t, in units of a sample's sigma. t: (n,)."""
+    """W with W C W' = I for means of ``every`` samples at t, in units of a sample's sigma. t:
+    (n,).
+    """
     own = lab.noise
     white = (1 + own.heavy_share * (TAIL**2 - 1)) / every
     C = white * np.eye(len(t)) + own.walk**2 * np.minimum.outer(t, t)

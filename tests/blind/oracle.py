@@ -1,6 +1,7 @@
 """How far an effect stands out of the noise, and which others could pass for it.
 
-The recording is thinned to some 800 instants, each standing for a mean of its neighbours. Columns are differences of the
+The recording is thinned to some 800 instants, each standing for a mean of its neighbours. Columns
+are differences of the
 full model, whitened with the true noise; the adjustable terms are projected out.
 """
 
@@ -38,15 +39,23 @@ class Found:
 
     @property
     def tolerated(self) -> list[str]:
-        """Those that chance, or its odd form, may put into the class: an estimate of 12 scatters by 7."""
-        return sorted(i for i, left in self.left.items() if left < max(30.0, 0.04 * self.lam, self.own))
+        """Those that chance, or its odd form, may put into the class: an estimate of 12 scatters by
+        7.
+        """
+        return sorted(
+            i for i, left in self.left.items() if left < max(30.0, 0.04 * self.lam, self.own)
+        )
 
 
 class Oracle:
     """The adjustable terms and the noise of one recording, ready to judge signals."""
 
     def __init__(self, lab: Lab, rng: np.random.Generator) -> None:
-        self.lab, self.rng, self.past = lab, rng.spawn(1)[0], Past(lab)  # a grid of rivals draws no case's numbers
+        self.lab, self.rng, self.past = (
+            lab,
+            rng.spawn(1)[0],
+            Past(lab),
+        )  # a grid of rivals draws no case's numbers
         n = int(lab.track.end_s * lab.rate_hz)
         self.every = max(1, n // INSTANTS)
         self.t = (np.arange(0, n - self.every + 1, self.every) + self.every / 2) / lab.rate_hz
@@ -59,7 +68,9 @@ class Oracle:
         self.Q = np.linalg.qr(self.white(adjustable(lab, self.state, self.zero)))[0]
 
     def means(self, rows: np.ndarray) -> np.ndarray:
-        """What the instants stand for: means of their neighbours. rows: (n, channels), every sample of the recording."""
+        """What the instants stand for: means of their neighbours. rows: (n, channels), every sample
+        of the recording.
+        """
         n = len(self.t) * self.every
         return rows[:n].reshape(len(self.t), self.every, -1).mean(1)
 
@@ -74,7 +85,9 @@ class Oracle:
         return np.einsum("mn,nck->mck", self.W, seen, optimize=True).reshape(-1, columns.shape[2])
 
     def _seen(self, columns: np.ndarray) -> np.ndarray:
-        """What a recording without any angle readout can know: the norm at rest, the FOG against the gyro."""
+        """What a recording without any angle readout can know: the norm at rest, the FOG against
+        the gyro.
+        """
         scaled = columns / self.sigma[None, :, None]
         if self.lab.kind == "six_any":
             up = self.state.f / self.lab.gravity
@@ -85,25 +98,36 @@ class Oracle:
         return scaled
 
     def residual(self, columns: np.ndarray) -> np.ndarray:
-        """Whitened columns without what the adjustable terms can take. (n, channels, k) -> (rows, k)."""
+        """Whitened columns without what the adjustable terms can take. (n, channels, k) -> (rows,
+        k).
+        """
         X = self.white(columns)
         return X - self.Q @ (self.Q.T @ X)
 
     def columns(self, spec: Spec, shape: Shape) -> np.ndarray:
-        """One per parameter, of a tenth of its plausible size, scaled up. Returns (n, channels, parameters)."""
+        """One per parameter, of a tenth of its plausible size, scaled up. Returns (n, channels,
+        parameters).
+        """
         steps = 0.1 * spec.plausible * spec.unit * np.eye(len(spec.names))
         return np.stack([self.signal([spec.physics(p, shape)]) for p in steps], 2) / 0.1
 
     def shapes(self, spec: Spec) -> list[Shape]:
         """A grid of textbook shapes."""
         first = spec.shapes(self.rng, self.lab)
-        return first if first == [{}] or len(first) > 1 else first + [spec.shapes(self.rng, self.lab)[0] for _ in range(SHAPES)]
+        return (
+            first
+            if first == [{}] or len(first) > 1
+            else first + [spec.shapes(self.rng, self.lab)[0] for _ in range(SHAPES)]
+        )
 
     @cached_property
     def rivals(self) -> list[tuple[Spec, list[Shape], list[np.ndarray]]]:
         """Residual columns of every listed effect, for a grid of its textbook shapes."""
         grids = [(spec, self.shapes(spec)) for spec in listed(self.lab)]
-        return [(spec, grid, [self.residual(self.columns(spec, shape)) for shape in grid]) for spec, grid in grids]
+        return [
+            (spec, grid, [self.residual(self.columns(spec, shape)) for shape in grid])
+            for spec, grid in grids
+        ]
 
     def alike(self, spec: Spec, grid: list[Shape], shape: Shape) -> list[np.ndarray]:
         """Columns of a rival at the very instant, period or time constant of what is concealed."""
@@ -112,16 +136,24 @@ class Oracle:
 
     @staticmethod
     def left_by(columns: list[np.ndarray], r: np.ndarray) -> float:
-        """Energy of the residual signal r that the effect at credible sizes leaves; inf where it takes incredible ones."""
+        """Energy of the residual signal r that the effect at credible sizes leaves; inf where it
+        takes incredible ones.
+        """
         best = np.inf
         for U in columns:
-            size = np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ r)  # what is not seen stays small
+            size = np.linalg.solve(
+                U.T @ U + np.eye(U.shape[1]), U.T @ r
+            )  # what is not seen stays small
             if np.abs(size).max() <= CREDIBLE:
                 best = min(best, float(((r - U @ size) ** 2).sum()))
         return best
 
-    def judge(self, spec: Spec, shape: Shape, physics: Physics, beside: Sequence[np.ndarray] = ()) -> Found:
-        """Non-centrality and rivals of a concealed effect; ``beside``: residual columns of what else is concealed."""
+    def judge(
+        self, spec: Spec, shape: Shape, physics: Physics, beside: Sequence[np.ndarray] = ()
+    ) -> Found:
+        """Non-centrality and rivals of a concealed effect; ``beside``: residual columns of what
+        else is concealed.
+        """
         s = self.signal([physics])
         r = self.residual(s[:, :, None])[:, 0]
         energy = self._energy(r)
@@ -130,11 +162,19 @@ class Oracle:
         lam = float(r @ r)
         rivals: dict[str, float] = {}
         plain = {k: v for k, v in shape.items() if k not in ODD}
-        own = [self.residual(self.columns(spec, plain))] if spec.listed and plain.get("form") not in ODD else []
+        own = (
+            [self.residual(self.columns(spec, plain))]
+            if spec.listed and plain.get("form") not in ODD
+            else []
+        )
         for other, grid, columns in self.rivals:
             if other.id == spec.id:
                 own += columns
-            elif (left := self.left_by([U - B @ (B.T @ U) for U in columns + self.alike(other, grid, shape)], r)) < 0.9 * lam:
+            elif (
+                left := self.left_by(
+                    [U - B @ (B.T @ U) for U in columns + self.alike(other, grid, shape)], r
+                )
+            ) < 0.9 * lam:
                 rivals[other.id] = min(left, rivals.get(other.id, np.inf))
         return Found(lam, self.left_by([U - B @ (B.T @ U) for U in own], r), rivals, energy)
 
@@ -142,15 +182,34 @@ class Oracle:
         if self.lab.kind in ("six_any", "field_turns"):
             return {}
         share = (r.reshape(len(self.t), -1) ** 2).sum(0)
-        names = [f"{self.lab.sensors[s].name}.{self.lab.sensors[s].axes[i]}" for s, i in self.lab.channels]
+        names = [
+            f"{self.lab.sensors[s].name}.{self.lab.sensors[s].axes[i]}"
+            for s, i in self.lab.channels
+        ]
         return {n: round(float(e / share.sum()), 3) for n, e in zip(names, share, strict=True)}
 
 
-ODD = ("pieces", "relax", "steps", "wave", "more", "round", "lag", "bend", "second", "creep", "wander", "power", "dead")
+ODD = (
+    "pieces",
+    "relax",
+    "steps",
+    "wave",
+    "more",
+    "round",
+    "lag",
+    "bend",
+    "second",
+    "creep",
+    "wander",
+    "power",
+    "dead",
+)
 
 
 def adjustable(lab: Lab, state, zero: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """Derivatives of the readings by bias, scale and cross-axis terms. Returns (n, channels, terms)."""
+    """Derivatives of the readings by bias, scale and cross-axis terms. Returns (n, channels,
+    terms).
+    """
     n, columns = len(state.t), []
     for c, (s, _i) in enumerate(lab.channels):
         x = truth_of(lab, s, state)
@@ -164,20 +223,34 @@ def adjustable(lab: Lab, state, zero: np.ndarray) -> np.ndarray:  # type: ignore
     return np.stack(columns, 2)
 
 
-def prediction(oracle: Oracle, other: Lab, drawn: Sequence[tuple[Spec, Shape, np.ndarray]], noise: np.ndarray) -> dict[str, float]:
-    """Rms error of another recording's prediction, in units of a sample's sigma: by who knows the form, by who does not.
+def prediction(
+    oracle: Oracle, other: Lab, drawn: Sequence[tuple[Spec, Shape, np.ndarray]], noise: np.ndarray
+) -> dict[str, float]:
+    """Rms error of another recording's prediction, in units of a sample's sigma: by who knows the
+    form, by who does not.
 
     Both are fitted to the recording itself, with its own noise. noise: (n, channels) of its rows.
     """
     there = Oracle(other, oracle.rng)
-    A, A_there = adjustable(oracle.lab, oracle.state, oracle.zero), adjustable(other, there.state, there.zero)
+    A, A_there = (
+        adjustable(oracle.lab, oracle.state, oracle.zero),
+        adjustable(other, there.state, there.zero),
+    )
     own = [oracle.signal([spec.physics(p, shape)]) for spec, shape, p in drawn]
-    own_there = [there.signal([bound(spec, other).physics(p, settled(spec, shape))]) for spec, shape, p in drawn]
+    own_there = [
+        there.signal([bound(spec, other).physics(p, settled(spec, shape))])
+        for spec, shape, p in drawn
+    ]
     y = sum(own, oracle.means(noise))
     out = {}
     for name, more, more_there in (("nominal", [], []), ("oracle", own, own_there)):
-        X, Y = (np.concatenate([C, *(s[:, :, None] for s in S)], 2) for C, S in ((A, more), (A_there, more_there)))
-        error = Y @ _fitted(oracle.white(X), oracle.white(y[:, :, None])[:, 0]) - sum(own_there, np.zeros_like(there.zero))
+        X, Y = (
+            np.concatenate([C, *(s[:, :, None] for s in S)], 2)
+            for C, S in ((A, more), (A_there, more_there))
+        )
+        error = Y @ _fitted(oracle.white(X), oracle.white(y[:, :, None])[:, 0]) - sum(
+            own_there, np.zeros_like(there.zero)
+        )
         out[name] = float(np.sqrt(np.mean((error / there.sigma) ** 2)))
     return out
 

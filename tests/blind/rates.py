@@ -170,6 +170,16 @@ def fog(lab: Lab, u: np.ndarray) -> list[Spec]:
             together=True,
             drawn=lab.table == "three",
         ),
-        Spec("fog_deadband", "sensor", ("deadband_deg_h",), DEG_H, 300, lock, ("rate",), ("fog",), drawn=False),
+        Spec(
+            "fog_deadband",
+            "sensor",
+            ("deadband_deg_h",),
+            DEG_H,
+            300,
+            lock,
+            ("rate",),
+            ("fog",),
+            drawn=False,
+        ),
     ]
     return specs

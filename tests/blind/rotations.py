@@ -1,4 +1,6 @@
-"""Rotation matrices of many angles at once; R turns components of the moved frame into those of the fixed one."""
+"""Rotation matrices of many angles at once; R turns components of the moved frame into those of the
+fixed one.
+"""
 
 import numpy as np
 
@@ -19,7 +21,9 @@ def about(axis: int, angle: np.ndarray) -> np.ndarray:
 
 
 def by_vector(psi: np.ndarray) -> np.ndarray:
-    """exp of a rotation vector, to third order: the vectors here are far below 0.1 rad. psi: (..., 3) -> (..., 3, 3)."""
+    """exp of a rotation vector, to third order: the vectors here are far below 0.1 rad. psi: (...,
+    3) -> (..., 3, 3).
+    """
     S = skew(psi)
     S2 = S @ S
     return np.eye(3) + S + S2 / 2 + S2 @ S / 6
@@ -34,4 +38,10 @@ def skew(v: np.ndarray) -> np.ndarray:
 
 def unskew(S: np.ndarray) -> np.ndarray:
     """v of its skew matrix, the symmetric part ignored. S: (..., 3, 3)."""
-    return np.stack([S[..., 2, 1] - S[..., 1, 2], S[..., 0, 2] - S[..., 2, 0], S[..., 1, 0] - S[..., 0, 1]], -1) / 2
+    return (
+        np.stack(
+            [S[..., 2, 1] - S[..., 1, 2], S[..., 0, 2] - S[..., 2, 0], S[..., 1, 0] - S[..., 0, 1]],
+            -1,
+        )
+        / 2
+    )

@@ -25,7 +25,8 @@ def sensing(lab: Lab) -> list[Spec]:
     return specs
 
 
-# ------------------------------------------------------------------------------------------- accelerometer, inclinometer
+# -------------------------------------------------------------------------------------------
+# accelerometer, inclinometer
 
 POWERS: dict[str, tuple[str, str, float, Callable[[np.ndarray, int], np.ndarray]]] = {
     "acc_K2": ("k2", "ug_g2", 3000, lambda f, i: f[:, i] ** 2),
@@ -120,7 +121,9 @@ def _play_of_f(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
 
 
 def _angle_bias(lab: Lab, name: str, axes: tuple[str, ...]) -> Spec:
-    """Any smooth function of the placing angle in the cross channel; as a rival it is judged by its harmonics 2 to 5."""
+    """Any smooth function of the placing angle in the cross channel; as a rival it is judged by its
+    harmonics 2 to 5.
+    """
 
     def column(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
         return sum(c * np.cos(k * s.angles[:, 0] + ph) for k, c, ph in shape["terms"])
@@ -176,11 +179,17 @@ def _slow(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
         return lab.room.slope_at(s.t)
 
     def loop(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
-        return past.at(s.t, ("Tplay", shape.get("width", 0.2)), lambda: play(past.state.T, shape.get("width", 0.2)))
+        return past.at(
+            s.t,
+            ("Tplay", shape.get("width", 0.2)),
+            lambda: play(past.state.T, shape.get("width", 0.2)),
+        )
 
     def settle(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
         second = shape.get("second", 0.0)
-        return (1 - second) * np.exp(-s.t / shape["tau"]) + second * np.exp(-s.t / (5 * shape["tau"]))
+        return (1 - second) * np.exp(-s.t / shape["tau"]) + second * np.exp(
+            -s.t / (5 * shape["tau"])
+        )
 
     def jump(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
         return np.ones(len(s.t)) if shape.get("settled") else step(s.t, shape)
@@ -193,7 +202,17 @@ def _slow(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
 
     temp, time = ("temperature",), ("time",)
     return [
-        Spec("acc_drift", "sensor", per_axis("drift", axes, "ug"), UG, 2000, added(name, ramp), time, (name,), later="none"),
+        Spec(
+            "acc_drift",
+            "sensor",
+            per_axis("drift", axes, "ug"),
+            UG,
+            2000,
+            added(name, ramp),
+            time,
+            (name,),
+            later="none",
+        ),
         Spec(
             "acc_temp_bias",
             "sensor",

@@ -1,4 +1,6 @@
-"""What a concealed effect is to the generator: names, plausible sizes, a textbook form and forms that are not."""
+"""What a concealed effect is to the generator: names, plausible sizes, a textbook form and forms
+that are not.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,7 +31,8 @@ class Spec:
         unit: SI value of one unit of each.
         plausible: largest size that a metrologist would believe, in those units.
         physics: (values in SI, shape) -> Physics; linear or nearly so in the values.
-        shapes: (rng, lab) -> textbook shapes: one is drawn, a grid of them stands for the effect as a rival.
+        shapes: (rng, lab) -> textbook shapes: one is drawn, a grid of them stands for the effect as
+            a rival.
         odd: (rng, lab) -> a non-textbook shape; None where there is none.
         together: all parameters are drawn; else one of them (one axis).
         later: what another recording sees of it: same, after, none.
@@ -61,7 +64,9 @@ def per_axis(stem: str, axes: tuple[str, ...], suffix: str) -> tuple[str, ...]:
 
 
 def on_axes(p: np.ndarray, columns: Callable[[int], np.ndarray]) -> np.ndarray:
-    """Additive term: each axis its own coefficient times its own column; columns of zero size are not computed."""
+    """Additive term: each axis its own coefficient times its own column; columns of zero size are
+    not computed.
+    """
     n = len(columns(int(np.argmax(np.abs(p)))))
     return np.stack([p[i] * columns(i) if p[i] else np.zeros(n) for i in range(len(p))], 1)
 
@@ -73,9 +78,23 @@ def added(sensor: str, column: Column) -> Callable[[np.ndarray, Shape], Physics]
     """A term per axis: coefficient times column(past, state, axis, shape)."""
 
     def physics(p: np.ndarray, shape: Shape) -> Physics:
-        return Physics(sense=lambda past, s: {sensor: on_axes(p, lambda i: column(past, s, i, shape))})
+        return Physics(
+            sense=lambda past, s: {sensor: on_axes(p, lambda i: column(past, s, i, shape))}
+        )
 
     return physics
 
 
-__all__ = ["ARCSEC", "DEG", "DEG_H", "G0", "UG", "Shape", "Spec", "added", "on_axes", "one_shape", "per_axis"]
+__all__ = [
+    "ARCSEC",
+    "DEG",
+    "DEG_H",
+    "G0",
+    "UG",
+    "Shape",
+    "Spec",
+    "added",
+    "on_axes",
+    "one_shape",
+    "per_axis",
+]

@@ -1,4 +1,6 @@
-"""A sequence file as a laboratory reads it: one step a row; and the track that a table makes of it."""
+"""A sequence file as a laboratory reads it: one step a row; and the track that a table makes of
+it.
+"""
 
 import csv
 import re
@@ -43,7 +45,11 @@ def track_of(rows: list[dict[str, str]], axes: int) -> Track:
     for row in rows:
         target = {k: float(row[f"{n}_deg"]) * DEG for k, n in enumerate(names) if row[f"{n}_deg"]}
         if row["action"] in GOING and target:
-            plan.go(target, float(row["rate_deg_s"] or RATE_DEG_S) * DEG, 0.5 if row["action"] == "move" else 0.1)
+            plan.go(
+                target,
+                float(row["rate_deg_s"] or RATE_DEG_S) * DEG,
+                0.5 if row["action"] == "move" else 0.1,
+            )
         if float(row["dwell_s"] or 0):
             plan.dwell(float(row["dwell_s"]))
     return plan.track()
@@ -57,7 +63,9 @@ def mount_of(rows: list[dict[str, str]]) -> tuple[str, np.ndarray]:
     """
     words = [r["mount"] for r in rows if r["mount"]]
     if len(set(words)) > 1 or (words and not rows[0]["mount"]):
-        raise ValueError("remounting between steps: this laboratory remounts before a recording only")
+        raise ValueError(
+            "remounting between steps: this laboratory remounts before a recording only"
+        )
     R = np.eye(3)
     for axis, angle in re.findall(r"R([xyz])\(\s*([-+.\d]+)\s*\)", words[0] if words else ""):
         R = R @ about("xyz".index(axis), np.array(float(angle) * DEG))

@@ -12,7 +12,9 @@ SEEN = 100.0  # non-centrality from which a detection without a static record is
 
 @dataclass(frozen=True)
 class Line:
-    """A rate, or a median (n = how many). ``limit``: (sense, value); value in the same unit as the rate."""
+    """A rate, or a median (n = how many). ``limit``: (sense, value); value in the same unit as the
+    rate.
+    """
 
     name: str
     hits: float
@@ -41,7 +43,9 @@ def wilson(k: int, n: int, z: float = 1.959964) -> tuple[float, float]:
         return 0.0, 1.0
     p, c = k / n, z * z / n
     middle, half = (p + c / 2) / (1 + c), z * math.sqrt(p * (1 - p) / n + c / (4 * n)) / (1 + c)
-    return (middle - half if k else 0.0), (middle + half if k < n else 1.0)  # at its ends free of rounding
+    return (middle - half if k else 0.0), (
+        middle + half if k < n else 1.0
+    )  # at its ends free of rounding
 
 
 def _rate(name: str, values: Iterable[Any], limit: tuple[str, float] | None = None) -> Line:
@@ -50,12 +54,20 @@ def _rate(name: str, values: Iterable[Any], limit: tuple[str, float] | None = No
 
 
 def _median(name: str, values: Sequence[float], limit: tuple[str, float] | None = None) -> Line:
-    return Line(name, statistics.median(values) if values else math.nan, len(values), limit, is_rate=False)
+    return Line(
+        name, statistics.median(values) if values else math.nan, len(values), limit, is_rate=False
+    )
 
 
 def lines(results: Sequence[Plain]) -> list[Line]:
     """The score table."""
-    return _alarms(results) + _seen(results) + _names(results) + _open_world(results) + _figures(results)
+    return (
+        _alarms(results)
+        + _seen(results)
+        + _names(results)
+        + _open_world(results)
+        + _figures(results)
+    )
 
 
 def _alarms(results: Sequence[Plain]) -> list[Line]:
@@ -64,7 +76,13 @@ def _alarms(results: Sequence[Plain]) -> list[Line]:
     for walk in (1, 4):
         for flicker in (False, True):
             own = [r["claims"] for r in nulls if (r["walk"], r["flicker"]) == (walk, flicker)]
-            out.append(_rate(f"  random walk x{walk}, flicker {'on' if flicker else 'off'}", own, ("<=", 0.02)))
+            out.append(
+                _rate(
+                    f"  random walk x{walk}, flicker {'on' if flicker else 'off'}",
+                    own,
+                    ("<=", 0.02),
+                )
+            )
     return out
 
 
@@ -72,7 +90,10 @@ def _seen(results: Sequence[Plain]) -> list[Line]:
     strong = [
         r
         for r in results
-        if r["lambda"] and all(x is not None for x in r["lambda"]) and max(r["lambda"]) >= SEEN and r["type"] != "impossible"
+        if r["lambda"]
+        and all(x is not None for x in r["lambda"])
+        and max(r["lambda"]) >= SEEN
+        and r["type"] != "impossible"
     ]
     faulty = [r["claims"] for r in results if r["type"] == "data"]
     return [
@@ -95,18 +116,35 @@ def _names(results: Sequence[Plain]) -> list[Line]:
         ("faults of the data", ("data",), 0.9),
     ):
         own = _effects(results, *types)
-        out.append(_rate(f"truth named first or in an honest class, {name}", [e["good"] for e in own], (">=", least)))
+        out.append(
+            _rate(
+                f"truth named first or in an honest class, {name}",
+                [e["good"] for e in own],
+                (">=", least),
+            )
+        )
         out.append(_rate("  named first", [e["named"] for e in own]))
         out.append(_rate("  in its class, honest or not", [e["in_class"] for e in own]))
     pairs = [r for r in results if r["type"] == "pair" and min(r["lambda"]) >= SEEN]
     return [
         *out,
-        _rate("a wrong name stated with certainty, singles", [e["wrong_certain"] for e in singles], ("<=", 0.03)),
+        _rate(
+            "a wrong name stated with certainty, singles",
+            [e["wrong_certain"] for e in singles],
+            ("<=", 0.03),
+        ),
         _rate("certain of what nobody can tell, singles", [e["false_certainty"] for e in singles]),
         _rate("class padded, singles", [bool(e["padded"]) for e in singles]),
         _rate("stage right, singles", [e["stage_right"] for e in singles], (">=", 0.9)),
-        _rate("pairs: both found", [all(e["in_class"] for e in r["effects"]) for r in pairs], (">=", 0.8)),
-        _rate("pairs: both named or in honest classes", [all(e["good"] for e in r["effects"]) for r in pairs]),
+        _rate(
+            "pairs: both found",
+            [all(e["in_class"] for e in r["effects"]) for r in pairs],
+            (">=", 0.8),
+        ),
+        _rate(
+            "pairs: both named or in honest classes",
+            [all(e["good"] for e in r["effects"]) for r in pairs],
+        ),
     ]
 
 
@@ -116,11 +154,23 @@ def _open_world(results: Sequence[Plain]) -> list[Line]:
     return [
         _rate("unlisted: detected in any form", [r["claims"] for r in new], (">=", 0.85)),
         _rate("unlisted: said so", [e["said"] for e in effects], (">=", 0.75)),
-        _rate("unlisted: a wrong name stated with certainty", [e["wrong_certain"] for e in effects], ("<=", 0.05)),
-        _rate("unlisted: right channel and coordinate", [e["channel"] and e["coordinate"] for e in effects], (">=", 0.8)),
+        _rate(
+            "unlisted: a wrong name stated with certainty",
+            [e["wrong_certain"] for e in effects],
+            ("<=", 0.05),
+        ),
+        _rate(
+            "unlisted: right channel and coordinate",
+            [e["channel"] and e["coordinate"] for e in effects],
+            (">=", 0.8),
+        ),
         _rate("  right channel", [e["channel"] for e in effects]),
         _rate("  right coordinate", [e["coordinate"] for e in effects]),
-        _rate("impossible: named all the same", [r["claims"] for r in results if r["type"] == "impossible"], ("<=", 0.02)),
+        _rate(
+            "impossible: named all the same",
+            [r["claims"] for r in results if r["type"] == "impossible"],
+            ("<=", 0.02),
+        ),
     ]
 
 
@@ -129,23 +179,39 @@ def _figures(results: Sequence[Plain]) -> list[Line]:
     held = [r for r in results if r.get("heldout") and r["heldout"]["product"] is not None]
     plain = [r["heldout"] for r in held if r["type"] == "null"]
     telling = [r["heldout"] for r in held if r["heldout"]["nominal"] > 2 * r["heldout"]["oracle"]]
-    right = [r["heldout"] for r in held if r["effects"] and all(e.get("good") for e in r["effects"])]
+    right = [
+        r["heldout"] for r in held if r["effects"] and all(e.get("good") for e in r["effects"])
+    ]
     every = [r for r in results if "heldout" in r]
     return [
         _rate("parameters within 3 sigma, textbook", [p <= 3 for p in pulls], (">=", 0.95)),
         _rate("held-out recording predicted", [r["heldout"]["product"] is not None for r in every]),
-        _median("  rms over the oracle's, class right (median)", [h["product"] / h["oracle"] for h in right], ("<=", 1.3)),
-        _median("  rms over the nominal model's (median)", [h["product"] / h["nominal"] for h in telling], ("<=", 0.3)),
+        _median(
+            "  rms over the oracle's, class right (median)",
+            [h["product"] / h["oracle"] for h in right],
+            ("<=", 1.3),
+        ),
+        _median(
+            "  rms over the nominal model's (median)",
+            [h["product"] / h["nominal"] for h in telling],
+            ("<=", 0.3),
+        ),
         _rate(
             "  worse than the nominal model by 2 %",
             [h["product"] > 1.02 * h["nominal"] for h in telling],
             ("<=", 0.03),
         ),
-        _median("  nothing concealed: rms over the best fit's (median)", [h["product"] / h["oracle"] for h in plain]),
+        _median(
+            "  nothing concealed: rms over the best fit's (median)",
+            [h["product"] / h["oracle"] for h in plain],
+        ),
         _rate("verdict as expected", [r["verdict_right"] for r in results]),
         _rate("no answer at all", [r["crashed"] for r in results], ("<=", 0.0)),
         _median("seconds a diagnosis (median)", [r["seconds"] for r in results]),
-        _median("seconds a diagnosis (longest)", [max((r["seconds"] for r in results), default=math.nan)]),
+        _median(
+            "seconds a diagnosis (longest)",
+            [max((r["seconds"] for r in results), default=math.nan)],
+        ),
     ]
 
 
@@ -157,7 +223,10 @@ def show(table: Sequence[Line]) -> str:
         if line.is_rate:
             low, high = line.interval
             rate = f"{100 * line.hits / line.n:5.1f} %" if line.n else "-"
-            body = f"{int(line.hits):5d}/{line.n:<5d}  {rate:>7s}  {f'{100 * low:.1f} .. {100 * high:.1f} %':>15s}"
+            body = (
+                f"{int(line.hits):5d}/{line.n:<5d}  {rate:>7s} "
+                f" {f'{100 * low:.1f} .. {100 * high:.1f} %':>15s}"
+            )
             owed = f"{line.limit[0]} {100 * line.limit[1]:g} %" if line.limit else ""
         else:
             body = f"{'n = ' + str(line.n):>11s}  {line.hits:7.3g}  {'':>15s}"

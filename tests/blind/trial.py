@@ -1,4 +1,6 @@
-"""One trial: draw a case, hand over copies of two files, wait for the answer, only then write the truth and judge."""
+"""One trial: draw a case, hand over copies of two files, wait for the answer, only then write the
+truth and judge.
+"""
 
 import csv
 import json
@@ -20,11 +22,15 @@ from blind.files import UNITS, write_recording, write_scenario
 from blind.judge import judge
 
 Plain = dict[str, Any]
-STOPPED = tuple(f"exit {-number}:" for number in (signal.SIGINT, signal.SIGTERM))  # by somebody else: not finished
+STOPPED = tuple(
+    f"exit {-number}:" for number in (signal.SIGINT, signal.SIGTERM)
+)  # by somebody else: not finished
 KEPT = ("diagnosis.json", "amended.toml", "report.html")
 
 
-def trial(folder: Path, kind: str, type_: str, k: int, seed: int, command: Sequence[str], limit_s: float) -> Plain:
+def trial(
+    folder: Path, kind: str, type_: str, k: int, seed: int, command: Sequence[str], limit_s: float
+) -> Plain:
     """Run one trial, or take its result from ``folder`` where it is finished."""
     name = f"{kind}-{type_}-{k:03d}"
     done = folder / "truth" / name / "result.json"
@@ -39,7 +45,12 @@ def trial(folder: Path, kind: str, type_: str, k: int, seed: int, command: Seque
         write_scenario(desk / "scenario.toml", case.lab)
         answer, note, seconds = _ask(desk, command, limit_s)
         rms = _predict(desk, case, rng, command, limit_s) if answer else None
-        result = {"name": name, "seconds": round(seconds, 2), "note": note, **judge(case.truth, answer, rms)}
+        result = {
+            "name": name,
+            "seconds": round(seconds, 2),
+            "note": note,
+            **judge(case.truth, answer, rms),
+        }
         if not note.startswith(STOPPED):
             _keep(folder, name, desk, case, result)
     return result
@@ -47,8 +58,17 @@ def trial(folder: Path, kind: str, type_: str, k: int, seed: int, command: Seque
 
 def _run(command: Sequence[str], limit_s: float) -> tuple[int, str]:
     """Exit status and the last words, -1 when it took too long."""
-    clean = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=clean, start_new_session=True) as process:
+    clean = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        env=clean,
+        start_new_session=True,
+    ) as process:
         try:
             _, words = process.communicate(timeout=limit_s)
         except BaseException as error:  # its own session only; an interrupt goes on
@@ -63,7 +83,15 @@ def _run(command: Sequence[str], limit_s: float) -> tuple[int, str]:
 def _ask(desk: Path, command: Sequence[str], limit_s: float) -> tuple[Plain | None, str, float]:
     start = time.perf_counter()
     status, words = _run(
-        [*command, "diagnose", str(desk / "recording.csv"), "--scenario", str(desk / "scenario.toml"), "-o", str(desk / "out")],
+        [
+            *command,
+            "diagnose",
+            str(desk / "recording.csv"),
+            "--scenario",
+            str(desk / "scenario.toml"),
+            "-o",
+            str(desk / "out"),
+        ],
         limit_s,
     )
     seconds = time.perf_counter() - start
@@ -72,8 +100,12 @@ def _ask(desk: Path, command: Sequence[str], limit_s: float) -> tuple[Plain | No
     return json.loads((desk / "out" / "diagnosis.json").read_text(encoding="utf-8")), "", seconds
 
 
-def _predict(desk: Path, case: Case, rng: np.random.Generator, command: Sequence[str], limit_s: float) -> float | None:
-    """Rms of the amended model's prediction of the other recording, in units of a sample's noise; None where there is none."""
+def _predict(
+    desk: Path, case: Case, rng: np.random.Generator, command: Sequence[str], limit_s: float
+) -> float | None:
+    """Rms of the amended model's prediction of the other recording, in units of a sample's noise;
+    None where there is none.
+    """
     if case.other is None or case.rows_other is None or case.clean_other is None:
         return None
     write_recording(desk / "heldout.csv", case.other, case.rows_other, rng)
@@ -105,7 +137,9 @@ def distance(path: Path, case: Case, clean: Rows) -> float | None:
     if len(rows) != len(clean.t):
         return None
     squares = []
-    for c, (name, (s, _)) in enumerate(zip(channel_names(case.lab), case.lab.channels, strict=True)):
+    for c, (name, (s, _)) in enumerate(
+        zip(channel_names(case.lab), case.lab.channels, strict=True)
+    ):
         column = next(j for j, h in enumerate(head) if h.startswith(name + "_"))
         unit = UNITS[head[column].removeprefix(name + "_")]
         told = np.array([float(r[column]) if r[column] else np.nan for r in rows]) * unit
@@ -124,7 +158,9 @@ def _keep(folder: Path, name: str, desk: Path, case: Case, result: Plain) -> Non
     for file in KEPT:
         if (desk / "out" / file).exists():
             shutil.copy(desk / "out" / file, seen / file)
-    (truth / "truth.json").write_text(json.dumps(case.truth, indent=1, default=float) + "\n", encoding="utf-8")
+    (truth / "truth.json").write_text(
+        json.dumps(case.truth, indent=1, default=float) + "\n", encoding="utf-8"
+    )
     if case.other is not None and case.clean_other is not None:
         write_recording(truth / "heldout_clean.csv", case.other, case.clean_other, None)
     part = truth / "result.part"

@@ -13,7 +13,11 @@ def unlisted(lab: Lab) -> list[Spec]:
     specs: list[Spec] = []
     force = next((s for s in lab.sensors if s.kind in ("accelerometer", "inclinometer")), None)
     if force and lab.written:
-        specs += _of_angle(lab, force.name, force.axes) + _of_history(lab, force.name, force.axes) + _of_axis(lab)
+        specs += (
+            _of_angle(lab, force.name, force.axes)
+            + _of_history(lab, force.name, force.axes)
+            + _of_axis(lab)
+        )
     if lab.table in ("three", "handheld") and len(lab.sensors) > 1:
         specs += _of_rate(lab)
     return specs
@@ -29,7 +33,18 @@ def _new(
     sensors: tuple[str, ...] = (),
     **more,
 ) -> Spec:  # type: ignore[no-untyped-def]
-    return Spec(id_, more.pop("stage", "sensor"), names, unit, size, physics, where, sensors, listed=False, **more)
+    return Spec(
+        id_,
+        more.pop("stage", "sensor"),
+        names,
+        unit,
+        size,
+        physics,
+        where,
+        sensors,
+        listed=False,
+        **more,
+    )
 
 
 def _of_angle(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
@@ -53,10 +68,27 @@ def _of_angle(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
 
     angle = ("table_outer", "table_middle", "table_inner", "tilt")
     specs = [
-        _new("u_angle_bump", per_axis("bump", axes, "ug"), UG, 3000, added(name, bump), angle, (name,), shapes=at),
-        _new("u_angle_saw", per_axis("saw", axes, "ug"), UG, 3000, added(name, saw), angle, (name,),
-             shapes=lambda r, lab: [{"pitch": r.uniform(70, 110) * DEG, "at": r.uniform()}]),
-    ]  # fmt: skip
+        _new(
+            "u_angle_bump",
+            per_axis("bump", axes, "ug"),
+            UG,
+            3000,
+            added(name, bump),
+            angle,
+            (name,),
+            shapes=at,
+        ),
+        _new(
+            "u_angle_saw",
+            per_axis("saw", axes, "ug"),
+            UG,
+            3000,
+            added(name, saw),
+            angle,
+            (name,),
+            shapes=lambda r, lab: [{"pitch": r.uniform(70, 110) * DEG, "at": r.uniform()}],
+        ),
+    ]
     if len(lab.axes) > 1:
         specs.append(
             _new(
@@ -67,14 +99,18 @@ def _of_angle(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
                 added(name, product),
                 angle,
                 (name,),
-                shapes=lambda r, lab: [{"m": int(r.integers(2, 4)), "n": int(r.integers(2, 4)), "at": r.uniform(0, 6)}],
+                shapes=lambda r, lab: [
+                    {"m": int(r.integers(2, 4)), "n": int(r.integers(2, 4)), "at": r.uniform(0, 6)}
+                ],
             )
         )
     return specs
 
 
 def _of_history(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
-    """Memory of the number of moves, of the time since the last one, of the rate, of the load on another axis."""
+    """Memory of the number of moves, of the time since the last one, of the rate, of the load on
+    another axis.
+    """
 
     def count(past: Past, s: State, i: int, shape: Shape) -> np.ndarray:
         return 1 - np.exp(-lab.track.since_move(s.t)[1] / shape["moves"])
@@ -106,7 +142,15 @@ def _of_history(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
             (name,),
             shapes=lambda r, lab: [{"moves": r.uniform(6, 15)}],
         ),
-        _new("u_every_third_move", per_axis("third", axes, "ug"), UG, 2000, added(name, odd_moves), moves, (name,)),
+        _new(
+            "u_every_third_move",
+            per_axis("third", axes, "ug"),
+            UG,
+            2000,
+            added(name, odd_moves),
+            moves,
+            (name,),
+        ),
         _new(
             "u_pulse_since_move",
             per_axis("pulse", axes, "ug"),
@@ -156,13 +200,31 @@ def _of_axis(lab: Lab) -> list[Spec]:
 
     def at(rng: np.random.Generator, lab: Lab) -> list[Shape]:
         angles = [m.to_rad for m in lab.track.moves if m.axis == 0]
-        return [{"at": float(np.median(angles)) + rng.normal(0, 0.3), "width": rng.uniform(15, 50) * DEG}]
+        return [
+            {
+                "at": float(np.median(angles)) + rng.normal(0, 0.3),
+                "width": rng.uniform(15, 50) * DEG,
+            }
+        ]
 
-    return [_new("u_hose_tanh", ("hose_arcsec",), ARCSEC, 60, hose, ("table_outer", "tilt"), stage="table", shapes=at)]
+    return [
+        _new(
+            "u_hose_tanh",
+            ("hose_arcsec",),
+            ARCSEC,
+            60,
+            hose,
+            ("table_outer", "tilt"),
+            stage="table",
+            shapes=at,
+        )
+    ]
 
 
 def _of_rate(lab: Lab) -> list[Spec]:
-    """Rate times temperature, transverse rates of a FOG, a bias that follows the square root of the rate."""
+    """Rate times temperature, transverse rates of a FOG, a bias that follows the square root of the
+    rate.
+    """
     fog = next(s for s in lab.sensors if s.name == "fog")
     across = np.cross(fog.input_axis, [0.0, 0.0, 1.0])
     across /= np.linalg.norm(across)
@@ -200,7 +262,15 @@ def _of_rate(lab: Lab) -> list[Spec]:
             ("rate", "temperature"),
             ("gyro",),
         ),
-        _new("u_root_rate", per_axis("root", ("x", "y", "z"), "deg_h"), DEG_H, 500, added("gyro", root), rate, ("gyro",)),
+        _new(
+            "u_root_rate",
+            per_axis("root", ("x", "y", "z"), "deg_h"),
+            DEG_H,
+            500,
+            added("gyro", root),
+            rate,
+            ("gyro",),
+        ),
         _new(
             "u_leaky_turns",
             per_axis("charge", ("x", "y", "z"), "ppm"),

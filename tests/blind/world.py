@@ -1,4 +1,6 @@
-"""From motion to readings: closed form, with a hook at every place where unstated physics can act."""
+"""From motion to readings: closed form, with a hook at every place where unstated physics can
+act.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +21,9 @@ LAG_U, LAG_W = np.polynomial.laguerre.laggauss(6)
 
 @dataclass(frozen=True)
 class Physics:
-    """What one effect adds. Every hook takes the Past (what happened until now) and t or a State."""
+    """What one effect adds. Every hook takes the Past (what happened until now) and t or a
+    State.
+    """
 
     readout: Hook = None  # (past, t) -> (n, axes): readout minus truth
     base: Hook = None  # (past, t) -> (n, 3): rotation vector of the base, world
@@ -27,7 +31,8 @@ class Physics:
     axis_tilt: Hook = None  # (past, axis, angle) -> (n, 3): rotation vector before that axis
     between: Hook = None  # (axis) -> (3,): rotation vector after that axis
     offset: Hook = None  # (axis) -> (3,): displacement after that axis
-    mount: Hook = None  # (past, t, up) -> (n, 3): rotation vector of the mount; up = static specific force / g
+    # (past, t, up) -> (n, 3): rotation vector of the mount; up = static specific force / g
+    mount: Hook = None
     lever: Hook = None  # () -> (3,)
     sense: Hook = None  # (past, state) -> {sensor: (n, axes)} added to the sensing form
     shape: Hook = None  # (past, state, sensor, reading) -> reading: codes, clips, gains
@@ -38,13 +43,24 @@ class Physics:
     @property
     def mechanical(self) -> bool:
         """It changes what the sensors truly feel."""
-        hooks = (self.readout, self.base, self.shake, self.axis_tilt, self.between, self.offset, self.mount, self.lever)
+        hooks = (
+            self.readout,
+            self.base,
+            self.shake,
+            self.axis_tilt,
+            self.between,
+            self.offset,
+            self.mount,
+            self.lever,
+        )
         return any(h is not None for h in (*hooks, self.delay, self.lag, self.stamps))
 
 
 @dataclass(frozen=True)
 class State:
-    """What the sensors truly feel. f, w, dw: (n, 3) body; angles: (n, axes) readout; R: (n, 3, 3) body to world."""
+    """What the sensors truly feel. f, w, dw: (n, 3) body; angles: (n, axes) readout; R: (n, 3, 3)
+    body to world.
+    """
 
     t: np.ndarray
     angles: np.ndarray
@@ -56,7 +72,9 @@ class State:
 
 
 class Past:
-    """The recording's history on a uniform grid; memories are computed once and looked up at any instant."""
+    """The recording's history on a uniform grid; memories are computed once and looked up at any
+    instant.
+    """
 
     STEP_S = 0.02
 
@@ -82,7 +100,11 @@ class Past:
 
     def angles(self, track: Track, t: np.ndarray) -> np.ndarray:
         """Angles of all axes as commanded; the same few instants are asked for by every column."""
-        return self.kept(("angles", t.tobytes()), lambda: track.angles(t)) if track is self.lab.track else track.angles(t)
+        return (
+            self.kept(("angles", t.tobytes()), lambda: track.angles(t))
+            if track is self.lab.track
+            else track.angles(t)
+        )
 
     def play(self, t: np.ndarray, what: str, k: int, half_width: float) -> np.ndarray:
         """State in [-1, 1] of the play of a column of the state ('f', 'w', 'angles') or of 'T'."""
@@ -90,7 +112,9 @@ class Past:
 
     def leaky(self, t: np.ndarray, what: str, k: int, tau_s: float) -> np.ndarray:
         """First-order lag of such a column."""
-        return self.at(t, ("leaky", what, k, tau_s), lambda: leaky(self.column(what, k), tau_s, self.STEP_S))
+        return self.at(
+            t, ("leaky", what, k, tau_s), lambda: leaky(self.column(what, k), tau_s, self.STEP_S)
+        )
 
     def column(self, what: str, k: int) -> np.ndarray:
         """One column of the nominal state on the grid."""
@@ -99,14 +123,18 @@ class Past:
 
 
 def _smoothly(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Cubic (Catmull-Rom) interpolation, so that rates are continuous. x: (n,) in steps, y: (m,)."""
+    """Cubic (Catmull-Rom) interpolation, so that rates are continuous. x: (n,) in steps, y:
+    (m,).
+    """
     k = np.clip(np.floor(x).astype(int), 1, len(y) - 3)
     u = np.clip(x, 0, len(y) - 1) - k
     a, b, c, d = y[k - 1], y[k], y[k + 1], y[k + 2]
     return b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
 
 
-def _attitude(lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past) -> tuple[np.ndarray, np.ndarray]:
+def _attitude(
+    lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past
+) -> tuple[np.ndarray, np.ndarray]:
     """R_wb and position of the sensors in the world. t: (n,) -> (n, 3, 3), (n, 3)."""
     angles = past.angles(lab.track, t)
     true = angles - sum(h.readout(past, t) for h in hooks if h.readout)
@@ -134,10 +162,14 @@ def felt(lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past) -> State
     (Ra, pa), (R, p), (Rb, pb) = (_attitude(lab, hooks, t + step, past) for step in (-H, 0.0, H))
     a = (pb - 2 * p + pa) / H**2 + sum(h.shake(past, t) for h in hooks if h.shake)
     f = _into_body(R, a + np.array([0.0, 0.0, lab.gravity]))
-    earth = EARTH_RATE * np.array([0.0, np.cos(np.deg2rad(lab.latitude)), np.sin(np.deg2rad(lab.latitude))])
+    earth = EARTH_RATE * np.array(
+        [0.0, np.cos(np.deg2rad(lab.latitude)), np.sin(np.deg2rad(lab.latitude))]
+    )
     turn = unskew(np.swapaxes(R, 1, 2) @ (Rb - Ra)) / (2 * H)
     dw = unskew(np.swapaxes(R, 1, 2) @ (Rb - 2 * R + Ra)) / H**2
-    return State(t, past.angles(lab.track, t), f, turn + _into_body(R, earth), dw, lab.room.at(t), R)
+    return State(
+        t, past.angles(lab.track, t), f, turn + _into_body(R, earth), dw, lab.room.at(t), R
+    )
 
 
 def _into_body(R: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -152,8 +184,12 @@ def truth_of(lab: Lab, s: int, state: State) -> np.ndarray:
     return state.w if sensor.kind == "gyro" else state.f[:, : len(sensor.axes)]
 
 
-def readings(lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past, state: State | None = None) -> np.ndarray:
-    """Noise-free readings in SI of all channels: (n, channels). ``state``: what is felt, where it is known already."""
+def readings(
+    lab: Lab, hooks: Sequence[Physics], t: np.ndarray, past: Past, state: State | None = None
+) -> np.ndarray:
+    """Noise-free readings in SI of all channels: (n, channels). ``state``: what is felt, where it
+    is known already.
+    """
     t_signal = t
     for h in hooks:
         t_signal = h.stamps(t_signal) if h.stamps else t_signal
@@ -167,7 +203,12 @@ def _late(lab: Lab, hooks: Sequence[Physics], s: int, t: np.ndarray, past: Past)
     """One sensor behind pure delays of its channels and a first-order lag."""
     sensor = lab.sensors[s]
     delay = sum(
-        (np.broadcast_to(h.delay().get(sensor.name, 0.0), len(sensor.axes)) for h in hooks if h.delay), np.zeros(len(sensor.axes))
+        (
+            np.broadcast_to(h.delay().get(sensor.name, 0.0), len(sensor.axes))
+            for h in hooks
+            if h.delay
+        ),
+        np.zeros(len(sensor.axes)),
     )
     tau = sum(h.lag().get(sensor.name, 0.0) for h in hooks if h.lag)
     nodes = list(zip(LAG_U * tau, LAG_W, strict=True)) if tau else [(0.0, 1.0)]

@@ -1,4 +1,6 @@
-"""Placing-angle bias tables applied: each axis of a level gives the other its placing angle, one sample at a time or in blocks."""
+"""Placing-angle bias tables applied: each axis of a level gives the other its placing angle, one
+sample at a time or in blocks.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +27,8 @@ class BiasTable:
         start, step: of the angles, rad.
         values: bias at each angle, m/s2, (n,).
         sigmas: their standard uncertainties, m/s2, (n,).
-        wave: the smooth fit c0, c1, s1, c2, s2, ...: bias = c0 + sum c_n cos(n beta) + s_n sin(n beta); empty without one.
+        wave: the smooth fit c0, c1, s1, c2, s2, ...: bias = c0 + sum c_n cos(n beta) + s_n sin(n
+            beta); empty without one.
     """
 
     start: float
@@ -43,7 +46,8 @@ class BiasTable:
         """Bias at placing angles beta (rad), (n,); NaN more than half a step outside the table.
 
         Errors:
-            Interpolated: step^2/8 of the largest second derivative; rounded: step/2 of the largest first one. For
+            Interpolated: step^2/8 of the largest second derivative; rounded: step/2 of the largest
+                first one. For
             1 mg cos(n beta) at 1 deg that is 0.0079 n^2 and 1.80 n arcsec.
         """
         t = (beta - self.start) * (1 / self.step)
@@ -74,8 +78,11 @@ def evaluate_wave(wave: Sequence[float], beta: Array) -> Array:
     return np.asarray(total)
 
 
-def tables_of(stated: Mapping[str, Sequence[Mapping[str, Any]]], sensor: str, values: Mapping[str, float]) -> dict[str, BiasTable]:
-    """The tables of a sensor's axes from ``bias_tables`` of CAL.json, with the smooth fit among its parameters.
+def tables_of(
+    stated: Mapping[str, Sequence[Mapping[str, Any]]], sensor: str, values: Mapping[str, float]
+) -> dict[str, BiasTable]:
+    """The tables of a sensor's axes from ``bias_tables`` of CAL.json, with the smooth fit among its
+    parameters.
 
     Args:
         stated: ``<sensor>.<axis>`` -> entries with angle_deg, value, sigma, unit.
@@ -94,9 +101,11 @@ def tables_of(stated: Mapping[str, Sequence[Mapping[str, Any]]], sensor: str, va
             except (KeyError, ValueError, TypeError, IndexError) as error:
                 what = f"no key {error}" if isinstance(error, KeyError) else str(error)
                 raise TiltcalError(
-                    f"bias table {key}", found=what, need="angle_deg in equal steps upwards, value, sigma and unit m_s2",
+                    f"bias table {key}",
+                    found=what,
+                    need="angle_deg in equal steps upwards, value, sigma and unit m_s2",
                     do="make it with `tiltcal calibrate --method placing_table`",
-                ) from error  # fmt: skip
+                ) from error
     return found
 
 
@@ -104,14 +113,21 @@ def _table(entries: Sequence[Mapping[str, Any]], wave: tuple[float, ...]) -> Bia
     angles = np.array([float(e["angle_deg"]) for e in entries])
     step = float(np.median(np.diff(angles))) if len(angles) > 1 else 0.0
     whole = np.round((angles - angles[:1]) / (step or 1.0))
-    if step <= 0 or np.any(np.diff(whole) < 1) or np.abs(angles - angles[0] - whole * step).max() > 1e-6:
+    if (
+        step <= 0
+        or np.any(np.diff(whole) < 1)
+        or np.abs(angles - angles[0] - whole * step).max() > 1e-6
+    ):
         raise ValueError(f"{len(angles)} entries at uneven or descending angles")
     for e in entries:
         if e["unit"] not in COLUMN_UNITS or COLUMN_UNITS[e["unit"]].quantity != "acceleration":
             raise ValueError(f"unit {e['unit']}")
     grid = np.arange(int(whole[-1]) + 1)  # an angle that is missing is bridged by its neighbours
     factor = np.array([COLUMN_UNITS[e["unit"]].factor for e in entries])
-    bias, sigma = (np.interp(grid, whole, factor * [float(e.get(k, 0.0)) for e in entries]) for k in ("value", "sigma"))
+    bias, sigma = (
+        np.interp(grid, whole, factor * [float(e.get(k, 0.0)) for e in entries])
+        for k in ("value", "sigma")
+    )
     return BiasTable(angles[0] * DEG, step * DEG, bias, sigma, wave)
 
 
@@ -126,8 +142,10 @@ def _wave(sensor: str, axis: str, values: Mapping[str, float]) -> tuple[float, .
 class PlacingCorrector:
     """The on-line corrector of a two-axis level: constant memory, constant time a sample.
 
-    Contract's frame: ``beta_x = atan2(f_y, f_z)``, ``beta_y = atan2(-f_x, f_z)``; without a z channel
-    ``f_z = sqrt(g^2 - f_x^2 - f_y^2)``, so that an instrument upside down cannot be told from an upright one. The angles
+    Contract's frame: ``beta_x = atan2(f_y, f_z)``, ``beta_y = atan2(-f_x, f_z)``; without a z
+    channel
+    ``f_z = sqrt(g^2 - f_x^2 - f_y^2)``, so that an instrument upside down cannot be told from an
+    upright one. The angles
     come from the raw readings first (as in the patent), then once more from the corrected ones.
 
     Args:
@@ -141,20 +159,26 @@ class PlacingCorrector:
     Source: seed S0; PHYSICS 6 (0).
     """
 
-    def __init__(self, tables: Mapping[str, BiasTable], gravity: float, lookup: str = "interpolated") -> None:
+    def __init__(
+        self, tables: Mapping[str, BiasTable], gravity: float, lookup: str = "interpolated"
+    ) -> None:
         if lookup not in LOOKUPS:
             raise TiltcalError("look-up", found=lookup, need=" or ".join(LOOKUPS), do="correct it")
         for axis, table in tables.items():
             if lookup == "smooth" and not table.wave:
                 raise TiltcalError(
-                    f"look-up smooth of axis {axis}", found="no smooth fit that holds", need="one among the parameters",
+                    f"look-up smooth of axis {axis}",
+                    found="no smooth fit that holds",
+                    need="one among the parameters",
                     do="use interpolated, or calibrate with more harmonics",
-                )  # fmt: skip
+                )
         self.tables, self.gravity, self.lookup = dict(tables), gravity, lookup
         self._x, self._y = (_Single(tables[a], lookup) if a in tables else None for a in "xy")
 
     def correct_one(self, f_x: float, f_y: float, f_z: float | None = None) -> tuple[float, float]:
-        """Corrected f_x, f_y, m/s2, of one sample; NaN for an axis whose placing angle its table does not hold."""
+        """Corrected f_x, f_y, m/s2, of one sample; NaN for an axis whose placing angle its table
+        does not hold.
+        """
         x, y, squared = f_x, f_y, self.gravity * self.gravity
         least = STEEP * STEEP * squared
         b_x = b_y = 0.0
@@ -164,18 +188,30 @@ class PlacingCorrector:
                 b_x = self._x.at(atan2(y, up)) if y * y + up * up > least else nan
             if self._y is not None:
                 b_y = self._y.at(atan2(-x, up)) if x * x + up * up > least else nan
-            x = f_x - b_x if b_x == b_x else f_x  # outside its table an axis still gives the other its angle
+            x = (
+                f_x - b_x if b_x == b_x else f_x
+            )  # outside its table an axis still gives the other its angle
             y = f_y - b_y if b_y == b_y else f_y
         return f_x - b_x, f_y - b_y
 
     def update(self, force: Sequence[float]) -> tuple[float, float]:
-        """Tilt of x and y, rad, from one sample (f_x, f_y) or (f_x, f_y, f_z), m/s2, as it comes."""
+        """Tilt of x and y, rad, from one sample (f_x, f_y) or (f_x, f_y, f_z), m/s2, as it
+        comes.
+        """
         f_x, f_y = self.correct_one(*force)
         g = self.gravity
         t_x, t_y = f_x / g, f_y / g
         return (
-            asin(t_x) if -1.0 <= t_x <= 1.0 else (pi / 2 if t_x > 1 else -pi / 2 if t_x < -1 else nan),
-            asin(t_y) if -1.0 <= t_y <= 1.0 else (pi / 2 if t_y > 1 else -pi / 2 if t_y < -1 else nan),
+            (
+                asin(t_x)
+                if -1.0 <= t_x <= 1.0
+                else (pi / 2 if t_x > 1 else -pi / 2 if t_x < -1 else nan)
+            ),
+            (
+                asin(t_y)
+                if -1.0 <= t_y <= 1.0
+                else (pi / 2 if t_y > 1 else -pi / 2 if t_y < -1 else nan)
+            ),
         )
 
     def correct(self, force: Array) -> Array:
@@ -229,7 +265,9 @@ def _less(f: Array, bias: Array) -> Array:
 
 
 class _Single:
-    """A table for one sample at a time: plain lists and floats, because an array of one costs a hundred times as much."""
+    """A table for one sample at a time: plain lists and floats, because an array of one costs a
+    hundred times as much.
+    """
 
     def __init__(self, table: BiasTable, lookup: str) -> None:
         self.start, self.per, self.last = table.start, 1 / table.step, len(table.values) - 1

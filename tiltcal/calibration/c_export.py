@@ -1,4 +1,6 @@
-"""The C header of a placing-angle table: a 2-D array, look-ups and the corrector, in floating point and in integers."""
+"""The C header of a placing-angle table: a 2-D array, look-ups and the corrector, in floating point
+and in integers.
+"""
 
 import re
 from pathlib import Path
@@ -26,7 +28,8 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
         name: what every C name begins with.
 
     Raises:
-        TiltcalError: there are no tables, they differ in their angles, the look-up is smooth, or the name is no C name.
+        TiltcalError: there are no tables, they differ in their angles, the look-up is smooth, or
+            the name is no C name.
 
     Errors:
         Integers: 1 um/s2 (0.02 arcsec) of rounding; float: some 1e-6 m/s2.
@@ -34,36 +37,66 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
     from jinja2 import Environment, StrictUndefined
 
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-        raise TiltcalError(f"name '{name}'", found="no C name", need="letters, digits and _, a letter first", do="choose another")
+        raise TiltcalError(
+            f"name '{name}'",
+            found="no C name",
+            need="letters, digits and _, a letter first",
+            do="choose another",
+        )
     corrector = _corrector(calibration, setup)
-    text = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    text = Environment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
     table = text.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    source = str(calibration.provenance.get("recording", "a calibration")).replace("*/", "* /").replace("\n", " ")
+    source = (
+        str(calibration.provenance.get("recording", "a calibration"))
+        .replace("*/", "* /")
+        .replace("\n", " ")
+    )
     return table.render(
-        title=f"{name}: placing-angle bias tables", version=__version__, source=source, verdict=calibration.verdict, p=name,
-        P=name.upper(), passes=PASSES, **_numbers(corrector, name),
-    )  # fmt: skip
+        title=f"{name}: placing-angle bias tables",
+        version=__version__,
+        source=source,
+        verdict=calibration.verdict,
+        p=name,
+        P=name.upper(),
+        passes=PASSES,
+        **_numbers(corrector, name),
+    )
 
 
 def _corrector(calibration: Calibration, setup: Setup) -> PlacingCorrector:
-    found = [c for n in calibration.sensors() if (c := calibration.placing(setup.named(n), setup.site.gravity, "interpolated"))]
+    found = [
+        c
+        for n in calibration.sensors()
+        if (c := calibration.placing(setup.named(n), setup.site.gravity, "interpolated"))
+    ]
     if len(found) != 1:
         raise TiltcalError(
-            f"calibration by {calibration.method}", found=f"placing-angle tables of {len(found)} sensors", need="those of one",
+            f"calibration by {calibration.method}",
+            found=f"placing-angle tables of {len(found)} sensors",
+            need="those of one",
             do="make it with `tiltcal calibrate --method placing_table`",
-        )  # fmt: skip
+        )
     if calibration.lookup == "smooth":
         raise TiltcalError(
-            f"calibration by {calibration.method}", found="look-up smooth", need="interpolated or rounded: what firmware looks up",
+            f"calibration by {calibration.method}",
+            found="look-up smooth",
+            need="interpolated or rounded: what firmware looks up",
             do="calibrate again with --option lookup=interpolated",
-        )  # fmt: skip
+        )
     found[0].lookup = calibration.lookup
-    grids = {(round(t.start / DEG, 6), round(t.step / DEG, 6), len(t.values)) for t in found[0].tables.values()}
+    grids = {
+        (round(t.start / DEG, 6), round(t.step / DEG, 6), len(t.values))
+        for t in found[0].tables.values()
+    }
     if len(grids) > 1:
         raise TiltcalError(
-            f"calibration by {calibration.method}", found="tables of x and y at different angles", need="one 2-D array",
+            f"calibration by {calibration.method}",
+            found="tables of x and y at different angles",
+            need="one 2-D array",
             do="sweep both axes over the same angles",
-        )  # fmt: skip
+        )
     return found[0]
 
 
@@ -76,26 +109,46 @@ def _numbers(corrector: PlacingCorrector, name: str) -> dict[str, Any]:
     start_mdeg, step_mdeg = start_deg * 1e3, table.step / DEG * 1e3
     if abs(step_mdeg - round(step_mdeg)) > 1e-6 or abs(start_mdeg - round(start_mdeg)) > 1e-6:
         raise TiltcalError(
-            "placing-angle table", found=f"a step of {step_mdeg:g} mdeg", need="whole millidegrees", do="sweep again"
+            "placing-angle table",
+            found=f"a step of {step_mdeg:g} mdeg",
+            need="whole millidegrees",
+            do="sweep again",
         )
     return {
-        "count": count, "start": repr(float(table.start)), "per": repr(float(1 / table.step)),
-        "gravity": repr(g), "per_gravity": repr(1 / g),
+        "count": count,
+        "start": repr(float(table.start)),
+        "per": repr(float(1 / table.step)),
+        "gravity": repr(g),
+        "per_gravity": repr(1 / g),
         "share_shift": int(g * 1e6 * np.sin(table.step) * 2**30).bit_length() - 15,
         "lookup": corrector.lookup,
-        "start_deg": f"{start_deg:.6g}", "end_deg": f"{end_deg:.6g}", "step_deg": f"{table.step / DEG:.6g}",
-        "start_mdeg": round(start_mdeg), "step_mdeg": round(step_mdeg), "steep": repr((STEEP * g) ** 2),
-        "steep_um": int((STEEP * g * 1e6) ** 2), "gravity_um": round(g * 1e6), "held": [int(a in corrector.tables) for a in "xy"],
-        "bias": [[repr(float(v)) for v in row] for row in rows], "bias_um": [[round(float(v) * 1e6) for v in row] for row in rows],
-        "polynomial": _arctangent(), "root_bits": 2 * (round(g * 1e6).bit_length() - 13),
+        "start_deg": f"{start_deg:.6g}",
+        "end_deg": f"{end_deg:.6g}",
+        "step_deg": f"{table.step / DEG:.6g}",
+        "start_mdeg": round(start_mdeg),
+        "step_mdeg": round(step_mdeg),
+        "steep": repr((STEEP * g) ** 2),
+        "steep_um": int((STEEP * g * 1e6) ** 2),
+        "gravity_um": round(g * 1e6),
+        "held": [int(a in corrector.tables) for a in "xy"],
+        "bias": [[repr(float(v)) for v in row] for row in rows],
+        "bias_um": [[round(float(v) * 1e6) for v in row] for row in rows],
+        "polynomial": _arctangent(),
+        "root_bits": 2 * (round(g * 1e6).bit_length() - 13),
         "directions": _directions(table) if end_deg - start_deg < WIDEST else [],
-        "rounded_condition": "1" if corrector.lookup == "rounded" else f"defined({name.upper()}_ROUNDED)",
-    }  # fmt: skip
+        "rounded_condition": "1"
+        if corrector.lookup == "rounded"
+        else f"defined({name.upper()}_ROUNDED)",
+    }
 
 
 def _arctangent(terms: int = 8) -> str:
-    """atan(q) / q on [0, 1] as a polynomial of w = q^2 in Horner's form, by Chebyshev interpolation."""
-    series = np.polynomial.chebyshev.Chebyshev.interpolate(lambda w: np.arctan(np.sqrt(w)) / np.sqrt(w), terms - 1, domain=[0, 1])
+    """atan(q) / q on [0, 1] as a polynomial of w = q^2 in Horner's form, by Chebyshev
+    interpolation.
+    """
+    series = np.polynomial.chebyshev.Chebyshev.interpolate(
+        lambda w: np.arctan(np.sqrt(w)) / np.sqrt(w), terms - 1, domain=[0, 1]
+    )
     text = ""
     for c in reversed(series.convert(kind=np.polynomial.Polynomial).coef):
         text = f"{c:.9g}f + w * ({text})" if text else f"{c:.9g}f"

@@ -1,4 +1,6 @@
-"""Calibration: recovered parameters with covariance, tests and a verdict; saved, loaded, applied."""
+"""Calibration: recovered parameters with covariance, tests and a verdict; saved, loaded,
+applied.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -21,7 +23,10 @@ Verdict = Literal["good", "suspect", "cannot_tell"]
 VERDICTS: tuple[Verdict, ...] = ("good", "suspect", "cannot_tell")
 SIGNIFICANCE = 1e-3  # of each test of a method's own validity
 
-FRAMES = "world x East, y North, z Up; f = a - gravity, level at rest (0, 0, +g); body axes as the table's at zero angles"
+FRAMES = (
+    "world x East, y North, z Up; f = a - gravity, level at rest (0, 0, +g); body axes as the"
+    " table's at zero angles"
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,8 @@ class Calibration:
         chi2_per_dof, dof: of the fit.
         heldout_rms: sensor -> rms residual of poses left out of the fit, SI.
         warnings: what the user should know.
-        bias_tables: placing-angle tables, ``<sensor>.<axis>`` -> entries; lookup: how they are read.
+        bias_tables: placing-angle tables, ``<sensor>.<axis>`` -> entries; lookup: how they are
+            read.
         provenance: what it came from.
     """
 
@@ -87,9 +93,11 @@ class Calibration:
         p = len(self.parameters)
         if np.shape(self.covariance) != (p, p):
             raise TiltcalError(
-                f"calibration by {self.method}", found=f"a covariance of shape {np.shape(self.covariance)}",
-                need=f"({p}, {p}), one row a parameter", do="return it in the order of the parameters",
-            )  # fmt: skip
+                f"calibration by {self.method}",
+                found=f"a covariance of shape {np.shape(self.covariance)}",
+                need=f"({p}, {p}), one row a parameter",
+                do="return it in the order of the parameters",
+            )
         one_of(self.verdict, VERDICTS, f"calibration by {self.method}", "verdict")
 
     def value(self, name: str, default: float = 0.0) -> float:
@@ -101,10 +109,13 @@ class Calibration:
         names = [name.split(".")[0] for name in (*self.parameters, *self.bias_tables)]
         return [n for n in dict.fromkeys(names) if n != "base"]
 
-    # ------------------------------------------------------------------------------------------------------- the model
+    # ----------------------------------------------------------------------------------------------
+    # --------- the model
 
     def sensitivity(self, sensor: Sensor) -> Array:
-        """The matrix M of ``reading = bias + M f``, (k, 3): identity rows plus scale and cross terms."""
+        """The matrix M of ``reading = bias + M f``, (k, 3): identity rows plus scale and cross
+        terms.
+        """
         rows = sensor.axis_indices
         M = np.eye(3)[list(rows)]
         for i, axis in enumerate(sensor.axes):
@@ -118,23 +129,35 @@ class Calibration:
         """Bias of each channel, SI, (k,)."""
         return np.array([self.value(f"{sensor.name}.bias_{axis}") for axis in sensor.axes])
 
-    def placing(self, sensor: Sensor, g: float, lookup: str | None = None) -> PlacingCorrector | None:
+    def placing(
+        self, sensor: Sensor, g: float, lookup: str | None = None
+    ) -> PlacingCorrector | None:
         """The on-line corrector of a sensor with placing-angle tables; None without such tables."""
-        tables = tables_of(self.bias_tables, sensor.name, {n: e.value for n, e in self.parameters.items()})
+        tables = tables_of(
+            self.bias_tables, sensor.name, {n: e.value for n, e in self.parameters.items()}
+        )
         return PlacingCorrector(tables, g, lookup or self.lookup) if tables else None
 
     def g_sensitivity(self, sensor: Sensor) -> Array | None:
-        """G of ``reading = ... + G f`` of a gyro, rad/s per m/s2, (k, 3); None where it was not estimated."""
+        """G of ``reading = ... + G f`` of a gyro, rad/s per m/s2, (k, 3); None where it was not
+        estimated.
+        """
         names = [[f"{sensor.name}.gsens_{axis}{other}" for other in "xyz"] for axis in sensor.axes]
         if not any(name in self.parameters for row in names for name in row):
             return None
-        return np.array([[self.value(name) for name in row] for row in names]) * PARAMETER_UNITS["deg_h_g"].factor / G0
+        return (
+            np.array([[self.value(name) for name in row] for row in names])
+            * PARAMETER_UNITS["deg_h_g"].factor
+            / G0
+        )
 
     def correct(self, sensor: Sensor, reading: Array, g: float) -> Array:
         """Corrected readings, SI in the sensing form (f or rate), (n, k).
 
-        A triad: M^-1 (reading - bias). Two channels: the third component follows from |f| = g, z up. Further terms
-        (K2, K3, ...) are taken off at the last corrected force, until nothing changes. With placing-angle tables: x and y
+        A triad: M^-1 (reading - bias). Two channels: the third component follows from |f| = g, z
+            up. Further terms
+        (K2, K3, ...) are taken off at the last corrected force, until nothing changes. With
+        placing-angle tables: x and y
         less their table, NaN where the table does not hold.
         """
         corrector = self.placing(sensor, g)
@@ -162,12 +185,18 @@ class Calibration:
         found = {}
         for name, e in self.parameters.items():
             owner, _, term = name.partition(".")
-            if owner == sensor.name and not term.startswith(("bias_", "scale_", "cross_")) and f"acc_{term[:-2]}" in CATALOGUE:
+            if (
+                owner == sensor.name
+                and not term.startswith(("bias_", "scale_", "cross_"))
+                and f"acc_{term[:-2]}" in CATALOGUE
+            ):
                 found[term] = e.value * PARAMETER_UNITS[e.unit].factor
         return found
 
     @staticmethod
-    def _beyond_linear(further: Mapping[str, float], sensor: Sensor, f: Array, g: float) -> Array | float:
+    def _beyond_linear(
+        further: Mapping[str, float], sensor: Sensor, f: Array, g: float
+    ) -> Array | float:
         if not further:
             return 0.0
         from tiltcal.effects import CATALOGUE
@@ -182,20 +211,38 @@ class Calibration:
                 total[:, channel] += value * column
         return total
 
-    # ----------------------------------------------------------------------------------------------------------- files
+    # ----------------------------------------------------------------------------------------------
+    # ------------- files
 
     def to_json(self) -> dict[str, Any]:
         """The table of CAL.json."""
         table: dict[str, Any] = {
-            "schema": 1, "method": self.method, "verdict": self.verdict,
-            "equation": self.equation, "inverse": self.inverse, "frames": self.frames,
-            "parameters": {n: {"value": e.value, "sigma": e.sigma, "unit": e.unit} for n, e in self.parameters.items()},
-            "covariance": {"names": list(self.parameters), "matrix": np.asarray(self.covariance).tolist()},
-            "poses": [{"start_s": p.start_s, "end_s": p.end_s, "label": p.label} for p in self.poses],
+            "schema": 1,
+            "method": self.method,
+            "verdict": self.verdict,
+            "equation": self.equation,
+            "inverse": self.inverse,
+            "frames": self.frames,
+            "parameters": {
+                n: {"value": e.value, "sigma": e.sigma, "unit": e.unit}
+                for n, e in self.parameters.items()
+            },
+            "covariance": {
+                "names": list(self.parameters),
+                "matrix": np.asarray(self.covariance).tolist(),
+            },
+            "poses": [
+                {"start_s": p.start_s, "end_s": p.end_s, "label": p.label} for p in self.poses
+            ],
             "tests": [vars(t) for t in self.tests],
-            "fit": {"chi2_per_dof": self.chi2_per_dof, "dof": self.dof, "heldout_rms": dict(self.heldout_rms)},
-            "warnings": list(self.warnings), "provenance": dict(self.provenance),
-        }  # fmt: skip
+            "fit": {
+                "chi2_per_dof": self.chi2_per_dof,
+                "dof": self.dof,
+                "heldout_rms": dict(self.heldout_rms),
+            },
+            "warnings": list(self.warnings),
+            "provenance": dict(self.provenance),
+        }
         if self.bias_tables:
             table |= {"bias_tables": dict(self.bias_tables), "lookup": self.lookup}
         return table
@@ -245,7 +292,9 @@ def load_calibration(path: Path | str) -> Calibration:
 
 
 def calibration_from(table: Mapping[str, Any]) -> Calibration:
-    """A calibration from the table of CAL.json; only method, verdict and parameters with values are required."""
+    """A calibration from the table of CAL.json; only method, verdict and parameters with values are
+    required.
+    """
     parameters = {
         name: Estimate(float(e["value"]), float(e.get("sigma", 0.0)), str(e.get("unit", "")))
         for name, e in table["parameters"].items()
@@ -254,19 +303,34 @@ def calibration_from(table: Mapping[str, Any]) -> Calibration:
     stated = table.get("covariance")
     if stated:
         order = [stated["names"].index(name) for name in parameters]
-        covariance = np.array(stated["matrix"], dtype=float).reshape((len(stated["names"]),) * 2)[np.ix_(order, order)]
+        covariance = np.array(stated["matrix"], dtype=float).reshape((len(stated["names"]),) * 2)[
+            np.ix_(order, order)
+        ]
     fit = table.get("fit", {})
     return Calibration(
-        table["method"], table["verdict"], parameters, covariance, table.get("equation", ""), table.get("inverse", ""),
-        table.get("frames", FRAMES), [PoseSpan(**p) for p in table.get("poses", ())],
-        [Test(**t) for t in table.get("tests", ())], float(fit.get("chi2_per_dof", 0.0)), int(fit.get("dof", 0)),
-        fit.get("heldout_rms", {}), list(table.get("warnings", ())), table.get("bias_tables", {}),
-        table.get("lookup", "interpolated"), table.get("provenance", {}),
-    )  # fmt: skip
+        table["method"],
+        table["verdict"],
+        parameters,
+        covariance,
+        table.get("equation", ""),
+        table.get("inverse", ""),
+        table.get("frames", FRAMES),
+        [PoseSpan(**p) for p in table.get("poses", ())],
+        [Test(**t) for t in table.get("tests", ())],
+        float(fit.get("chi2_per_dof", 0.0)),
+        int(fit.get("dof", 0)),
+        fit.get("heldout_rms", {}),
+        list(table.get("warnings", ())),
+        table.get("bias_tables", {}),
+        table.get("lookup", "interpolated"),
+        table.get("provenance", {}),
+    )
 
 
 def tilt_angles(f: Array, sensor: Sensor, g: float) -> dict[str, Array]:
-    """Elevations of body x and y from corrected forces, rad: ``asin(f / g)``, or with a triad against its own length."""
+    """Elevations of body x and y from corrected forces, rad: ``asin(f / g)``, or with a triad
+    against its own length.
+    """
     found = {}
     length = np.linalg.norm(f, axis=1) if f.shape[1] == 3 else np.full(len(f), g)
     for i, axis in enumerate(sensor.axes):
@@ -275,7 +339,9 @@ def tilt_angles(f: Array, sensor: Sensor, g: float) -> dict[str, Array]:
     return found
 
 
-def chi2_test(name: str, statistic: float, dof: int, statement: str, significance: float = SIGNIFICANCE) -> Test:
+def chi2_test(
+    name: str, statistic: float, dof: int, statement: str, significance: float = SIGNIFICANCE
+) -> Test:
     """A chi-square test; passes while its p-value is above the significance."""
     from scipy.special import chdtrc
 
@@ -284,7 +350,9 @@ def chi2_test(name: str, statistic: float, dof: int, statement: str, significanc
 
 
 def verdict_of(tests: Sequence[Test], determined: bool = True) -> Verdict:
-    """cannot_tell when the recording does not determine the model, suspect when a test failed, else good."""
+    """cannot_tell when the recording does not determine the model, suspect when a test failed, else
+    good.
+    """
     if not determined:
         return "cannot_tell"
     return "good" if all(t.passed for t in tests) else "suspect"

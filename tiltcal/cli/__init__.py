@@ -1,4 +1,6 @@
-"""The command line. Exit status: 0 done and accepted, 1 judged and not accepted, 2 unusable input, 130 interrupted."""
+"""The command line. Exit status: 0 done and accepted, 1 judged and not accepted, 2 unusable input,
+130 interrupted.
+"""
 
 import sys
 from collections.abc import Sequence

@@ -33,7 +33,9 @@ def calibrate(args: argparse.Namespace) -> int:
         options["segments"] = read_segments(Path(args.segments), recording)
     budget: Budget | None = None
     if args.budget:
-        calibration, budget = make_budget(args.method, recording, scenario, scenario.budget, **options)
+        calibration, budget = make_budget(
+            args.method, recording, scenario, scenario.budget, **options
+        )
     else:
         calibration = run_method(args.method, recording, scenario, **options)
     strange = recording.unknown(scenario.sensor)
@@ -57,9 +59,19 @@ def parse_options(words: list[str]) -> dict[str, Any]:
     for word in words:
         key, equals, value = word.partition("=")
         if not equals or not key:
-            raise TiltcalError(f"--option {word}", found="no KEY=VALUE", need="for example terms=9", do="correct it")
+            raise TiltcalError(
+                f"--option {word}",
+                found="no KEY=VALUE",
+                need="for example terms=9",
+                do="correct it",
+            )
         if key == "segments":
-            raise TiltcalError(f"--option {word}", found="segments", need="a file of them", do="use --segments SEG.csv")
+            raise TiltcalError(
+                f"--option {word}",
+                found="segments",
+                need="a file of them",
+                do="use --segments SEG.csv",
+            )
         try:
             options[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
@@ -71,20 +83,39 @@ def print_calibration(c: Calibration) -> None:
     """Parameters, tests and verdict for people."""
     print_table(
         ["parameter", "value", "sigma", "unit", "95 % interval"],
-        [[r["name"], r["value"], r["sigma"], r["unit"], r["interval"]] for r in parameter_rows(c, {})],
+        [
+            [r["name"], r["value"], r["sigma"], r["unit"], r["interval"]]
+            for r in parameter_rows(c, {})
+        ],
     )
-    print_table(["test", "", "in words"], [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests])
+    print_table(
+        ["test", "", "in words"],
+        [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests],
+    )
     for name, rms in c.heldout_rms.items():
         print(f"held-out residual of {name}: {rms:.4g} (SI, whole directions left out)")
     for w in c.warnings:
         print(f"note: {w}")
-    print(f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of freedom; verdict: {c.verdict}")
+    print(
+        f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of"
+        f" freedom; verdict: {c.verdict}"
+    )
 
 
 def print_budget(budget: Budget) -> None:
     """Every line that matters of every parameter, and what they make together."""
     print_table(
-        ["parameter", "source", "type", "size", "distribution", "standard", "sensitivity", "contribution", "unit"],
+        [
+            "parameter",
+            "source",
+            "type",
+            "size",
+            "distribution",
+            "standard",
+            "sensitivity",
+            "contribution",
+            "unit",
+        ],
         [[r[key] for key in BUDGET_COLUMNS] for r in budget_rows(budget)],
         title="uncertainty budget (GUM); lines below 1 % of the combined uncertainty are left out",
     )
@@ -122,24 +153,31 @@ def check(args: argparse.Namespace) -> int:
     recording = read_recording(args.recording).require_increasing()
     segments = read_segments(Path(args.segments), recording) if args.segments else None
     limit = None if args.limit_arcsec is None else args.limit_arcsec * ARCSEC
-    result = judge(load_calibration(args.calibration), recording, load_scenario(args.scenario), limit, segments)
+    result = judge(
+        load_calibration(args.calibration), recording, load_scenario(args.scenario), limit, segments
+    )
     if args.json:
         print_json(
             {
-                "accepted": result.accepted, "judged_by": result.judged_by, "rms_arcsec": result.rms / ARCSEC,
-                "worst_arcsec": result.worst / ARCSEC, "expected_arcsec": result.expected / ARCSEC,
+                "accepted": result.accepted,
+                "judged_by": result.judged_by,
+                "rms_arcsec": result.rms / ARCSEC,
+                "worst_arcsec": result.worst / ARCSEC,
+                "expected_arcsec": result.expected / ARCSEC,
                 "poses": [
                     {"start_s": a, "end_s": b, "error_arcsec": float(e / ARCSEC)}
                     for (a, b), e in zip(result.spans, result.poses, strict=False)
                 ],
-                "tests": [vars(t) for t in result.tests], "statement": result.statement,
+                "tests": [vars(t) for t in result.tests],
+                "statement": result.statement,
             }
-        )  # fmt: skip
+        )
     else:
         print(result.statement)
         for t in result.tests:
             print(
-                f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g}, {t.dof} degrees of freedom, p {t.p_value:.2g})"
+                f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g}, {t.dof} degrees"
+                f" of freedom, p {t.p_value:.2g})"
             )
         print("accepted" if result.accepted else "not accepted")
     return 0 if result.accepted else 1
@@ -148,10 +186,18 @@ def check(args: argparse.Namespace) -> int:
 def segments(args: argparse.Namespace) -> int:
     """Find dwells and moves."""
     if not 0 < args.window < float("inf"):
-        raise TiltcalError("--window", found=f"{args.window:g} s", need="a time above zero", do="leave it out, or try 0.5")
+        raise TiltcalError(
+            "--window",
+            found=f"{args.window:g} s",
+            need="a time above zero",
+            do="leave it out, or try 0.5",
+        )
     found = find_segments(read_recording(args.recording), window=args.window)
     if args.output:
-        with replacing(Path(args.output)) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
+        with (
+            replacing(Path(args.output)) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as out,
+        ):
             write_segments(found, out)
     if args.json:
         print_json([vars(s) for s in found])
@@ -175,21 +221,30 @@ def read_segments(path: Path, recording: Recording) -> list[Segment]:
     Raises:
         TiltcalError: a column is missing, a cell is wrong, or two dwells overlap.
     """
-    with require_file(path, "segments").open(newline="", encoding="utf-8-sig", errors="replace") as lines:
+    with require_file(path, "segments").open(
+        newline="", encoding="utf-8-sig", errors="replace"
+    ) as lines:
         reader = csv.DictReader(lines)
         missing = {"start_s", "end_s"} - set(reader.fieldnames or ())
         if missing:
             raise TiltcalError(
-                f"segments {path.name}", found="no column " + ", ".join(sorted(missing)), need="start_s, end_s, kind, label",
+                f"segments {path.name}",
+                found="no column " + ", ".join(sorted(missing)),
+                need="start_s, end_s, kind, label",
                 do="start from `tiltcal segments -o`",
-            )  # fmt: skip
-        found = [_segment(row, number, path.name, recording) for number, row in enumerate(reader, start=2)]
+            )
+        found = [
+            _segment(row, number, path.name, recording)
+            for number, row in enumerate(reader, start=2)
+        ]
     for before, after in pairwise(sorted(dwells(found), key=lambda s: s.start)):
         if after.first < before.last:
             raise TiltcalError(
-                f"segments {path.name}", found=f"dwells that overlap from {after.start:g} to {before.end:g} s",
-                need="each sample in one dwell", do="correct their times",
-            )  # fmt: skip
+                f"segments {path.name}",
+                found=f"dwells that overlap from {after.start:g} to {before.end:g} s",
+                need="each sample in one dwell",
+                do="correct their times",
+            )
     return found
 
 
@@ -201,18 +256,27 @@ def _segment(row: dict[str, str], line: int, source: str, recording: Recording) 
         start, end = float(row["start_s"]), float(row["end_s"])
     except (TypeError, ValueError) as error:
         raise TiltcalError(
-            f"segments {source}, line {line}", found=str(error), need="two times in s", do="correct that line"
+            f"segments {source}, line {line}",
+            found=str(error),
+            need="two times in s",
+            do="correct that line",
         ) from error
     if kind not in ("dwell", "move") or not end >= start:  # a move may be one sample
         raise TiltcalError(
-            f"segments {source}, line {line}", found=f"{kind} from {start:g} to {end:g} s", need="dwell or move, end after start",
+            f"segments {source}, line {line}",
+            found=f"{kind} from {start:g} to {end:g} s",
+            need="dwell or move, end after start",
             do="correct that line",
-        )  # fmt: skip
-    first, last = (int(i) for i in np.searchsorted(recording.time, [start, np.nextafter(end, np.inf)]))
+        )
+    first, last = (
+        int(i) for i in np.searchsorted(recording.time, [start, np.nextafter(end, np.inf)])
+    )
     if last == first:
         raise TiltcalError(
-            f"segments {source}, line {line}", found=f"no sample from {start:g} to {end:g} s",
-            need=f"times within the recording, {recording.time[0]:g} to {recording.time[-1]:g} s", do="correct that line",
-        )  # fmt: skip
+            f"segments {source}, line {line}",
+            found=f"no sample from {start:g} to {end:g} s",
+            need=f"times within the recording, {recording.time[0]:g} to {recording.time[-1]:g} s",
+            do="correct that line",
+        )
     label = (row.get("label") or "").strip() or majority(recording, first, last)
     return Segment(start, end, first, last, kind, label)

@@ -20,32 +20,56 @@ def confuse_(args: argparse.Namespace) -> int:
     if args.json:
         print_json(
             {
-                "schema": 1, "scenario": scenario.name, "grade": args.grade, "rank": found.rank, "visible": found.visible,
+                "schema": 1,
+                "scenario": scenario.name,
+                "grade": args.grade,
+                "rank": found.rank,
+                "visible": found.visible,
                 "classes": [list(g) for g in groups],
                 "parameters": [
                     {
-                        "effect": s.column.effect, "sensor": s.column.sensor, "axis": s.column.axis,
-                        "parameter": f"{s.column.name}_{s.column.unit}", "plausible": s.column.size, "absorbed": s.absorbed,
-                        "detectable": s.detectable if np.isfinite(s.detectable) else None, "unique": s.unique,
+                        "effect": s.column.effect,
+                        "sensor": s.column.sensor,
+                        "axis": s.column.axis,
+                        "parameter": f"{s.column.name}_{s.column.unit}",
+                        "plausible": s.column.size,
+                        "absorbed": s.absorbed,
+                        "detectable": s.detectable if np.isfinite(s.detectable) else None,
+                        "unique": s.unique,
                         "rivals": [{"parameter": r, "cosine": c} for r, c in s.rivals],
                     }
                     for s in found.sights
                 ],
             }
-        )  # fmt: skip
+        )
         return 0
     rows = []
     for s in sorted(found.sights, key=lambda s: (s.column.effect, s.column.label)):
         size = f"{s.detectable:.3g} {s.column.unit}" if np.isfinite(s.detectable) else "never"
         rivals = ", ".join(f"{label} {cosine:+.3f}" for label, cosine in s.rivals[:2])
         rivals += f" and {len(s.rivals) - 2} more" if len(s.rivals) > 2 else ""
-        rows.append([s.column.label, f"{100 * s.absorbed:.1f} %", size, f"{s.column.size:g}", f"{s.unique:.2f}", rivals])
-    print_table(["parameter", "absorbed", "detectable", "plausible", "unique", "cannot be told from"], rows)
+        rows.append(
+            [
+                s.column.label,
+                f"{100 * s.absorbed:.1f} %",
+                size,
+                f"{s.column.size:g}",
+                f"{s.unique:.2f}",
+                rivals,
+            ]
+        )
+    print_table(
+        ["parameter", "absorbed", "detectable", "plausible", "unique", "cannot be told from"], rows
+    )
     print(
-        f"{found.visible} signatures are visible, {found.rank} of them independent, in {found.samples:.0f} samples of each sensor"
+        f"{found.visible} signatures are visible, {found.rank} of them independent, in"
+        f" {found.samples:.0f} samples of each sensor"
     )
     for group in groups[:12]:
-        print(f"one class: {', '.join(group)}; to split {group[0]} from {group[1]}: {tie_breaker(group[0], group[1])}")
+        print(
+            f"one class: {', '.join(group)}; to split {group[0]} from {group[1]}:"
+            f" {tie_breaker(group[0], group[1])}"
+        )
     return 0
 
 
@@ -57,11 +81,17 @@ def explain_frames(args: argparse.Namespace) -> int:
     if args.json:
         print_json({"schema": 1, "faces": faces, "small_turns": turns})
         return 0
-    for title, rows in (("body axis up", faces), ("after +10 deg about a body axis, from level", turns)):
+    for title, rows in (
+        ("body axis up", faces),
+        ("after +10 deg about a body axis, from level", turns),
+    ):
         if rows:
             header = list(rows[0])
             print_table(header, [[str(r[h]) for h in header] for r in rows], title)
-    print("World: x East, y North, z Up; an accelerometer level at rest reads (0, 0, +g). Compare these signs with yours first.")
+    print(
+        "World: x East, y North, z Up; an accelerometer level at rest reads (0, 0, +g). Compare"
+        " these signs with yours first."
+    )
     return 0
 
 
@@ -73,20 +103,27 @@ def frame_table(scenario: Scenario) -> list[dict[str, str]]:
 
 
 def turn_table(scenario: Scenario) -> list[dict[str, str]]:
-    """Readings after a small right-handed turn about each body axis, and the rate that a turn at 10 deg/s gives."""
+    """Readings after a small right-handed turn about each body axis, and the rate that a turn at 10
+    deg/s gives.
+    """
     rows = []
     for i, axis in enumerate("xyz"):
         up = (rotation(axis, 10 * DEG).T @ [0.0, 0.0, 1.0])[None]
         row = {"turn": f"about +{axis}"} | _shown(scenario, up)
         for s in scenario.sensors("gyro"):
-            row |= {f"{s.name}_{a}": f"{10.0 if s.axis_indices[k] == i else 0.0:+.0f} deg/s" for k, a in enumerate(s.axes)}
+            row |= {
+                f"{s.name}_{a}": f"{10.0 if s.axis_indices[k] == i else 0.0:+.0f} deg/s"
+                for k, a in enumerate(s.axes)
+            }
         for s in scenario.sensors("fog"):
             row[f"{s.name}_a"] = f"{10 * s.input_vector[i]:+.3f} deg/s"
         rows.append(row)
     return rows
 
 
-def _shown(scenario: Scenario, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]") -> dict[str, str]:
+def _shown(
+    scenario: Scenario, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]"
+) -> dict[str, str]:
     g = scenario.site.gravity
     shown = {}
     for name, values in true_readings(scenario, up, ()).items():

@@ -21,10 +21,20 @@ from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
 from tiltcal.setup.setup import Sensor
 
 TEXTBOOK = {
-    "schema": 1, "name": "textbook triad on a dual table", "site": {"gravity_m_s2": G0}, "rig": {"table": "dual"},
-    "sensor": [{"name": "accel", "kind": "accelerometer", "rate_hz": 100, "adjustable": ["bias", "scale", "cross_axis"]}],
+    "schema": 1,
+    "name": "textbook triad on a dual table",
+    "site": {"gravity_m_s2": G0},
+    "rig": {"table": "dual"},
+    "sensor": [
+        {
+            "name": "accel",
+            "kind": "accelerometer",
+            "rate_hz": 100,
+            "adjustable": ["bias", "scale", "cross_axis"],
+        }
+    ],
     "effect": [{"id": "acc_noise", "white_ug_rthz": 100.0}],
-}  # fmt: skip
+}
 
 
 def design_(args: argparse.Namespace) -> int:
@@ -35,9 +45,11 @@ def design_(args: argparse.Namespace) -> int:
         return split(args)
     if args.scenario is None and args.textbook is None:
         raise TiltcalError(
-            "command line of `tiltcal design`", found="neither SCENARIO nor --textbook", need="what the sequence is for",
+            "command line of `tiltcal design`",
+            found="neither SCENARIO nor --textbook",
+            need="what the sequence is for",
             do="name a scenario (`tiltcal init -o bench.toml` writes one)",
-        )  # fmt: skip
+        )
     scenario = load_scenario(args.scenario) if args.scenario else parse_scenario(TEXTBOOK)
     clock = clock_of(args, scenario)
     if args.blind_to_nothing is not None:
@@ -74,24 +86,48 @@ def clock_of(args: argparse.Namespace, scenario: Scenario) -> Clock:
             equals = ""
         if not equals or not colon or name not in axes:
             raise TiltcalError(
-                f"--angles {text}", found="no AXIS=LOW:HIGH", need=f"for example {axes[0]}=-90:90, an axis among {', '.join(axes)}",
+                f"--angles {text}",
+                found="no AXIS=LOW:HIGH",
+                need=f"for example {axes[0]}=-90:90, an axis among {', '.join(axes)}",
                 do="correct it",
-            )  # fmt: skip
+            )
     return Clock(
-        args.budget, args.rate_deg_s * DEG, args.settle_s, args.dwell_s[0], args.dwell_s[1],
-        tuple(limits.get(name) for name in axes), args.step_deg * DEG,
-    )  # fmt: skip
+        args.budget,
+        args.rate_deg_s * DEG,
+        args.settle_s,
+        args.dwell_s[0],
+        args.dwell_s[1],
+        tuple(limits.get(name) for name in axes),
+        args.step_deg * DEG,
+    )
 
 
-def problem_of(args: argparse.Namespace, scenario: Scenario, clock: Clock) -> tuple[Problem, tuple[str, ...]]:
+def problem_of(
+    args: argparse.Namespace, scenario: Scenario, clock: Clock
+) -> tuple[Problem, tuple[str, ...]]:
     """What is to be designed, and the effects that poses cannot tell."""
     nuisance = tuple(n for n in args.nuisance if n != "none")
     if args.textbook is not None:
-        return Problem(textbook_model(args.textbook, "drift" in nuisance, clock.budget), clock, args.criterion), ()
+        return (
+            Problem(
+                textbook_model(args.textbook, "drift" in nuisance, clock.budget),
+                clock,
+                args.criterion,
+            ),
+            (),
+        )
     sensor = sensor_of(args, scenario)
-    terms = tuple(args.terms) or (*sensor.adjustable, *(t.id for t in scenario.effect if t.fit and t.sensor in (None, sensor.name)))
+    terms = tuple(args.terms) or (
+        *sensor.adjustable,
+        *(t.id for t in scenario.effect if t.fit and t.sensor in (None, sensor.name)),
+    )
     wanted = Wanted(
-        terms or ("bias", "scale", "cross_axis"), nuisance, args.grade, args.prior, args.floor_ug * 1e-6 * G0, args.range_deg * DEG
+        terms or ("bias", "scale", "cross_axis"),
+        nuisance,
+        args.grade,
+        args.prior,
+        args.floor_ug * 1e-6 * G0,
+        args.range_deg * DEG,
     )
     model, unseen = scenario_model(scenario, sensor, wanted, clock.budget)
     return Problem(model, clock, args.criterion), unseen
@@ -106,32 +142,52 @@ def sensor_of(args: argparse.Namespace, scenario: Scenario) -> Sensor:
     fitting = [s for s in scenario.sensor if s.is_accelerometer and args.sensor in (None, s.name)]
     if not fitting:
         raise TiltcalError(
-            f"scenario {scenario.name}", found=f"no accelerometer or inclinometer{f' named {args.sensor}' if args.sensor else ''}",
-            need="one: poses tell what follows gravity", do="add one, or correct --sensor (a gyro is calibrated by turns)",
-        )  # fmt: skip
+            f"scenario {scenario.name}",
+            found=(
+                f"no accelerometer or inclinometer{f' named {args.sensor}' if args.sensor else ''}"
+            ),
+            need="one: poses tell what follows gravity",
+            do="add one, or correct --sensor (a gyro is calibrated by turns)",
+        )
     return fitting[0]
 
 
-def write_plan(plan: Plan, scenario: Scenario, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", folder: Path) -> None:
+def write_plan(
+    plan: Plan,
+    scenario: Scenario,
+    up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]",
+    folder: Path,
+) -> None:
     """design.toml, steps.csv, steps.txt, segments.csv and design.json in a folder."""
     import tomli_w
 
     steps = steps_of(plan, up)
-    write_text(folder / "design.toml", tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")))
+    write_text(
+        folder / "design.toml",
+        tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),
+    )
     write_text(folder / "steps.csv", steps_csv(steps))
     write_text(folder / "steps.txt", printable(plan, up))
     write_text(folder / "segments.csv", segments_csv(plan))
     write_json(folder / "design.json", plan.to_json())
 
 
-def show(plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", unseen: tuple[str, ...]) -> None:
+def show(
+    plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", unseen: tuple[str, ...]
+) -> None:
     """The list for people, and the classic sequences beside it."""
     print(printable(plan, up))
     what = plan.forecast
     rows = [["this design", f"{what.nats:.2f}", f"{what.tilt_arcsec:.3f}", str(what.poses)]]
-    rows += [[name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)] for name, f in plan.baselines.items()]
+    rows += [
+        [name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)]
+        for name, f in plan.baselines.items()
+    ]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
     if not plan.problem.model.interest.all():
-        print("the sigmas hold for a fit of all these terms, nuisances too: calibrate with terms that name the drift as well")
+        print(
+            "the sigmas hold for a fit of all these terms, nuisances too: calibrate with terms that"
+            " name the drift as well"
+        )
     if unseen:
         print("no pose can see: " + ", ".join(unseen))

@@ -21,7 +21,9 @@ def diagnose(args: argparse.Namespace) -> int:
     recordings = [read_recording(path) for path in args.recording]
     static = read_recording(args.static) if args.static else None
     with progress_line() as progress:
-        found = explain(scenario, recordings, static=static, laboratory=simulator(progress), progress=progress)
+        found = explain(
+            scenario, recordings, static=static, laboratory=simulator(progress), progress=progress
+        )
     if args.output:
         write_answer(found, Path(args.output), args.recording)
     if args.json:
@@ -40,9 +42,11 @@ def honest_scenario(path: str) -> Scenario:
     scenario = load_scenario(path)
     if scenario.role == "concealed":
         raise TiltcalError(
-            f"scenario {path}", found='role = "concealed": it holds the truth', need="what an honest user knows",
+            f"scenario {path}",
+            found='role = "concealed": it holds the truth',
+            need="what an honest user knows",
             do="give the scenario without its concealed effects",
-        )  # fmt: skip
+        )
     return scenario
 
 
@@ -52,7 +56,9 @@ def write_answer(found: Diagnosis, folder: Path, recordings: Sequence[str]) -> N
 
     make_folder(folder)
     write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
-    write_diagnosis(found, folder / "report.html", ", ".join(Path(path).name for path in recordings))
+    write_diagnosis(
+        found, folder / "report.html", ", ".join(Path(path).name for path in recordings)
+    )
     write_json(folder / "diagnosis.json", _as_json(found, recordings))
 
 

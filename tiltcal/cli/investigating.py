@@ -35,11 +35,17 @@ def investigate_(args: argparse.Namespace) -> int:
 
         def explain(files: Sequence[Path], place: Path) -> None:
             recordings = [read_recording(path) for path in files]
-            found = diagnose(scenario, recordings, laboratory=simulator(progress), progress=progress)
+            found = diagnose(
+                scenario, recordings, laboratory=simulator(progress), progress=progress
+            )
             write_answer(found, place, [str(path) for path in files])
 
-        bench = Bench(scenario, folder, explain, laboratory, limits_of(args), args.blocks, args.budget_min)
-        state = investigate(bench, [str(Path(p).absolute()) for p in args.recording], progress, args.resume)
+        bench = Bench(
+            scenario, folder, explain, laboratory, limits_of(args), args.blocks, args.budget_min
+        )
+        state = investigate(
+            bench, [str(Path(p).absolute()) for p in args.recording], progress, args.resume
+        )
     _show(state, args)
     return 0 if state.explained else 1
 
@@ -62,8 +68,15 @@ def limits_of(args: argparse.Namespace) -> Limits:
     """
     for name in ("block_min", "rate_deg_s", "dwell_s"):
         if not getattr(args, name) > 0:
-            raise TiltcalError(f"--{name.replace('_', '-')}", found=f"{getattr(args, name):g}", need="more than 0", do="correct it")
-    return Limits(args.block_min, args.rate_deg_s, args.dwell_s, dict(_range(text) for text in args.angles))
+            raise TiltcalError(
+                f"--{name.replace('_', '-')}",
+                found=f"{getattr(args, name):g}",
+                need="more than 0",
+                do="correct it",
+            )
+    return Limits(
+        args.block_min, args.rate_deg_s, args.dwell_s, dict(_range(text) for text in args.angles)
+    )
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:
@@ -74,7 +87,12 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         found = (0.0, 0.0)
     if not axis or not found[0] < found[1]:
-        raise TiltcalError("--angles", found=f"'{text}'", need="AXIS=LOW:HIGH in deg, such as outer=-45:45", do="correct it")
+        raise TiltcalError(
+            "--angles",
+            found=f"'{text}'",
+            need="AXIS=LOW:HIGH in deg, such as outer=-45:45",
+            do="correct it",
+        )
     return axis, found
 
 
@@ -83,9 +101,11 @@ def split(args: argparse.Namespace) -> int:
     told = args.diagnosed or args.scenario
     if told is None:
         raise TiltcalError(
-            "command line of `tiltcal design`", found="--split without a scenario", need="the scenario that was diagnosed",
+            "command line of `tiltcal design`",
+            found="--split without a scenario",
+            need="the scenario that was diagnosed",
             do="add --scenario TOML",
-        )  # fmt: skip
+        )
     scenario = honest_scenario(told)
     path = require_file(Path(args.split), "diagnosis")
     diagnosis = _table(path)
@@ -93,13 +113,20 @@ def split(args: argparse.Namespace) -> int:
     recordings = [read_recording(p) for p in _recordings_of(diagnosis, path, args.recordings)]
     with progress_line() as progress:
         table = tomllib.loads(amended.read_text(encoding="utf-8"))
-        limits = Limits(args.budget / 60, args.rate_deg_s, args.dwell_s[0], dict(_range(text) for text in args.angles))
+        limits = Limits(
+            args.budget / 60,
+            args.rate_deg_s,
+            args.dwell_s[0],
+            dict(_range(text) for text in args.angles),
+        )
         plan = next_block(scenario, recordings, diagnosis, table, limits, progress)
     if args.output:
         folder = make_folder(Path(args.output))
         write_json(folder / "next_block.json", plan.to_json())
         if plan.proposal is not None:
-            write_text(folder / "sequence.csv", sequence_text(plan.proposal.block.steps, scenario.rig))
+            write_text(
+                folder / "sequence.csv", sequence_text(plan.proposal.block.steps, scenario.rig)
+            )
     _show_plan(plan, scenario.rig, args)
     return 0 if plan.proposal is not None else 1
 
@@ -121,7 +148,12 @@ def _table(path: Path) -> dict[str, Any]:
         found = "no verdict and findings"
     except (ValueError, TypeError) as error:
         found = str(error)
-    raise TiltcalError(f"diagnosis {path.name}", found=found, need="what `tiltcal diagnose -o` wrote", do="name that file")
+    raise TiltcalError(
+        f"diagnosis {path.name}",
+        found=found,
+        need="what `tiltcal diagnose -o` wrote",
+        do="name that file",
+    )
 
 
 def _recordings_of(diagnosis: dict[str, Any], path: Path, given: Sequence[str]) -> list[Path]:
@@ -135,18 +167,30 @@ def _recordings_of(diagnosis: dict[str, Any], path: Path, given: Sequence[str]) 
     named = [Path(p) for p in diagnosis.get("recordings", [])]
     if not named:
         raise TiltcalError(
-            f"diagnosis {path.name}", found="no recordings in it", need="those that were diagnosed", do="add --recordings REC ..."
+            f"diagnosis {path.name}",
+            found="no recordings in it",
+            need="those that were diagnosed",
+            do="add --recordings REC ...",
         )
     return named
 
 
 def lab(args: argparse.Namespace) -> int:
-    """Record a sequence file with a scenario's effects: a laboratory for ``investigate``, through MuJoCo."""
+    """Record a sequence file with a scenario's effects: a laboratory for ``investigate``, through
+    MuJoCo.
+    """
     scenario = load_scenario(args.scenario)
     steps = read_sequence(args.sequence)
-    seed = zlib.crc32(Path(args.sequence).read_bytes()) ^ (scenario.seed if args.seed is None else args.seed)
-    events = [{**to_file(e), **({"seen_in": "another recording"} if "time" in e.values else {})} for e in scenario.effects]
-    effects = tuple(EffectTable.model_validate(e) for e in events)  # what the scenario's events did lies behind it
+    seed = zlib.crc32(Path(args.sequence).read_bytes()) ^ (
+        scenario.seed if args.seed is None else args.seed
+    )
+    events = [
+        {**to_file(e), **({"seen_in": "another recording"} if "time" in e.values else {})}
+        for e in scenario.effects
+    ]
+    effects = tuple(
+        EffectTable.model_validate(e) for e in events
+    )  # what the scenario's events did lies behind it
     again = fresh(scenario, sequence=steps, effect=effects, grade=None)
     with progress_line() as progress:
         recording = simulator(progress).record(again, seed)

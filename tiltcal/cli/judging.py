@@ -39,7 +39,9 @@ def verify(args: argparse.Namespace) -> int:
     place = Path(args.folder) if args.folder else folder("scenarios")
     _check_output(args)
     with progress_line() as progress:
-        verification = verify_folder(place, simulator(progress), allow_commands=args.allow_commands, progress=progress)
+        verification = verify_folder(
+            place, simulator(progress), allow_commands=args.allow_commands, progress=progress
+        )
     return finish(verification, args)
 
 
@@ -53,7 +55,12 @@ def _check_output(args: argparse.Namespace) -> None:
         out = Path(args.output).absolute()
         there = next(p for p in (out, *out.parents) if p.exists())
         if not there.is_dir():
-            raise TiltcalError(f"output {args.output}", found=f"the file {there}", need="a folder", do="choose another")
+            raise TiltcalError(
+                f"output {args.output}",
+                found=f"the file {there}",
+                need="a folder",
+                do="choose another",
+            )
 
 
 def finish(verification: Verification, args: argparse.Namespace) -> int:
@@ -77,7 +84,9 @@ def print_verification(verification: Verification) -> None:
     for r in verification.results:
         for m in r.methods:
             tilt = [f"{x:.3g}" for x in m.tilt.in_arcsec] if m.tilt else ["", "", ""]
-            verdict = m.calibrations[0].verdict if m.calibrations else "error" if m.error else "on line"
+            verdict = (
+                m.calibrations[0].verdict if m.calibrations else "error" if m.error else "on line"
+            )
             rows.append(
                 [
                     r.scenario.name,
@@ -88,42 +97,65 @@ def print_verification(verification: Verification) -> None:
                     "accepted" if m.accepted else "NOT ACCEPTED",
                 ]
             )
-    print_table(["scenario", "method", "runs", "verdict", "before, arcsec", "after", "bound", "judged"], rows)
+    print_table(
+        ["scenario", "method", "runs", "verdict", "before, arcsec", "after", "bound", "judged"],
+        rows,
+    )
     for r in verification.results:
         for m in r.methods:
             for limit in m.limits:
                 if not limit.passed:
-                    print(f"{r.scenario.name}, {m.title}: {limit.name}: reached {limit.reached:.6g}, allowed {limit.allowed}")
+                    print(
+                        f"{r.scenario.name}, {m.title}: {limit.name}: reached {limit.reached:.6g},"
+                        f" allowed {limit.allowed}"
+                    )
             if m.error:
                 print(f"{r.scenario.name}, {m.title}: {m.error}")
             if m.online:
                 print(f"{r.scenario.name}, {m.title}: {m.online.statement}")
     good = sum(r.accepted for r in verification.results)
-    print(f"{good} of {len(verification.results)} scenarios accepted in {verification.seconds:.1f} s")
+    print(
+        f"{good} of {len(verification.results)} scenarios accepted in {verification.seconds:.1f} s"
+    )
 
 
 def _tilt_json(tilt: TiltError | None) -> dict[str, float] | None:
-    return None if tilt is None else dict(zip(("before", "after", "bound"), tilt.in_arcsec, strict=True))
+    return (
+        None
+        if tilt is None
+        else dict(zip(("before", "after", "bound"), tilt.in_arcsec, strict=True))
+    )
 
 
 def as_json(verification: Verification) -> dict[str, object]:
     """The verification for machines."""
     return {
-        "schema": 1, "accepted": verification.accepted, "seconds": verification.seconds,
+        "schema": 1,
+        "accepted": verification.accepted,
+        "seconds": verification.seconds,
         "scenarios": [
             {
-                "name": r.scenario.name, "source": r.source, "accepted": r.accepted,
+                "name": r.scenario.name,
+                "source": r.source,
+                "accepted": r.accepted,
                 "methods": [
                     {
-                        "method": m.title, "accepted": m.accepted, "error": m.error, "runs": len(m.calibrations),
+                        "method": m.title,
+                        "accepted": m.accepted,
+                        "error": m.error,
+                        "runs": len(m.calibrations),
                         "verdict": m.calibrations[0].verdict if m.calibrations else None,
-                        "tilt_arcsec": _tilt_json(m.tilt), "online": m.online.to_json() if m.online else None,
-                        "limits": [vars(limit) for limit in m.limits], "truth": m.truth,
-                        "parameters": m.calibrations[0].to_json()["parameters"] if m.calibrations else {},
+                        "tilt_arcsec": _tilt_json(m.tilt),
+                        "online": m.online.to_json() if m.online else None,
+                        "limits": [vars(limit) for limit in m.limits],
+                        "truth": m.truth,
+                        "parameters": (
+                            m.calibrations[0].to_json()["parameters"] if m.calibrations else {}
+                        ),
                     }
                     for m in r.methods
                 ],
             }
             for r in verification.results
         ],
-    }  # fmt: skip
+    }

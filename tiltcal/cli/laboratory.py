@@ -73,16 +73,30 @@ def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:
     from tiltcal.forward.kinematics import closed_form
 
     truth: dict[str, object] = {
-        "schema": 1, "scenario": scenario.name, "seed": seed, "effects": [to_file(e) for e in scenario.effects]
-    }  # fmt: skip
+        "schema": 1,
+        "scenario": scenario.name,
+        "seed": seed,
+        "effects": [to_file(e) for e in scenario.effects],
+    }
     if scenario.sequence and scenario.dynamics is None:
         legs = [leg for leg in scenario.schedule.legs if leg.stop >= 0]
         drive = scenario.schedule.drive(np.array([(leg.t0 + leg.t1) / 2 for leg in legs]))
-        geometry = [e for e in scenario.effects if e.stage in ("environment", "table", "mount") and not e.random]
+        geometry = [
+            e
+            for e in scenario.effects
+            if e.stage in ("environment", "table", "mount") and not e.random
+        ]
         up = closed_form(scenario, drive, geometry).up
         truth["poses"] = [
-            {"start_s": leg.t0, "end_s": leg.t1, "label": leg.label, "up": up[k].tolist(),
-             "readout_deg": {n: float(np.asarray(jet.x)[k] / DEG) for n, jet in drive.axes.items()}}
+            {
+                "start_s": leg.t0,
+                "end_s": leg.t1,
+                "label": leg.label,
+                "up": up[k].tolist(),
+                "readout_deg": {
+                    n: float(np.asarray(jet.x)[k] / DEG) for n, jet in drive.axes.items()
+                },
+            }
             for k, leg in enumerate(legs)
-        ]  # fmt: skip
+        ]
     return truth

@@ -28,7 +28,9 @@ def blind_to_nothing_(args: argparse.Namespace, scenario: Scenario, clock: Clock
     _hold(clock, count * (clock.settle + clock.shortest), count)
     still = Still(scenario, clock.budget)
     wanted = [] if "all" in args.terms else args.terms
-    seen = catalogue_signatures(still, sensor_of(args, scenario), grid_of_poses(clock), args.grade, wanted)
+    seen = catalogue_signatures(
+        still, sensor_of(args, scenario), grid_of_poses(clock), args.grade, wanted
+    )
     terms = 1 + seen.spanned.shape[1]
     if count <= terms:
         _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms take up all of them")
@@ -51,13 +53,17 @@ def blind_to_nothing_(args: argparse.Namespace, scenario: Scenario, clock: Clock
 def show(found: MaxMin) -> None:
     """The shares for people, and what they are shares of."""
     seen = found.seen
-    rows = [[name, f"{share:.3f}", "poses"] for name, share in zip(seen.names, found.shares, strict=True)]
+    rows = [
+        [name, f"{share:.3f}", "poses"]
+        for name, share in zip(seen.names, found.shares, strict=True)
+    ]
     rows += [[name, f"{share:.3f}", "order"] for name, share in found.in_order.items()]
     print_table(["effect", "share of the most any design sees", "told by"], rows)
     print(
-        f"least share {found.shares.min():.4f}; no design can pass {found.bounds[0]:.4f}, none that keeps {100 * REQUIRED:g} % of "
-        f"the linear D-efficiency {found.bounds[1]:.4f} (convex bounds over all poses of a grid; references within "
-        f"{100 * found.reference_gap:.2f} %); D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
+        f"least share {found.shares.min():.4f}; no design can pass {found.bounds[0]:.4f}, none that"
+        f" keeps {100 * REQUIRED:g} % of the linear D-efficiency {found.bounds[1]:.4f} (convex"
+        f" bounds over all poses of a grid; references within {100 * found.reference_gap:.2f} %);"
+        f" D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
     )
     print("taken up by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
     print("no sequence of dwells shows here:")
@@ -82,26 +88,41 @@ def timed(found: MaxMin, problem: Problem, axes: tuple[str, ...]) -> Plan:
     """
     clock = problem.clock
     _hold(clock, clock.budget - float(clock.spare(found.angles)), len(found.angles))
-    return Plan(problem, found.angles, problem.dwells(found.angles, np.zeros(len(found.angles))), axes, {})
+    return Plan(
+        problem, found.angles, problem.dwells(found.angles, np.zeros(len(found.angles))), axes, {}
+    )
 
 
 def _refuse(count: int, need: str, why: str) -> None:
-    raise TiltcalError("design --blind-to-nothing", found=f"{count} poses", need=f"{need}: {why}", do="allow more poses")
+    raise TiltcalError(
+        "design --blind-to-nothing",
+        found=f"{count} poses",
+        need=f"{need}: {why}",
+        do="allow more poses",
+    )
 
 
 def _hold(clock: Clock, needed: float, count: int) -> None:
     """Refuse a budget that does not hold the poses."""
     if needed > clock.budget:
         raise TiltcalError(
-            "design, budget", found=f"{clock.budget:g} s", need=f"{needed:.0f} s or more for {count} poses", do="raise --budget-s"
+            "design, budget",
+            found=f"{clock.budget:g} s",
+            need=f"{needed:.0f} s or more for {count} poses",
+            do="raise --budget-s",
         )
 
 
 def summary(found: MaxMin) -> dict[str, object]:
     """The shares for machines."""
     return {
-        "shares": dict(zip(found.seen.names, map(float, found.shares), strict=True)), "in_order": found.in_order,
-        "least_share": float(found.shares.min()), "bound": found.bounds[0], "bound_at_d_efficiency": found.bounds[1],
-        "reference_gap": found.reference_gap, "d_efficiency": found.efficiency,
-        "taken_up": list(found.seen.ordinary), "unseen": unseen(found),
-    }  # fmt: skip
+        "shares": dict(zip(found.seen.names, map(float, found.shares), strict=True)),
+        "in_order": found.in_order,
+        "least_share": float(found.shares.min()),
+        "bound": found.bounds[0],
+        "bound_at_d_efficiency": found.bounds[1],
+        "reference_gap": found.reference_gap,
+        "d_efficiency": found.efficiency,
+        "taken_up": list(found.seen.ordinary),
+        "unseen": unseen(found),
+    }

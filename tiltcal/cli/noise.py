@@ -1,4 +1,6 @@
-"""``tiltcal noise``: the Allan coefficients of a record at rest, and the effect tables that simulate it."""
+"""``tiltcal noise``: the Allan coefficients of a record at rest, and the effect tables that
+simulate it.
+"""
 
 import argparse
 
@@ -21,11 +23,18 @@ def noise(args: argparse.Namespace) -> int:
     models = {}
     for name in recording.column_names:
         unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
-        if unit.quantity in ("acceleration", "angle", "rate", "raw") and not name.startswith("table_"):
+        if unit.quantity in ("acceleration", "angle", "rate", "raw") and not name.startswith(
+            "table_"
+        ):
             values, rate = longest_rest(recording, name)
             models[name] = fit_noise(allan_deviation(values, rate))
     if not models:
-        raise TiltcalError(recording.source, found="no sensor column", need="one at rest", do="name columns <sensor>_<axis>_<unit>")
+        raise TiltcalError(
+            recording.source,
+            found="no sensor column",
+            need="one at rest",
+            do="name columns <sensor>_<axis>_<unit>",
+        )
     if args.json:
         print_json({name: _as_json(model) for name, model in models.items()})
         return 0
@@ -33,7 +42,10 @@ def noise(args: argparse.Namespace) -> int:
     print_table(["channel", *TERMS], rows)
     for t in TERMS:
         print(f"{t}: {NAMES[t]}")
-    print("N is per root hertz of a two-sided density: a sample's deviation is N sqrt(rate); data sheets often give sqrt(2) N.")
+    print(
+        "N is per root hertz of a two-sided density: a sample's deviation is N sqrt(rate); data"
+        " sheets often give sqrt(2) N."
+    )
     print("\n" + "\n".join(effect_tables(models)))
     return 0
 
@@ -59,7 +71,12 @@ def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
     known = ~np.isnan(values)
     found = dwells(find_segments(recording))
     if not found:
-        raise TiltcalError(recording.source, found="no rest", need="a record at rest", do="leave the instrument alone for a while")
+        raise TiltcalError(
+            recording.source,
+            found="no rest",
+            need="a record at rest",
+            do="leave the instrument alone for a while",
+        )
     longest = max(found, key=lambda s: s.end - s.start)
     rows = np.flatnonzero(known[longest.first : longest.last]) + longest.first
     return values[rows], float(1 / np.median(np.diff(recording.time[rows])))
@@ -72,17 +89,34 @@ def effect_tables(models: dict[str, NoiseModel]) -> list[str]:
         channel, unit = split_unit(name)
         known = COLUMN_UNITS[unit or "s"]
         if known.quantity in ("acceleration", "angle", "rate"):
-            sensors.setdefault(channel.rpartition("_")[0], []).append((model, known.factor, known.quantity))
+            sensors.setdefault(channel.rpartition("_")[0], []).append(
+                (model, known.factor, known.quantity)
+            )
     lines = []
     for sensor, channels in sensors.items():
         rate = channels[0][2] == "rate"
-        size = 1.0 if rate else G0 if channels[0][2] == "angle" else 1.0  # an inclinometer's noise is 1 ug to 1 urad
-        mean = {t: float(np.mean([m.values[t] * factor for m, factor, _ in channels])) * size for t in TERMS}
-        lines += ["[[effect]]", f'id = "{"gyr_noise" if rate else "acc_noise"}"', f'sensor = "{sensor}"']
+        size = (
+            1.0 if rate else G0 if channels[0][2] == "angle" else 1.0
+        )  # an inclinometer's noise is 1 ug to 1 urad
+        mean = {
+            t: float(np.mean([m.values[t] * factor for m, factor, _ in channels])) * size
+            for t in TERMS
+        }
+        lines += [
+            "[[effect]]",
+            f'id = "{"gyr_noise" if rate else "acc_noise"}"',
+            f'sensor = "{sensor}"',
+        ]
         if rate:
-            lines += [f"white_deg_rth = {mean['N'] / (DEG / 60):.6g}", f"flicker_deg_h = {mean['B'] / DEG_H:.6g}"]
+            lines += [
+                f"white_deg_rth = {mean['N'] / (DEG / 60):.6g}",
+                f"flicker_deg_h = {mean['B'] / DEG_H:.6g}",
+            ]
             lines += [f"walk_deg_h_rth = {mean['K'] / (DEG_H / 60):.6g}"]
         else:
-            lines += [f"white_ug_rthz = {mean['N'] / (1e-6 * G0):.6g}", f"flicker_ug = {mean['B'] / (1e-6 * G0):.6g}"]
+            lines += [
+                f"white_ug_rthz = {mean['N'] / (1e-6 * G0):.6g}",
+                f"flicker_ug = {mean['B'] / (1e-6 * G0):.6g}",
+            ]
             lines += [f"walk_ug_rts = {mean['K'] / (1e-6 * G0):.6g}"]
     return lines

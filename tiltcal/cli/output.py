@@ -26,12 +26,16 @@ def require_output(args: argparse.Namespace, what: str) -> None:
     """
     if args.json and not args.output:
         raise TiltcalError(
-            f"command line of `tiltcal {args.command}`", found=f"--json without -o: {what} itself goes to stdout",
-            need="a file for it", do="add -o FILE, or leave --json out",
-        )  # fmt: skip
+            f"command line of `tiltcal {args.command}`",
+            found=f"--json without -o: {what} itself goes to stdout",
+            need="a file for it",
+            do="add -o FILE, or leave --json out",
+        )
 
 
-def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:
+def print_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None
+) -> None:
     """A table on stdout, as wide as the terminal allows; in a pipe as wide as it needs."""
     from rich import box
     from rich.console import Console

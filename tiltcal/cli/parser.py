@@ -1,4 +1,6 @@
-"""The parser of the command line. Imports nothing heavy: ``--help`` answers at once, each command loads its own room."""
+"""The parser of the command line. Imports nothing heavy: ``--help`` answers at once, each command
+loads its own room.
+"""
 
 import argparse
 from typing import NoReturn
@@ -32,13 +34,21 @@ class _Parser(argparse.ArgumentParser):
         """Refuse the command line."""
         found = message.replace("the following arguments are required:", "no")
         raise TiltcalError(
-            f"command line of `{self.prog}`", found=found, need="the arguments its help lists", do=f"see `{self.prog} --help`"
+            f"command line of `{self.prog}`",
+            found=found,
+            need="the arguments its help lists",
+            do=f"see `{self.prog} --help`",
         )
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
-    parser = _Parser(prog="tiltcal", description=TOP, epilog=FIRST, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = _Parser(
+        prog="tiltcal",
+        description=TOP,
+        epilog=FIRST,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--version", action="version", version=f"tiltcal {__version__}")
     commands = Commands(parser)
     for family in (recordings, calibration, diagnosis, design, judging, reference):

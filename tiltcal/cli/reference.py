@@ -15,19 +15,27 @@ GRADES = ("precision", "mid_mems", "consumer")
 
 def methods(args: argparse.Namespace) -> int:
     """List the methods."""
-    rows = [(name, (inspect.getdoc(method) or "").splitlines()[0], _options(method)) for name, method in METHODS.items()]
+    rows = [
+        (name, (inspect.getdoc(method) or "").splitlines()[0], _options(method))
+        for name, method in METHODS.items()
+    ]
     rows += [(e.name, f"installed: {e.value}", "") for e in entry_points(group=GROUP)]
     if args.json:
         print_json([{"method": n, "does": d, "options": o} for n, d, o in rows])
         return 0
     print_table(["method", "does", "options"], rows)
-    print("Your own: --method package.module:function, called with (Recording, Setup), returns a Calibration.")
+    print(
+        "Your own: --method package.module:function, called with (Recording, Setup), returns a"
+        " Calibration."
+    )
     return 0
 
 
 def _options(method: object) -> str:
     parameters = inspect.signature(method).parameters.values()  # type: ignore[arg-type]
-    return ", ".join(p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "segments")
+    return ", ".join(
+        p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "segments"
+    )
 
 
 def effects(args: argparse.Namespace) -> int:
@@ -36,7 +44,9 @@ def effects(args: argparse.Namespace) -> int:
         explain(CATALOGUE[args.word], args.json)
         return 0
     found = {
-        i: c for i, c in CATALOGUE.items() if not args.word or args.word.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()
+        i: c
+        for i, c in CATALOGUE.items()
+        if not args.word or args.word.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()
     }
     if not found:
         raise TiltcalError(
@@ -68,12 +78,24 @@ def _parameters(cls: type[Effect]) -> str:
 
 def _as_json(cls: type[Effect]) -> dict[str, object]:
     return {
-        "id": cls.id, "stage": cls.stage, "title": cls.title, "physics": cls.physics, "equation": cls.equation,
-        "source": cls.source, "excited_by": cls.excited_by, "look": cls.look, "linear": cls.linear, "random": cls.random,
+        "id": cls.id,
+        "stage": cls.stage,
+        "title": cls.title,
+        "physics": cls.physics,
+        "equation": cls.equation,
+        "source": cls.source,
+        "excited_by": cls.excited_by,
+        "look": cls.look,
+        "linear": cls.linear,
+        "random": cls.random,
         "parameters": [
-            {"name": f"{p.name}{p.suffix}", "plausible": dict(zip(GRADES, p.plausible, strict=True))} for p in cls.parameters
+            {
+                "name": f"{p.name}{p.suffix}",
+                "plausible": dict(zip(GRADES, p.plausible, strict=True)),
+            }
+            for p in cls.parameters
         ],
-    }  # fmt: skip
+    }
 
 
 def explain(cls: type[Effect], as_json: bool) -> None:
@@ -93,4 +115,8 @@ def explain(cls: type[Effect], as_json: bool) -> None:
     if rivals:
         print(f"{'rivals:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
     rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
-    print_table(["parameter", "precision laboratory", "mid MEMS", "consumer"], rows, "largest plausible size")
+    print_table(
+        ["parameter", "precision laboratory", "mid MEMS", "consumer"],
+        rows,
+        "largest plausible size",
+    )

@@ -16,7 +16,7 @@ from tiltcal.recordings.recording_files import read_recording, write_recording
 from tiltcal.setup.setup import RESERVED
 
 SEQUENCE = """
-# What the table does, in laboratory words: rest, move, turn, sweep, oscillate, remount. Labels are the operator's.
+# What the table does: rest, move, turn, sweep, oscillate or remount. Labels are the operator's.
 [[sequence]]
 action = "move"
 outer_deg = 0
@@ -50,7 +50,7 @@ inner_deg = 270
 dwell_s = 10
 label = "-x"
 
-# What the simulated instrument suffers from; `tiltcal effects` lists all, with units and plausible sizes.
+# Errors of the simulated instrument; `tiltcal effects` lists all, with units and sizes.
 [[effect]]
 id = "acc_noise"
 white_ug_rthz = 25
@@ -68,7 +68,7 @@ id = "acc_cross_axis"
 cross_xy_ppm = 900
 cross_zx_ppm = -600
 
-# Which method has to reach what; `tiltcal run` judges it. Parameters are compared with what was injected.
+# What each method has to reach; `tiltcal run` compares with what was injected.
 [[method]]
 name = "six_position"
 [method.accept]
@@ -84,22 +84,34 @@ def init(args: argparse.Namespace) -> int:
         print_json(scenario_schema())
         return 0
     if args.latitude is not None and not -90 <= args.latitude <= 90:
-        raise TiltcalError("--latitude", found=f"{args.latitude:g} deg", need="-90 to 90 deg", do="correct it")
+        raise TiltcalError(
+            "--latitude", found=f"{args.latitude:g} deg", need="-90 to 90 deg", do="correct it"
+        )
     latitude = 48.0 if args.latitude is None else args.latitude
     gravity = normal_gravity(latitude * DEG, args.height)
     lines = [
         "# A tiltcal scenario. Units stand in the names; unknown keys are errors.",
-        "schema = 1", 'name = "bench"', "",
+        "schema = 1",
+        'name = "bench"',
+        "",
         "[site]",
-        f"gravity_m_s2 = {gravity:.6f}        # WGS 84 at latitude {latitude:g} deg, height {args.height:g} m; put yours",
-        f"latitude_deg = {latitude:g}              # needed by gyros and FOGs", "",
-    ]  # fmt: skip
+        (
+            f"gravity_m_s2 = {gravity:.6f}        # WGS 84 at latitude {latitude:g} deg, height"
+            f" {args.height:g} m; put yours"
+        ),
+        f"latitude_deg = {latitude:g}              # needed by gyros and FOGs",
+        "",
+    ]
     recording = read_recording(args.recording) if args.recording else None
     lines += _rig(recording) + (_sensors(recording) if recording else _default_sensor())
     text = "\n".join(lines) + ("" if recording else SEQUENCE)
     if args.output:
         write_text(Path(args.output), text)
-        print(f"{args.output}: written; edit it, then `tiltcal simulate` or `calibrate --scenario` it", file=sys.stderr)
+        print(
+            f"{args.output}: written; edit it, then `tiltcal simulate` or `calibrate"
+            " --scenario` it",
+            file=sys.stderr,
+        )
     if args.json:
         print_json({"output": args.output, "scenario": text})
     elif not args.output:
@@ -110,39 +122,62 @@ def init(args: argparse.Namespace) -> int:
 def _rig(recording: Recording | None) -> list[str]:
     table = "dual"
     if recording is not None:
-        axes = tuple(a for a in ("outer", "middle", "inner") if recording.channel(f"table_{a}") is not None)
+        axes = tuple(
+            a for a in ("outer", "middle", "inner") if recording.channel(f"table_{a}") is not None
+        )
         table = {
             ("outer",): "vertical",
             ("outer", "inner"): "dual",
             ("outer", "middle", "inner"): "three",
         }.get(axes, "handheld")
-    mount = "identity" if recording is None else recording.metadata.get("mount", "identity").partition(";")[0].strip()
+    mount = (
+        "identity"
+        if recording is None
+        else recording.metadata.get("mount", "identity").partition(";")[0].strip()
+    )
     return [
         "[rig]",
         f'table = "{table}"               # vertical, placing, dual, three or handheld',
-        'readout = "encoder"          # or "command": the table columns are what was asked of the drive',
-        f'mount = "{mount}"           # or for example "Rz(180)"', "",
-    ]  # fmt: skip
+        (
+            'readout = "encoder"          # or "command": the table columns are what was asked of'
+            " the drive"
+        ),
+        f'mount = "{mount}"           # or for example "Rz(180)"',
+        "",
+    ]
 
 
 def _default_sensor() -> list[str]:
     return [
-        "[[sensor]]", 'name = "accel"               # its columns are accel_x_<unit>, accel_y_<unit>, ...',
-        'kind = "accelerometer"       # accelerometer, inclinometer, gyro, fog', 'axes = ["x", "y", "z"]', "rate_hz = 100",
-        'adjustable = ["bias", "scale", "cross_axis"]   # what ordinary calibration may re-tune', "",
-    ]  # fmt: skip
+        "[[sensor]]",
+        'name = "accel"               # its columns are accel_x_<unit>, accel_y_<unit>, ...',
+        'kind = "accelerometer"       # accelerometer, inclinometer, gyro, fog',
+        'axes = ["x", "y", "z"]',
+        "rate_hz = 100",
+        'adjustable = ["bias", "scale", "cross_axis"]   # what ordinary calibration may re-tune',
+        "",
+    ]
 
 
 def _sensors(recording: Recording) -> list[str]:
     """Sensor tables from the columns: one a prefix, its kind from the unit."""
-    kinds = {"acceleration": "accelerometer", "angle": "inclinometer", "rate": "gyro", "raw": "accelerometer"}
+    kinds = {
+        "acceleration": "accelerometer",
+        "angle": "inclinometer",
+        "rate": "gyro",
+        "raw": "accelerometer",
+    }
     found: dict[str, tuple[list[str], str]] = {}
     for column in recording.column_names:
         channel, unit = split_unit(column)
         name, _, axis = channel.rpartition("_")
         quantity = COLUMN_UNITS[unit].quantity if unit else ""
         named = name.isascii() and name.isalnum() and name[0].isalpha() and name not in RESERVED
-        if named and quantity in kinds and axis in (("x", "y") if quantity == "angle" else ("x", "y", "z", "a")):
+        if (
+            named
+            and quantity in kinds
+            and axis in (("x", "y") if quantity == "angle" else ("x", "y", "z", "a"))
+        ):
             found.setdefault(name, ([], str(unit)))[0].append(axis)
     rate = 1 / float(np.median(np.diff(recording.time))) if len(recording) > 1 else 1.0
     lines = []
@@ -156,11 +191,21 @@ def _sensors(recording: Recording) -> list[str]:
             f"rate_hz = {rate:.4g}",
         ]
         if kind == "fog":
-            lines.append("input_axis = [0.577350269, 0.577350269, 0.577350269]   # state the FOG's input axis in the body frame")
+            lines.append(
+                "input_axis = [0.577350269, 0.577350269, 0.577350269]   # state the FOG's input"
+                " axis in the body frame"
+            )
         if COLUMN_UNITS[unit].quantity == "raw":
-            lines.append(f'# input = {{ unit = "{unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value = (raw - zero) / per')
+            lines.append(
+                f'# input = {{ unit = "{unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value ='
+                " (raw - zero) / per"
+            )
         lines += [
-            'adjustable = ["bias", "scale", "cross_axis"]' if kind != "fog" else 'adjustable = ["bias", "scale"]',
+            (
+                'adjustable = ["bias", "scale", "cross_axis"]'
+                if kind != "fog"
+                else 'adjustable = ["bias", "scale"]'
+            ),
             "",
         ]
     return lines

@@ -24,6 +24,8 @@ def folder(name: str) -> Path:
 
 
 def beside(name: str) -> Path | None:
-    """A folder of the source checkout this package runs from; None where it is installed by itself."""
+    """A folder of the source checkout this package runs from; None where it is installed by
+    itself.
+    """
     place = Path(__file__).resolve().parents[2] / name
     return place if place.is_dir() else None

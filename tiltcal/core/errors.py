@@ -33,14 +33,18 @@ def one_of(word: str, valid: Collection[str], subject: str, what: str = "") -> s
     if word not in valid:
         close = _near(word, list(valid))
         raise TiltcalError(
-            subject, found=f"{what} '{word}'".strip(), need="one of " + ", ".join(valid),
+            subject,
+            found=f"{what} '{word}'".strip(),
+            need="one of " + ", ".join(valid),
             do=f"did you mean '{close[0]}'?" if close else "correct it",
-        )  # fmt: skip
+        )
     return word
 
 
 def nearest(word: str, valid: list[str]) -> str:
-    """A hint ``did you mean ...`` with the nearest valid word, or the list of all when none is near."""
+    """A hint ``did you mean ...`` with the nearest valid word, or the list of all when none is
+    near.
+    """
     close = _near(word, valid)
     return f"did you mean '{close[0]}'?" if close else "valid are " + ", ".join(sorted(valid))
 
@@ -49,4 +53,6 @@ def _near(word: str, valid: list[str]) -> list[str]:
     import difflib
 
     close = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
-    return close or [v for v in valid if word[:4] and v.startswith(word[:4])][:1]  # a word's beginning often survives
+    return (
+        close or [v for v in valid if word[:4] and v.startswith(word[:4])][:1]
+    )  # a word's beginning often survives

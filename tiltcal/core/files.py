@@ -18,26 +18,40 @@ def require_file(path: Path, kind: str) -> Path:
         TiltcalError: it is missing, a folder, or may not be read.
     """
     if path.is_dir():
-        raise TiltcalError(f"{kind} {path}", found="a folder", need="a file", do="name the file itself")
+        raise TiltcalError(
+            f"{kind} {path}", found="a folder", need="a file", do="name the file itself"
+        )
     if not path.exists():
-        raise TiltcalError(f"{kind} {path}", found="no such file", need="an existing file", do="check the path")
+        raise TiltcalError(
+            f"{kind} {path}", found="no such file", need="an existing file", do="check the path"
+        )
     if not os.access(path, os.R_OK):
-        raise TiltcalError(f"{kind} {path}", found="no permission to read", need="a readable file", do="change its mode")
+        raise TiltcalError(
+            f"{kind} {path}",
+            found="no permission to read",
+            need="a readable file",
+            do="change its mode",
+        )
     return path
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary file beside ``path`` that takes its name when the block ends well and vanishes otherwise.
+    """A temporary file beside ``path`` that takes its name when the block ends well and vanishes
+    otherwise.
 
     Raises:
         TiltcalError: the place cannot be written.
     """
     path = Path(path)
     if path.is_dir():
-        raise TiltcalError(f"output {path}", found="a folder", need="a file name", do="name the file to write")
+        raise TiltcalError(
+            f"output {path}", found="a folder", need="a file name", do="name the file to write"
+        )
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent
+        )
     except OSError as error:
         reason = error.strerror or str(error)
         raise TiltcalError(
@@ -87,5 +101,7 @@ def make_folder(path: Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise TiltcalError(f"output {path}", found=reason, need="a folder", do="choose another place") from error
+        raise TiltcalError(
+            f"output {path}", found=reason, need="a folder", do="choose another place"
+        ) from error
     return path

@@ -1,6 +1,7 @@
 """Sign conventions, all of them: rotations, mountings, tilt, gravity, Earth's rate.
 
-World: x East, y North, z Up, gravity (0, 0, -g). An accelerometer senses the specific force f = a - gravity, so
+World: x East, y North, z Up, gravity (0, 0, -g). An accelerometer senses the specific force f = a -
+    gravity, so
 level at rest it reads (0, 0, +g). ``R_ab`` takes components in b to components in a.
 """
 
@@ -66,7 +67,8 @@ def _exact_quarter_turn(axis: str, degrees: float) -> Array:
 
 
 def parse_mounts(text: str) -> list[tuple[float, Array]]:
-    """A recording's mount metadata, ``identity; 350.5 s: Rz(180)`` -> [(from time, R_mount)], the first from -inf.
+    """A recording's mount metadata, ``identity; 350.5 s: Rz(180)`` -> [(from time, R_mount)], the
+    first from -inf.
 
     Raises:
         TiltcalError: a part is no mounting or has no time.
@@ -82,15 +84,18 @@ def parse_mounts(text: str) -> list[tuple[float, Array]]:
             start = float("nan")
         if start != start or bool(colon) != (k > 0) or (found and start <= found[-1][0]):
             raise TiltcalError(
-                f"mount '{text}'", found=f"'{part.strip()}'", need="a mounting, or '<time> s: <mounting>' after the first",
+                f"mount '{text}'",
+                found=f"'{part.strip()}'",
+                need="a mounting, or '<time> s: <mounting>' after the first",
                 do="correct the metadata line",
-            )  # fmt: skip
+            )
         found.append((start, parse_mount(mount)))
     return found
 
 
 def parse_up(label: str) -> Array | None:
-    """The operator's label as the up direction in body axes: ``+x`` -> (1, 0, 0), ``[0, 1, 1]`` -> unit vector.
+    """The operator's label as the up direction in body axes: ``+x`` -> (1, 0, 0), ``[0, 1, 1]`` ->
+    unit vector.
 
     Returns None for free text, which is not a direction.
     """
@@ -110,7 +115,9 @@ def parse_up(label: str) -> Array | None:
 
 
 def tilt_of_force(force: Array, g: float) -> Array:
-    """Elevation of body axes above the horizontal plane, ``asin(f / g)``, rad. Beyond +-g it stays at +-90 deg."""
+    """Elevation of body axes above the horizontal plane, ``asin(f / g)``, rad. Beyond +-g it stays
+    at +-90 deg.
+    """
     return np.asarray(np.arcsin(np.clip(force / g, -1.0, 1.0)))
 
 
@@ -125,7 +132,8 @@ def base_rotation(roll: float, pitch: float) -> Array:
 
 
 def base_tilt(horizontal: Array, g: float) -> tuple[float, float]:
-    """Roll and pitch (rad) of a rotation axis from the horizontal force (h_x, h_y) seen in the base's frame.
+    """Roll and pitch (rad) of a rotation axis from the horizontal force (h_x, h_y) seen in the
+    base's frame.
 
     ``roll = asin(h_y / g)``, ``pitch = -asin(h_x / (g cos roll))`` (CONTRACT: frames).
 
@@ -135,27 +143,41 @@ def base_tilt(horizontal: Array, g: float) -> tuple[float, float]:
     h_x, h_y = float(horizontal[0]), float(horizontal[1])
     if h_x * h_x + h_y * h_y > g * g:
         raise TiltcalError(
-            "base tilt", found=f"a horizontal force of {sqrt(h_x**2 + h_y**2):.4g} m/s2", need=f"less than g = {g} m/s2",
-            do="check the unit and sign of the channels, and that the two positions are a half turn apart",
-        )  # fmt: skip
+            "base tilt",
+            found=f"a horizontal force of {sqrt(h_x**2 + h_y**2):.4g} m/s2",
+            need=f"less than g = {g} m/s2",
+            do=(
+                "check the unit and sign of the channels, and that the two positions are a half"
+                " turn apart"
+            ),
+        )
     roll = asin(h_y / g)
     return roll, -asin(h_x / (g * cos(roll)))
 
 
 def earth_rate(latitude: float, heading: float = 0.0) -> Array:
-    """Earth's rotation in the world frame, rad/s, (3,). ``heading``: azimuth of the table's North mark, clockwise."""
+    """Earth's rotation in the world frame, rad/s, (3,). ``heading``: azimuth of the table's North
+    mark, clockwise.
+    """
     north, up = EARTH_RATE * cos(latitude), EARTH_RATE * sin(latitude)
     return np.array([-north * sin(heading), north * cos(heading), up])
 
 
 def normal_gravity(latitude: float, height: float = 0.0) -> float:
-    """Gravity on the WGS 84 ellipsoid with the free-air gradient, m/s2 (Somigliana; good to some 5e-4 m/s2)."""
+    """Gravity on the WGS 84 ellipsoid with the free-air gradient, m/s2 (Somigliana; good to some
+    5e-4 m/s2).
+    """
     s2 = sin(latitude) ** 2
-    return 9.7803253359 * (1 + 0.00193185265241 * s2) / sqrt(1 - 0.00669437999013 * s2) - 3.086e-6 * height
+    return (
+        9.7803253359 * (1 + 0.00193185265241 * s2) / sqrt(1 - 0.00669437999013 * s2)
+        - 3.086e-6 * height
+    )
 
 
 def input_axis(elevation: float, azimuth: float) -> Array:
-    """Unit vector of a FOG's input axis: azimuth from body x towards y, elevation towards z (rad)."""
+    """Unit vector of a FOG's input axis: azimuth from body x towards y, elevation towards z
+    (rad).
+    """
     return np.array([cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)])
 
 

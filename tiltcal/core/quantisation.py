@@ -8,16 +8,20 @@ LEAST = 16  # different steps that tell a grid
 
 
 def code_width(column: Array) -> float:
-    """The smallest step between successive samples, in the column's unit; 0 when it never changes. (n,)"""
+    """The smallest step between successive samples, in the column's unit; 0 when it never changes.
+    (n,)
+    """
     steps = np.abs(np.diff(column[:20000]))
     steps = steps[steps > 0]
     return float(steps.min()) if len(steps) else 0.0
 
 
 def code_grid(column: Array) -> float | None:
-    """The code that all values of a column are whole multiples apart of, in its unit; None where there is no such grid.
+    """The code that all values of a column are whole multiples apart of, in its unit; None where
+    there is no such grid.
 
-    A text file rounds codes of a converter to its own digits, so the smallest step is refined by larger and larger ones.
+    A text file rounds codes of a converter to its own digits, so the smallest step is refined by
+    larger and larger ones.
     """
     steps = np.abs(np.diff(column))
     steps = steps[steps > 0]

@@ -53,7 +53,8 @@ def _parameter_units() -> dict[str, Unit]:
     units |= _table("angle/rad", arcsec_rad=ARCSEC)
     units |= _table("ratio/(rad/s)2", ppm_rad2_s2=1e-6)
     units |= _table("acceleration/(rad/s2)", ug_s2_rad=1e-6 * G0)
-    # Allan coefficients: N such that sigma = N sqrt(sample rate) (two-sided density N^2), K per square root of time
+    # Allan coefficients: N such that sigma = N sqrt(sample rate) (two-sided density N^2), K per
+    # square root of time
     units |= _table("acceleration/rtHz", ug_rthz=1e-6 * G0, mg_rthz=1e-3 * G0, m_s2_rthz=1.0)
     units |= _table("acceleration/rts", ug_rts=1e-6 * G0, m_s2_rts=1.0)
     units |= _table("angle/rts", deg_rth=DEG / 60, rad_rts=1.0)
@@ -66,7 +67,9 @@ PARAMETER_UNITS = _parameter_units()
 
 
 def split_unit(name: str, units: dict[str, Unit] = COLUMN_UNITS) -> tuple[str, str | None]:
-    """``accel_x_m_s2`` -> (``accel_x``, ``m_s2``): the unit is read from the right, longest match first."""
+    """``accel_x_m_s2`` -> (``accel_x``, ``m_s2``): the unit is read from the right, longest match
+    first.
+    """
     matches = [unit for unit in units if name.endswith("_" + unit)]
     if not matches:
         return name, None

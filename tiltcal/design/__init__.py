@@ -1,1 +1,3 @@
-"""Designing sequences: the poses, dwells and order that tell most about the parameters of interest per table time."""
+"""Designing sequences: the poses, dwells and order that tell most about the parameters of interest
+per table time.
+"""

@@ -1,9 +1,12 @@
-"""Minimisation within bounds: L-BFGS on the variables that are free to move, with a projected line search.
+"""Minimisation within bounds: L-BFGS on the variables that are free to move, with a projected line
+search.
 
-scipy's own spends 2.5 ms an iteration on threads for these few hundred variables where the criterion takes 1 ms, and its
+scipy's own spends 2.5 ms an iteration on threads for these few hundred variables where the
+criterion takes 1 ms, and its
 import a second; this one spends 0.1 ms.
 
-Source: Nocedal and Wright, Numerical Optimization, algorithms 7.4 (two-loop recursion) and 3.1 (backtracking); Bertsekas
+Source: Nocedal and Wright, Numerical Optimization, algorithms 7.4 (two-loop recursion) and 3.1
+    (backtracking); Bertsekas
 1982 (projection, with the variables at a bound that want to leave held).
 """
 
@@ -68,7 +71,13 @@ def _direction(gradient: Array, memory: "deque[tuple[Array, Array]]") -> Array:
 
 
 def _searched(
-    function: Function, x: Array, value: float, gradient: Array, step: Array, low: Array, high: Array
+    function: Function,
+    x: Array,
+    value: float,
+    gradient: Array,
+    step: Array,
+    low: Array,
+    high: Array,
 ) -> tuple[Array, float, Array] | None:
     """The first point of a halving line search that decreases enough; None when there is none."""
     size = 1.0

@@ -1,4 +1,6 @@
-"""The sequences of the textbooks as table angles, and the best that each can do with a budget: baselines of a design."""
+"""The sequences of the textbooks as table angles, and the best that each can do with a budget:
+baselines of a design.
+"""
 
 from collections.abc import Iterator
 
@@ -20,9 +22,12 @@ MOST = 400  # poses that a baseline is tried with
 def classic(name: str, table: str = "dual") -> Array:
     """Angles of one cycle of a classic sequence, rad, (n, axes), in its customary order.
 
-    ``six``: the faces. ``8``: the corners. ``12``: the edges. ``24``: eight positions every 45 deg in three planes.
-    ``tumble``: three planes every 30 deg (IEEE 1293). ``sweep``: 0 to 90 deg and back by 10 deg about the first axis.
-    ``two_position``: two poses 180 deg apart about the horizontal. ``spiral``: 24 equally spread directions, each from the
+    ``six``: the faces. ``8``: the corners. ``12``: the edges. ``24``: eight positions every 45 deg
+    in three planes.
+    ``tumble``: three planes every 30 deg (IEEE 1293). ``sweep``: 0 to 90 deg and back by 10 deg
+    about the first axis.
+    ``two_position``: two poses 180 deg apart about the horizontal. ``spiral``: 24 equally spread
+    directions, each from the
     nearest. A table with one axis goes through the positions of one plane.
 
     Raises:
@@ -33,12 +38,26 @@ def classic(name: str, table: str = "dual") -> Array:
     if name in ("sweep", "two_position"):
         up = np.arange(0, 91, 10.0)
         first = np.concatenate([up, up[-2::-1]]) if name == "sweep" else np.array([90.0, 270.0])
-        return np.asarray(np.column_stack([first, *[np.zeros(len(first))] * (axes - 1)]) * DEG, dtype=np.float64)
+        return np.asarray(
+            np.column_stack([first, *[np.zeros(len(first))] * (axes - 1)]) * DEG, dtype=np.float64
+        )
     if axes == 1:
-        return np.arange(0.0, 360.0, {"six": 90, "8": 45, "12": 30, "24": 15, "tumble": 30, "spiral": 15}[name])[:, None] * DEG
+        return (
+            np.arange(
+                0.0,
+                360.0,
+                {"six": 90, "8": 45, "12": 30, "24": 15, "tumble": 30, "spiral": 15}[name],
+            )[:, None]
+            * DEG
+        )
     if name in ("24", "tumble"):
         return planes(45 if name == "24" else 30, table)
-    up = {"six": directions("6"), "8": directions("8"), "12": directions("12"), "spiral": sphere(24)}[name]
+    up = {
+        "six": directions("6"),
+        "8": directions("8"),
+        "12": directions("12"),
+        "spiral": sphere(24),
+    }[name]
     return angles_of(up if name == "six" else nearest_order(up), table)
 
 
@@ -46,14 +65,24 @@ def planes(step: int, table: str) -> Array:
     """Every ``step`` deg in three planes, rad, (n, 2)."""
     turn = np.arange(0, 360, step)
     if table == "three":  # up = (-sin m, cos m sin i, cos m cos i)
-        parts = [np.column_stack([0 * turn, turn]), np.column_stack([turn, 0 * turn]), np.column_stack([turn, 0 * turn + 90])]
+        parts = [
+            np.column_stack([0 * turn, turn]),
+            np.column_stack([turn, 0 * turn]),
+            np.column_stack([turn, 0 * turn + 90]),
+        ]
     else:
-        parts = [np.column_stack([turn, 0 * turn]), np.column_stack([turn, 0 * turn + 90]), np.column_stack([0 * turn + 90, turn])]
+        parts = [
+            np.column_stack([turn, 0 * turn]),
+            np.column_stack([turn, 0 * turn + 90]),
+            np.column_stack([0 * turn + 90, turn]),
+        ]
     return np.asarray(np.vstack(parts) * DEG, dtype=np.float64)
 
 
 def angles_of(up: Array, table: str) -> Array:
-    """Angles of the axes that turn gravity, for directions of up on a straight mount, rad, (n, 2)."""
+    """Angles of the axes that turn gravity, for directions of up on a straight mount, rad, (n,
+    2).
+    """
     rig = Rig(table="three" if table == "three" else "dual")
     found = np.array([table_angles(rig, u, 0, "classic sequence") for u in up])
     return found[:, 1:] if table == "three" else found
@@ -70,12 +99,22 @@ def nearest_order(up: Array) -> Array:
 
 
 def baseline(problem: Problem, name: str, table: str = "dual") -> Draft:
-    """A classic sequence repeated, or cut short, with the number of poses that serves the criterion best; equal dwells.
+    """A classic sequence repeated, or cut short, with the number of poses that serves the criterion
+    best; equal dwells.
 
     Poses beyond the table's limits are left out.
     """
     cycle = classic(name, table)
-    cycle = cycle[[bool(np.allclose(problem.clock.inside(a[None]) if problem.clock.step == 0 else a[None], a)) for a in cycle]]
+    cycle = cycle[
+        [
+            bool(
+                np.allclose(
+                    problem.clock.inside(a[None]) if problem.clock.step == 0 else a[None], a
+                )
+            )
+            for a in cycle
+        ]
+    ]
     best = Draft(np.zeros((0, cycle.shape[1])), np.zeros(0))
     for angles in _lengths(problem, cycle):
         trial = problem.rated(angles, np.zeros(len(angles)))

@@ -12,21 +12,29 @@ QUIET = 1e6  # how much quieter than real the instrument is when only the poses 
 GRID = 15 * DEG
 
 
-def check_possible(problem: Problem, axes: tuple[str, ...], everything: bool = False) -> tuple[str, ...]:
-    """Refuse what cannot be had; with ``everything`` wished for at once, the names of what will not be told.
+def check_possible(
+    problem: Problem, axes: tuple[str, ...], everything: bool = False
+) -> tuple[str, ...]:
+    """Refuse what cannot be had; with ``everything`` wished for at once, the names of what will not
+    be told.
 
     Raises:
-        TiltcalError: the budget is shorter than one pose; or a parameter of interest is not told by any set of poses, or
+        TiltcalError: the budget is shorter than one pose; or a parameter of interest is not told by
+            any set of poses, or
             not by those that the table's limits allow.
     """
     clock = problem.clock
     least = clock.settle + clock.shortest
     if clock.budget < least:
         raise TiltcalError(
-            "design, budget", found=f"{clock.budget:g} s",
-            need=f"{least:g} s for one pose ({clock.settle:g} s to settle, {clock.shortest:g} s to read) before anything is "
-            f"known of {_first_wanted(problem)}", do="allow more table time",
-        )  # fmt: skip
+            "design, budget",
+            found=f"{clock.budget:g} s",
+            need=(
+                f"{least:g} s for one pose ({clock.settle:g} s to settle, {clock.shortest:g} s to"
+                f" read) before anything is known of {_first_wanted(problem)}"
+            ),
+            do="allow more table time",
+        )
     model = problem.model
     free = _untold(problem, every_pose(problem, limited=False))
     if everything:
@@ -53,7 +61,9 @@ def check_possible(problem: Problem, axes: tuple[str, ...], everything: bool = F
 
 def _refuse(name: str, count: int, found: str, do: str) -> None:
     more = f" (and {count - 1} more)" if count > 1 else ""
-    raise TiltcalError(f"design, {name}{more}", found=found, need="a sequence that can tell it", do=do)
+    raise TiltcalError(
+        f"design, {name}{more}", found=found, need="a sequence that can tell it", do=do
+    )
 
 
 def _first_wanted(problem: Problem) -> str:
@@ -73,7 +83,9 @@ def every_pose(problem: Problem, limited: bool) -> Array:
 
 
 def _untold(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
-    """Parameters of interest that all these poses, read by a nearly noiseless instrument, leave as they were."""
+    """Parameters of interest that all these poses, read by a nearly noiseless instrument, leave as
+    they were.
+    """
     model, clock = problem.model, problem.clock
     rng = np.random.default_rng(0)
     time = rng.uniform(0, clock.budget, len(angles))
@@ -81,12 +93,16 @@ def _untold(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype
     flat = rows.reshape(-1, len(model.names))
     values, vectors = np.linalg.eigh(flat.T @ flat)
     seen = values > 1e-9 * values[-1]
-    left = 1 - (vectors[:, seen] ** 2).sum(axis=1)  # share of each parameter that lies where the data say nothing
+    left = 1 - (vectors[:, seen] ** 2).sum(
+        axis=1
+    )  # share of each parameter that lies where the data say nothing
     return np.flatnonzero((left > 1 - TOLD**2) & model.interest)
 
 
 def needed_pose(problem: Problem, index: int) -> Array:
-    """A pose beyond the limits that shows most of a parameter that those within do not show, rad, (axes,)."""
+    """A pose beyond the limits that shows most of a parameter that those within do not show, rad,
+    (axes,).
+    """
     model = problem.model
     inside, everywhere = every_pose(problem, True), every_pose(problem, False)
     middle = problem.clock.budget / 2

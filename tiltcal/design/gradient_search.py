@@ -1,7 +1,10 @@
-"""Continuous improvement of a sequence: all angles and dwells at once, by gradients, at a fixed table time.
+"""Continuous improvement of a sequence: all angles and dwells at once, by gradients, at a fixed
+table time.
 
-A move's largest axis is smoothed upwards (a p-norm), so that what is found never overruns. Dwells share what time is left
-after moves, settling and shortest dwells: D_k = shortest + R softmax(z)_k. The gradient is exact but for the slope of the
+A move's largest axis is smoothed upwards (a p-norm), so that what is found never overruns. Dwells
+share what time is left
+after moves, settling and shortest dwells: D_k = shortest + R softmax(z)_k. The gradient is exact
+    but for the slope of the
 rows, which are differenced one-sidedly.
 """
 
@@ -53,7 +56,9 @@ class Problem:
     def dwells(self, angles: Array, z: Array) -> Array:
         """Seconds of each dwell: the free time shared out, none beyond the longest, (n,)."""
         share = np.exp(z - z.max())
-        dwell = self.clock.shortest + max(float(self.clock.spare(angles)), 0.0) * share / share.sum()
+        dwell = (
+            self.clock.shortest + max(float(self.clock.spare(angles)), 0.0) * share / share.sum()
+        )
         for _ in range(8):  # what is cut off goes to the others
             over = np.maximum(dwell - self.clock.longest, 0.0).sum()
             dwell = np.minimum(dwell, self.clock.longest)
@@ -76,12 +81,18 @@ class Problem:
 
 
 def ascend(problem: Problem, draft: Draft, iterations: int, dwells_only: bool = False) -> Draft:
-    """The draft after some iterations of L-BFGS (within the clock's limits), or itself when that is no better."""
+    """The draft after some iterations of L-BFGS (within the clock's limits), or itself when that is
+    no better.
+    """
     n, axes = draft.angles.shape
     climb = _Climb(problem, n, axes)
     start = np.concatenate([draft.angles.ravel(), draft.z])
     pairs = [pair or (-np.inf, np.inf) for pair in problem.clock.limits]
-    limits = np.tile(np.array(pairs), (n, 1)) if not dwells_only else np.repeat(draft.angles.ravel()[:, None], 2, axis=1)
+    limits = (
+        np.tile(np.array(pairs), (n, 1))
+        if not dwells_only
+        else np.repeat(draft.angles.ravel()[:, None], 2, axis=1)
+    )
     low, high = np.vstack([limits, np.tile([-12.0, 12.0], (n, 1))]).T
     found = minimise(climb, start, low, high, iterations)
     better = problem.rated(found[: n * axes].reshape(n, axes), found[n * axes :])
@@ -111,10 +122,14 @@ class _Climb:
         rows, slopes, by_time = self._rows(angles, time)
         weights = model.weights(dwell)
         flat = (rows * np.sqrt(weights)[:, :, None]).reshape(-1, rows.shape[2])
-        value, G = value_and_slope(np.eye(rows.shape[2]) + flat.T @ flat, model, self.problem.criterion)
+        value, G = value_and_slope(
+            np.eye(rows.shape[2]) + flat.T @ flat, model, self.problem.criterion
+        )
         pull = rows @ G
         of_angle = 2 * np.einsum("nk,nkp,ankp->na", weights, pull, slopes)
-        of_dwell = (np.einsum("nkp,nkp->nk", pull, rows) * weights**2 * model.white**2).sum(axis=1) / dwell**2
+        of_dwell = (np.einsum("nkp,nkp->nk", pull, rows) * weights**2 * model.white**2).sum(
+            axis=1
+        ) / dwell**2
         of_move = np.zeros(self.n)
         if by_time is not None:
             of_time = 2 * np.einsum("nk,nkp,nkp->n", weights, pull, by_time)
@@ -125,7 +140,9 @@ class _Climb:
         return -value, -np.concatenate([of_angle.ravel(), free * share * (of_dwell - of_free)])
 
     def _rows(self, angles: Array, time: Array) -> tuple[Array, Array, Array | None]:
-        """Rows, (n, k, p), their slopes by each axis, (axes, n, k, p), and by time when the model depends on it."""
+        """Rows, (n, k, p), their slopes by each axis, (axes, n, k, p), and by time when the model
+        depends on it.
+        """
         points = [angles, *(angles + STEP * e for e in np.eye(self.axes))]
         times = [time] * len(points)
         if self.problem.model.timed:
@@ -138,7 +155,9 @@ class _Climb:
 
 
 def _soft_largest(leg: Array, rate: float) -> tuple[Array, Array]:
-    """Seconds of each move, (n,), never below the true ones, and their slopes by the leg, (n, axes)."""
+    """Seconds of each move, (n,), never below the true ones, and their slopes by the leg, (n,
+    axes).
+    """
     square = leg**2 + SOFT
     total = (square ** (POWER // 2)).sum(axis=1)
     size = total ** (1 / POWER)

@@ -1,7 +1,10 @@
-"""What a recording can and cannot tell apart: absorbed shares, detectable sizes, classes, tie-breakers.
+"""What a recording can and cannot tell apart: absorbed shares, detectable sizes, classes,
+tie-breakers.
 
-lambda: energy of an effect's signature over noise at its plausible size, after the adjustable terms are re-fitted;
-separated lambda: the energy left after one rival is re-tuned too. Two effects that leave less than SEPARABLE of each other
+lambda: energy of an effect's signature over noise at its plausible size, after the adjustable terms
+    are re-fitted;
+separated lambda: the energy left after one rival is re-tuned too. Two effects that leave less than
+    SEPARABLE of each other
 are in one class (CONTRACT: class).
 """
 
@@ -17,14 +20,19 @@ from tiltcal.design.recording_blocks import said
 from tiltcal.forward.jacobian import Column, gram, rows_of, sensitivity
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 
-POWER = 17.07  # (z(0.9995) + z(0.8))^2: non-centrality that is found in 80 % of recordings at 0.1 % false alarm
+# (z(0.9995) + z(0.8))^2: non-centrality that is found in 80 % of recordings at 0.1 % false alarm
+POWER = 17.07
 SEPARABLE = 12.0  # separated non-centrality below which two explanations cannot be told apart
 BLIND = 1e-3  # share of a signature below which nothing is left of it
 
 TIE_BREAKERS = {
-    frozenset({"table_sag", "table_encoder_eccentricity"}): "change the payload: sag changes, the encoder does not",
+    frozenset(
+        {"table_sag", "table_encoder_eccentricity"}
+    ): "change the payload: sag changes, the encoder does not",
     frozenset({"table_sag", "table_unbalance"}): "change the payload's mass and place",
-    frozenset({"acc_K2", "table_encoder_eccentricity"}): "compare the norm of all three axes: only K2 changes it",
+    frozenset(
+        {"acc_K2", "table_encoder_eccentricity"}
+    ): "compare the norm of all three axes: only K2 changes it",
     frozenset({"acc_K3", "acc_Koq"}): "nothing within 1 g: a centrifuge",
     frozenset({"acc_temp_bias", "acc_drift"}): "take the temperature up and down again",
     frozenset({"acc_temp_bias", "acc_warmup"}): "restart at a settled temperature",
@@ -35,8 +43,12 @@ TIE_BREAKERS = {
 STAGE_BREAKERS = {
     frozenset({"table", "sensor"}): said("remount"),
     frozenset({"table", "mount"}): said("remount"),
-    frozenset({"environment", "sensor"}): "turn the table by 90 deg: what is fixed in the world stays, what is in the sensor turns",
-    frozenset({"mount", "sensor"}): "load another axis: a rotation of the mount leaves the norm unchanged",
+    frozenset(
+        {"environment", "sensor"}
+    ): "turn the table by 90 deg: what is fixed in the world stays, what is in the sensor turns",
+    frozenset(
+        {"mount", "sensor"}
+    ): "load another axis: a rotation of the mount leaves the norm unchanged",
     frozenset({"table"}): said("reverse"),
     frozenset({"sensor"}): said("tumble"),
 }
@@ -50,7 +62,8 @@ class Sight:
         column: which.
         absorbed: share of its signature's energy that the adjustable terms take, 0..1.
         lambda_: non-centrality at plausible size, after them.
-        detectable: size found with 80 % power at 0.1 % false alarm, in the column's unit; inf when nothing is left.
+        detectable: size found with 80 % power at 0.1 % false alarm, in the column's unit; inf when
+            nothing is left.
         unique: share of its amplitude that no other effect together can take.
         rivals: labels that cannot be told from it, with their cosine.
     """
@@ -89,17 +102,28 @@ def confuse(scenario: Scenario, grade: str = "mid_mems") -> Confusion:
     return confusion(columns, adjustable_mask(columns, scenario), float(rows.weight.sum()))
 
 
-def adjustable_mask(columns: Sequence[Column], scenario: Scenario) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+def adjustable_mask(
+    columns: Sequence[Column], scenario: Scenario
+) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
     """Which columns are adjustable terms of their sensor."""
     terms = {
-        "bias": {"acc_bias", "gyr_bias", "fog_bias"}, "scale": {"acc_scale", "gyr_scale", "fog_scale"},
+        "bias": {"acc_bias", "gyr_bias", "fog_bias"},
+        "scale": {"acc_scale", "gyr_scale", "fog_scale"},
         "cross_axis": {"acc_cross_axis", "gyr_misalignment"},
-    }  # fmt: skip
-    allowed = {s.name: set().union(*(terms.get(t, {t}) for t in s.adjustable)) for s in scenario.sensor}
-    return np.array([c.sensor is not None and c.effect in allowed[c.sensor] for c in columns], dtype=bool)
+    }
+    allowed = {
+        s.name: set().union(*(terms.get(t, {t}) for t in s.adjustable)) for s in scenario.sensor
+    }
+    return np.array(
+        [c.sensor is not None and c.effect in allowed[c.sensor] for c in columns], dtype=bool
+    )
 
 
-def confusion(columns: Sequence[Column], adjustable: "np.ndarray[tuple[int], np.dtype[np.bool_]]", samples: float) -> Confusion:
+def confusion(
+    columns: Sequence[Column],
+    adjustable: "np.ndarray[tuple[int], np.dtype[np.bool_]]",
+    samples: float,
+) -> Confusion:
     """Classes, shares and sizes from the Gram matrix of columns, the adjustable ones re-fitted."""
     G = gram(columns)
     norms = np.sqrt(np.diag(G))
@@ -118,9 +142,13 @@ def confusion(columns: Sequence[Column], adjustable: "np.ndarray[tuple[int], np.
         detectable = c.size * float(np.sqrt(POWER / energy)) if visible else float("inf")
         rivals = _rivals(columns, P, norms, seen, i) if visible else ()
         absorbed = float(1 - left[i]) if norms[i] > 1e-3 else 0.0
-        sights.append(Sight(c, absorbed, energy if visible else 0.0, detectable, float(uniqueness[i]), rivals))
+        sights.append(
+            Sight(c, absorbed, energy if visible else 0.0, detectable, float(uniqueness[i]), rivals)
+        )
     visible_C = C[np.ix_(norms > 1e-3, norms > 1e-3)]
-    rank = int(np.sum(np.linalg.eigvalsh(visible_C) > 1e-9 * len(visible_C))) if visible_C.size else 0
+    rank = (
+        int(np.sum(np.linalg.eigvalsh(visible_C) > 1e-9 * len(visible_C))) if visible_C.size else 0
+    )
     return Confusion(tuple(sights), rank, int(np.sum(norms > 1e-3)), samples)
 
 
@@ -142,19 +170,32 @@ def _unique(P: Array, seen: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> Arr
         return found
     d = np.sqrt(np.diag(P)[index])
     inverse = np.linalg.pinv(P[np.ix_(index, index)] / np.outer(d, d), rcond=1e-9, hermitian=True)
-    projector = inverse @ (P[np.ix_(index, index)] / np.outer(d, d))  # 1 on the diagonal where a column is not in the null space
+    projector = inverse @ (
+        P[np.ix_(index, index)] / np.outer(d, d)
+    )  # 1 on the diagonal where a column is not in the null space
     share = 1 / np.sqrt(np.maximum(np.diag(inverse), 1.0))
     found[index] = np.where(np.abs(np.diag(projector) - 1) < 1e-4, share, 0.0)
     return found
 
 
 def _rivals(
-    columns: Sequence[Column], P: Array, norms: Array, seen: "np.ndarray[tuple[int], np.dtype[np.bool_]]", i: int
+    columns: Sequence[Column],
+    P: Array,
+    norms: Array,
+    seen: "np.ndarray[tuple[int], np.dtype[np.bool_]]",
+    i: int,
 ) -> tuple[tuple[str, float], ...]:
-    """Labels that leave less than SEPARABLE of this signature when re-tuned, within twice their plausible size."""
+    """Labels that leave less than SEPARABLE of this signature when re-tuned, within twice their
+    plausible size.
+    """
     cosine = P[i] / np.sqrt(np.maximum(P[i, i] * np.diag(P), 1e-300))
     separated = norms[i] ** 2 * P[i, i] * (1 - np.minimum(cosine**2, 1.0))
-    needed = np.abs(cosine) * norms[i] * np.sqrt(P[i, i]) / np.maximum(norms * np.sqrt(np.maximum(np.diag(P), 0.0)), 1e-30)
+    needed = (
+        np.abs(cosine)
+        * norms[i]
+        * np.sqrt(P[i, i])
+        / np.maximum(norms * np.sqrt(np.maximum(np.diag(P), 0.0)), 1e-30)
+    )
     hit = seen & (separated < SEPARABLE) & (np.abs(cosine) > 0.9) & (needed < 2.0)
     hit[i] = False
     order = np.argsort(-np.abs(cosine))
@@ -162,7 +203,9 @@ def _rivals(
 
 
 def classes(found: Confusion) -> list[tuple[str, ...]]:
-    """Groups of effect ids whose members are mutual rivals, largest first; effects alone in theirs are left out."""
+    """Groups of effect ids whose members are mutual rivals, largest first; effects alone in theirs
+    are left out.
+    """
     links: dict[str, set[str]] = {}
     for sight in found.sights:
         for label, _ in sight.rivals:
@@ -181,12 +224,17 @@ def tie_breaker(first: str, second: str) -> str:
 
 
 def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:
-    """The effects whose signatures are nearest to one's on the catalogue's own sequences, with |cosine|, largest first.
+    """The effects whose signatures are nearest to one's on the catalogue's own sequences, with
+    |cosine|, largest first.
 
     Each parameter against each, after bias, scale and cross-axis terms are re-fitted.
     """
     scenario = reference_scenario(id)
-    columns = sensitivity(scenario, scenario.schedule, rows_of(scenario.schedule, max(s.rate_hz for s in scenario.sensor)))
+    columns = sensitivity(
+        scenario,
+        scenario.schedule,
+        rows_of(scenario.schedule, max(s.rate_hz for s in scenario.sensor)),
+    )
     G = gram(columns)
     norms = np.sqrt(np.maximum(np.diag(G), 1e-30))
     P = _projected(G / np.outer(norms, norms), np.flatnonzero(adjustable_mask(columns, scenario)))
@@ -196,7 +244,9 @@ def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:
     for i in mine:
         for j, c in enumerate(columns):
             if c.effect != id and left[j] > 0.01:
-                found[c.effect] = max(found.get(c.effect, 0.0), min(abs(float(P[i, j] / (left[i] * left[j]))), 1.0))
+                found[c.effect] = max(
+                    found.get(c.effect, 0.0), min(abs(float(P[i, j] / (left[i] * left[j]))), 1.0)
+                )
     return sorted(found.items(), key=lambda item: -item[1])[:count]
 
 
@@ -210,4 +260,9 @@ def reference_scenario(id: str) -> Scenario:
         scenario = load_scenario(path)
         if any(t.id == id for t in scenario.effect):
             return scenario
-    raise TiltcalError(f"effect {id}", found="no scenario that exercises it", need="one", do="add it to a catalogue scenario")
+    raise TiltcalError(
+        f"effect {id}",
+        found="no scenario that exercises it",
+        need="one",
+        do="add it to a catalogue scenario",
+    )

@@ -1,8 +1,12 @@
-"""Blind to nothing: the poses whose least visible effect is seen best, with little loss for the ordinary calibration.
+"""Blind to nothing: the poses whose least visible effect is seen best, with little loss for the
+ordinary calibration.
 
-share_e = energy of effect e that a design leaves visible, over the most that any design of as many poses could.
-Weights on a grid of poses make every energy concave: the greatest least share over all weights is a bound that no number of
-poses can pass, and its dual certifies it. Exact poses come from the best weights by gradient ascent of a soft minimum.
+share_e = energy of effect e that a design leaves visible, over the most that any design of as many
+poses could.
+Weights on a grid of poses make every energy concave: the greatest least share over all weights is a
+    bound that no number of
+poses can pass, and its dual certifies it. Exact poses come from the best weights by gradient ascent
+of a soft minimum.
 
 Source: T-optimality, Atkinson and Fedorov 1975; maximin efficiency, Dette 1997.
 """
@@ -35,8 +39,10 @@ class MaxMin:
     Args:
         seen: the effects.
         angles: rad, (n, axes), in the order of visiting.
-        shares: of each effect of ``seen``; efficiency: D, of the linear terms, over the most on the grid.
-        bounds: on the least share of any design, and of those that keep the ``REQUIRED`` share of the D-efficiency.
+        shares: of each effect of ``seen``; efficiency: D, of the linear terms, over the most on the
+            grid.
+        bounds: on the least share of any design, and of those that keep the ``REQUIRED`` share of
+            the D-efficiency.
         references: most energy a pose of each effect; reference_gap: how far off they are at most.
         in_order: share of each effect that only the order shows.
     """
@@ -53,7 +59,9 @@ class MaxMin:
 
 @dataclass(frozen=True)
 class Goal:
-    """What poses are judged by: the most of each effect, and the most log determinant, that any could have."""
+    """What poses are judged by: the most of each effect, and the most log determinant, that any
+    could have.
+    """
 
     seen: Signatures
     references: Array
@@ -61,7 +69,9 @@ class Goal:
 
     def shares(self, angles: Array) -> Array:
         """Share of each effect, (effects,)."""
-        return np.asarray(Field(self.seen, angles).left_over(_even(angles)).mean(axis=0) / self.references)
+        return np.asarray(
+            Field(self.seen, angles).left_over(_even(angles)).mean(axis=0) / self.references
+        )
 
     def efficiency(self, angles: Array) -> float:
         """D-efficiency of the linear terms: det(F'F / n)^(1/q) over the most."""
@@ -72,7 +82,9 @@ class Goal:
         return float(self.shares(angles).min() - 10 * max(REQUIRED - self.efficiency(angles), 0.0))
 
 
-def blind_to_nothing(seen: Signatures, clock: Clock, poses: int = 24, seed: int = 0, starts: int = 4) -> MaxMin:
+def blind_to_nothing(
+    seen: Signatures, clock: Clock, poses: int = 24, seed: int = 0, starts: int = 4
+) -> MaxMin:
     """The max-min design of some poses."""
     grid = grid_of_poses(clock)
     field = Field(seen, grid)
@@ -87,10 +99,25 @@ def blind_to_nothing(seen: Signatures, clock: Clock, poses: int = 24, seed: int 
     best = max((climbed(a, goal, clock, 300) for a in ranked[-2:]), key=goal.merit)
     ordered, in_order = visiting_order(seen, best, clock, rng)
     both = Field(seen, np.vstack([grid, best]))
-    of_grid, of_design = np.append(weights, np.zeros(poses)), np.append(np.zeros(len(grid)), _even(best))
+    of_grid, of_design = (
+        np.append(weights, np.zeros(poses)),
+        np.append(np.zeros(len(grid)), _even(best)),
+    )
     kept = goal.log_det + float(np.log(REQUIRED))
-    bounds = (certified(both, goal.references, of_grid)[1], certified(both, goal.references, of_design, log_det=kept)[1])
-    return MaxMin(seen, ordered, goal.shares(ordered), goal.efficiency(ordered), bounds, goal.references, gap, in_order)
+    bounds = (
+        certified(both, goal.references, of_grid)[1],
+        certified(both, goal.references, of_design, log_det=kept)[1],
+    )
+    return MaxMin(
+        seen,
+        ordered,
+        goal.shares(ordered),
+        goal.efficiency(ordered),
+        bounds,
+        goal.references,
+        gap,
+        in_order,
+    )
 
 
 def _even(angles: Array) -> Array:
@@ -110,16 +137,21 @@ def grid_of_poses(clock: Clock) -> Array:
 
 
 def goal_of(seen: Signatures, field: Field) -> tuple[Goal, float]:
-    """The most energy of each effect and the most log determinant, and how far off the former are at most."""
+    """The most energy of each effect and the most log determinant, and how far off the former are
+    at most.
+    """
     found = [most_visible(field.only(k)) for k in range(len(seen.names))]
     references = np.array([upper for _, upper in found])
-    return Goal(seen, references, most_log_det(field)), max(upper / lower - 1 for lower, upper in found)
+    return Goal(seen, references, most_log_det(field)), max(
+        upper / lower - 1 for lower, upper in found
+    )
 
 
 def most_visible(field: Field, rounds: int = 600) -> tuple[float, float]:
     """What the best weights found leave of an effect, and what no weights can pass.
 
-    Multiplicative ascent; the largest energy at any pose is the bound (equivalence theorem). Where it creeps, cutting planes.
+    Multiplicative ascent; the largest energy at any pose is the bound (equivalence theorem). Where
+    it creeps, cutting planes.
     """
     n = len(field.F)
     w = best = np.full(n, 1 / n)
@@ -138,7 +170,9 @@ def most_visible(field: Field, rounds: int = 600) -> tuple[float, float]:
 
 
 def most_log_det(field: Field, rounds: int = 200) -> float:
-    """What no weights can pass of the log determinant per term, mean of the channels (D-optimality, equivalence theorem)."""
+    """What no weights can pass of the log determinant per term, mean of the channels (D-optimality,
+    equivalence theorem).
+    """
     n = len(field.F)
     w, upper = np.full(n, 1 / n), np.inf
     for _ in range(rounds):
@@ -174,10 +208,13 @@ def best_weights(field: Field, references: Array, rounds: int = 300) -> Array:
 def certified(
     field: Field, references: Array, best: Array, planes: int = CUTS, log_det: float | None = None
 ) -> tuple[float, float]:
-    """The greatest least share found, and what no weights can pass, by cutting planes (Kelley 1960).
+    """The greatest least share found, and what no weights can pass, by cutting planes (Kelley
+    1960).
 
-    The energies that the terms fitted with any weights v leave are at least those that the best terms leave, so that
-    share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave: a linear programme over w, with some v
+    The energies that the terms fitted with any weights v leave are at least those that the best
+    terms leave, so that
+    share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave: a linear programme
+    over w, with some v
     between its solution and the best weights so far.
 
     Args:
@@ -203,9 +240,14 @@ def certified(
             rows.append(np.append(-slope, 0.0))
             right.append(value - 1 - log_det)
         found = linprog(
-            np.append(np.zeros(n), -1.0), A_ub=np.array(rows), b_ub=np.array(right),
-            A_eq=np.append(np.ones(n), 0.0)[None, :], b_eq=[1.0], bounds=[(0, None)] * n + [(None, None)], method="highs",
-        )  # fmt: skip
+            np.append(np.zeros(n), -1.0),
+            A_ub=np.array(rows),
+            b_ub=np.array(right),
+            A_eq=np.append(np.ones(n), 0.0)[None, :],
+            b_eq=[1.0],
+            bounds=[(0, None)] * n + [(None, None)],
+            method="highs",
+        )
         upper = min(upper, -float(found["fun"]))
         if upper < CLOSE * least:
             break
@@ -216,7 +258,10 @@ def certified(
 def climbed(angles: Array, goal: Goal, clock: Clock, iterations: int) -> Array:
     """The poses after ascent of the soft minimum of the shares, the linear terms kept."""
     n, axes = angles.shape
-    low, high = (np.tile([pair[side] if pair else free for pair in clock.limits], n) for side, free in ((0, -np.inf), (1, np.inf)))
+    low, high = (
+        np.tile([pair[side] if pair else free for pair in clock.limits], n)
+        for side, free in ((0, -np.inf), (1, np.inf))
+    )
 
     def fall(x: Array) -> tuple[float, Array]:
         return _falling(x.reshape(n, axes), goal)
@@ -225,9 +270,11 @@ def climbed(angles: Array, goal: Goal, clock: Clock, iterations: int) -> Array:
 
 
 def _falling(angles: Array, goal: Goal) -> tuple[float, Array]:
-    """Minus the soft minimum, with a penalty on lost D-efficiency, and its gradient by the angles, (axes n,).
+    """Minus the soft minimum, with a penalty on lost D-efficiency, and its gradient by the angles,
+    (axes n,).
 
-    The fitted linear terms are at their optimum, so only the poses' own energies move with the poses.
+    The fitted linear terms are at their optimum, so only the poses' own energies move with the
+    poses.
     """
     n, axes = angles.shape
     even = _even(angles)
@@ -244,7 +291,9 @@ def _falling(angles: Array, goal: Goal) -> tuple[float, Array]:
     for axis in range(axes):
         ahead = Field(goal.seen, angles + DIFF * np.eye(axes)[axis])
         moved = (ahead.energy(terms) - energy) @ mix
-        slope[:, axis] = moved / (n * DIFF) + 2 * PENALTY * lost * kept * _spread_slope(here.F, (ahead.F - here.F) / DIFF)
+        slope[:, axis] = moved / (n * DIFF) + 2 * PENALTY * lost * kept * _spread_slope(
+            here.F, (ahead.F - here.F) / DIFF
+        )
     return -value + PENALTY * lost**2, -slope.ravel()
 
 

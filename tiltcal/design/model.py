@@ -1,4 +1,6 @@
-"""What a design has to know of an instrument: how its readings at a pose change with every parameter, and how it is noisy."""
+"""What a design has to know of an instrument: how its readings at a pose change with every
+parameter, and how it is noisy.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +10,9 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 
 Rows = Callable[[Array, Array], Array]
-"""(angles (n, axes), time (n,)) -> change of the k channels at a pose per prior standard deviation, (n, k, p)."""
+"""(angles (n, axes), time (n,)) -> change of the k channels at a pose per prior standard deviation,
+(n, k, p).
+"""
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,8 @@ class Model:
         rows: see ``Rows``; the unit is that of ``white``.
         white: noise of each channel per root hertz, (k,).
         floor: what no averaging removes from the mean of one pose, standard deviation, (k,).
-        loss: W with mean square tilt error (per axis, rad^2) = tr(C W) over the working range, (p, p).
+        loss: W with mean square tilt error (per axis, rad^2) = tr(C W) over the working range, (p,
+            p).
         timed: whether the rows depend on time.
         axes: number of the table's axes.
     """
@@ -44,5 +49,7 @@ class Model:
 
     def information(self, angles: Array, dwell: Array, time: Array) -> Array:
         """Prior and data, in units of the prior, (p, p)."""
-        flat = (self.rows(angles, time) * np.sqrt(self.weights(dwell))[:, :, None]).reshape(-1, len(self.names))
+        flat = (self.rows(angles, time) * np.sqrt(self.weights(dwell))[:, :, None]).reshape(
+            -1, len(self.names)
+        )
         return np.asarray(np.eye(len(self.names)) + flat.T @ flat)

@@ -15,7 +15,8 @@ from tiltcal.design.search import Effort, poses_worth, search
 
 LARGE = 60  # parameters beyond which fewer paths are tried
 SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)
-FEW = 25  # poses up to which more paths are tried: they are cheap, and there are more kinds of good ones
+# poses up to which more paths are tried: they are cheap, and there are more kinds of good ones
+FEW = 25
 EAGER = Effort(starts=42, kept=5, rounds=3)
 
 
@@ -68,20 +69,34 @@ class Plan:
         middles = clock.middles(self.angles, self.dwell)
         poses = [
             {f"{name}_deg": float(a / DEG) for name, a in zip(self.axes, row, strict=True)}
-            | {"settle_s": clock.settle, "dwell_s": float(d), "read_from_s": float(m - d / 2), "read_to_s": float(m + d / 2)}
+            | {
+                "settle_s": clock.settle,
+                "dwell_s": float(d),
+                "read_from_s": float(m - d / 2),
+                "read_to_s": float(m + d / 2),
+            }
             for row, d, m in zip(self.angles, self.dwell, middles, strict=True)
         ]
         return {
-            "schema": 1, "criterion": self.problem.criterion, "budget_s": clock.budget, "rate_deg_s": clock.rate / DEG,
-            "total_s": what.total_s, "nats": what.nats, "tilt_rms_arcsec": what.tilt_arcsec, "poses": poses,
+            "schema": 1,
+            "criterion": self.problem.criterion,
+            "budget_s": clock.budget,
+            "rate_deg_s": clock.rate / DEG,
+            "total_s": what.total_s,
+            "nats": what.nats,
+            "tilt_rms_arcsec": what.tilt_arcsec,
+            "poses": poses,
             "parameters": [
                 {"name": n, "unit": u, "prior": float(p), "sigma": float(s), "interest": bool(i)}
-                for n, u, p, s, i in zip(model.names, model.units, model.prior, what.sigma, model.interest, strict=True)
+                for n, u, p, s, i in zip(
+                    model.names, model.units, model.prior, what.sigma, model.interest, strict=True
+                )
             ],
             "baselines": {
-                k: {"nats": f.nats, "tilt_rms_arcsec": f.tilt_arcsec, "poses": f.poses} for k, f in self.baselines.items()
+                k: {"nats": f.nats, "tilt_rms_arcsec": f.tilt_arcsec, "poses": f.poses}
+                for k, f in self.baselines.items()
             },
-        }  # fmt: skip
+        }
 
 
 def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
@@ -90,15 +105,23 @@ def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
     information = problem.information(angles, dwell)
     covariance = np.linalg.inv(information) * np.outer(model.prior, model.prior)
     return Forecast(
-        gain(information, model.interest), tilt_rms(information, model.loss) / ARCSEC, np.sqrt(np.diag(covariance)), covariance,
-        problem.clock.total(angles, dwell), len(dwell),
-    )  # fmt: skip
+        gain(information, model.interest),
+        tilt_rms(information, model.loss) / ARCSEC,
+        np.sqrt(np.diag(covariance)),
+        covariance,
+        problem.clock.total(angles, dwell),
+        len(dwell),
+    )
 
 
 def design(
-    problem: Problem, axes: tuple[str, ...] = ("outer", "inner"), table: str = "dual", seed: int = 0, effort: Effort | None = None,
+    problem: Problem,
+    axes: tuple[str, ...] = ("outer", "inner"),
+    table: str = "dual",
+    seed: int = 0,
+    effort: Effort | None = None,
     notice: Progress = silent,
-) -> Plan:  # fmt: skip
+) -> Plan:
     """The sequence with the most information for a budget, never below any classic one.
 
     Args:
@@ -113,5 +136,8 @@ def design(
     few = poses_worth(problem) <= FEW
     usual = SPARING if len(problem.model.names) > LARGE else EAGER if few else Effort()
     best = search(problem, list(drafts.values()), seed, effort or usual, notice)
-    done = {name: forecast(problem, d.angles, problem.dwells(d.angles, d.z)) for name, d in drafts.items()}
+    done = {
+        name: forecast(problem, d.angles, problem.dwells(d.angles, d.z))
+        for name, d in drafts.items()
+    }
     return Plan(problem, best.angles, problem.dwells(best.angles, best.z), axes, done)

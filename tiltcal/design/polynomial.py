@@ -1,14 +1,18 @@
-"""Textbook models of a triad in units of g: what each channel adds per unit coefficient, as polynomials of up.
+"""Textbook models of a triad in units of g: what each channel adds per unit coefficient, as
+polynomials of up.
 
-==============  ==========  ===================================================================================
+==============  ==========
+===================================================================================
 name            parameters  regressors of channel i at up = (x, y, z)
-==============  ==========  ===================================================================================
+==============  ==========
+===================================================================================
 linear          12          1, x, y, z
 K2              15          and u_i^2
 K2K3            18          and u_i^2, u_i^3
 quadratic       27          and x^2 - y^2, 3 z^2 - 1, x y, x z, y z
 cubic           48          and seven independent products of third degree
-==============  ==========  ===================================================================================
+==============  ==========
+===================================================================================
 """
 
 import numpy as np
@@ -23,9 +27,12 @@ WHITE = 1e-4  # g per root hertz: 1e-3 g per sample at 100 Hz
 FLOOR = 2e-5  # g per pose
 PRIOR = 0.03
 _NAMES = {
-    "linear": (), "K2": ("K2",), "K2K3": ("K2", "K3"), "quadratic": ("xx-yy", "3zz-1", "xy", "xz", "yz"),
+    "linear": (),
+    "K2": ("K2",),
+    "K2K3": ("K2", "K3"),
+    "quadratic": ("xx-yy", "3zz-1", "xy", "xz", "yz"),
     "cubic": ("xx-yy", "3zz-1", "xy", "xz", "yz", "x3", "y3", "z3", "xxy", "yyz", "zzx", "xyz"),
-}  # fmt: skip
+}
 
 
 def regressors(up: Array, kind: str) -> Array:
@@ -43,7 +50,9 @@ def regressors(up: Array, kind: str) -> Array:
 
 
 def dual_up(angles: Array) -> Array:
-    """Up in the body frame on the dual table, mounted straight, (..., 3). angles: outer, inner, rad, (..., 2)."""
+    """Up in the body frame on the dual table, mounted straight, (..., 3). angles: outer, inner,
+    rad, (..., 2).
+    """
     a, b = angles[..., 0], angles[..., 1]
     return np.stack([np.sin(a) * np.sin(b), np.sin(a) * np.cos(b), np.cos(a)], axis=-1)
 
@@ -57,13 +66,19 @@ def spread_out(blocks: Array) -> Array:
 
 
 def textbook_model(kind: str, drift: bool, horizon: float) -> Model:
-    """A textbook model on the dual table, with a linear bias drift over ``horizon`` seconds as a nuisance if asked for."""
+    """A textbook model on the dual table, with a linear bias drift over ``horizon`` seconds as a
+    nuisance if asked for.
+    """
     one_of(kind, KINDS, "textbook model")
 
     def rows(angles: Array, time: Array) -> Array:
         blocks = regressors(dual_up(angles), kind)
         fixed = spread_out(blocks)
-        return np.concatenate([fixed, (time / horizon)[:, None, None] * np.eye(3)], axis=2) * PRIOR if drift else fixed * PRIOR
+        return (
+            np.concatenate([fixed, (time / horizon)[:, None, None] * np.eye(3)], axis=2) * PRIOR
+            if drift
+            else fixed * PRIOR
+        )
 
     stems = ["bias", "x", "y", "z", *_NAMES[kind]]
     names = [f"{axis}.{stem}" for axis in "xyz" for stem in stems]
@@ -73,13 +88,21 @@ def textbook_model(kind: str, drift: bool, horizon: float) -> Model:
     loss = np.zeros((len(names), len(names)))
     loss[:p, :p] = tilt_loss(up, spread_out(regressors(up, kind)) * PRIOR)
     return Model(
-        tuple(names), ("g",) * len(names), np.full(len(names), PRIOR), np.arange(len(names)) < p, rows, np.full(3, WHITE),
-        np.full(3, FLOOR), loss, drift,
-    )  # fmt: skip
+        tuple(names),
+        ("g",) * len(names),
+        np.full(len(names), PRIOR),
+        np.arange(len(names)) < p,
+        rows,
+        np.full(3, WHITE),
+        np.full(3, FLOOR),
+        loss,
+        drift,
+    )
 
 
 def tilt_loss(up: Array, columns: Array) -> Array:
-    """W with mean square tilt error per axis = tr(C W), (p, p): the part across ``up`` of what the parameters add.
+    """W with mean square tilt error per axis = tr(C W), (p, p): the part across ``up`` of what the
+    parameters add.
 
     Args:
         up: working directions, (n, 3).

@@ -1,4 +1,6 @@
-"""Blocks of a sequence that tell explanations apart, and the words for them: the one place that knows both."""
+"""Blocks of a sequence that tell explanations apart, and the words for them: the one place that
+knows both.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,14 +14,20 @@ WORDS = {
     "circle": "go once round with the {axis} axis: whole circles separate what a part of one mixes",
     "reverse": "approach the same angles of the {axis} axis from both sides",
     "tumble": "add poses all over the sphere, with two axes loaded at 45 deg among them",
-    "flip": "take the same body attitudes in both ways that the table can: table errors stay with the angles, sensor errors do not",
+    "flip": (
+        "take the same body attitudes in both ways that the table can: table errors stay with the"
+        " angles, sensor errors do not"
+    ),
     "spin": "turn the {axis} axis round at two rates, both ways",
     "ramp": "move the {axis} axis over the same way at several rates, with sharp stops",
     "far": "dwell long at the ends of the {axis} axis' range",
     "rest": "rest for a while without moving",
     "slow": "turn the {axis} axis slowly over its range",
     "repeat": "repeat the poses of the first recording in the opposite order",
-    "remount": "remount by {mount} and repeat the same angles: table errors stay with the angle, sensor errors go with the body",
+    "remount": (
+        "remount by {mount} and repeat the same angles: table errors stay with the angle, sensor"
+        " errors go with the body"
+    ),
 }
 """What each block does, and why."""
 
@@ -31,7 +39,8 @@ def said(kind: str, axis: str = "outer", mount: str = "180 deg") -> str:
 
 DWELL, RATE = 3.0, 30.0  # s, deg/s, unless the user says otherwise
 REMOUNT = 60.0  # s of table time that a remounting takes
-QUIET = 10.0  # s at rest at both ends of a slow turn: a recording that hardly rests does not show what rest is
+# s at rest at both ends of a slow turn: a recording that hardly rests does not show what rest is
+QUIET = 10.0
 MOUNTS = ("Rz(180)", "Rx(180)", "Rz(90)")
 CIRCLE = (0.0, 360.0)  # deg, of an axis that may go round
 
@@ -91,7 +100,11 @@ class Block:
         return end - start + REMOUNT * self.remounts
 
     def __add__(self, other: "Block") -> "Block":
-        return Block(f"{self.name} + {other.name}", f"{self.words}; then {other.words}", self.steps + other.steps)
+        return Block(
+            f"{self.name} + {other.name}",
+            f"{self.words}; then {other.words}",
+            self.steps + other.steps,
+        )
 
 
 def candidates(table: Table) -> Iterator[Block]:
@@ -122,7 +135,10 @@ def _of_axis(table: Table, axis: str) -> Iterator[Block]:
         low, high = table.reach[axis]
 
         def block(kind: str, moves: Sequence[tuple[float, float, float]], more: str = "") -> Block:
-            go = [{f"{axis}_deg": angle, "rate_deg_s": rate, "dwell_s": dwell} for angle, rate, dwell in moves]
+            go = [
+                {f"{axis}_deg": angle, "rate_deg_s": rate, "dwell_s": dwell}
+                for angle, rate, dwell in moves
+            ]
             go[0] |= at  # noqa: B023
             steps = tuple(Step.model_validate({"action": "move", **g}) for g in go)
             return Block(f"{kind}{more} {axis}{where}", said(kind, axis), steps)  # noqa: B023
@@ -133,9 +149,14 @@ def _of_axis(table: Table, axis: str) -> Iterator[Block]:
         up = table.grid(axis, 45.0)
         yield block("reverse", [(a, rate, dwell) for a in (*up, *up[-2::-1])])
         start = [(low, rate, dwell)]
-        yield block("spin", [*start, *((a, r, dwell) for r in (rate, 2 * rate) for a in (high, low))])
+        yield block(
+            "spin", [*start, *((a, r, dwell) for r in (rate, 2 * rate) for a in (high, low))]
+        )
         far = low + (high - low) / 4
-        yield block("ramp", [*start, *((a, r, dwell) for r in (rate / 3, rate, 2 * rate) for a in (far, low))])
+        yield block(
+            "ramp",
+            [*start, *((a, r, dwell) for r in (rate / 3, rate, 2 * rate) for a in (far, low))],
+        )
         yield block("far", [(a, rate, 25.0) for a in (low, (low + high) / 2, high)])
         yield block("slow", [(low, rate, QUIET), (high, max((high - low) / 60.0, 1.0), QUIET)])
 
@@ -147,12 +168,16 @@ def _elsewhere(table: Table, axis: str) -> list[dict[str, float]]:
         return [{}]
     places = []
     for share in (0.0, 0.25):
-        places.append({n: table.reach[n][0] + share * (table.reach[n][1] - table.reach[n][0]) for n in others})
+        places.append(
+            {n: table.reach[n][0] + share * (table.reach[n][1] - table.reach[n][0]) for n in others}
+        )
     return places
 
 
 def _spread(table: Table) -> list[tuple[float, ...]]:
-    """Poses all over the reach, in an order of short moves that passes most angles from both sides, deg."""
+    """Poses all over the reach, in an order of short moves that passes most angles from both sides,
+    deg.
+    """
     names = table.rig.axis_names
     if len(names) == 1:
         grid = table.grid(names[0], 45.0)
@@ -164,7 +189,10 @@ def _spread(table: Table) -> list[tuple[float, ...]]:
             middle = (
                 ()
                 if len(names) == 2
-                else (table.reach[names[1]][0] + (k % 3) / 3 * (table.reach[names[1]][1] - table.reach[names[1]][0]),)
+                else (
+                    table.reach[names[1]][0]
+                    + (k % 3) / 3 * (table.reach[names[1]][1] - table.reach[names[1]][0]),
+                )
             )
             poses.append((a, *middle, b + (15.0 if table.round_trip(names[-1]) else 0.0)))
     return poses
@@ -174,7 +202,9 @@ def _poses(table: Table, poses: Sequence[Sequence[float]]) -> tuple[Step, ...]:
     """Moves to poses, with a dwell at each."""
     names = [f"{n}_deg" for n in table.rig.axis_names]
     common = {"action": "move", "rate_deg_s": table.rate, "dwell_s": table.dwell}
-    return tuple(Step.model_validate({**common, **dict(zip(names, pose, strict=True))}) for pose in poses)
+    return tuple(
+        Step.model_validate({**common, **dict(zip(names, pose, strict=True))}) for pose in poses
+    )
 
 
 def within(block: Block, table: Table) -> bool:

@@ -1,7 +1,10 @@
-"""The search: regular paths over the table's angles as starts, gradient ascent, then insertions, removals and other orders.
+"""The search: regular paths over the table's angles as starts, gradient ascent, then insertions,
+removals and other orders.
 
-Deterministic: a fixed number of trials, their random numbers from the seed. Smooth ascent (``ascent``) moves all poses at
-once; what it cannot do (another number of poses, another order, the same direction from the table's other side) is tried
+Deterministic: a fixed number of trials, their random numbers from the seed. Smooth ascent
+    (``ascent``) moves all poses at
+once; what it cannot do (another number of poses, another order, the same direction from the table's
+other side) is tried
 one change at a time, and the best is ascended again.
 """
 
@@ -21,7 +24,8 @@ class Effort:
     """How much is tried.
 
     Args:
-        starts: paths; first, then: iterations of ascent of all of them, and of the best; kept: how many those are.
+        starts: paths; first, then: iterations of ascent of all of them, and of the best; kept: how
+            many those are.
         rounds: of single changes; trials: changes tried in a round.
     """
 
@@ -33,7 +37,9 @@ class Effort:
     trials: int = 40
 
 
-def search(problem: Problem, starts: list[Draft], seed: int, effort: Effort, notice: Progress = silent) -> Draft:
+def search(
+    problem: Problem, starts: list[Draft], seed: int, effort: Effort, notice: Progress = silent
+) -> Draft:
     """The best sequence found.
 
     Args:
@@ -67,13 +73,19 @@ def poses_worth(problem: Problem) -> int:
 
 
 def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Array]:
-    """Straight lines over the angles, folded into the limits: steps of one size, so that moves are cheap."""
+    """Straight lines over the angles, folded into the limits: steps of one size, so that moves are
+    cheap.
+    """
     clock, axes = problem.clock, problem.model.axes
     worth = poses_worth(problem)
     for k in range(count):
         n = max(1, round(worth * (0.8, 0.9, 1.0, 1.1, 1.2, 1.3)[k % 6]))
         slope = rng.uniform(0.2, 1.2, axes) * rng.choice([-1.0, 1.0], axes)
-        angles = np.arange(n)[:, None] * slope + rng.normal(0, 0.1, (n, axes)) + rng.uniform(-0.5, 0.5, axes)
+        angles = (
+            np.arange(n)[:, None] * slope
+            + rng.normal(0, 0.1, (n, axes))
+            + rng.uniform(-0.5, 0.5, axes)
+        )
         while len(angles) > 1 and float(clock.spare(folded(angles, clock))) < 0:
             angles = angles[:-1]
         yield folded(angles, clock)
@@ -91,14 +103,21 @@ def folded(angles: Array, clock: Clock) -> Array:
 
 
 def changed(problem: Problem, draft: Draft, rng: np.random.Generator, trials: int) -> Draft:
-    """The best draft after one change: a pose less, a pose more, a stretch reversed, a pose from the other side."""
+    """The best draft after one change: a pose less, a pose more, a stretch reversed, a pose from
+    the other side.
+    """
     candidates = [*_shorter(draft), *_longer(draft, rng), *_reversed(problem, draft)]
     if problem.model.axes == 2 and all(pair is None for pair in problem.clock.limits):
         candidates += list(_other_side(draft))
     rng.shuffle(candidates)
-    rated = [problem.rated(folded(angles, problem.clock), z) for angles, z in candidates[: 4 * trials]]
+    rated = [
+        problem.rated(folded(angles, problem.clock), z) for angles, z in candidates[: 4 * trials]
+    ]
     best = max(rated, key=lambda d: d.value, default=draft)
-    polished = [ascend(problem, d, 15) for d in sorted(rated, key=lambda d: -d.value)[: max(trials // 10, 1)]]
+    polished = [
+        ascend(problem, d, 15)
+        for d in sorted(rated, key=lambda d: -d.value)[: max(trials // 10, 1)]
+    ]
     return max([best, draft, *polished], key=lambda d: d.value)
 
 
@@ -149,8 +168,12 @@ def _other_side(draft: Draft) -> Iterator[tuple[Array, Array]]:
 
 
 def on_steps(problem: Problem, draft: Draft) -> Draft:
-    """The draft on the table's steps: rounded, then each angle a step up or down while that helps."""
-    best = ascend(problem, problem.rated(problem.clock.inside(draft.angles), draft.z), 40, dwells_only=True)
+    """The draft on the table's steps: rounded, then each angle a step up or down while that
+    helps.
+    """
+    best = ascend(
+        problem, problem.rated(problem.clock.inside(draft.angles), draft.z), 40, dwells_only=True
+    )
     step, axes = problem.clock.step, draft.angles.shape[1]
     for _ in range(3):
         before = best.value

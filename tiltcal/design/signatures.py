@@ -1,8 +1,12 @@
-"""What the effects of the catalogue leave in the readings at poses, for designs that shall be blind to none of them.
+"""What the effects of the catalogue leave in the readings at poses, for designs that shall be blind
+to none of them.
 
-An effect (of one table axis, where it has one) acts with all its parameters at their plausible sizes; its energy at a pose is
-the sum over parameters and channels of what bias, scale and cross-axis terms, re-fitted, leave. Smooth effects are expanded
-in harmonics of the table angles once; kinks keep their own form, the sign of f smoothed over 5 deg: what no table could set
+An effect (of one table axis, where it has one) acts with all its parameters at their plausible
+sizes; its energy at a pose is
+the sum over parameters and channels of what bias, scale and cross-axis terms, re-fitted, leave.
+Smooth effects are expanded
+in harmonics of the table angles once; kinks keep their own form, the sign of f smoothed over 5 deg:
+what no table could set
 apart is no pose.
 """
 
@@ -26,7 +30,12 @@ from tiltcal.setup.setup import Sensor
 SOFT_SIGN = np.sin(5 * DEG)
 SIGN = "acc_bias_asym"  # the effect that follows the sign of f
 ORDINARY = 1e-6  # share of an effect's energy below which the ordinary terms take all of it
-IN_ORDER = ("pose", "time", "direction", "temperature")  # needs of effects that the order of poses may show
+IN_ORDER = (
+    "pose",
+    "time",
+    "direction",
+    "temperature",
+)  # needs of effects that the order of poses may show
 
 
 @dataclass(frozen=True)
@@ -38,7 +47,8 @@ class Signatures:
         names: of the effects; member: (columns, effects), 1 where a column is an effect's.
         smooth: columns as harmonics; kinks: parameters after them whose columns are exact.
         ordinary: effects that bias, scale and cross-axis terms take up entirely.
-        ordered: effects that only the order of visiting can show; unseen: those that no sequence of dwells shows.
+        ordered: effects that only the order of visiting can show; unseen: those that no sequence of
+            dwells shows.
     """
 
     still: Still
@@ -52,19 +62,30 @@ class Signatures:
     unseen: tuple[str, ...]
 
     def columns(self, angles: Array) -> Array:
-        """What each column adds at poses, (n, channels, columns), in plausible sizes. angles: rad, (n, axes)."""
+        """What each column adds at poses, (n, channels, columns), in plausible sizes. angles: rad,
+        (n, axes).
+        """
         kinks = direct_columns(self.still, self.sensor, self.kinks, angles, np.zeros(len(angles)))
         up = self.still.up(angles)[:, list(self.sensor.axis_indices)]
         for j, p in enumerate(self.kinks):
             if p.effect.id == SIGN:
-                kinks[:, :, j] = np.abs(kinks[:, :, j]).max() * np.tanh(up / SOFT_SIGN) * (kinks[:, :, j] != 0).any(axis=0)
+                kinks[:, :, j] = (
+                    np.abs(kinks[:, :, j]).max()
+                    * np.tanh(up / SOFT_SIGN)
+                    * (kinks[:, :, j] != 0).any(axis=0)
+                )
         return self._read(np.concatenate([self.smooth.at(angles), kinks], axis=2), up)
 
     def linear(self, angles: Array) -> Array:
-        """What bias, scale and cross-axis terms add at poses, (n, channels, terms): 1 and the independent parts of up."""
+        """What bias, scale and cross-axis terms add at poses, (n, channels, terms): 1 and the
+        independent parts of up.
+        """
         up = self.still.up(angles)
         parts = np.column_stack([np.ones(len(up)), up @ self.spanned])
-        return self._read(np.repeat(parts[:, None, :], len(self.sensor.axes), axis=1), up[:, list(self.sensor.axis_indices)])
+        return self._read(
+            np.repeat(parts[:, None, :], len(self.sensor.axes), axis=1),
+            up[:, list(self.sensor.axis_indices)],
+        )
 
     @property
     def in_order(self) -> tuple[str, ...]:
@@ -75,11 +96,15 @@ class Signatures:
     def spanned(self) -> Array:
         """Directions that this table's poses take up through, (3, 2 or 3)."""
         angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (40, len(self.still.axes)))
-        _, size, across = np.linalg.svd(self.still.up(angles) - self.still.up(angles).mean(axis=0), full_matrices=False)
+        _, size, across = np.linalg.svd(
+            self.still.up(angles) - self.still.up(angles).mean(axis=0), full_matrices=False
+        )
         return np.asarray(across[size > 1e-9 * size[0]].T)
 
     def _read(self, columns: Array, up: Array) -> Array:
-        """An inclinometer's noise acts on the angle: d asin(f/g) = df / (g cos), steep near 90 deg."""
+        """An inclinometer's noise acts on the angle: d asin(f/g) = df / (g cos), steep near 90
+        deg.
+        """
         if self.sensor.kind != "inclinometer":
             return columns
         return np.asarray(columns / np.maximum(np.sqrt(1 - up**2 + 1e-15), STEEPEST)[:, :, None])
@@ -104,7 +129,9 @@ class Field:
         return one
 
     def fitted(self, weight: Array) -> list[Array]:
-        """Linear terms that take up each column in each channel, fitted with these weights, [(terms, columns)]."""
+        """Linear terms that take up each column in each channel, fitted with these weights,
+        [(terms, columns)].
+        """
         found = []
         for k in range(self.F.shape[1]):
             weighed = weight[:, None] * self.F[:, k]
@@ -122,7 +149,9 @@ class Field:
         return self.energy(self.fitted(weight))
 
     def spread(self, weight: Array) -> tuple[float, Array]:
-        """Log determinant of the linear terms per term, mean of the channels, and its derivative by each weight, (n,)."""
+        """Log determinant of the linear terms per term, mean of the channels, and its derivative by
+        each weight, (n,).
+        """
         _, channels, terms = self.F.shape
         total, slope = 0.0, np.zeros(len(self.F))
         for k in range(channels):
@@ -135,7 +164,8 @@ class Field:
 def catalogue_signatures(
     still: Still, sensor: Sensor, allowed: Array, grade: str = "mid_mems", only: Sequence[str] = ()
 ) -> Signatures:
-    """All effects that this table and sensor can have, or those of some ids, sorted by what shows them.
+    """All effects that this table and sensor can have, or those of some ids, sorted by what shows
+    them.
 
     Args:
         still: the table; sensor: whose readings; grade: whose plausible sizes.
@@ -145,25 +175,41 @@ def catalogue_signatures(
     Raises:
         TiltcalError: the allowed poses show none beside the ordinary terms.
     """
-    shown, ordered, unseen = _sorted(still, sensor, grade, [one_of(id, CATALOGUE, "design, effect") for id in only])
+    shown, ordered, unseen = _sorted(
+        still, sensor, grade, [one_of(id, CATALOGUE, "design, effect") for id in only]
+    )
     table, held = tabulate(still, sensor, [p.effect for p in shown])
     smooth = [k for k, is_held in enumerate(held) if is_held]
     kinks = [k for k, is_held in enumerate(held) if not is_held and shown[k].direct]
-    rough = [p.effect for p, is_held in zip(shown, held, strict=True) if not is_held and not p.direct]
+    rough = [
+        p.effect for p, is_held in zip(shown, held, strict=True) if not is_held and not p.direct
+    ]
     winding = _winding(still, sensor, rough)
     ordered += winding
     fine = {name_of(e) for e in rough} - {name_of(shown[k].effect) for k in [*smooth, *kinks]}
 
     def having(kept: Callable[[str], bool]) -> Signatures:
-        some = [k for k in smooth if kept(name_of(shown[k].effect))], [k for k in kinks if kept(name_of(shown[k].effect))]
+        some = (
+            [k for k in smooth if kept(name_of(shown[k].effect))],
+            [k for k in kinks if kept(name_of(shown[k].effect))],
+        )
         own = [name_of(shown[k].effect) for k in [*some[0], *some[1]]]
         names = tuple(dict.fromkeys(own))
         return Signatures(
-            still, sensor, names, np.array([[float(name == other) for other in names] for name in own]),
-            Table(table.coefficients[:, :, some[0]]), tuple(shown[k] for k in some[1]),
-            tuple(name for name in dict.fromkeys(name_of(p.effect) for p in shown) if not kept(name) and name not in fine),
-            tuple(ordered), tuple(sorted({*unseen, *fine} - {name_of(e) for e in winding})),
-        )  # fmt: skip
+            still,
+            sensor,
+            names,
+            np.array([[float(name == other) for other in names] for name in own]),
+            Table(table.coefficients[:, :, some[0]]),
+            tuple(shown[k] for k in some[1]),
+            tuple(
+                name
+                for name in dict.fromkeys(name_of(p.effect) for p in shown)
+                if not kept(name) and name not in fine
+            ),
+            tuple(ordered),
+            tuple(sorted({*unseen, *fine} - {name_of(e) for e in winding})),
+        )
 
     every = having(lambda name: name not in fine)
     ordinary = _taken(every, allowed)
@@ -171,16 +217,21 @@ def catalogue_signatures(
         raise TiltcalError(
             f"design --blind-to-nothing, table {still.scenario.rig.table}",
             found="no effect that these poses show beside bias, scale and cross-axis terms",
-            need="at least one", do="name others as --terms, or widen --angles",
-        )  # fmt: skip
+            need="at least one",
+            do="name others as --terms, or widen --angles",
+        )
     return having(lambda name: name not in fine and name not in ordinary)
 
 
 def _winding(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> list[Effect]:
-    """Those that are not the same a turn further on: what they show depends on which way round the table goes."""
+    """Those that are not the same a turn further on: what they show depends on which way round the
+    table goes.
+    """
     angles = np.random.default_rng(2).uniform(-np.pi, np.pi, (20, len(still.axes)))
     here, further = (changes_of(still, sensor, effects, angles + turn) for turn in (0.0, 2 * np.pi))
-    differs = np.abs(further - here).max(axis=(0, 1), initial=0.0) > 1e-6 * np.abs(here).max(axis=(0, 1), initial=0.0)
+    differs = np.abs(further - here).max(axis=(0, 1), initial=0.0) > 1e-6 * np.abs(here).max(
+        axis=(0, 1), initial=0.0
+    )
     return [e for e, is_other in zip(effects, differs, strict=True) if is_other]
 
 
@@ -190,7 +241,11 @@ def _taken(every: Signatures, allowed: Array) -> set[str]:
     field = Field(every, allowed)
     left = field.left_over(np.full(n, 1 / n)).mean(axis=0)
     whole = (field.E**2).sum(axis=1).mean(axis=0) @ every.member
-    return {name for name, rest, all_ in zip(every.names, left, whole, strict=True) if rest <= ORDINARY * all_}
+    return {
+        name
+        for name, rest, all_ in zip(every.names, left, whole, strict=True)
+        if rest <= ORDINARY * all_
+    }
 
 
 def name_of(effect: Effect) -> str:
@@ -198,16 +253,26 @@ def name_of(effect: Effect) -> str:
     return f"{effect.id} {effect.axis}" if effect.axis else effect.id
 
 
-def _sorted(still: Still, sensor: Sensor, grade: str, only: Sequence[str]) -> tuple[list[Parameter], list[Effect], set[str]]:
-    """Parameters that poses show, effects that their order shows, names of those that neither does."""
+def _sorted(
+    still: Still, sensor: Sensor, grade: str, only: Sequence[str]
+) -> tuple[list[Parameter], list[Effect], set[str]]:
+    """Parameters that poses show, effects that their order shows, names of those that neither
+    does.
+    """
     shown: list[Parameter] = []
     ordered: list[Effect] = []
     unseen: set[str] = set()
     for id, owner, axis, name, p, size in candidates(still.scenario, grade):
         if owner not in (None, sensor.name) or (only and id not in only):
             continue
-        middle = {f"{q.name}{q.suffix}": still.horizon / 2 for q in CATALOGUE[id].parameters if q.name in ("time", "start")}
-        effect = make_effect(id, {f"{name}{p.suffix}": size, **middle}, still.scenario, sensor=owner, axis=axis)
+        middle = {
+            f"{q.name}{q.suffix}": still.horizon / 2
+            for q in CATALOGUE[id].parameters
+            if q.name in ("time", "start")
+        }
+        effect = make_effect(
+            id, {f"{name}{p.suffix}": size, **middle}, still.scenario, sensor=owner, axis=axis
+        )
         if effect.needs == "pose" and pointwise(still, sensor, effect):
             shown.append(Parameter(effect, name, p.unit, size, "", True))
         elif effect.needs in IN_ORDER:

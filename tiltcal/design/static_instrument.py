@@ -1,4 +1,6 @@
-"""The instrument at rest at table angles: what it senses there, and whether an effect cares how it got there."""
+"""The instrument at rest at table angles: what it senses there, and whether an effect cares how it
+got there.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,7 +32,8 @@ class Still:
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Table axes that a design moves: those that turn gravity in the body frame, outermost first.
+        """Table axes that a design moves: those that turn gravity in the body frame, outermost
+        first.
 
         Raises:
             TiltcalError: the table has none.
@@ -40,9 +43,11 @@ class Still:
         if not moved:
             turns = "turns about the vertical only" if rig.axes else "has no axis to command"
             raise TiltcalError(
-                f"design, table {rig.table}", found=f"a table that {turns}: no pose of it changes what gravity does to a sensor",
-                need="placing, dual or three", do="design for another table",
-            )  # fmt: skip
+                f"design, table {rig.table}",
+                found=f"a table that {turns}: no pose of it changes what gravity does to a sensor",
+                need="placing, dual or three",
+                do="design for another table",
+            )
         return moved
 
     def up(self, angles: Array) -> Array:
@@ -60,12 +65,21 @@ class Still:
         """The table at rest at each of these angles."""
         zero = np.zeros(len(angles))
         where = {name: Jet(angles[:, k], zero, zero) for k, name in enumerate(self.axes)}
-        axes = {name: where.get(name, Jet(zero, zero, zero)) for name in self.scenario.rig.axis_names}
+        axes = {
+            name: where.get(name, Jet(zero, zero, zero)) for name in self.scenario.rig.axis_names
+        }
         climate = self.scenario.climate
         return Drive(
-            time, axes, 0.0, climate.at(time), climate.reference(self.horizon), np.arange(len(angles)),
-            ((0, self.scenario.rig.mount_rotation),), None, np.ones(len(angles), bool),
-        )  # fmt: skip
+            time,
+            axes,
+            0.0,
+            climate.at(time),
+            climate.reference(self.horizon),
+            np.arange(len(angles)),
+            ((0, self.scenario.rig.mount_rotation),),
+            None,
+            np.ones(len(angles), bool),
+        )
 
 
 @dataclass(frozen=True)
@@ -91,25 +105,49 @@ def watch(still: Still, angles: Array) -> Watch:
 
 
 def still_sense(still: Still, sensor: Sensor, angles: Array, time: Array) -> Sense:
-    """What a sensor senses at poses; one row more, at the horizon, tells effects how long the recording is."""
+    """What a sensor senses at poses; one row more, at the horizon, tells effects how long the
+    recording is.
+    """
     return sense_of(still, sensor, still.up(angles), time, angles)
 
 
-def sense_of(still: Still, sensor: Sensor, up: Array, time: Array, angles: Array | None = None) -> Sense:
+def sense_of(
+    still: Still, sensor: Sensor, up: Array, time: Array, angles: Array | None = None
+) -> Sense:
     """The same at directions of up in the body frame, (n, 3)."""
     g = still.scenario.site.gravity
     up = np.vstack([up, up[-1:]])
     elapsed = np.append(time, still.horizon)
     zero, climate = np.zeros_like(up), still.scenario.climate
-    where = {} if angles is None else {name: np.append(angles[:, k], angles[-1, k]) for k, name in enumerate(still.axes)}
+    where = (
+        {}
+        if angles is None
+        else {name: np.append(angles[:, k], angles[-1, k]) for k, name in enumerate(still.axes)}
+    )
     return Sense(
-        elapsed, elapsed, g * up, zero, up, zero, zero, climate.at(elapsed) - climate.reference(still.horizon),
-        sensor.axis_indices, sensor.kind, np.zeros(3), g, sensor.rate_hz, sensor.full_scale, where, np.arange(len(up)),
-    )  # fmt: skip
+        elapsed,
+        elapsed,
+        g * up,
+        zero,
+        up,
+        zero,
+        zero,
+        climate.at(elapsed) - climate.reference(still.horizon),
+        sensor.axis_indices,
+        sensor.kind,
+        np.zeros(3),
+        g,
+        sensor.rate_hz,
+        sensor.full_scale,
+        where,
+        np.arange(len(up)),
+    )
 
 
 def pointwise(still: Still, sensor: Sensor, effect: Effect) -> bool:
-    """Whether an effect shows at poses, and by the same amount wherever in the sequence the pose stands."""
+    """Whether an effect shows at poses, and by the same amount wherever in the sequence the pose
+    stands.
+    """
     if effect.needs not in POINTWISE or (effect.needs != "pose" and not _of_sensor(effect)):
         return False
     rng = np.random.default_rng(0)
@@ -120,7 +158,11 @@ def pointwise(still: Still, sensor: Sensor, effect: Effect) -> bool:
         there = _changes(still, sensor, effect, angles, time)
         turned = _changes(still, sensor, effect, angles[order], time[order])
     size = float(np.abs(there).max(initial=0.0))
-    return bool(np.isfinite(there).all() and size > 0 and np.abs(there[order] - turned).max(initial=0.0) <= 1e-6 * size)
+    return bool(
+        np.isfinite(there).all()
+        and size > 0
+        and np.abs(there[order] - turned).max(initial=0.0) <= 1e-6 * size
+    )
 
 
 def _of_sensor(effect: Effect) -> bool:
@@ -131,4 +173,8 @@ def _changes(still: Still, sensor: Sensor, effect: Effect, angles: Array, time: 
     if _of_sensor(effect) and isinstance(effect, SignalEffect):
         sense = still_sense(still, sensor, angles, time)
         return effect.apply(np.zeros((len(time) + 1, len(sensor.axes))), sense, None)[:-1]
-    return watch(still, angles).changes(effect).get(sensor.name, np.zeros((len(time), len(sensor.axes))))
+    return (
+        watch(still, angles)
+        .changes(effect)
+        .get(sensor.name, np.zeros((len(time), len(sensor.axes))))
+    )

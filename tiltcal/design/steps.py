@@ -1,4 +1,6 @@
-"""A plan as steps that a laboratory follows: CSV, scenario, printable list, and the dwells to calibrate from."""
+"""A plan as steps that a laboratory follows: CSV, scenario, printable list, and the dwells to
+calibrate from.
+"""
 
 import csv
 import io
@@ -15,14 +17,26 @@ from tiltcal.setup.pose_schemes import label_of
 from tiltcal.setup.schedule import move_time
 from tiltcal.setup.sequence import Step
 
-COLUMNS = ("step", "action", "outer_deg", "middle_deg", "inner_deg", "rate_deg_s", "dwell_s", "mount", "label")
+COLUMNS = (
+    "step",
+    "action",
+    "outer_deg",
+    "middle_deg",
+    "inner_deg",
+    "rate_deg_s",
+    "dwell_s",
+    "mount",
+    "label",
+)
 DECIMALS = 6  # of a degree
 
 
 def steps_of(plan: Plan, up: Array) -> list[Step]:
-    """One step a pose: the move, then a dwell that holds settling and reading. up: in the body frame, (n, 3).
+    """One step a pose: the move, then a dwell that holds settling and reading. up: in the body
+    frame, (n, 3).
 
-    The dwell is what is left of the plan's time once the drive has stopped: its ramps lie inside the settling.
+    The dwell is what is left of the plan's time once the drive has stopped: its ramps lie inside
+    the settling.
     """
     clock = plan.problem.clock
     rate = clock.rate / DEG
@@ -31,8 +45,19 @@ def steps_of(plan: Plan, up: Array) -> list[Step]:
         distance = float(np.abs(angles - place).max())
         taken = move_time(distance, clock.rate) if distance > 0 else 0.0
         stay = distance / clock.rate + clock.settle + float(dwell) - taken
-        where = {f"{name}_deg": round(float(a) / DEG, DECIMALS) + 0.0 for name, a in zip(plan.axes, angles, strict=True)}
-        steps.append(Step(action="move", **where, rate_deg_s=rate, dwell_s=round(stay, 6), label=label_of(direction)))
+        where = {
+            f"{name}_deg": round(float(a) / DEG, DECIMALS) + 0.0
+            for name, a in zip(plan.axes, angles, strict=True)
+        }
+        steps.append(
+            Step(
+                action="move",
+                **where,
+                rate_deg_s=rate,
+                dwell_s=round(stay, 6),
+                label=label_of(direction),
+            )
+        )
         place = angles
     return steps
 
@@ -51,15 +76,22 @@ def steps_csv(steps: list[Step]) -> str:
 def segments_csv(plan: Plan) -> str:
     """What is read of each dwell, as `calibrate --segments` takes it."""
     middles = plan.problem.clock.middles(plan.angles, plan.dwell)
-    lines = [f"{m - d / 2:.6f},{m + d / 2:.6f},dwell" for m, d in zip(middles, plan.dwell, strict=True)]
+    lines = [
+        f"{m - d / 2:.6f},{m + d / 2:.6f},dwell" for m, d in zip(middles, plan.dwell, strict=True)
+    ]
     return "\n".join(["start_s,end_s,kind", *lines]) + "\n"
 
 
 def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str, Any]:
-    """The scenario's table with the designed sequence in place of its own; claims about its own sequence are left out."""
+    """The scenario's table with the designed sequence in place of its own; claims about its own
+    sequence are left out.
+    """
     stated = json.loads(
         scenario.model_dump_json(
-            exclude_none=True, exclude_defaults=True, by_alias=True, exclude={"sequence", "method", "estimator", "about"}
+            exclude_none=True,
+            exclude_defaults=True,
+            by_alias=True,
+            exclude={"sequence", "method", "estimator", "about"},
         )
     )
     sequence = [s.model_dump(exclude_none=True, exclude_unset=True) for s in steps]
@@ -71,16 +103,33 @@ def printable(plan: Plan, up: Array) -> str:
     clock, model, what = plan.problem.clock, plan.problem.model, plan.forecast
     head = "".join(f"{name + ' deg':>12}" for name in plan.axes)
     lines = [
-        f"{what.poses} poses in {what.total_s:.1f} s of {clock.budget:g} s; moves at {clock.rate / DEG:g} deg/s, then "
-        f"{clock.settle:g} s to settle, then read",
-        "", f"{'step':>4}{head}{'read from s':>13}{'read s':>9}   up in the body frame",
-    ]  # fmt: skip
+        (
+            f"{what.poses} poses in {what.total_s:.1f} s of {clock.budget:g} s; moves at"
+            f" {clock.rate / DEG:g} deg/s, then {clock.settle:g} s to settle, then read"
+        ),
+        "",
+        f"{'step':>4}{head}{'read from s':>13}{'read s':>9}   up in the body frame",
+    ]
     middles = clock.middles(plan.angles, plan.dwell)
-    for k, (angles, dwell, m, u) in enumerate(zip(plan.angles, plan.dwell, middles, up, strict=True), start=1):
+    for k, (angles, dwell, m, u) in enumerate(
+        zip(plan.angles, plan.dwell, middles, up, strict=True), start=1
+    ):
         turned = "".join(f"{a / DEG:12.3f}" for a in angles)
-        lines.append(f"{k:4d}{turned}{m - dwell / 2:13.2f}{dwell:9.2f}   {label_of(np.round(u, 3))}")
+        lines.append(
+            f"{k:4d}{turned}{m - dwell / 2:13.2f}{dwell:9.2f}   {label_of(np.round(u, 3))}"
+        )
     lines += ["", f"{'parameter':<40}{'before':>12}{'expected':>12}  unit"]
-    for n, unit, prior, sigma, wanted in zip(model.names, model.units, model.prior, what.sigma, model.interest, strict=True):
-        lines.append(f"{n:<40}{prior:12.4g}{sigma:12.4g}  {unit}{'' if wanted else '   (nuisance)'}")
-    lines += ["", f"expected rms tilt error per axis {what.tilt_arcsec:.3f} arcsec; information gained {what.nats:.2f} nats"]
+    for n, unit, prior, sigma, wanted in zip(
+        model.names, model.units, model.prior, what.sigma, model.interest, strict=True
+    ):
+        lines.append(
+            f"{n:<40}{prior:12.4g}{sigma:12.4g}  {unit}{'' if wanted else '   (nuisance)'}"
+        )
+    lines += [
+        "",
+        (
+            f"expected rms tilt error per axis {what.tilt_arcsec:.3f} arcsec; information gained"
+            f" {what.nats:.2f} nats"
+        ),
+    ]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,6 @@
-"""Changes of the readings with the table's angles, as trigonometric polynomials: differenced once on a grid, then cheap."""
+"""Changes of the readings with the table's angles, as trigonometric polynomials: differenced once
+on a grid, then cheap.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +14,8 @@ from tiltcal.setup.setup import Sensor
 
 NODES = 24  # a turn, of each axis
 ORDER = 6  # highest harmonic of an axis that is kept
-SMALL = 1e-4  # of its prior size: the step by which an effect is differenced, so that its square does not count
+# of its prior size: the step by which an effect is differenced, so that its square does not count
+SMALL = 1e-4
 COARSE = 0.02  # misfit, of the largest change, from which an effect is too fine for these harmonics
 
 
@@ -21,7 +24,8 @@ class Table:
     """Columns as harmonics of the angles.
 
     Args:
-        coefficients: ((2 ORDER + 1)^axes, k, p), of the products of 1, cos, sin, cos 2 ... of each axis.
+        coefficients: ((2 ORDER + 1)^axes, k, p), of the products of 1, cos, sin, cos 2 ... of each
+            axis.
     """
 
     coefficients: Array
@@ -34,7 +38,9 @@ class Table:
     def at(self, angles: Array) -> Array:
         """The columns, (n, k, p). angles: rad, (n, axes)."""
         shape = self.coefficients.shape
-        return np.asarray(harmonics(angles) @ self.coefficients.reshape(shape[0], -1)).reshape(len(angles), *shape[1:])
+        return np.asarray(harmonics(angles) @ self.coefficients.reshape(shape[0], -1)).reshape(
+            len(angles), *shape[1:]
+        )
 
 
 def harmonics(angles: Array) -> Array:
@@ -59,23 +65,31 @@ def tabulate(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> tuple[T
     changes = changes_of(still, sensor, effects, np.vstack([grid, tried]))
     basis = harmonics(grid)
     inverse = basis.T / (basis**2).sum(axis=0)[:, None]  # the products are orthogonal on the grid
-    coefficients = (inverse @ changes[: len(grid)].reshape(len(grid), k * len(effects))).reshape(len(inverse), k, len(effects))
+    coefficients = (inverse @ changes[: len(grid)].reshape(len(grid), k * len(effects))).reshape(
+        len(inverse), k, len(effects)
+    )
     table = Table(coefficients)
     misfit = np.abs(table.at(tried) - changes[len(grid) :]).max(axis=(0, 1), initial=0.0)
     return table, list(misfit <= COARSE * np.abs(changes).max(axis=(0, 1), initial=0.0))
 
 
 def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: Array) -> Array:
-    """What each effect changes at its size, to first order, in the sensing form (force), (n, k, p)."""
+    """What each effect changes at its size, to first order, in the sensing form (force), (n, k,
+    p).
+    """
     found = np.zeros((len(angles), len(sensor.axes), len(effects)))
     seen = watch(still, angles)
     for j, effect in enumerate(effects):
         sizes = effect.sizes
-        small = replace(effect, values={**effect.values, **{name: SMALL * v for name, v in sizes.items()}})
+        small = replace(
+            effect, values={**effect.values, **{name: SMALL * v for name, v in sizes.items()}}
+        )
         change = seen.changes(small).get(sensor.name)
         if change is not None:
             found[:, :, j] = change / SMALL
-    if sensor.kind == "inclinometer":  # the watch has turned forces into angles: d asin(f/g) = df / (g cos)
+    if (
+        sensor.kind == "inclinometer"
+    ):  # the watch has turned forces into angles: d asin(f/g) = df / (g cos)
         g = still.scenario.site.gravity
         ideal = seen.ideal[sensor.name]
         found *= np.sqrt(np.maximum(g * g - ideal**2, (1e-3 * g) ** 2))[:, :, None]

@@ -1,8 +1,12 @@
-"""The product's own model equation as a design Model: calibration terms and effects of the catalogue, seen from poses.
+"""The product's own model equation as a design Model: calibration terms and effects of the
+catalogue, seen from poses.
 
-A term of the sensor has its exact column at any angle and time. Every other effect that shows in a pose (table, mount,
-environment, converter) is differenced through the closed form on a grid of table angles once, and expanded in their harmonics.
-An effect whose change at a pose depends on how the pose was reached (memory, motion, vibration, remounting) cannot be
+A term of the sensor has its exact column at any angle and time. Every other effect that shows in a
+pose (table, mount,
+environment, converter) is differenced through the closed form on a grid of table angles once, and
+expanded in their harmonics.
+An effect whose change at a pose depends on how the pose was reached (memory, motion, vibration,
+remounting) cannot be
 designed for by poses alone and is named as such.
 """
 
@@ -27,7 +31,9 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
 
 DIRECTIONS = 400  # of the working range
-STEEPEST = 0.5  # cosine of the steepest tilt at which an inclinometer's angle counts for its slope: 60 deg
+STEEPEST = (
+    0.5  # cosine of the steepest tilt at which an inclinometer's angle counts for its slope: 60 deg
+)
 EVENTS = ("time", "start")  # parameters of an effect that happens once
 
 
@@ -69,7 +75,9 @@ class Parameter:
         return isinstance(self.effect, TermEffect) and self.effect.stage == "sensor"
 
 
-def scenario_model(scenario: Scenario, sensor: Sensor, wanted: Wanted, horizon: float) -> tuple[Model, tuple[str, ...]]:
+def scenario_model(
+    scenario: Scenario, sensor: Sensor, wanted: Wanted, horizon: float
+) -> tuple[Model, tuple[str, ...]]:
     """The Model of a scenario's sensor, and the ids of effects that poses alone do not tell.
 
     Raises:
@@ -92,13 +100,25 @@ def scenario_model(scenario: Scenario, sensor: Sensor, wanted: Wanted, horizon: 
     timed = any(p.effect.needs in ("time", "temperature") for p in direct)
     loss = _loss(still, sensor, ordered, wanted)
     return Model(
-        tuple(p.label for p in ordered), tuple(p.unit for p in ordered), np.array([p.size for p in ordered]),
-        np.array([p.interest for p in ordered]), rows, white, floor, loss, timed, len(still.axes),
-    ), tuple(sorted({*unseen, *fine}))  # fmt: skip
+        tuple(p.label for p in ordered),
+        tuple(p.unit for p in ordered),
+        np.array([p.size for p in ordered]),
+        np.array([p.interest for p in ordered]),
+        rows,
+        white,
+        floor,
+        loss,
+        timed,
+        len(still.axes),
+    ), tuple(sorted({*unseen, *fine}))
 
 
-def wanted_parameters(scenario: Scenario, sensor: Sensor, wanted: Wanted, still: Still) -> tuple[list[Parameter], tuple[str, ...]]:
-    """Parameters that poses can show, those of interest first, and the ids of those that they cannot."""
+def wanted_parameters(
+    scenario: Scenario, sensor: Sensor, wanted: Wanted, still: Still
+) -> tuple[list[Parameter], tuple[str, ...]]:
+    """Parameters that poses can show, those of interest first, and the ids of those that they
+    cannot.
+    """
     everything = "all" in wanted.interest
     nuisance = {_id_of(t, sensor) for t in wanted.nuisance}
     named = {_id_of(t, sensor) for t in wanted.interest if t != "all"}
@@ -112,7 +132,11 @@ def wanted_parameters(scenario: Scenario, sensor: Sensor, wanted: Wanted, still:
         if any(q.name in EVENTS for q in effect.parameters) or not pointwise(still, sensor, effect):
             unseen.add(id)
             continue
-        scaled = size if wanted.prior is None else wanted.prior * _unity(p.unit) / PARAMETER_UNITS[p.unit].factor
+        scaled = (
+            size
+            if wanted.prior is None
+            else wanted.prior * _unity(p.unit) / PARAMETER_UNITS[p.unit].factor
+        )
         effect = make_effect(id, {f"{name}{p.suffix}": scaled}, scenario, sensor=owner, axis=axis)
         label = f"{sensor.name}.{name}" if owner else f"{effect.address}.{name}"
         found.append(Parameter(effect, name, p.unit, scaled, label, id not in nuisance))
@@ -121,19 +145,24 @@ def wanted_parameters(scenario: Scenario, sensor: Sensor, wanted: Wanted, still:
     return sorted(found, key=lambda p: not p.interest), tuple(sorted(unseen))
 
 
-def _refuse_unseen(hidden: set[str], found: Sequence[Parameter], named: set[str], sensor: Sensor) -> None:
+def _refuse_unseen(
+    hidden: set[str], found: Sequence[Parameter], named: set[str], sensor: Sensor
+) -> None:
     for id in sorted(hidden):
         raise TiltcalError(
-            f"design, {id}", found=f"an effect that no pose can see: it shows in {CATALOGUE[id].excited_by}",
+            f"design, {id}",
+            found=f"an effect that no pose can see: it shows in {CATALOGUE[id].excited_by}",
             need="terms that show at rest",
             do="leave it out, and record what excites it",
-        )  # fmt: skip
+        )
     if not any(p.interest for p in found):
         words = ", ".join(sorted(named)) or "nothing"
         raise TiltcalError(
-            f"design, terms of {sensor.name}", found=f"{words}: no parameter that this table's poses show", need="at least one",
+            f"design, terms of {sensor.name}",
+            found=f"{words}: no parameter that this table's poses show",
+            need="at least one",
             do="name terms of this sensor (`tiltcal effects` lists them)",
-        )  # fmt: skip
+        )
 
 
 def _id_of(term: str, sensor: Sensor) -> str:
@@ -146,7 +175,10 @@ def _id_of(term: str, sensor: Sensor) -> str:
         return term
     if term.startswith(("table_", "mount_", "acc_", "gyr_", "fog_", "adc_", "data_")):
         raise TiltcalError(
-            f"design, term '{term}'", found="no such effect", need="an id of the catalogue", do=nearest(term, list(CATALOGUE))
+            f"design, term '{term}'",
+            found="no such effect",
+            need="an id of the catalogue",
+            do=nearest(term, list(CATALOGUE)),
         )
     return effect_of_term(term, sensor).id
 
@@ -167,15 +199,23 @@ class _Rows:
 
     def __call__(self, angles: Array, time: Array) -> Array:
         exact = direct_columns(self.still, self.sensor, self.direct, angles, time)
-        columns = np.concatenate([exact, self.table.at(angles)], axis=2) if self.table.columns else exact
-        if self.sensor.kind == "inclinometer":  # its noise acts on the angle: d asin(f/g) = df / (g cos)
+        columns = (
+            np.concatenate([exact, self.table.at(angles)], axis=2) if self.table.columns else exact
+        )
+        if (
+            self.sensor.kind == "inclinometer"
+        ):  # its noise acts on the angle: d asin(f/g) = df / (g cos)
             g = self.still.scenario.site.gravity
-            across = np.sqrt(1 - self.still.up(angles)[:, list(self.sensor.axis_indices)] ** 2 + 1e-15)
+            across = np.sqrt(
+                1 - self.still.up(angles)[:, list(self.sensor.axis_indices)] ** 2 + 1e-15
+            )
             columns /= (g * np.maximum(across, STEEPEST))[:, :, None]
         return columns
 
 
-def direct_columns(still: Still, sensor: Sensor, parameters: Sequence[Parameter], angles: Array, time: Array) -> Array:
+def direct_columns(
+    still: Still, sensor: Sensor, parameters: Sequence[Parameter], angles: Array, time: Array
+) -> Array:
     """Change of the channels per prior size in the sensing form (force), (n, k, p), SI."""
     sense = still_sense(still, sensor, angles, time)
     columns = np.zeros((len(angles), len(sensor.axes), len(parameters)))
@@ -188,7 +228,9 @@ def direct_columns(still: Still, sensor: Sensor, parameters: Sequence[Parameter]
 
 
 def _loss(still: Still, sensor: Sensor, ordered: Sequence[Parameter], wanted: Wanted) -> Array:
-    """Mean square tilt error over the working range, per axis, as a quadratic form of the sensor's own parameters."""
+    """Mean square tilt error over the working range, per axis, as a quadratic form of the sensor's
+    own parameters.
+    """
     from tiltcal.design.static_instrument import sense_of
 
     g = still.scenario.site.gravity

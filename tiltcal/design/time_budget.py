@@ -15,8 +15,10 @@ SHORTEST, LONGEST = 5.0, 60.0  # s, of a dwell unless stated
 class Clock:
     """Speed and limits of a table.
 
-    All axes move at once, each at ``rate``; a move takes as long as its longest axis, then the pose settles, then it is
-    read. The ramps of the drive are inside the settling. The first move starts from all axes at zero.
+    All axes move at once, each at ``rate``; a move takes as long as its longest axis, then the pose
+    settles, then it is
+    read. The ramps of the drive are inside the settling. The first move starts from all axes at
+    zero.
 
     Args:
         budget: s of table time, from the first move to the last reading.
@@ -36,23 +38,35 @@ class Clock:
     step: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value, low in (("rate", self.rate, 0.0), ("shortest dwell", self.shortest, 0.0), ("budget", self.budget, 0.0)):
+        for name, value, low in (
+            ("rate", self.rate, 0.0),
+            ("shortest dwell", self.shortest, 0.0),
+            ("budget", self.budget, 0.0),
+        ):
             if not (np.isfinite(value) and value > low):
-                raise TiltcalError(f"design, {name}", found=f"{value:g}", need="a positive number", do="correct it")
+                raise TiltcalError(
+                    f"design, {name}", found=f"{value:g}", need="a positive number", do="correct it"
+                )
         if not (np.isfinite(self.settle) and self.settle >= 0):
-            raise TiltcalError("design, settling", found=f"{self.settle:g} s", need="0 or more", do="correct it")
+            raise TiltcalError(
+                "design, settling", found=f"{self.settle:g} s", need="0 or more", do="correct it"
+            )
         if self.longest < self.shortest:
             raise TiltcalError(
-                "design, dwell", found=f"longest {self.longest:g} s, shortest {self.shortest:g} s", need="longest >= shortest",
+                "design, dwell",
+                found=f"longest {self.longest:g} s, shortest {self.shortest:g} s",
+                need="longest >= shortest",
                 do="exchange them",
-            )  # fmt: skip
+            )
         for pair in self.limits:
             if pair is not None and not pair[0] <= 0 <= pair[1]:
                 low, high = (p / DEG for p in pair)
                 raise TiltcalError(
-                    "design, allowed angles", found=f"{low:g} to {high:g} deg", need="a range that holds 0, where the table starts",
+                    "design, allowed angles",
+                    found=f"{low:g} to {high:g} deg",
+                    need="a range that holds 0, where the table starts",
                     do="count the angles from the start",
-                )  # fmt: skip
+                )
 
     def moves(self, angles: Array) -> Array:
         """Seconds of the move to each pose, (..., n). angles: rad, (..., n, axes)."""
@@ -70,7 +84,9 @@ class Clock:
     def spare(self, angles: Array) -> Array:
         """Time left to read in when every dwell has its shortest length, s, (...)."""
         n = angles.shape[-2]
-        return np.asarray(self.budget - self.moves(angles).sum(axis=-1) - n * (self.settle + self.shortest))
+        return np.asarray(
+            self.budget - self.moves(angles).sum(axis=-1) - n * (self.settle + self.shortest)
+        )
 
     def inside(self, angles: Array) -> Array:
         """Angles brought within the limits and onto the steps, (n, axes)."""
@@ -80,12 +96,18 @@ class Clock:
         for k, pair in enumerate(self.limits):
             if pair is not None:
                 grid = self.step if self.step > 0 else 1e-12
-                found[:, k] = np.clip(found[:, k], np.ceil(pair[0] / grid - 1e-9) * grid, np.floor(pair[1] / grid + 1e-9) * grid)
+                found[:, k] = np.clip(
+                    found[:, k],
+                    np.ceil(pair[0] / grid - 1e-9) * grid,
+                    np.floor(pair[1] / grid + 1e-9) * grid,
+                )
         return found
 
 
 def unwound(angles: Array, limits: tuple[tuple[float, float] | None, ...]) -> Array:
-    """The same poses with each axis going the short way round from pose to pose, where it turns without end; (n, axes)."""
+    """The same poses with each axis going the short way round from pose to pose, where it turns
+    without end; (n, axes).
+    """
     found = np.array(angles, dtype=float)
     for k, pair in enumerate(limits):
         if pair is None and len(found):

@@ -1,4 +1,6 @@
-"""In which order poses are visited: what changes in time, or remembers where it came from, shall not hide behind them."""
+"""In which order poses are visited: what changes in time, or remembers where it came from, shall
+not hide behind them.
+"""
 
 from dataclasses import dataclass
 
@@ -13,7 +15,10 @@ from tiltcal.forward.jacobian import Watch
 from tiltcal.setup.trajectory import Drive
 
 Order = npt.NDArray[np.intp]
-STARTS, ORDERS = 6, 24  # improved orders; random ones that say how much of an effect an order can show
+STARTS, ORDERS = (
+    6,
+    24,
+)  # improved orders; random ones that say how much of an effect an order can show
 ON_THE_WAY = 6  # instants of each move
 
 
@@ -30,12 +35,17 @@ class Way:
         """What each pose is read, s."""
         return max(
             self.clock.shortest,
-            min(self.clock.longest, self.clock.shortest + float(self.clock.spare(self.angles)) / len(self.angles)),
+            min(
+                self.clock.longest,
+                self.clock.shortest + float(self.clock.spare(self.angles)) / len(self.angles),
+            ),
         )
 
     @property
     def time(self) -> Array:
-        """Of all instants, s, (poses times ON_THE_WAY,); the last of each move is the pose itself."""
+        """Of all instants, s, (poses times ON_THE_WAY,); the last of each move is the pose
+        itself.
+        """
         n = len(self.angles)
         middles = self.clock.middles(self.angles, np.full(n, self.dwell))
         moves = self.clock.moves(self.angles)
@@ -51,28 +61,43 @@ class Way:
         """The drive at ``time``, which has to be this way's own."""
         before = np.vstack([np.zeros(self.angles.shape[1]), self.angles[:-1]])
         part = np.linspace(0, 1, ON_THE_WAY)[:, None]
-        along = (before[:, None, :] + part * (self.angles - before)[:, None, :]).reshape(len(time), -1)
+        along = (before[:, None, :] + part * (self.angles - before)[:, None, :]).reshape(
+            len(time), -1
+        )
         return self.still.drive(along, time)
 
 
-def visiting_order(seen: Signatures, angles: Array, clock: Clock, rng: np.random.Generator) -> tuple[Array, dict[str, float]]:
-    """The poses in an order that hides no drift and no direction of approach, and what it shows of each effect.
+def visiting_order(
+    seen: Signatures, angles: Array, clock: Clock, rng: np.random.Generator
+) -> tuple[Array, dict[str, float]]:
+    """The poses in an order that hides no drift and no direction of approach, and what it shows of
+    each effect.
 
-    Several orders are improved by exchanges; each is judged by what it leaves of the effects that only an order shows, over
-    the most that any of these and of some random orders leaves. The one whose least share is largest is taken.
+    Several orders are improved by exchanges; each is judged by what it leaves of the effects that
+    only an order shows, over
+    the most that any of these and of some random orders leaves. The one whose least share is
+    largest is taken.
     """
     quick, n = _Quick(seen, angles), len(angles)
     tried = [quick.improved(quick.nearest(int(k)), rng) for k in rng.permutation(n)[:STARTS]]
-    found = [unwound(angles[order], clock.limits) for order in (*tried, *(rng.permutation(n) for _ in range(ORDERS)))]
+    found = [
+        unwound(angles[order], clock.limits)
+        for order in (*tried, *(rng.permutation(n) for _ in range(ORDERS)))
+    ]
     left = [energies_in_order(seen, ordered, clock) for ordered in found]
     most = {name: max(energy[name] for energy in left) for name in left[0]}
-    shares = [{name: energy[name] / most[name] for name in most if most[name] > 0} for energy in left[:STARTS]]
+    shares = [
+        {name: energy[name] / most[name] for name in most if most[name] > 0}
+        for energy in left[:STARTS]
+    ]
     best = max(range(len(shares)), key=lambda k: min(shares[k].values(), default=1.0))
     return found[best], shares[best]
 
 
 class _Quick:
-    """Judges orders by a linear drift, a warm-up and the direction from which each axis comes, in a closed form."""
+    """Judges orders by a linear drift, a warm-up and the direction from which each axis comes, in a
+    closed form.
+    """
 
     def __init__(self, seen: Signatures, angles: Array) -> None:
         self.angles = angles
@@ -88,7 +113,12 @@ class _Quick:
         """Each pose followed by the nearest of those left."""
         left, order = [i for i in range(len(self.angles)) if i != first], [first]
         while left:
-            k = min(left, key=lambda i: float(np.abs(_wrapped(self.angles[i] - self.angles[order[-1]])).max()))
+            k = min(
+                left,
+                key=lambda i: float(
+                    np.abs(_wrapped(self.angles[i] - self.angles[order[-1]])).max()
+                ),
+            )
             left.remove(k)
             order.append(k)
         return np.array(order)
@@ -97,7 +127,9 @@ class _Quick:
         """Pairs exchanged while that helps."""
         best, worth = order, self.worth(order)
         for _ in range(3):
-            for first, second in rng.permutation([(i, j) for i in range(len(order)) for j in range(i)]):
+            for first, second in rng.permutation(
+                [(i, j) for i in range(len(order)) for j in range(i)]
+            ):
                 trial = best.copy()
                 trial[[first, second]] = trial[[second, first]]
                 if (found := self.worth(trial)) > worth:
@@ -133,6 +165,8 @@ def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[st
             at_rest = change[ON_THE_WAY - 1 :: ON_THE_WAY]
             rest = [at_rest[:, k] - q @ (q.T @ at_rest[:, k]) for k, q in enumerate(Q)]
             energy, whole = sum(float(r @ r) for r in rest), float((at_rest**2).sum())
-            winds = effect.needs == "pose"  # grows with the turns a table makes: what counts is the share that stays visible
+            winds = (
+                effect.needs == "pose"
+            )  # grows with the turns a table makes: what counts is the share that stays visible
             found[name] += energy / (whole if winds else 1.0) if energy > 1e-6 * whole else 0.0
     return found

@@ -1,4 +1,6 @@
-"""From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who is to blame."""
+"""From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who
+is to blame.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -6,7 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 from tiltcal.core.progress import Progress, silent
-from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, fitness_of, undetectable_of
+from tiltcal.diagnosis.conclusions.concluding import (
+    amended_of,
+    findings_of,
+    fitness_of,
+    undetectable_of,
+)
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.conclusions.residual_plots import views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
@@ -24,7 +31,14 @@ from tiltcal.diagnosis.hypotheses.spectral_lines import lines_of
 from tiltcal.diagnosis.model.cross_validation import borne_out
 from tiltcal.diagnosis.model.fitted_model import Account, as_it_began, noise_under, settle
 from tiltcal.diagnosis.model.hypothesis_columns import Ledger
-from tiltcal.diagnosis.search.forward_selection import Gate, absorbed, backward, plausible, select, worth_their_numbers
+from tiltcal.diagnosis.search.forward_selection import (
+    Gate,
+    absorbed,
+    backward,
+    plausible,
+    select,
+    worth_their_numbers,
+)
 from tiltcal.diagnosis.search.predictive_parameters import in_full
 from tiltcal.diagnosis.search.shape_refinement import upright
 from tiltcal.diagnosis.search.swap_search import plainer, reshaped
@@ -36,7 +50,9 @@ from tiltcal.recordings.recording import Recording
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Linear algebra on one thread: of thousands of small matrices threads spend more time on waiting for each other."""
+    """Linear algebra on one thread: of thousands of small matrices threads spend more time on
+    waiting for each other.
+    """
     import scipy.linalg  # noqa: F401  # so that there is a library to tell
     from threadpoolctl import threadpool_limits
 
@@ -46,14 +62,19 @@ def one_thread() -> Iterator[None]:
 
 @one_thread()
 def diagnose(
-    scenario: Scenario, recordings: Sequence[Recording], *, static: Recording | None = None, laboratory: Laboratory | None = None,
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    *,
+    static: Recording | None = None,
+    laboratory: Laboratory | None = None,
     progress: Progress = silent,
-) -> Diagnosis:  # fmt: skip
+) -> Diagnosis:
     """Why these recordings differ from the scenario.
 
     Args:
         scenario: what is known of the set-up.
-        recordings: of one set-up, explained together; those that step or drift are told apart by their stamps.
+        recordings: of one set-up, explained together; those that step or drift are told apart by
+            their stamps.
         static: a record at rest, of the same sensors at the same rate, to take the noise from.
         laboratory: re-simulates the recording with the amended scenario in the end.
         progress: is told what is being done.
@@ -71,7 +92,9 @@ def diagnose(
     ledger = bench.ledger
     blurred = any(f.effect.id == "data_truncation" for f in bench.faults)
     fill(ledger, bench.start, lines, blurred)
-    gate = Gate(None if static is None else static_noise(bench.observations, static), len(ledger.suspects))
+    gate = Gate(
+        None if static is None else static_noise(bench.observations, static), len(ledger.suspects)
+    )
     progress("who is to blame")
     account = select(bench.start, ledger, gate, _textbook)
     account = plainer(account, bench.start, ledger, gate, _textbook)
@@ -87,13 +110,17 @@ def diagnose(
         account = above(account, ledger, bench.floors, blurred)
     else:
         account, chance = _by_chance(account, bench.start, ledger, gate)
-    account = borne_out(plausible(without_a_form(account, ledger), ledger), ledger)  # its sizes have been fitted again since
+    account = borne_out(
+        plausible(without_a_form(account, ledger), ledger), ledger
+    )  # its sizes have been fitted again since
     account = worth_their_numbers(account, ledger, gate)
     if bench.floors:  # in the noise that is left now its sizes are others
         account = above(account, ledger, bench.floors, blurred)
     account = upright(account, bench.observations)
     progress("re-simulating")
-    answer = _answer(bench, account, findings_of(account, ledger, gate), chance, True, static is not None)
+    answer = _answer(
+        bench, account, findings_of(account, ledger, gate), chance, True, static is not None
+    )
     return answer if laboratory is None else _simulated(answer, laboratory, full, account)
 
 
@@ -101,8 +128,11 @@ def _textbook(suspect: Suspect) -> bool:
     return suspect.textbook
 
 
-def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> tuple[Account, list[Fault]]:
-    """A random effect last: it explains anything that varies from stop to stop; what else was found stands beside it, or falls.
+def _by_chance(
+    account: Account, start: Account, ledger: Ledger, gate: Gate
+) -> tuple[Account, list[Fault]]:
+    """A random effect last: it explains anything that varies from stop to stop; what else was found
+    stands beside it, or falls.
 
     Nameless curves with as many numbers as there are stops are no law: it is asked without them.
     """
@@ -116,8 +146,13 @@ def _by_chance(account: Account, start: Account, ledger: Ledger, gate: Gate) -> 
 
 
 def _answer(
-    bench: Bench, account: Account, found: Sequence[Finding], chance: Sequence[Fault], told: bool, static: bool = False
-) -> Diagnosis:  # fmt: skip
+    bench: Bench,
+    account: Account,
+    found: Sequence[Finding],
+    chance: Sequence[Fault],
+    told: bool,
+    static: bool = False,
+) -> Diagnosis:
     """Verdict and figures."""
     ledger, observations = bench.ledger, bench.observations
     before = settle(bench.start, ledger)
@@ -132,14 +167,25 @@ def _answer(
     notes = [*bench.notes, f"the noise was {source}"]
     left = observations.residuals(account.effects)
     return Diagnosis(
-        verdict, statement, answer, tuple(notes), undetectable_of(account, ledger) if told else (), first, last, amended,
+        verdict,
+        statement,
+        answer,
+        tuple(notes),
+        undetectable_of(account, ledger) if told else (),
+        first,
+        last,
+        amended,
         views_of(observations, observations.residuals(before.effects), left),
-    )  # fmt: skip
+    )
 
 
-def _simulated(answer: Diagnosis, laboratory: Laboratory, full: Observations, account: Account) -> Diagnosis:
+def _simulated(
+    answer: Diagnosis, laboratory: Laboratory, full: Observations, account: Account
+) -> Diagnosis:
     """The answer with the simulator's word on it."""
-    lost = any(e.id == "data_drop" for e in account.effects)  # found by the scan, not mended in the columns
+    lost = any(
+        e.id == "data_drop" for e in account.effects
+    )  # found by the scan, not mended in the columns
     amended = _as_read(answer.amended, full.scenario, () if lost else ("data_drop",))
     again = resimulate(laboratory, amended, full, full.predict(account.effects))
     return answer if again is None else replace(answer, notes=(*answer.notes, again.words))
@@ -148,4 +194,7 @@ def _simulated(answer: Diagnosis, laboratory: Laboratory, full: Observations, ac
 def _as_read(amended: Mapping[str, Any], scenario: Scenario, more: Sequence[str]) -> Scenario:
     """The amended scenario without the data faults that were mended in the columns."""
     mended = (*MEANINGS, *MASKED, "data_outlier", "table_index_error", "data_jitter", *more)
-    return parse_scenario({**amended, "effect": [e for e in amended["effect"] if e["id"] not in mended]}, scenario.name)
+    return parse_scenario(
+        {**amended, "effect": [e for e in amended["effect"] if e["id"] not in mended]},
+        scenario.name,
+    )

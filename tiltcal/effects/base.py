@@ -1,14 +1,21 @@
-"""What an effect is. One class holds one physical effect, written once: injected, fitted, named, printed and tested from it.
+"""What an effect is. One class holds one physical effect, written once: injected, fitted, named,
+printed and tested from it.
 
 The places where an effect may act, each an abstract class that asks one question:
 
-====================  ===========================================================  ==========================
-WorldEffect           how does the world differ?                                   gravity, Earth, lever arm
-AngleEffect           where does the axis truly stand, given the readout?          encoder, sag, backlash
-FrameEffect           which small turns does a frame gain?                         levelling, wobble, mount
+====================  ===========================================================
+==========================
+WorldEffect           how does the world differ?                                   gravity, Earth,
+lever arm
+AngleEffect           where does the axis truly stand, given the readout?          encoder, sag,
+backlash
+FrameEffect           which small turns does a frame gain?                         levelling,
+wobble, mount
 DelayEffect           how much earlier was the signal taken than its stamp says?   latency, jitter
-SignalEffect          what does the reading become?                                sensor, electronics, data
-====================  ===========================================================  ==========================
+SignalEffect          what does the reading become?                                sensor,
+electronics, data
+====================  ===========================================================
+==========================
 """
 
 from abc import ABC, abstractmethod
@@ -26,11 +33,21 @@ from tiltcal.setup.setup import Rig, Sensor
 from tiltcal.setup.trajectory import Drive, Jet, Rests
 
 Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
-STAGES: tuple[Stage, ...] = ("environment", "table", "mount", "sensor", "electronics", "timing", "data")
+STAGES: tuple[Stage, ...] = (
+    "environment",
+    "table",
+    "mount",
+    "sensor",
+    "electronics",
+    "timing",
+    "data",
+)
 GRADES = ("precision", "mid_mems", "consumer")
 """Grades of instruments, for which plausible sizes are stated."""
 Need = Literal["pose", "motion", "direction", "temperature", "vibration", "time", "remount", "any"]
-"""What a recording has to hold for an effect to show: several poses, motion, both directions of approach, ..."""
+"""What a recording has to hold for an effect to show: several poses, motion, both directions of
+approach, ...
+"""
 ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})
 
 
@@ -39,13 +56,17 @@ class Parameter:
     """A parameter of an effect.
 
     Args:
-        name: without unit; ``{axis}`` stands for each axis of the sensor, ``{pair}`` for each ordered
+        name: without unit; ``{axis}`` stands for each axis of the sensor, ``{pair}`` for each
+            ordered
             pair of different axes, ``{matrix}`` for each axis with each direction x, y, z.
         unit: as its suffix in files; empty for a plain count.
-        plausible: largest typical size at the grades precision laboratory, mid MEMS, consumer, in ``unit``.
-        positive: whether only values >= 0 make sense (a width, a time constant, a standard deviation).
+        plausible: largest typical size at the grades precision laboratory, mid MEMS, consumer, in
+            ``unit``.
+        positive: whether only values >= 0 make sense (a width, a time constant, a standard
+            deviation).
         default: SI value when a scenario leaves it out.
-        shape: whether it says when, how fast or how wide and not how much; so does everything with a default.
+        shape: whether it says when, how fast or how wide and not how much; so does everything with
+            a default.
         whole: whether it counts what comes in ones.
     """
 
@@ -84,7 +105,9 @@ class Parameter:
 
 
 Streams = Callable[["Effect"], np.random.Generator | None]
-"""A fresh random stream for an effect, the same each time it is asked; None when random effects are switched off."""
+"""A fresh random stream for an effect, the same each time it is asked; None when random effects are
+switched off.
+"""
 
 
 def no_streams(effect: "Effect") -> None:
@@ -102,7 +125,8 @@ class Effect(ABC):
         role: "calibration" or "found" in an amended scenario.
         sigmas: standard uncertainty of some values, SI.
         fit: whether a diagnosis may re-fit it.
-        seen_in: fingerprint of the recording that an event happened in; other recordings come after it.
+        seen_in: fingerprint of the recording that an event happened in; other recordings come after
+            it.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -127,7 +151,10 @@ class Effect(ABC):
     random: ClassVar[bool] = False
     axis_wise: ClassVar[bool] = False
     channel_wise: ClassVar[bool] = False
-    sharp: ClassVar[bool] = False  # it jumps with what it acts on: a mean over samples is not what it does at their middle
+    sharp: ClassVar[bool] = (
+        # it jumps with what it acts on: a mean over samples is not what it does at their middle
+        False
+    )
     kinds: ClassVar[frozenset[str]] = frozenset()
     on_table: ClassVar[bool] = False
 
@@ -171,7 +198,9 @@ class AngleEffect(Effect):
 
     @abstractmethod
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
-        """True angle of an axis minus its readout ``drive.axes[axis]``, as a jet of shape (n,), rad."""
+        """True angle of an axis minus its readout ``drive.axes[axis]``, as a jet of shape (n,),
+        rad.
+        """
 
     def slight(self, drive: Drive, axis: str) -> Jet:
         """The deviation while it is small: to first order in its sizes."""
@@ -183,7 +212,9 @@ class AngleEffect(Effect):
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         """Its face in MuJoCo (gravity in m/s2), where ``mechanised``."""
-        raise NotImplementedError(f"{self.id} is readout algebra, no mechanism: {rig.table}, {gravity}")
+        raise NotImplementedError(
+            f"{self.id} is readout algebra, no mechanism: {rig.table}, {gravity}"
+        )
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         """Its face in a run by time steps; none: the algebra adds it afterwards."""
@@ -191,16 +222,22 @@ class AngleEffect(Effect):
 
 
 class FrameEffect(Effect):
-    """Which small turns does a frame gain? Slots: ``base``, ``<axis>_bearing`` (stator side), ``mount``."""
+    """Which small turns does a frame gain? Slots: ``base``, ``<axis>_bearing`` (stator side),
+    ``mount``.
+    """
 
     mechanised: ClassVar[bool] = False
 
     @abstractmethod
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
-        """The turns it adds at a slot, in order; none at other slots. ``context.rng`` is its own stream."""
+        """The turns it adds at a slot, in order; none at other slots. ``context.rng`` is its own
+        stream.
+        """
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        """Its face in MuJoCo (gravity in m/s2), where ``mechanised``; the others are installed from ``turns``."""
+        """Its face in MuJoCo (gravity in m/s2), where ``mechanised``; the others are installed from
+        ``turns``.
+        """
         raise NotImplementedError(f"{self.id} is installed from its turns: {rig.table}, {gravity}")
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
@@ -237,7 +274,9 @@ class DelayEffect(Effect):
 
     @abstractmethod
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
-        """Stamp minus true instant for one channel, s, (n,) or a number. elapsed: s since the first stamp, (n,)."""
+        """Stamp minus true instant for one channel, s, (n,) or a number. elapsed: s since the first
+        stamp, (n,).
+        """
 
 
 @dataclass(frozen=True)
@@ -254,7 +293,8 @@ class Sense:
         axes: body axis of each channel, (k,).
         kind: of the sensor; input_vector: of a FOG, (3,).
         gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
-        angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1 while moving, (n,).
+        angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
+            while moving, (n,).
         rests: says when each rest began and ended; None: with the first and the last row of a stop.
     """
 
@@ -288,17 +328,35 @@ class Sense:
 
     @property
     def _rests(self) -> Rests:
-        return Rests.told(self.rests, self.time, np.zeros(len(self.time), np.intp) if self.stop is None else self.stop)
+        return Rests.told(
+            self.rests,
+            self.time,
+            np.zeros(len(self.time), np.intp) if self.stop is None else self.stop,
+        )
 
     @classmethod
     def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
-        """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose, ages apart."""
+        """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose,
+        ages apart.
+        """
         still, zero = np.zeros(len(force)), np.zeros_like(force)
         ages = 1e9 * np.arange(len(force), dtype=float)
         return cls(
-            ages, still, force, zero, force / gravity, zero, zero, still, sensor.axis_indices, sensor.kind, np.zeros(3),
-            gravity, sensor.rate_hz, sensor.full_scale,
-        )  # fmt: skip
+            ages,
+            still,
+            force,
+            zero,
+            force / gravity,
+            zero,
+            zero,
+            still,
+            sensor.axis_indices,
+            sensor.kind,
+            np.zeros(3),
+            gravity,
+            sensor.rate_hz,
+            sensor.full_scale,
+        )
 
     def true_input(self) -> Array:
         """The ideal reading, (n, k): force or rate along each channel, before any error."""
@@ -309,9 +367,11 @@ class Sense:
 
 
 class SignalEffect(Effect):
-    """What does the reading become? ``order`` sorts the effects inside the chain (CONTRACT: order of the chain).
+    """What does the reading become? ``order`` sorts the effects inside the chain (CONTRACT: order
+    of the chain).
 
-    ``straight`` is the share of a plausible size up to which the change of the reading is in proportion to it.
+    ``straight`` is the share of a plausible size up to which the change of the reading is in
+    proportion to it.
     """
 
     order: ClassVar[int]
@@ -319,17 +379,23 @@ class SignalEffect(Effect):
 
     @abstractmethod
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        """The reading after the effect, (n, k), SI. ``rng`` is None when random effects are switched off."""
+        """The reading after the effect, (n, k), SI. ``rng`` is None when random effects are
+        switched off.
+        """
 
 
 class TermEffect(SignalEffect):
-    """A sum of terms that are added to the reading, each linear in one parameter: exact and cheap columns."""
+    """A sum of terms that are added to the reading, each linear in one parameter: exact and cheap
+    columns.
+    """
 
     linear: ClassVar[bool] = True
 
     @abstractmethod
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        """The channel a parameter adds to and its column, (n,): reading[:, channel] += value * column."""
+        """The channel a parameter adds to and its column, (n,): reading[:, channel] += value *
+        column.
+        """
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         for name, value in self.sizes.items():

@@ -14,11 +14,26 @@ from tiltcal.effects.learned import Learned, learned_table, make_learned
 from tiltcal.setup.setup import Sensor, Setup
 
 FAMILIES = (
-    "environment.world", "environment.ground", "table.readout", "table.geometry", "table.drive", "mount.mounting",
-    "mount.lever", "mount.triad",
-    "sensor.accelerometer", "sensor.environmental", "sensor.gyro", "sensor.dynamics", "sensor.noise",
-    "electronics.converter", "electronics.mains", "electronics.supply", "timing.delays", "data.faults", "data.labelling_faults",
-)  # fmt: skip
+    "environment.world",
+    "environment.ground",
+    "table.readout",
+    "table.geometry",
+    "table.drive",
+    "mount.mounting",
+    "mount.lever",
+    "mount.triad",
+    "sensor.accelerometer",
+    "sensor.environmental",
+    "sensor.gyro",
+    "sensor.dynamics",
+    "sensor.noise",
+    "electronics.converter",
+    "electronics.mains",
+    "electronics.supply",
+    "timing.delays",
+    "data.faults",
+    "data.labelling_faults",
+)
 
 
 def _collect() -> dict[str, type[Effect]]:
@@ -26,7 +41,12 @@ def _collect() -> dict[str, type[Effect]]:
     for family in FAMILIES:
         module = importlib.import_module(f"tiltcal.effects.{family}")
         for _, cls in inspect.getmembers(module, inspect.isclass):
-            if issubclass(cls, Effect) and cls.id and not inspect.isabstract(cls) and cls.__module__ == module.__name__:
+            if (
+                issubclass(cls, Effect)
+                and cls.id
+                and not inspect.isabstract(cls)
+                and cls.__module__ == module.__name__
+            ):
                 found[cls.id] = cls
     return dict(sorted(found.items(), key=lambda item: (STAGES.index(item[1].stage), item[0])))
 
@@ -36,16 +56,29 @@ CATALOGUE: dict[str, type[Effect]] = _collect()
 
 
 def make_effect(
-    id: str, values: Mapping[str, Any], setup: Setup, *, sensor: str | None = None, axis: str | None = None,
-    role: str | None = None, fit: bool = False, seen_in: str | None = None, subject: str = "effect",
-) -> Effect:  # fmt: skip
-    """An effect from a file's words: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup, sensor="accel")``.
+    id: str,
+    values: Mapping[str, Any],
+    setup: Setup,
+    *,
+    sensor: str | None = None,
+    axis: str | None = None,
+    role: str | None = None,
+    fit: bool = False,
+    seen_in: str | None = None,
+    subject: str = "effect",
+) -> Effect:
+    """An effect from a file's words: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup,
+    sensor="accel")``.
 
     Raises:
-        TiltcalError: unknown id, sensor, axis or parameter, or a unit that does not fit; with the nearest valid word.
+        TiltcalError: unknown id, sensor, axis or parameter, or a unit that does not fit; with the
+            nearest valid word.
     """
     if id == Learned.id:
-        return replace(make_learned(values, setup, sensor=sensor, axis=axis, role=role, subject=subject), seen_in=seen_in)
+        return replace(
+            make_learned(values, setup, sensor=sensor, axis=axis, role=role, subject=subject),
+            seen_in=seen_in,
+        )
     if id not in CATALOGUE:
         raise TiltcalError(
             subject,
@@ -56,21 +89,32 @@ def make_effect(
     cls = CATALOGUE[id]
     subject = f"{subject} {id}"
     if (cls.stage == "table" or cls.on_table) and not setup.rig.axes:
-        raise TiltcalError(subject, found="a hand-held instrument", need="a table for it to act on", do="remove the effect")
+        raise TiltcalError(
+            subject,
+            found="a hand-held instrument",
+            need="a table for it to act on",
+            do="remove the effect",
+        )
     bound = _sensor_of(cls, setup, sensor, subject)
     if cls.axis_wise and axis is not None and axis not in setup.rig.axis_names:
         have = ", ".join(setup.rig.axis_names) or "none"
-        raise TiltcalError(subject, found=f"axis '{axis}'", need=f"an axis of this table: {have}", do="correct it")
+        raise TiltcalError(
+            subject, found=f"axis '{axis}'", need=f"an axis of this table: {have}", do="correct it"
+        )
     if axis is not None and cls.channel_wise and bound is not None:
         one_of(axis, bound.axes, subject, "axis")
     elif axis is not None and not cls.axis_wise:
-        raise TiltcalError(subject, found="axis", need="no axis: it acts on the whole", do="remove that key")
+        raise TiltcalError(
+            subject, found="axis", need="no axis: it acts on the whole", do="remove that key"
+        )
     known = {name: p for p in cls.parameters for name in p.expand(bound.axes if bound else ())}
     numbers: dict[str, float] = {}
     sigmas: dict[str, float] = {}
     for key, value in values.items():
         target = sigmas if key.startswith("sigma_") and key not in _file_names(known) else numbers
-        name, factor = _parameter(key if target is numbers else key[len("sigma_") :], known, subject)
+        name, factor = _parameter(
+            key if target is numbers else key[len("sigma_") :], known, subject
+        )
         target[name] = _number(value, f"{subject}, key {key}") * factor
         if target is numbers:
             _allowed(known[name], numbers[name], value, f"{subject}, key {key}")
@@ -78,11 +122,15 @@ def make_effect(
 
 
 def _allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
-    """Widths, deviations and times are not negative; what divides (it has a default) is not zero."""
+    """Widths, deviations and times are not negative; what divides (it has a default) is not
+    zero.
+    """
     if parameter.positive and number < 0:
         raise TiltcalError(subject, found=f"{value}", need="a value >= 0", do="correct its sign")
     if parameter.positive and parameter.default and number == 0:
-        raise TiltcalError(subject, found=f"{value}", need="a value > 0", do="leave it out, or give its size")
+        raise TiltcalError(
+            subject, found=f"{value}", need="a value > 0", do="leave it out, or give its size"
+        )
 
 
 def _file_names(known: Mapping[str, Parameter]) -> list[str]:
@@ -90,7 +138,9 @@ def _file_names(known: Mapping[str, Parameter]) -> list[str]:
 
 
 def _parameter(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[str, float]:
-    """Bare name and SI factor of a key such as ``k2_x_ug_g2``; any unit of the same quantity will do."""
+    """Bare name and SI factor of a key such as ``k2_x_ug_g2``; any unit of the same quantity will
+    do.
+    """
     for name, parameter in known.items():
         if key == f"{name}{parameter.suffix}":
             return name, parameter.factor
@@ -114,14 +164,18 @@ def _parameter(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[
 
 def _number(value: Any, subject: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise TiltcalError(subject, found=repr(value), need="a number", do="write it without quotes")
+        raise TiltcalError(
+            subject, found=repr(value), need="a number", do="write it without quotes"
+        )
     return float(value)
 
 
 def _sensor_of(cls: type[Effect], setup: Setup, sensor: str | None, subject: str) -> Sensor | None:
     if not cls.kinds:
         if sensor is not None:
-            raise TiltcalError(subject, found="sensor", need="no sensor: it acts on the rig", do="remove that key")
+            raise TiltcalError(
+                subject, found="sensor", need="no sensor: it acts on the rig", do="remove that key"
+            )
         return None
     if sensor is not None:
         bound = setup.named(sensor)
@@ -157,7 +211,9 @@ def to_file(effect: Effect) -> dict[str, Any]:
             table[key] = getattr(effect, key)
     if effect.fit:
         table["fit"] = True
-    parameters = {name: p for p in effect.parameters for name in p.expand(tuple("xyza")) or [p.name]}
+    parameters = {
+        name: p for p in effect.parameters for name in p.expand(tuple("xyza")) or [p.name]
+    }
     for values, prefix in ((effect.values, ""), (effect.sigmas, "sigma_")):
         for name, value in values.items():
             table[f"{prefix}{name}{parameters[name].suffix}"] = value / parameters[name].factor

@@ -7,16 +7,31 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
 
 AGO = 1e9  # s: long before any recording's first stamp
-ONCE = {"data_drop", "data_stuck", "data_gap", "data_pose_label", "mains_pickup", "base_vibration"}  # leave nothing, or no phase
+ONCE = {
+    "data_drop",
+    "data_stuck",
+    "data_gap",
+    "data_pose_label",
+    "mains_pickup",
+    "base_vibration",
+}  # leave nothing, or no phase
 
 
 def as_met(effects: Sequence[Effect], recording: str) -> list[Effect]:
-    """The effects as a recording of this fingerprint meets them: events of other recordings are over."""
-    return [met for e in effects if (met := e if e.seen_in in (None, recording) else afterwards(e)) is not None]
+    """The effects as a recording of this fingerprint meets them: events of other recordings are
+    over.
+    """
+    return [
+        met
+        for e in effects
+        if (met := e if e.seen_in in (None, recording) else afterwards(e)) is not None
+    ]
 
 
 def afterwards(effect: Effect) -> Effect | None:
-    """What an event leaves: a step stays, a creep stays where it ended, lost samples leave nothing."""
+    """What an event leaves: a step stays, a creep stays where it ended, lost samples leave
+    nothing.
+    """
     if effect.id in ONCE:
         return None
     if isinstance(effect, Learned) and effect.coordinate == "time":

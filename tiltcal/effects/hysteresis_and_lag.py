@@ -1,4 +1,6 @@
-"""Effects with memory, in one place: play over turning points, direction of the last motion, stops."""
+"""Effects with memory, in one place: play over turning points, direction of the last motion,
+stops.
+"""
 
 from itertools import pairwise
 
@@ -12,7 +14,8 @@ from tiltcal.setup.trajectory import Jet
 def play(u: Array, width: float) -> Array:
     """State of a play (backlash) operator of half-width ``width / 2``, in [-1, 1], (n,).
 
-    The output follows the input only where it is pushed; (input - output) / (width / 2) is returned, 0 before the
+    The output follows the input only where it is pushed; (input - output) / (width / 2) is
+    returned, 0 before the
     first motion. It depends on turning points only, so runs of equal direction are done at once.
     """
     half = width / 2
@@ -23,14 +26,18 @@ def play(u: Array, width: float) -> Array:
     turning = _turning_points(u)
     for start, end in pairwise(turning):
         run = u[start : end + 1]
-        follow = np.maximum(output, run - half) if run[-1] >= run[0] else np.minimum(output, run + half)
+        follow = (
+            np.maximum(output, run - half) if run[-1] >= run[0] else np.minimum(output, run + half)
+        )
         state[start : end + 1] = (run - follow) / half
         output = float(follow[-1])
     return state
 
 
 def rounded_play(u: Array, width: float) -> Array:
-    """State of a memory that gives way gradually, in [-1, 1], (n,): dz = (sign(du) - z) |du| / width (Dahl 1968), 0 at first."""
+    """State of a memory that gives way gradually, in [-1, 1], (n,): dz = (sign(du) - z) |du| /
+    width (Dahl 1968), 0 at first.
+    """
     if width <= 0 or len(u) == 0:
         return play(u, width)
     step = np.diff(u)
@@ -45,7 +52,9 @@ def _turning_points(u: Array) -> list[int]:
 
 
 def last_direction(u: Array) -> Array:
-    """Sign of the last change at or before each sample, (n,): +1, -1, or 0 before the first motion."""
+    """Sign of the last change at or before each sample, (n,): +1, -1, or 0 before the first
+    motion.
+    """
     return _held(np.sign(np.diff(u, prepend=u[:1])))
 
 
@@ -60,18 +69,23 @@ RINGS = 0.05  # of the largest rate of a motion: what a local polynomial makes o
 
 
 def motion_direction(angle: Jet) -> Array:
-    """Sign of the last motion of an axis at each sample, (n,): from its rate, which is zero at rest where a readout is noisy;
+    """Sign of the last motion of an axis at each sample, (n,): from its rate, which is zero at rest
+    where a readout is noisy;
     from its steps when only poses are known."""
     rate = np.broadcast_to(angle.v, np.shape(angle.x))
     if not rate.any():
         return last_direction(np.asarray(angle.x))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rate != 0, [False]]).astype(int)))
-    limit = np.zeros_like(rate)  # of each motion by itself: a readout differentiated rings where a fast one stops
+    limit = np.zeros_like(
+        rate
+    )  # of each motion by itself: a readout differentiated rings where a fast one stops
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         limit[start:end] = RINGS * np.abs(rate[start:end]).max()
     limit = np.maximum(limit, 1e-4 * np.abs(rate).max())
     sign = np.sign(rate)
-    ways = np.flatnonzero(np.diff(sign, prepend=2.0))  # where each way begins: a soft start is part of it, however slow
+    ways = np.flatnonzero(
+        np.diff(sign, prepend=2.0)
+    )  # where each way begins: a soft start is part of it, however slow
     lengths = np.diff(ways, append=len(rate))
     fastest = np.repeat(np.maximum.reduceat(np.abs(rate), ways), lengths)
     return _held(np.where(fastest > limit, sign, 0.0))
@@ -93,13 +107,16 @@ def crossed(angle: Jet, travel: float) -> Jet:
 
 
 def onset(elapsed: Array, time: float, creep: float) -> Array:
-    """A step at ``time``, or, with a time constant ``creep`` (s), what sets in there and goes on to one, (n,)."""
+    """A step at ``time``, or, with a time constant ``creep`` (s), what sets in there and goes on to
+    one, (n,).
+    """
     since = np.maximum(elapsed - time, 0.0)
     return np.where(elapsed >= time, 1 - np.exp(-since / creep) if creep > 0 else 1.0, 0.0)
 
 
 def first_order_lag(time: Array, u: Array, tau: float) -> Array:
-    """Output of 1/(1 + tau s) for an input that is linear between samples, starting settled. time, u: (n,).
+    """Output of 1/(1 + tau s) for an input that is linear between samples, starting settled. time,
+    u: (n,).
 
     Exact for irregular stamps.
     """
@@ -114,10 +131,13 @@ def first_order_lag(time: Array, u: Array, tau: float) -> Array:
 
 
 def smooth_lag(time: Array, u: Array, tau: float) -> Array:
-    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting settled. time, u: (n,).
+    """Output of 1/(1 + tau s) for an input that is smooth between samples, starting settled. time,
+    u: (n,).
 
-    On each interval of the cubic spline through the samples y = p + (y0 - p0) exp(-t / tau), where p is u less tau times its
-    slope and so on to the third derivative. A lag much shorter than the interval needs the slope at the sample, which an input
+    On each interval of the cubic spline through the samples y = p + (y0 - p0) exp(-t / tau), where
+    p is u less tau times its
+    slope and so on to the third derivative. A lag much shorter than the interval needs the slope at
+    the sample, which an input
     that is linear between samples has half an interval too early.
     """
     if tau <= 0 or len(u) < 4:
@@ -127,13 +147,20 @@ def smooth_lag(time: Array, u: Array, tau: float) -> Array:
     third, second, slope, _ = CubicSpline(time, u).c  # of u = slope h + second h^2 + third h^3
     h = np.diff(time)
     start = u[:-1] - tau * slope + 2 * tau**2 * second - 6 * tau**3 * third
-    end = u[1:] - tau * (slope + (2 * second + 3 * third * h) * h) + tau**2 * (2 * second + 6 * third * h) - 6 * tau**3 * third
+    end = (
+        u[1:]
+        - tau * (slope + (2 * second + 3 * third * h) * h)
+        + tau**2 * (2 * second + 6 * third * h)
+        - 6 * tau**3 * third
+    )
     decay = np.exp(-h / tau)
     return recursion(decay, np.concatenate([u[:1], end - decay * start]))
 
 
 def recursion(decay: Array | float, drive: Array) -> Array:
-    """y_0 = drive_0, y_k = decay_k y_(k-1) + drive_k, (n,), as a bidiagonal system. decay: (n - 1,) or a number."""
+    """y_0 = drive_0, y_k = decay_k y_(k-1) + drive_k, (n,), as a bidiagonal system. decay: (n - 1,)
+    or a number.
+    """
     from scipy.linalg import solve_banded
 
     bands = np.ones((2, len(drive)))
@@ -142,9 +169,13 @@ def recursion(decay: Array | float, drive: Array) -> Array:
 
 
 def steady_recursion(decay: float, drive: Array) -> Array:
-    """``recursion`` with one decay in (0, 1) for all samples, much faster: cumulative sums in blocks short enough to be exact."""
+    """``recursion`` with one decay in (0, 1) for all samples, much faster: cumulative sums in
+    blocks short enough to be exact.
+    """
     n = len(drive)
-    length = min(max(int(-18 / np.log(decay)), 1), n)  # within a block the weights span e^18, six digits from overflow
+    length = min(
+        max(int(-18 / np.log(decay)), 1), n
+    )  # within a block the weights span e^18, six digits from overflow
     if length < 8:
         return recursion(decay, drive)
     blocks = -(-n // length)

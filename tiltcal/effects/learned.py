@@ -1,8 +1,12 @@
-"""Effects that no name fits: a curve over a coordinate, learned from a recording, acting where a named effect would.
+"""Effects that no name fits: a curve over a coordinate, learned from a recording, acting where a
+named effect would.
 
-``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines through (knot, value),
-held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in. A law of temperature goes
-on, a spline by its slope; through three knots it is a parabola. With a period a spline begins anew after it: a saw. A ``power``
+``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines
+through (knot, value),
+held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in.
+    A law of temperature goes
+on, a spline by its slope; through three knots it is a parabola. With a period a spline begins anew
+after it: a saw. A ``power``
 of the coordinate is the form with one number.
 """
 
@@ -16,28 +20,56 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest, one_of
 from tiltcal.core.frames import AXES
-from tiltcal.effects.base import STAGES, AngleEffect, Effect, FrameEffect, Parameter, Sense, SignalEffect, Stage
+from tiltcal.effects.base import (
+    STAGES,
+    AngleEffect,
+    Effect,
+    FrameEffect,
+    Parameter,
+    Sense,
+    SignalEffect,
+    Stage,
+)
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 
 ANGLES = {f"table_{axis}": axis for axis in ("outer", "middle", "inner")}
-INPUTS = {f"{quantity}_{axis}": (quantity, "xyz".index(axis)) for quantity in ("force", "rate") for axis in "xyz"}
-COORDINATES = (*ANGLES, *INPUTS, "input", "transverse", "time", "temperature", "warming", "since_move", "moves")
+INPUTS = {
+    f"{quantity}_{axis}": (quantity, "xyz".index(axis))
+    for quantity in ("force", "rate")
+    for axis in "xyz"
+}
+COORDINATES = (
+    *ANGLES,
+    *INPUTS,
+    "input",
+    "transverse",
+    "time",
+    "temperature",
+    "warming",
+    "since_move",
+    "moves",
+)
 """What a curve may follow.
 
-``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt; ``moves``: how many there were.
+``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt;
+``moves``: how many there were.
 """
 CONTINUED = ("temperature",)
-"""Coordinates beyond whose range a spline goes on: the next recording will not have the same temperatures."""
+"""Coordinates beyond whose range a spline goes on: the next recording will not have the same
+temperatures.
+"""
 PARABOLA = 3  # knots of a law that goes on as it is
 ORDERS = 3  # of each angle in a product of two
 
 
 @cache
 def _spline(knots: tuple[float, ...], ends: Literal["natural", "not-a-knot"] = "natural") -> Any:
-    """The cubic splines that are one at a knot and zero at the others; of three knots that are ``not-a-knot`` the parabolas."""
+    """The cubic splines that are one at a knot and zero at the others; of three knots that are
+    ``not-a-knot`` the parabolas.
+    """
     from scipy.interpolate import CubicSpline, PPoly
 
     if len(knots) == 2:  # straight: nothing to solve
@@ -53,11 +85,13 @@ class Learned(Effect):
     Args:
         coordinate: one of COORDINATES; rad, SI, s from the first stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
-        period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot, 0 for none.
+        period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
+            0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
         lag: time constant, s, by which the coordinate is felt late.
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
-        per_input: whether it multiplies the channel's own input (a scale factor) and does not stand alone.
+        per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
+            alone.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
     """
@@ -87,7 +121,9 @@ class Learned(Effect):
 
     @property
     def coefficients(self) -> Array:
-        """(p,): cos 1, sin 1, cos 2, ...; the values at the knots; cos cos, cos sin, sin cos, sin sin of each two orders; or c0."""
+        """(p,): cos 1, sin 1, cos 2, ...; the values at the knots; cos cos, cos sin, sin cos, sin
+        sin of each two orders; or c0.
+        """
         return np.array([self.values.get(f"c{k}", 0.0) for k in range(self.count)])
 
     def basis(self, u: Array, order: int = 0) -> Array:
@@ -101,8 +137,12 @@ class Learned(Effect):
             spline, inside = _spline(self.knots), np.clip(u, self.knots[0], self.knots[-1])
             beyond = (u - inside)[:, None]
             if self.coordinate in CONTINUED:
-                return np.asarray(spline(inside, order) + (spline(inside, 1) * beyond if order == 0 else 0.0))
-            return np.asarray(np.where(beyond == 0, spline(inside, order), spline(inside) if order == 0 else 0.0))
+                return np.asarray(
+                    spline(inside, order) + (spline(inside, 1) * beyond if order == 0 else 0.0)
+                )
+            return np.asarray(
+                np.where(beyond == 0, spline(inside, order), spline(inside) if order == 0 else 0.0)
+            )
         pace = 2 * np.pi / self.period if self.period else 1.0
         turn = np.exp(1j * pace * u)
         wave = np.ones_like(turn)
@@ -115,21 +155,33 @@ class Learned(Effect):
         return columns
 
     def _power(self, u: Array, order: int) -> Array:
-        """|u|^power, with the sign of u where it is odd, or its first or second derivative, (n,)."""
+        """|u|^power, with the sign of u where it is odd, or its first or second derivative,
+        (n,).
+        """
         factor = float(np.prod(self.power - np.arange(order)))
         sign = np.sign(u) if self.odd != (order % 2 == 1) else 1.0
-        away = np.where(u == 0, np.inf if self.power < order else 0.0, np.abs(u))  # a root has no slope at nothing: it is left out
-        return np.asarray(factor * sign * away ** (self.power - order)) if factor else np.zeros_like(u)
+        away = np.where(
+            u == 0, np.inf if self.power < order else 0.0, np.abs(u)
+        )  # a root has no slope at nothing: it is left out
+        return (
+            np.asarray(factor * sign * away ** (self.power - order)) if factor else np.zeros_like(u)
+        )
 
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""
         return np.asarray(self.basis(u, order) @ self.coefficients)
 
     def each(self, u: Jet) -> Jet:
-        """The curve of each coefficient along a moving coordinate with its time derivatives, (n, p)."""
+        """The curve of each coefficient along a moving coordinate with its time derivatives, (n,
+        p).
+        """
         x, v, a = (np.broadcast_to(part, np.shape(u.x)) for part in (u.x, u.v, u.a))
         slope = self.basis(x, 1)
-        return Jet(self.basis(x), slope * v[:, None], slope * a[:, None] + self.basis(x, 2) * v[:, None] ** 2)
+        return Jet(
+            self.basis(x),
+            slope * v[:, None],
+            slope * a[:, None] + self.basis(x, 2) * v[:, None] ** 2,
+        )
 
     def jet(self, u: Jet) -> Jet:
         """The curve of a moving coordinate with its time derivatives, (n,)."""
@@ -148,7 +200,9 @@ class Learned(Effect):
         if self.coordinate == "time":
             one = np.ones_like(drive.elapsed)
             return self.each(Jet(drive.elapsed, one, 0 * one))
-        warm = first_order_lag(drive.time, drive.temperature - drive.reference_temperature, self.lag)
+        warm = first_order_lag(
+            drive.time, drive.temperature - drive.reference_temperature, self.lag
+        )
         x = self.basis(warm)
         v = np.gradient(x, drive.time, axis=0) if len(x) > 2 else np.zeros_like(x)
         return Jet(x, v, np.gradient(v, drive.time, axis=0) if len(x) > 2 else v)
@@ -156,7 +210,9 @@ class Learned(Effect):
 
 @dataclass(frozen=True)
 class LearnedReading(Learned, SignalEffect):
-    """reading_i += curve(coordinate), or curve(coordinate) x input_i; ``axis`` names the channel."""
+    """reading_i += curve(coordinate), or curve(coordinate) x input_i; ``axis`` names the
+    channel.
+    """
 
     stage: ClassVar[Stage] = "sensor"
     order: ClassVar[int] = 21
@@ -174,7 +230,9 @@ class LearnedReading(Learned, SignalEffect):
         """What one of each coefficient adds to that channel, (n, p)."""
         own = sense.true_input()[:, self.channel(sense)]
         if self.beside:
-            return _products(*(sense.angles[ANGLES[name]] for name in (self.coordinate, self.beside)))
+            return _products(
+                *(sense.angles[ANGLES[name]] for name in (self.coordinate, self.beside))
+            )
         basis = self.basis(coordinate_of(self.coordinate, sense, own, self.lag))
         return basis * own[:, None] if self.per_input else basis
 
@@ -191,7 +249,9 @@ class LearnedReadout(Learned, AngleEffect):
 
 @dataclass(frozen=True)
 class LearnedTilt(Learned, FrameEffect):
-    """A frame (``base``, ``<axis>_bearing``, ``mount``) turns about a coordinate axis by curve(coordinate)."""
+    """A frame (``base``, ``<axis>_bearing``, ``mount``) turns about a coordinate axis by
+    curve(coordinate).
+    """
 
     stage: ClassVar[Stage] = "table"
 
@@ -200,15 +260,21 @@ class LearnedTilt(Learned, FrameEffect):
 
 
 def _products(a: Array, b: Array) -> Array:
-    """Products of the harmonics of two angles, (n, 4 ORDERS^2): cos cos, cos sin, sin cos, sin sin of (1, 1), (1, 2), ..."""
+    """Products of the harmonics of two angles, (n, 4 ORDERS^2): cos cos, cos sin, sin cos, sin sin
+    of (1, 1), (1, 2), ...
+    """
     waves = [[(np.cos(m * u), np.sin(m * u)) for m in range(1, ORDERS + 1)] for u in (a, b)]
-    return np.column_stack([p * q for one in waves[0] for other in waves[1] for p in one for q in other])
+    return np.column_stack(
+        [p * q for one in waves[0] for other in waves[1] for p in one for q in other]
+    )
 
 
 def coordinate_of(name: str, sense: Sense, own: Array, lag: float = 0.0) -> Array:
-    """A coordinate along what a sensor senses, (n,), felt late by ``lag``, s; ``own`` is the channel's true input.
+    """A coordinate along what a sensor senses, (n,), felt late by ``lag``, s; ``own`` is the
+    channel's true input.
 
-    A late rate of warming is that of the late temperature: both begin with sensor and thermometer of one temperature.
+    A late rate of warming is that of the late temperature: both begin with sensor and thermometer
+        of one temperature.
     """
     if name == "warming":
         return np.gradient(first_order_lag(sense.time, sense.temperature, lag), sense.time)
@@ -229,16 +295,39 @@ def _prompt(name: str, sense: Sense, own: Array) -> Array:
     return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]
 
 
-KINDS: dict[str, type[Learned]] = {"reading": LearnedReading, "readout": LearnedReadout, "tilt": LearnedTilt}
+KINDS: dict[str, type[Learned]] = {
+    "reading": LearnedReading,
+    "readout": LearnedReadout,
+    "tilt": LearnedTilt,
+}
 _KEYS = {
-    "coordinate", "knots", "period", "beside", "power", "odd", "coefficients", "on", "slot", "turn", "per_input", "lag_s", "place",
-}  # fmt: skip
+    "coordinate",
+    "knots",
+    "period",
+    "beside",
+    "power",
+    "odd",
+    "coefficients",
+    "on",
+    "slot",
+    "turn",
+    "per_input",
+    "lag_s",
+    "place",
+}
 
 
 def make_learned(
-    table: Mapping[str, Any], setup: Setup, *, sensor: str | None, axis: str | None, role: str | None, subject: str
+    table: Mapping[str, Any],
+    setup: Setup,
+    *,
+    sensor: str | None,
+    axis: str | None,
+    role: str | None,
+    subject: str,
 ) -> Learned:
-    """A learned effect from a file's table: ``on`` reading, readout or tilt; ``coordinate``, ``knots``, ``coefficients``.
+    """A learned effect from a file's table: ``on`` reading, readout or tilt; ``coordinate``,
+    ``knots``, ``coefficients``.
 
     Raises:
         TiltcalError: a key or a word is wrong.
@@ -246,29 +335,53 @@ def make_learned(
     subject = f"{subject} learned"
     for key in table:
         if key not in _KEYS:
-            raise TiltcalError(subject, found=f"unknown key '{key}'", need="a key of it", do=nearest(key, sorted(_KEYS)))
+            raise TiltcalError(
+                subject,
+                found=f"unknown key '{key}'",
+                need="a key of it",
+                do=nearest(key, sorted(_KEYS)),
+            )
     on = _word(table, "on", "reading", KINDS, subject)
     coordinate = _word(table, "coordinate", "", COORDINATES, subject)
     place = _word(table, "place", "sensor", STAGES, subject)
-    knots, numbers = (_numbers(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients"))
+    knots, numbers = (
+        _numbers(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
+    )
     if knots and (len(knots) != len(numbers) or len(knots) < 2 or np.any(np.diff(knots) <= 0)):
         raise TiltcalError(
-            subject, found=f"{len(knots)} knots, {len(numbers)} coefficients",
-            need="two or more increasing knots, one coefficient each", do="correct the lists",
-        )  # fmt: skip
+            subject,
+            found=f"{len(knots)} knots, {len(numbers)} coefficients",
+            need="two or more increasing knots, one coefficient each",
+            do="correct the lists",
+        )
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
     lag, period, power = (_amount(table, key, subject) for key in ("lag_s", "period", "power"))
     if power and (knots or len(numbers) > 1):
         raise TiltcalError(
-            subject, found=f"power with {len(knots)} knots and {len(numbers)} coefficients", need="one coefficient, no knots",
+            subject,
+            found=f"power with {len(knots)} knots and {len(numbers)} coefficients",
+            need="one coefficient, no knots",
             do="leave out the power, or the curve",
-        )  # fmt: skip
+        )
     beside = _beside(table, on, setup, subject)
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
-        values, sensor, axis, role, coordinate=coordinate, knots=tuple(knots), per_input=bool(table.get("per_input", False)),
-        lag=lag, slot=slot, turn=turn, place=place, period=period, beside=beside, power=power, odd=bool(table.get("odd", False)),
-    )  # fmt: skip
+        values,
+        sensor,
+        axis,
+        role,
+        coordinate=coordinate,
+        knots=tuple(knots),
+        per_input=bool(table.get("per_input", False)),
+        lag=lag,
+        slot=slot,
+        turn=turn,
+        place=place,
+        period=period,
+        beside=beside,
+        power=power,
+        odd=bool(table.get("odd", False)),
+    )
 
 
 def _amount(table: Mapping[str, Any], key: str, subject: str) -> float:
@@ -284,22 +397,46 @@ def _beside(table: Mapping[str, Any], on: str, setup: Setup, subject: str) -> st
     if "beside" not in table:
         return ""
     beside = _word(table, "beside", "", ANGLES, subject)
-    if on != "reading" or ANGLES[beside] not in setup.rig.axis_names or table.get("coordinate") not in ANGLES:
+    if (
+        on != "reading"
+        or ANGLES[beside] not in setup.rig.axis_names
+        or table.get("coordinate") not in ANGLES
+    ):
         raise TiltcalError(
-            f"{subject}, key beside", found=f"'{beside}' on {on} over '{table.get('coordinate')}'",
-            need="two angles of this table, on a reading", do="correct it",
-        )  # fmt: skip
+            f"{subject}, key beside",
+            found=f"'{beside}' on {on} over '{table.get('coordinate')}'",
+            need="two angles of this table, on a reading",
+            do="correct it",
+        )
     return beside
 
 
 def _where(
-    on: str, coordinate: str, table: Mapping[str, Any], setup: Setup, sensor: str | None, axis: str | None, subject: str
-) -> tuple[str, str]:  # fmt: skip
-    """Slot and turn of a tilt, both empty for the others, once coordinate and axis are known to fit the place."""
+    on: str,
+    coordinate: str,
+    table: Mapping[str, Any],
+    setup: Setup,
+    sensor: str | None,
+    axis: str | None,
+    subject: str,
+) -> tuple[str, str]:
+    """Slot and turn of a tilt, both empty for the others, once coordinate and axis are known to fit
+    the place.
+    """
     if on != "reading" and coordinate not in (*ANGLES, "time", "temperature"):
-        raise TiltcalError(subject, found=f"coordinate '{coordinate}'", need="a table angle, time or temperature", do="correct it")
+        raise TiltcalError(
+            subject,
+            found=f"coordinate '{coordinate}'",
+            need="a table angle, time or temperature",
+            do="correct it",
+        )
     if coordinate in ANGLES and ANGLES[coordinate] not in setup.rig.axis_names:
-        raise TiltcalError(subject, found=f"coordinate '{coordinate}'", need="an axis of this table", do="correct it")
+        raise TiltcalError(
+            subject,
+            found=f"coordinate '{coordinate}'",
+            need="an axis of this table",
+            do="correct it",
+        )
     axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
     if on != "tilt":
         one_of(str(axis), axes, subject, "axis")
@@ -308,24 +445,45 @@ def _where(
     return _word(table, "slot", "", slots, subject), _word(table, "turn", "", AXES, subject)
 
 
-def _word(table: Mapping[str, Any], key: str, default: str, valid: Collection[str], subject: str) -> str:
+def _word(
+    table: Mapping[str, Any], key: str, default: str, valid: Collection[str], subject: str
+) -> str:
     return one_of(str(table.get(key, default)), valid, f"{subject}, key {key}")
 
 
 def _numbers(values: Any, subject: str) -> list[float]:
-    if not isinstance(values, list | tuple) or not all(isinstance(v, int | float) and np.isfinite(v) for v in values):
-        raise TiltcalError(subject, found=repr(values)[:60], need="a list of numbers", do="correct it")
+    if not isinstance(values, list | tuple) or not all(
+        isinstance(v, int | float) and np.isfinite(v) for v in values
+    ):
+        raise TiltcalError(
+            subject, found=repr(values)[:60], need="a list of numbers", do="correct it"
+        )
     return [float(v) for v in values]
 
 
 def learned_table(effect: Learned) -> dict[str, Any]:
     """A learned effect as the table of a scenario file: the inverse of ``make_learned``."""
     on = next(word for word, cls in KINDS.items() if isinstance(effect, cls))
-    table: dict[str, Any] = {"id": "learned", "on": on, "coordinate": effect.coordinate, "place": effect.place}
-    table |= {key: value for key in ("sensor", "axis", "role", "seen_in", "slot", "turn") if (value := getattr(effect, key))}
+    table: dict[str, Any] = {
+        "id": "learned",
+        "on": on,
+        "coordinate": effect.coordinate,
+        "place": effect.place,
+    }
+    table |= {
+        key: value
+        for key in ("sensor", "axis", "role", "seen_in", "slot", "turn")
+        if (value := getattr(effect, key))
+    }
     if effect.knots:
         table["knots"] = list(effect.knots)
-    shape = (("per_input", effect.per_input), ("lag_s", effect.lag), ("period", effect.period), ("beside", effect.beside),
-             ("power", effect.power), ("odd", effect.odd))  # fmt: skip
+    shape = (
+        ("per_input", effect.per_input),
+        ("lag_s", effect.lag),
+        ("period", effect.period),
+        ("beside", effect.beside),
+        ("power", effect.power),
+        ("odd", effect.odd),
+    )
     table |= {key: value for key, value in shape if value}
     return table | {"coefficients": [float(c) for c in effect.coefficients]}

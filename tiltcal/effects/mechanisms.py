@@ -1,4 +1,6 @@
-"""Plain data that effects hand to the closed form and to the rig: how the world, a frame or a joint differs."""
+"""Plain data that effects hand to the closed form and to the rig: how the world, a frame or a joint
+differs.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -36,7 +38,8 @@ class Shake:
         p = 2 * np.pi * self.frequency
         c, s = np.cos(p * time), np.sin(p * time)
         return tuple(  # type: ignore[return-value]
-            Jet(-(C * c + S * s) / p**2, (C * s - S * c) / p, C * c + S * s) for C, S in zip(self.cos, self.sin, strict=True)
+            Jet(-(C * c + S * s) / p**2, (C * s - S * c) / p, C * c + S * s)
+            for C, S in zip(self.cos, self.sin, strict=True)
         )
 
 
@@ -61,7 +64,9 @@ class Spring:
 
 @dataclass(frozen=True)
 class Gap:
-    """Lost motion of a table axis: the load follows the drive within +- half the width (rad), dragged by friction."""
+    """Lost motion of a table axis: the load follows the drive within +- half the width (rad),
+    dragged by friction.
+    """
 
     axis: str
     width: float
@@ -69,7 +74,9 @@ class Gap:
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction of a table axis: its servo lets it rest ``short`` (rad) of the command. Runs by time steps only."""
+    """Dry friction of a table axis: its servo lets it rest ``short`` (rad) of the command. Runs by
+    time steps only.
+    """
 
     axis: str
     short: float
@@ -77,7 +84,9 @@ class Friction:
 
 @dataclass(frozen=True)
 class Lag:
-    """Damping of an axis' servo: on a ramp it follows ``tau`` (s) behind. Runs by time steps only."""
+    """Damping of an axis' servo: on a ramp it follows ``tau`` (s) behind. Runs by time steps
+    only.
+    """
 
     axis: str
     tau: float
@@ -85,7 +94,8 @@ class Lag:
 
 @dataclass(frozen=True)
 class Ballast:
-    """A load above an axis (below: negative) under which its servo gives way by ``droop`` (rad), held out level.
+    """A load above an axis (below: negative) under which its servo gives way by ``droop`` (rad),
+    held out level.
 
     Runs by time steps only.
     """
@@ -96,7 +106,9 @@ class Ballast:
 
 @dataclass(frozen=True)
 class Cable:
-    """A cable wound up by an axis against its servo: the axis stands ``pull`` further, in rad per rad. Time steps only."""
+    """A cable wound up by an axis against its servo: the axis stands ``pull`` further, in rad per
+    rad. Time steps only.
+    """
 
     axis: str
     pull: float
@@ -104,7 +116,9 @@ class Cable:
 
 @dataclass(frozen=True)
 class Cogging:
-    """A motor's torque against its angle: the servo gives way by ``size`` (rad) sin(poles x angle). Time steps only."""
+    """A motor's torque against its angle: the servo gives way by ``size`` (rad) sin(poles x angle).
+    Time steps only.
+    """
 
     axis: str
     poles: float
@@ -171,7 +185,8 @@ class Context:
         axes: true angles of the table's axes.
         rig: table and mounting.
         gravity: m/s2.
-        force: specific force in the frame of the slot, m/s2, (n, 3); None where MuJoCo will find it.
+        force: specific force in the frame of the slot, m/s2, (n, 3); None where MuJoCo will find
+            it.
         rng: the effect's own random stream; None when random effects are switched off.
     """
 

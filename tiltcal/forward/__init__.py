@@ -1,1 +1,3 @@
-"""The forward model: table angles to readings, in closed form, with its linearisation and its Jacobian."""
+"""The forward model: table angles to readings, in closed form, with its linearisation and its
+Jacobian.
+"""

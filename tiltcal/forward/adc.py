@@ -1,7 +1,10 @@
-"""What a sigma-delta converter makes of an analogue signal: low-pass, limiter, sinc3, channels in turn, codes.
+"""What a sigma-delta converter makes of an analogue signal: low-pass, limiter, sinc3, channels in
+turn, codes.
 
-The modulator's single bits are not drawn: its quantisation noise, shaped away from the band, is below the code. What its
-filter averages is: three boxes of one output period each, sinc3 with notches at the output rate and its multiples.
+The modulator's single bits are not drawn: its quantisation noise, shaped away from the band, is
+below the code. What its
+filter averages is: three boxes of one output period each, sinc3 with notches at the output rate and
+    its multiples.
 """
 
 import numpy as np
@@ -10,7 +13,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.setup.setup import Converter
 
-OVERSAMPLING = 16  # points of the fine grid a period of the output rate, at most one a modulator period
+OVERSAMPLING = (
+    16  # points of the fine grid a period of the output rate, at most one a modulator period
+)
 SETTLING = 8  # time constants of the low-pass that run before the first sample
 
 
@@ -23,7 +28,8 @@ def fine_grid(converter: Converter, time: Array, delay: float) -> Array:
 
 
 def converted(converter: Converter, grid: Array, signal: Array, instants: list[Array]) -> Array:
-    """Readings of all channels, (n, k): channel i is kept ``turn_s`` before channel i + 1, the last at the stamp.
+    """Readings of all channels, (n, k): channel i is kept ``turn_s`` before channel i + 1, the last
+    at the stamp.
 
     Args:
         converter: the chain.
@@ -34,7 +40,9 @@ def converted(converter: Converter, grid: Array, signal: Array, instants: list[A
     width = round(_fine_rate(converter) / converter.output_hz)
     box = np.full(width, 1 / width)
     kernel = np.convolve(np.convolve(box, box), box)  # sinc3
-    early = 1.5 * (1 / _fine_rate(converter) - 1 / converter.modulator_hz)  # three boxes of points are that much too prompt
+    early = 1.5 * (
+        1 / _fine_rate(converter) - 1 / converter.modulator_hz
+    )  # three boxes of points are that much too prompt
     columns = []
     for i, moments in enumerate(instants):
         analogue = first_order_lag(grid, signal[:, i], 1 / (2 * np.pi * converter.lowpass_hz))

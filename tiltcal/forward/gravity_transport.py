@@ -1,4 +1,6 @@
-"""Gravity's direction carried across a hand turn by the gyro, and what small errors of force and rate do to where it lands."""
+"""Gravity's direction carried across a hand turn by the gyro, and what small errors of force and
+rate do to where it lands.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +16,9 @@ LONGEST = 20.0  # s of a turn over which a gyro is trusted
 
 
 def turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
-    """Last row of each dwell and first row of the next, where both are long enough to know gravity's direction."""
+    """Last row of each dwell and first row of the next, where both are long enough to know
+    gravity's direction.
+    """
     edges = []
     for k in range(int(stop.max(initial=-1))):
         before, after = np.flatnonzero(stop == k), np.flatnonzero(stop == k + 1)
@@ -25,7 +29,8 @@ def turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Windows:
-    """The rows of some turns with the edges of the rests around them, all as long as the longest: (m, L).
+    """The rows of some turns with the edges of the rests around them, all as long as the longest:
+    (m, L).
 
     Args:
         rows: of the recording; the last one again where a turn is shorter.
@@ -46,7 +51,9 @@ class Windows:
         reach = max(round(EDGE / float(np.median(np.diff(time)))), 4)
         starts = np.array([max(first - reach, 0) for first, _ in spans])
         ends = np.array([min(last + reach, len(time) - 1) for _, last in spans])
-        rows = np.minimum(starts[:, None] + np.arange(int((ends - starts).max()) + 1), ends[:, None])
+        rows = np.minimum(
+            starts[:, None] + np.arange(int((ends - starts).max()) + 1), ends[:, None]
+        )
         there = starts[:, None] + np.arange(rows.shape[1]) <= ends[:, None]
         before = (rows <= np.array([first for first, _ in spans])[:, None]) & there
         after = (rows >= np.array([last for _, last in spans])[:, None]) & there
@@ -73,7 +80,10 @@ class Carried:
         self._attitude = running(quaternions(self._turn))
         self._unit = f / self._length[:, :, None]
         self._carried = np.einsum("mlij,mlj->mli", matrices(self._attitude), self._unit)
-        self._means = tuple(np.einsum("ml,mli->mi", share, self._carried) for share in (windows.before, windows.after))
+        self._means = tuple(
+            np.einsum("ml,mli->mi", share, self._carried)
+            for share in (windows.before, windows.after)
+        )
 
     @property
     def errors(self) -> Array:
@@ -83,23 +93,40 @@ class Carried:
 
     @cached_property
     def slopes(self) -> tuple[Array, Array]:
-        """Change of the errors by one of each component of force and rate at each row of the windows, (m, 3, L, 3) each.
+        """Change of the errors by one of each component of force and rate at each row of the
+        windows, (m, 3, L, 3) each.
 
-        A small turn ``d`` of the body at row l carries all later directions c by d x c: a row's rate changes the mean
+        A small turn ``d`` of the body at row l carries all later directions c by d x c: a row's
+        rate changes the mean
         direction by its own turn across the sum of all later ones.
         """
         windows = self.windows
         R = matrices(self._attitude)
         middle = matrices(products(self._attitude[:, :-1], quaternions(self._turn / 2)))
         to_force, to_rate = np.zeros((2, *windows.rows.shape, 3, 3))
-        lateral = (np.eye(3) - self._unit[..., :, None] * self._unit[..., None, :]) / self._length[..., None, None]
-        for sign, share, mean in zip((-1.0, 1.0), (windows.before, windows.after), self._means, strict=True):
+        lateral = (np.eye(3) - self._unit[..., :, None] * self._unit[..., None, :]) / self._length[
+            ..., None, None
+        ]
+        for sign, share, mean in zip(
+            (-1.0, 1.0), (windows.before, windows.after), self._means, strict=True
+        ):
             length = np.linalg.norm(mean, axis=1)
             unit = mean / length[:, None]
-            across = sign * (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length[:, None, None]
-            to_force += np.einsum("mij,ml,mljk,mlkn->mlin", across, share, R, lateral, optimize=True)
+            across = (
+                sign * (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / length[:, None, None]
+            )
+            to_force += np.einsum(
+                "mij,ml,mljk,mlkn->mlin", across, share, R, lateral, optimize=True
+            )
             later = np.cumsum((share[:, :, None] * self._carried)[:, ::-1], axis=1)[:, ::-1][:, 1:]
-            half = np.einsum("mij,mljk,mlkn,ml->mlin", across, -cross_matrices(later), middle, windows.step / 2, optimize=True)
+            half = np.einsum(
+                "mij,mljk,mlkn,ml->mlin",
+                across,
+                -cross_matrices(later),
+                middle,
+                windows.step / 2,
+                optimize=True,
+            )
             to_rate[:, :-1] += half
             to_rate[:, 1:] += half
         return np.moveaxis(to_force, 1, 2), np.moveaxis(to_rate, 1, 2)
@@ -107,7 +134,10 @@ class Carried:
     def answer(self, slopes: Array, change: Array) -> Array:
         """Change of the errors by changes of force or rate at all rows, (n, 3, p) -> (m, 3, p)."""
         m, _, L, _ = slopes.shape
-        return np.asarray(slopes.reshape(m, 3, 3 * L) @ change[self.windows.rows].reshape(m, 3 * L, change.shape[2]))
+        return np.asarray(
+            slopes.reshape(m, 3, 3 * L)
+            @ change[self.windows.rows].reshape(m, 3 * L, change.shape[2])
+        )
 
 
 def quaternions(turn: Array) -> Array:
@@ -117,7 +147,9 @@ def quaternions(turn: Array) -> Array:
 
 
 def running(q: Array) -> Array:
-    """Running products 1, q1, q1 q2, ... of quaternions along the second axis, (m, l, 4) -> (m, l + 1, 4), by doubling."""
+    """Running products 1, q1, q1 q2, ... of quaternions along the second axis, (m, l, 4) -> (m, l +
+    1, 4), by doubling.
+    """
     total = np.concatenate([np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(q), 1, 4)), q], axis=1)
     shift = 1
     while shift < total.shape[1]:
@@ -144,7 +176,11 @@ def products(a: Array, b: Array) -> Array:
 def matrices(q: Array) -> Array:
     """Rotation matrices of unit quaternions, (..., 4) -> (..., 3, 3)."""
     v, w = q[..., :3], q[..., 3, None, None]
-    return np.asarray((2 * w**2 - 1) * np.eye(3) + 2 * v[..., :, None] * v[..., None, :] + 2 * w * cross_matrices(v))
+    return np.asarray(
+        (2 * w**2 - 1) * np.eye(3)
+        + 2 * v[..., :, None] * v[..., None, :]
+        + 2 * w * cross_matrices(v)
+    )
 
 
 def cross_matrices(v: Array) -> Array:

@@ -1,7 +1,10 @@
-"""How readings change with every effect of the catalogue: columns at plausible size, and their Gram matrix.
+"""How readings change with every effect of the catalogue: columns at plausible size, and their Gram
+matrix.
 
-A linear sensor term has its exact column; every other effect is differenced through the closed form with its own plausible
-size as the step. Dwells of a schedule are compressed to one row with its number of samples as weight.
+A linear sensor term has its exact column; every other effect is differenced through the closed form
+with its own plausible
+size as the step. Dwells of a schedule are compressed to one row with its number of samples as
+weight.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,7 +20,15 @@ from tiltcal.core.errors import one_of
 from tiltcal.core.frames import tilt_of_force
 from tiltcal.core.units import G0
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.effects.base import ACCELEROMETERS, GRADES, DelayEffect, Effect, Parameter, SignalEffect, WritingEffect
+from tiltcal.effects.base import (
+    ACCELEROMETERS,
+    GRADES,
+    DelayEffect,
+    Effect,
+    Parameter,
+    SignalEffect,
+    WritingEffect,
+)
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.forward.kinematics import closed_form, force_and_rate
 from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
@@ -25,9 +36,20 @@ from tiltcal.forward.signal_chain import CONVERSION, make_sense
 from tiltcal.setup.setup import Sensor, Setup
 from tiltcal.setup.trajectory import Course
 
-WHITE = {"accelerometer": 25e-6 * G0, "inclinometer": 25e-6, "gyro": 1e-4, "fog": 3e-6}  # SI per root hertz, when not stated
+WHITE = {
+    "accelerometer": 25e-6 * G0,
+    "inclinometer": 25e-6,
+    "gyro": 1e-4,
+    "fog": 3e-6,
+}  # SI per root hertz, when not stated
 OF_THE_DRIVE = {"servo_droop", "servo_friction_deadband", "servo_lag"}
-NO_COLUMN = {"acc_saturation", "gyr_saturation", "fog_fringe", "fog_deadband", "adc_stuck_bit"}  # thresholds, not sizes
+NO_COLUMN = {
+    "acc_saturation",
+    "gyr_saturation",
+    "fog_fringe",
+    "fog_deadband",
+    "adc_stuck_bit",
+}  # thresholds, not sizes
 
 
 @dataclass(frozen=True)
@@ -37,7 +59,8 @@ class Column:
     Args:
         effect: id; sensor, axis: where it acts; name: bare parameter name; unit: its suffix.
         size: the plausible size, in ``unit``.
-        channels: (sensor, channel) -> whitened change, (n,), float32; channels that do not change are left out.
+        channels: (sensor, channel) -> whitened change, (n,), float32; channels that do not change
+            are left out.
     """
 
     effect: str
@@ -69,7 +92,9 @@ class Rows:
 
 
 def rows_of(course: Course, rate_hz: float) -> Rows:
-    """All samples of a course; each dwell as one row (two at its ends count as the dwell's rest)."""
+    """All samples of a course; each dwell as one row (two at its ends count as the dwell's
+    rest).
+    """
     start, end = course.times
     time = start + np.arange(int((end - start) * rate_hz) + 1) / rate_hz
     stop = course.drive(time).stop
@@ -88,8 +113,12 @@ def sizes(parameter: Parameter, grade: str) -> float:
     return parameter.plausible[GRADES.index(grade)]
 
 
-def candidates(setup: Setup, grade: str) -> Iterator[tuple[str, str | None, str | None, str, Parameter, float]]:
-    """(id, sensor, axis, bare name, parameter, size) of every parameter with a column on this set-up."""
+def candidates(
+    setup: Setup, grade: str
+) -> Iterator[tuple[str, str | None, str | None, str, Parameter, float]]:
+    """(id, sensor, axis, bare name, parameter, size) of every parameter with a column on this
+    set-up.
+    """
     for id, cls in CATALOGUE.items():
         if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN:
             continue
@@ -109,7 +138,13 @@ def candidates(setup: Setup, grade: str) -> Iterator[tuple[str, str | None, str 
 
 
 def sensitivity(
-    setup: Setup, course: Course, rows: Rows, *, grade: str = "mid_mems", known: Sequence[Effect] = (), only: Sequence[str] = ()
+    setup: Setup,
+    course: Course,
+    rows: Rows,
+    *,
+    grade: str = "mid_mems",
+    known: Sequence[Effect] = (),
+    only: Sequence[str] = (),
 ) -> list[Column]:
     """Columns of all candidates (or of the ids ``only``), whitened, at their plausible size.
 
@@ -129,10 +164,22 @@ def sensitivity(
     for id, sensor, axis, name, p, size in candidates(setup, grade):
         if only and id not in only:
             continue
-        shape = {f"{q.name}{q.suffix}": middle for q in CATALOGUE[id].parameters if q.name in ("time", "start")}
-        shape |= {"frequency_hz": 7.0} if any(q.name == "frequency" and not q.default for q in CATALOGUE[id].parameters) else {}
-        effect = make_effect(id, {f"{name}{p.suffix}": size, **shape}, setup, sensor=sensor, axis=axis)
-        found.append(Column(id, sensor, axis, name, p.unit, size, whitened(watch.changes(effect), weight)))
+        shape = {
+            f"{q.name}{q.suffix}": middle
+            for q in CATALOGUE[id].parameters
+            if q.name in ("time", "start")
+        }
+        shape |= (
+            {"frequency_hz": 7.0}
+            if any(q.name == "frequency" and not q.default for q in CATALOGUE[id].parameters)
+            else {}
+        )
+        effect = make_effect(
+            id, {f"{name}{p.suffix}": size, **shape}, setup, sensor=sensor, axis=axis
+        )
+        found.append(
+            Column(id, sensor, axis, name, p.unit, size, whitened(watch.changes(effect), weight))
+        )
     return found
 
 
@@ -147,11 +194,14 @@ class Watch:
         setup: site, rig, sensors.
         course: what the table does.
         time: of the rows, s, (n,).
-        matrices: of each sensor by name, (k, 3): reading per unit of force or rate in the body frame; the nominal one
+        matrices: of each sensor by name, (k, 3): reading per unit of force or rate in the body
+            frame; the nominal one
             unless given. A FOG's is (1, 1).
     """
 
-    def __init__(self, setup: Setup, course: Course, time: Array, matrices: Mapping[str, Array] | None = None) -> None:
+    def __init__(
+        self, setup: Setup, course: Course, time: Array, matrices: Mapping[str, Array] | None = None
+    ) -> None:
         self.setup, self.course, self.time = setup, course, time
         self.matrices = matrices or {}
         self.drive = course.drive(time)
@@ -182,17 +232,31 @@ class Watch:
         if isinstance(effect, LearnedReading):
             sense = self.sense[str(effect.sensor)]
             columns = effect.columns(sense)
-            change = np.zeros((len(self.time), len(sense.axes) if sense.kind != "fog" else 1, columns.shape[1]))
+            change = np.zeros(
+                (len(self.time), len(sense.axes) if sense.kind != "fog" else 1, columns.shape[1])
+            )
             change[:, effect.channel(sense)] = columns
             return {str(effect.sensor): self._converted(str(effect.sensor), change, effect)}
         assert isinstance(effect, LearnedReadout | LearnedTilt)
-        place = ("axis", str(effect.axis)) if isinstance(effect, LearnedReadout) else (effect.slot, effect.turn)
+        place = (
+            ("axis", str(effect.axis))
+            if isinstance(effect, LearnedReadout)
+            else (effect.slot, effect.turn)
+        )
         force, rate = self.responses.to({place: effect.each_along(self.drive)})
-        return {name: self._converted(name, change, effect) for name, change in self._read(force, rate).items()}
+        return {
+            name: self._converted(name, change, effect)
+            for name, change in self._read(force, rate).items()
+        }
 
     def _converted(self, name: str, change: Array, effect: Effect) -> Array:
-        """The change of what an inclinometer says, where the effect acts on the force it senses: d asin(f/g) = df / (g cos)."""
-        if self.setup.named(name).kind != "inclinometer" or getattr(effect, "order", 0) >= CONVERSION:
+        """The change of what an inclinometer says, where the effect acts on the force it senses: d
+        asin(f/g) = df / (g cos).
+        """
+        if (
+            self.setup.named(name).kind != "inclinometer"
+            or getattr(effect, "order", 0) >= CONVERSION
+        ):
             return change
         g = self.setup.site.gravity
         steep = np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
@@ -205,11 +269,18 @@ class Watch:
         if effect.order >= CONVERSION and sensor.kind == "inclinometer":
             start = tilt_of_force(start, self.setup.site.gravity)
         sense = self.sense[sensor.name]
-        small = replace(effect, values={**effect.values, **{n: effect.straight * v for n, v in effect.sizes.items()}})
-        up = np.nan_to_num(small.apply(start.copy(), sense, None) - start) / effect.straight  # the last samples of a loss have none
+        small = replace(
+            effect,
+            values={**effect.values, **{n: effect.straight * v for n, v in effect.sizes.items()}},
+        )
+        up = (
+            np.nan_to_num(small.apply(start.copy(), sense, None) - start) / effect.straight
+        )  # the last samples of a loss have none
         if one_sided(effect):
             return up
-        return (up - (effect_down(small).apply(start.copy(), sense, None) - start) / effect.straight) / 2
+        return (
+            up - (effect_down(small).apply(start.copy(), sense, None) - start) / effect.straight
+        ) / 2
 
     def _moved(self, effect: Effect) -> dict[str, Array]:
         """Change of every sensor's reading by what moves differently."""
@@ -227,7 +298,9 @@ class Watch:
         return self._read((up[0] - low[0]) / 2, (up[1] - low[1]) / 2)
 
     def _read(self, force: Array, rate: Array) -> dict[str, Array]:
-        """What a change of force and rate in the body frame, (n, 3) or (n, 3, p) each, does to each sensor."""
+        """What a change of force and rate in the body frame, (n, 3) or (n, 3, p) each, does to each
+        sensor.
+        """
         found = {}
         for name, sense in self.sense.items():
             source = force if sense.kind in ACCELEROMETERS else rate
@@ -239,24 +312,35 @@ class Watch:
         return found
 
     def _late(self, effect: DelayEffect) -> dict[str, Array]:
-        """Change of a sensor's reading by a delay: minus the delay times its time derivative, by a millisecond's step.
+        """Change of a sensor's reading by a delay: minus the delay times its time derivative, by a
+        millisecond's step.
 
         A delay that names no sensor is the recorder's own: all sensors alike.
         """
         if self._slopes is None:
             step = 5e-4
-            ahead, behind = (force_and_rate(self.setup, self.course.drive(self.time + sign * step)) for sign in (1, -1))
+            ahead, behind = (
+                force_and_rate(self.setup, self.course.drive(self.time + sign * step))
+                for sign in (1, -1)
+            )
             self._slopes = (ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step)
         slopes = self._read(*self._slopes)
         names = [effect.sensor] if effect.sensor else list(slopes)
         return {
-            name: np.column_stack([-effect.delay(self.drive.elapsed, k, None) * column for k, column in enumerate(slopes[name].T)])
+            name: np.column_stack(
+                [
+                    -effect.delay(self.drive.elapsed, k, None) * column
+                    for k, column in enumerate(slopes[name].T)
+                ]
+            )
             for name in names
         }
 
 
 def whitened(changes: Mapping[str, Array], weight: Mapping[str, Array]) -> Channels:
-    """Changes by channel in units of the noise, (n,) each; channels that do not change are left out."""
+    """Changes by channel in units of the noise, (n,) each; channels that do not change are left
+    out.
+    """
     found: Channels = {}
     for name, change in changes.items():
         for k in range(change.shape[1]):
@@ -267,7 +351,9 @@ def whitened(changes: Mapping[str, Array], weight: Mapping[str, Array]) -> Chann
 
 
 def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:
-    """Standard deviation of one sample, in the unit of the reading (SI; rad for an inclinometer)."""
+    """Standard deviation of one sample, in the unit of the reading (SI; rad for an
+    inclinometer).
+    """
     for e in known:
         if e.sensor == sensor.name and e.id.endswith("_noise") and e.value("white") > 0:
             scale = 1 / G0 if sensor.kind == "inclinometer" else 1.0

@@ -1,9 +1,13 @@
 """Closed form of the tables: angles -> specific force, rate and up in the body frame.
 
-An outward recursion through the chain base - bearing - axis - ... - mount. Each vector is carried in the frame of the
-current link; a hinge about a coordinate axis mixes two of its components. With q, v, a of the hinge and e its axis,
-u' = R(e, q)^T u,   w' = w + e v,   dw' = dw + e a + w x e v;   the proper acceleration of the common point starts as
-(0, 0, g) plus the base's own, and a lever arm r adds dw x r + w x (w x r).  Source: any text on the recursive
+An outward recursion through the chain base - bearing - axis - ... - mount. Each vector is carried
+in the frame of the
+current link; a hinge about a coordinate axis mixes two of its components. With q, v, a of the hinge
+and e its axis,
+u' = R(e, q)^T u,   w' = w + e v,   dw' = dw + e a + w x e v;   the proper acceleration of the
+common point starts as
+(0, 0, g) plus the base's own, and a lever arm r adds dw x r + w x (w x r).  Source: any text on the
+recursive
 Newton-Euler method; checked against MuJoCo over all tables in tests/test_kinematics.py.
 """
 
@@ -12,7 +16,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, LinkEffect, Streams, WorldEffect, no_streams
+from tiltcal.effects.base import (
+    AngleEffect,
+    Effect,
+    FrameEffect,
+    LinkEffect,
+    Streams,
+    WorldEffect,
+    no_streams,
+)
 from tiltcal.effects.mechanisms import Context, Ring, Turn, World
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet, Motion
@@ -26,8 +38,13 @@ def true_angles(
     effects: Sequence[Effect],
     streams: Streams = no_streams,
 ) -> dict[str, Jet]:
-    """True angles of the table's axes: the readout plus every AngleEffect's deviation. streams: their random numbers."""
-    angles = {name: jet + drive.structure[name] if name in drive.structure else jet for name, jet in drive.axes.items()}
+    """True angles of the table's axes: the readout plus every AngleEffect's deviation. streams:
+    their random numbers.
+    """
+    angles = {
+        name: jet + drive.structure[name] if name in drive.structure else jet
+        for name, jet in drive.axes.items()
+    }
     for effect in effects:
         if isinstance(effect, AngleEffect) and effect.address not in drive.realised:
             for name in setup.rig.axis_names:
@@ -47,7 +64,7 @@ def world_of(setup: Setup, effects: Sequence[Effect]) -> World:
 
 def closed_form(
     setup: Setup, drive: Drive, effects: Sequence[Effect] = (), streams: Streams = no_streams
-) -> Motion:  # fmt: skip
+) -> Motion:
     """The motion of the instrument by algebra.
 
     Args:
@@ -57,12 +74,18 @@ def closed_form(
         streams: random numbers of effects that need them.
     """
     world = world_of(setup, effects)
-    link = _carried(setup, drive, effects, streams, _Link(world, drive, _displaced(setup, world, effects)))
+    link = _carried(
+        setup, drive, effects, streams, _Link(world, drive, _displaced(setup, world, effects))
+    )
     return link.motion(world)
 
 
-def force_and_rate(setup: Setup, drive: Drive, effects: Sequence[Effect] = ()) -> tuple[Array, Array]:
-    """Force and rate of ``closed_form`` alone, (n, 3) each: several times faster where nothing is off the common point."""
+def force_and_rate(
+    setup: Setup, drive: Drive, effects: Sequence[Effect] = ()
+) -> tuple[Array, Array]:
+    """Force and rate of ``closed_form`` alone, (n, 3) each: several times faster where nothing is
+    off the common point.
+    """
     world = world_of(setup, effects)
     if _displaced(setup, world, effects):
         motion = closed_form(setup, drive, effects)
@@ -73,18 +96,24 @@ def force_and_rate(setup: Setup, drive: Drive, effects: Sequence[Effect] = ()) -
 
 def _displaced(setup: Setup, world: World, effects: Sequence[Effect]) -> bool:
     """Whether the sensors are off the axes' common point, or that point is shaken."""
-    off_axis = any(np.any(link_offset(setup, effects, f"{name}_bearing")) for name in setup.rig.axis_names)
+    off_axis = any(
+        np.any(link_offset(setup, effects, f"{name}_bearing")) for name in setup.rig.axis_names
+    )
     return bool(np.any(world.lever)) or bool(world.shakes) or off_axis
 
 
-def _carried(setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Streams, link: "_Link") -> "_Link":
+def _carried(
+    setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Streams, link: "_Link"
+) -> "_Link":
     """The link after the whole chain, base to mount."""
     angles = true_angles(setup, drive, effects, streams)
     frames = [e for e in effects if isinstance(e, FrameEffect)]
 
     def slot(name: str) -> None:
         for effect in frames:
-            force = link.force() if effect.mechanised else None  # only what bends under load asks for it
+            force = (
+                link.force() if effect.mechanised else None
+            )  # only what bends under load asks for it
             context = Context(drive, angles, setup.rig, link.gravity, force, streams(effect))
             for turn in turns_at(effect, name, context):
                 link.turn(turn)
@@ -102,23 +131,33 @@ def _carried(setup: Setup, drive: Drive, effects: Sequence[Effect], streams: Str
 
 
 def turns_at(effect: FrameEffect, slot: str, context: Context) -> Sequence[Turn]:
-    """The turns of an effect at a slot; those a run by time steps found, where it has realised the effect."""
+    """The turns of an effect at a slot; those a run by time steps found, where it has realised the
+    effect.
+    """
     if effect.address not in context.drive.realised:
         return effect.turns(slot, context)
-    rings = [m for m in effect.dynamics(context.rig, context.gravity) if isinstance(m, Ring) and m.body == slot]
+    rings = [
+        m
+        for m in effect.dynamics(context.rig, context.gravity)
+        if isinstance(m, Ring) and m.body == slot
+    ]
     return [Turn(m.axis, context.drive.structure[m.joint]) for m in rings]
 
 
 def link_offset(setup: Setup, effects: Sequence[Effect], slot: str) -> Array:
     """Displacement of the frame behind a slot by all LinkEffects, m, (3,)."""
-    return sum((e.offset(slot, setup.rig) for e in effects if isinstance(e, LinkEffect)), np.zeros(3))
+    return sum(
+        (e.offset(slot, setup.rig) for e in effects if isinstance(e, LinkEffect)), np.zeros(3)
+    )
 
 
 class _Link:
     """The vectors carried outward, each a list of three arrays of shape (n,).
 
-    Gravity and Earth's rate follow from up and north, which are carried in their place. ``displaced`` carries the
-    acceleration, speed and place of the sensors' point as well; without ``whole`` only up and the inertial rate are.
+    Gravity and Earth's rate follow from up and north, which are carried in their place.
+    ``displaced`` carries the
+    acceleration, speed and place of the sensors' point as well; without ``whole`` only up and the
+    inertial rate are.
     """
 
     def __init__(self, world: World, drive: Drive, displaced: bool, whole: bool = True) -> None:
@@ -126,7 +165,9 @@ class _Link:
         self.time, self.gravity, self.whole = drive.time, world.gravity, whole
         one, zero = np.ones(n), np.zeros(n)
         self.up: Vector = [zero, zero, one]
-        self.rate: Vector = [zero, zero, zero] if whole else [component * one for component in world.earth]
+        self.rate: Vector = (
+            [zero, zero, zero] if whole else [component * one for component in world.earth]
+        )
         self.north: Vector = [zero, one, zero]
         self.spin: Vector = [zero, zero, zero]
         self.acceleration: Vector = [zero, zero, zero]
@@ -145,7 +186,9 @@ class _Link:
 
     def force(self) -> Array:
         """Specific force at the point that is carried, (n, 3)."""
-        return np.column_stack([self.gravity * u + a for u, a in zip(self.up, self.acceleration, strict=True)])
+        return np.column_stack(
+            [self.gravity * u + a for u, a in zip(self.up, self.acceleration, strict=True)]
+        )
 
     def world(self, v: Array) -> Array:
         """A constant world vector in this frame, (n, 3): east is north x up."""
@@ -173,7 +216,9 @@ class _Link:
             u[j], u[k] = c * u[j] + s * u[k], c * u[k] - s * u[j]
         v = turn.angle.v
         if self.whole:
-            self.spin[i] = self.spin[i] + turn.angle.a  # w x e v has components (w_k v, -w_j v) along j, k
+            self.spin[i] = (
+                self.spin[i] + turn.angle.a
+            )  # w x e v has components (w_k v, -w_j v) along j, k
             self.spin[j] = self.spin[j] + self.rate[k] * v
             self.spin[k] = self.spin[k] - self.rate[j] * v
         self.rate[i] = self.rate[i] + v
@@ -204,7 +249,9 @@ class _Link:
         if np.any(world.coriolis) and (np.any(place) or world.shakes):
             earth, speed = self.world(world.coriolis), np.column_stack(self.speed)
             force = force + 2 * np.cross(earth, speed) + np.cross(earth, np.cross(earth, place))
-        rate, up, north, spin = (np.column_stack(v) for v in (self.rate, self.up, self.north, self.spin))
+        rate, up, north, spin = (
+            np.column_stack(v) for v in (self.rate, self.up, self.north, self.spin)
+        )
         if np.any(world.earth):
             rate = rate + self.world(world.earth)
         return Motion(self.time, force, rate, up, north, spin)

@@ -1,7 +1,10 @@
-"""How force and rate in the body frame answer a small turn at each place of the chain: first order, exact in time.
+"""How force and rate in the body frame answer a small turn at each place of the chain: first order,
+exact in time.
 
-At an instant the motion depends on a turn's angle, rate and acceleration at that instant and on nothing else. So a few
-probes through the closed form, one for each of the three, hold the answer to every small turn of that place.
+At an instant the motion depends on a turn's angle, rate and acceleration at that instant and on
+nothing else. So a few
+probes through the closed form, one for each of the three, hold the answer to every small turn of
+that place.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,12 +53,17 @@ Place = tuple[str, str]
 
 
 def moves_smoothly(effect: Effect) -> bool:
-    """Whether all that an effect does is turn frames or axes by angles that do not ask for the force there."""
-    return isinstance(effect, AngleEffect) or (isinstance(effect, FrameEffect) and not effect.mechanised)
+    """Whether all that an effect does is turn frames or axes by angles that do not ask for the
+    force there.
+    """
+    return isinstance(effect, AngleEffect) or (
+        isinstance(effect, FrameEffect) and not effect.mechanised
+    )
 
 
 class Responses:
-    """Answers of force and rate along a nominal drive, each place probed when it is first asked for.
+    """Answers of force and rate along a nominal drive, each place probed when it is first asked
+    for.
 
     Args:
         setup: site, rig, sensors; drive: what the table does.
@@ -70,7 +78,11 @@ class Responses:
         """The small turns of an effect that ``moves_smoothly``, place by place."""
         rig = self.setup.rig
         if isinstance(effect, AngleEffect):
-            return {("axis", n): effect.slight(self.drive, n) for n in rig.axis_names if effect.acts_on(n, rig)}
+            return {
+                ("axis", n): effect.slight(self.drive, n)
+                for n in rig.axis_names
+                if effect.acts_on(n, rig)
+            }
         assert isinstance(effect, FrameEffect)
         found: dict[Place, Jet] = {}
         for slot in ("base", *(f"{name}_bearing" for name in rig.axis_names), "mount"):
@@ -80,7 +92,9 @@ class Responses:
         return found
 
     def to(self, turns: Mapping[Place, Jet]) -> tuple[Array, Array]:
-        """Change of force and rate by small turns, (n, 3) each; (n, 3, p) where their jets are (n, p)."""
+        """Change of force and rate by small turns, (n, 3) each; (n, 3, p) where their jets are (n,
+        p).
+        """
         force: Array | float = 0.0
         rate: Array | float = 0.0
         n = len(self.drive.time)
@@ -94,17 +108,25 @@ class Responses:
                     force = force if df is None else force + (df[:, :, None] if wide else df) * by
                     rate = rate if dw is None else rate + (dw[:, :, None] if wide else dw) * by
         none = np.zeros((n, 3, *width))
-        return (none if np.isscalar(force) else np.asarray(force)), (none if np.isscalar(rate) else np.asarray(rate))
+        return (none if np.isscalar(force) else np.asarray(force)), (
+            none if np.isscalar(rate) else np.asarray(rate)
+        )
 
     def _of(self, place: Place) -> tuple[tuple[Array | None, Array | None], ...]:
-        """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each; None where there is none."""
+        """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each; None
+        where there is none.
+        """
         if place not in self._kept:
             self._kept[place] = tuple(self._probed(place, k) for k in range(3))
         return self._kept[place]
 
     def _probed(self, place: Place, which: int) -> tuple[Array | None, Array | None]:
         up, down = (
-            force_and_rate(self.setup, self.drive, [_probe(place, [sign * STEP * (k == which) for k in range(3)])])
+            force_and_rate(
+                self.setup,
+                self.drive,
+                [_probe(place, [sign * STEP * (k == which) for k in range(3)])],
+            )
             for sign in (1, -1)
         )
         force, rate = ((one - other) / (2 * STEP) for one, other in zip(up, down, strict=True))

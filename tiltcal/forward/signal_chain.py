@@ -1,4 +1,6 @@
-"""The chain: motion -> ordered effects -> readings. The same for the laboratory that draws and the fit that predicts."""
+"""The chain: motion -> ordered effects -> readings. The same for the laboratory that draws and the
+fit that predicts.
+"""
 
 import zlib
 from collections.abc import Callable, Sequence
@@ -7,7 +9,15 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import tilt_of_force
-from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect, Streams, WritingEffect, no_streams
+from tiltcal.effects.base import (
+    DelayEffect,
+    Effect,
+    Sense,
+    SignalEffect,
+    Streams,
+    WritingEffect,
+    no_streams,
+)
 from tiltcal.forward.adc import coded, converted, fine_grid
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.setup.setup import Sensor, Setup
@@ -16,18 +26,27 @@ from tiltcal.setup.trajectory import Course, Drive, Motion
 Mover = Callable[[Setup, Drive, Sequence[Effect], Streams], Motion]
 """What turns a drive into motion: ``kinematics.closed_form``, or MuJoCo."""
 
-CONVERSION = 70  # order of an inclinometer's arcsine: after what acts on the force, before noise and codes
+CONVERSION = (
+    70  # order of an inclinometer's arcsine: after what acts on the force, before noise and codes
+)
 
 
 def stream(seed: int, *names: str | None) -> np.random.Generator:
-    """The random stream of one effect on one sensor: adding an effect does not change the others' numbers."""
+    """The random stream of one effect on one sensor: adding an effect does not change the others'
+    numbers.
+    """
     return np.random.default_rng([seed, *(zlib.crc32((name or "").encode()) for name in names)])
 
 
 def readings(
-    setup: Setup, course: Course, times: dict[str, Array], effects: Sequence[Effect], *,
-    seed: int | None = None, mover: Mover = closed_form,
-) -> dict[str, Array]:  # fmt: skip
+    setup: Setup,
+    course: Course,
+    times: dict[str, Array],
+    effects: Sequence[Effect],
+    *,
+    seed: int | None = None,
+    mover: Mover = closed_form,
+) -> dict[str, Array]:
     """What every sensor reads.
 
     Args:
@@ -54,7 +73,10 @@ def readings(
         seen.append((time, motion, drive))
         return motion, drive
 
-    return {name: _read(setup.named(name), setup, time, live, seed, move, course) for name, time in times.items()}
+    return {
+        name: _read(setup.named(name), setup, time, live, seed, move, course)
+        for name, time in times.items()
+    }
 
 
 def streams_of(seed: int | None) -> Streams:
@@ -65,14 +87,25 @@ def streams_of(seed: int | None) -> Streams:
 
 
 def _read(
-    sensor: Sensor, setup: Setup, time: Array, effects: Sequence[Effect], seed: int | None,
-    move: Callable[[Array], tuple[Motion, Drive]], course: Course,
-) -> Array:  # fmt: skip
-    mine = [e for e in effects if e.sensor == sensor.name or (e.sensor is None and isinstance(e, DelayEffect))]
+    sensor: Sensor,
+    setup: Setup,
+    time: Array,
+    effects: Sequence[Effect],
+    seed: int | None,
+    move: Callable[[Array], tuple[Motion, Drive]],
+    course: Course,
+) -> Array:
+    mine = [
+        e
+        for e in effects
+        if e.sensor == sensor.name or (e.sensor is None and isinstance(e, DelayEffect))
+    ]
     signal = sorted((e for e in mine if isinstance(e, SignalEffect)), key=lambda e: e.order)
     before = [e for e in signal if not e.random and e.order < CONVERSION]
     after = [e for e in signal if e.random or e.order >= CONVERSION]
-    delays = _delays(sensor, time, [e for e in mine if isinstance(e, DelayEffect)], seed, course.times[0])
+    delays = _delays(
+        sensor, time, [e for e in mine if isinstance(e, DelayEffect)], seed, course.times[0]
+    )
     if sensor.converter is not None:
         return _converted(sensor, setup, time, before, after, delays, seed, move)
     columns = np.empty((len(time), len(sensor.axes)))
@@ -97,10 +130,18 @@ def _read(
 
 
 def _converted(
-    sensor: Sensor, setup: Setup, time: Array, before: Sequence[SignalEffect], after: Sequence[SignalEffect],
-    delays: list[Array | float], seed: int | None, move: Callable[[Array], tuple[Motion, Drive]],
-) -> Array:  # fmt: skip
-    """What a sensor behind a converter reads: the analogue signal on a fine grid, then the converter, then noise and codes."""
+    sensor: Sensor,
+    setup: Setup,
+    time: Array,
+    before: Sequence[SignalEffect],
+    after: Sequence[SignalEffect],
+    delays: list[Array | float],
+    seed: int | None,
+    move: Callable[[Array], tuple[Motion, Drive]],
+) -> Array:
+    """What a sensor behind a converter reads: the analogue signal on a fine grid, then the
+    converter, then noise and codes.
+    """
     assert sensor.converter is not None
     grid = fine_grid(sensor.converter, time, max(float(np.max(d)) for d in delays))
     sense = make_sense(sensor, setup, *move(grid))
@@ -110,15 +151,21 @@ def _converted(
     columns = converted(sensor.converter, grid, signal, [time - delay for delay in delays])
     sense = make_sense(sensor, setup, *move(time))
     for effect in after:
-        columns = effect.apply(columns, sense, None if seed is None else stream(seed, effect.id, sensor.name))
+        columns = effect.apply(
+            columns, sense, None if seed is None else stream(seed, effect.id, sensor.name)
+        )
     return columns if seed is None else coded(sensor.converter, columns)
 
 
-def _delays(sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: int | None, start: float) -> list[Array | float]:
+def _delays(
+    sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: int | None, start: float
+) -> list[Array | float]:
     totals: list[Array | float] = []
     for channel in range(len(sensor.axes)):
         total: Array | float = 0.0
-        for effect in effects:  # each channel draws the same numbers: the stamp is wrong for all of them
+        for (
+            effect
+        ) in effects:  # each channel draws the same numbers: the stamp is wrong for all of them
             rng = None if seed is None else stream(seed, effect.id, sensor.name)
             total = total + effect.delay(time - start, channel, rng)
         totals.append(total)
@@ -128,8 +175,21 @@ def _delays(sensor: Sensor, time: Array, effects: Sequence[DelayEffect], seed: i
 def make_sense(sensor: Sensor, setup: Setup, motion: Motion, drive: Drive) -> Sense:
     """What a sensor senses of a motion."""
     return Sense(
-        motion.time, drive.elapsed, motion.force, motion.rate, motion.up, motion.north, motion.angular_acceleration,
-        drive.temperature - drive.reference_temperature, sensor.axis_indices, sensor.kind,
-        sensor.input_vector if sensor.kind == "fog" else np.zeros(3), setup.site.gravity, sensor.rate_hz,
-        sensor.full_scale, {name: np.asarray(jet.x) for name, jet in drive.axes.items()}, drive.stop, drive.rests,
-    )  # fmt: skip
+        motion.time,
+        drive.elapsed,
+        motion.force,
+        motion.rate,
+        motion.up,
+        motion.north,
+        motion.angular_acceleration,
+        drive.temperature - drive.reference_temperature,
+        sensor.axis_indices,
+        sensor.kind,
+        sensor.input_vector if sensor.kind == "fog" else np.zeros(3),
+        setup.site.gravity,
+        sensor.rate_hz,
+        sensor.full_scale,
+        {name: np.asarray(jet.x) for name, jet in drive.axes.items()},
+        drive.stop,
+        drive.rests,
+    )

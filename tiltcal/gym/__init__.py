@@ -1,12 +1,17 @@
 """Gymnasium environments of the design problem: pick poses under a table time, be paid in nats.
 
-``import tiltcal.gym`` registers ``tiltcal/Calibration-v0`` (continuous) and ``tiltcal/CalibrationDiscrete-v0``; so does
-``gymnasium.make("tiltcal.gym:tiltcal/Calibration-v0")``. ``make_vec`` gets the native vectorised ones.
+``import tiltcal.gym`` registers ``tiltcal/Calibration-v0`` (continuous) and
+``tiltcal/CalibrationDiscrete-v0``; so does
+``gymnasium.make("tiltcal.gym:tiltcal/Calibration-v0")``. ``make_vec`` gets the native vectorised
+ones.
 """
 
 import gymnasium
 
-IDS = {"tiltcal/Calibration-v0": "Calibration", "tiltcal/CalibrationDiscrete-v0": "CalibrationDiscrete"}
+IDS = {
+    "tiltcal/Calibration-v0": "Calibration",
+    "tiltcal/CalibrationDiscrete-v0": "CalibrationDiscrete",
+}
 
 
 def register_envs() -> None:
@@ -14,7 +19,9 @@ def register_envs() -> None:
     for id, name in IDS.items():
         if id not in gymnasium.registry:
             gymnasium.register(
-                id, entry_point=f"tiltcal.gym.environment:{name}", vector_entry_point=f"tiltcal.gym.vector:{name}Vector"
+                id,
+                entry_point=f"tiltcal.gym.environment:{name}",
+                vector_entry_point=f"tiltcal.gym.vector:{name}Vector",
             )
 
 

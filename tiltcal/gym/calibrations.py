@@ -1,6 +1,8 @@
-"""Many calibrations of a triad on a dual table at once: what each knows, where its table stands, what time is left.
+"""Many calibrations of a triad on a dual table at once: what each knows, where its table stands,
+what time is left.
 
-The posterior covariance is kept channel by channel and takes a pose in by a rank-one update (Sherman and Morrison 1950);
+The posterior covariance is kept channel by channel and takes a pose in by a rank-one update
+(Sherman and Morrison 1950);
 channels with the same regressors share one. Units: g, prior standard deviations, s, rad.
 """
 
@@ -43,14 +45,18 @@ class Task:
         least = HALF_TURN / self.rate_deg_s + 2 * self.settle_s + self.longest_s + self.shortest_s
         if clock.budget < least:
             raise TiltcalError(
-                "environment, budget_s", found=f"{self.budget_s:g} s", need=f"{least:g} s: an episode has more than one step",
+                "environment, budget_s",
+                found=f"{self.budget_s:g} s",
+                need=f"{least:g} s: an episode has more than one step",
                 do="raise it, or shorten longest_s",
-            )  # fmt: skip
+            )
 
     @property
     def clock(self) -> Clock:
         """The same for a design."""
-        return Clock(self.budget_s, self.rate_deg_s * DEG, self.settle_s, self.shortest_s, self.longest_s)
+        return Clock(
+            self.budget_s, self.rate_deg_s * DEG, self.settle_s, self.shortest_s, self.longest_s
+        )
 
     @property
     def width(self) -> int:
@@ -70,7 +76,8 @@ class Bench:
     Args:
         task: what is calibrated.
         count: how many.
-        covariance: in units of the prior, (count, blocks, q, q), the drift last; drift: information on it alone, (count,).
+        covariance: in units of the prior, (count, blocks, q, q), the drift last; drift: information
+            on it alone, (count,).
         angles: rad, (count, 2); elapsed: s, (count,); steps: poses taken, (count,).
     """
 
@@ -92,13 +99,20 @@ class Bench:
     def restart(self, which: Mask) -> None:
         """Begin again: the prior, axes at zero, the whole time left."""
         self.covariance[which] = np.eye(self.covariance.shape[-1])
-        self.drift[which], self.elapsed[which], self.angles[which], self.steps[which] = 1.0, 0.0, 0.0, 0
+        self.drift[which], self.elapsed[which], self.angles[which], self.steps[which] = (
+            1.0,
+            0.0,
+            0.0,
+            0,
+        )
 
     def step(self, angles: Array, dwell: Array, live: Mask) -> tuple[Array, Mask, Array]:
-        """Go to angles the short way round, settle, read; a pose that would overrun is refused and ends its episode.
+        """Go to angles the short way round, settle, read; a pose that would overrun is refused and
+        ends its episode.
 
         Args:
-            angles: rad, (count, 2), any turn; dwell: s, (count,); live: those that take part, (count,).
+            angles: rad, (count, 2), any turn; dwell: s, (count,); live: those that take part,
+                (count,).
 
         Returns:
             Nats gained, (count,); whether the episode is over, (count,); seconds spent, (count,).
@@ -121,7 +135,9 @@ class Bench:
         """Rank-one update by a pose; nats gained on the parameters of interest."""
         rows = regressors(dual_up(angles), self.task.model)[:, : self.task.blocks]
         if self.task.drift:
-            rows = np.concatenate([rows, np.broadcast_to(when[:, None, None], (*rows.shape[:2], 1))], axis=2)
+            rows = np.concatenate(
+                [rows, np.broadcast_to(when[:, None, None], (*rows.shape[:2], 1))], axis=2
+            )
         C = self.covariance
         Ca = np.matmul(C, rows[..., None])[..., 0]
         grown = 1 + weight[:, None] * np.einsum("nbi,nbi->nb", rows, Ca)
@@ -134,11 +150,17 @@ class Bench:
         return np.asarray(nats)
 
     def sigmas(self) -> Array:
-        """Posterior over prior standard deviation of the parameters of interest, (count, 3, width)."""
+        """Posterior over prior standard deviation of the parameters of interest, (count, 3,
+        width).
+        """
         spread = np.sqrt(np.diagonal(self.covariance, axis1=2, axis2=3)[..., : self.task.width])
         return np.broadcast_to(spread, (self.count, 3, self.task.width))
 
     def nats(self) -> Array:
         """Gained so far, from the covariances: the sum of all rewards, (count,)."""
         p = self.task.width
-        return np.asarray(-np.linalg.slogdet(self.covariance[..., :p, :p])[1].sum(axis=1) * (3 / self.task.blocks) / 2)
+        return np.asarray(
+            -np.linalg.slogdet(self.covariance[..., :p, :p])[1].sum(axis=1)
+            * (3 / self.task.blocks)
+            / 2
+        )

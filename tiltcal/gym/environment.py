@@ -15,13 +15,16 @@ from tiltcal.gym.spaces import DWELLS, action_space, menu, observation_space, ob
 class Calibration(gymnasium.Env[Any, Any]):
     """Choose the next pose and dwell until the table time is used up.
 
-    Reward: nats gained on the parameters of interest, 1/2 log det of their information, nuisances fitted; it telescopes,
-    so the return is what the whole sequence is worth. ``info``: seconds spent, nats per second, whether the pose was
+    Reward: nats gained on the parameters of interest, 1/2 log det of their information, nuisances
+        fitted; it telescopes,
+    so the return is what the whole sequence is worth. ``info``: seconds spent, nats per second,
+    whether the pose was
     refused because it would overrun (which ends the episode), and the time elapsed.
 
     Args:
         render_mode: None only.
-        task: keywords of ``Task``: model, drift, budget_s, rate_deg_s, settle_s, shortest_s, longest_s.
+        task: keywords of ``Task``: model, drift, budget_s, rate_deg_s, settle_s, shortest_s,
+            longest_s.
     """
 
     metadata = {"render_modes": []}
@@ -33,7 +36,9 @@ class Calibration(gymnasium.Env[Any, Any]):
         self.observation_space = observation_space(self.task)
         self.action_space: spaces.Space[Any] = action_space()
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """The prior, axes at zero. options: ``budget_s`` for this episode."""
         super().reset(seed=seed)
         self.task = with_options(self._asked, options)
@@ -51,14 +56,18 @@ class Calibration(gymnasium.Env[Any, Any]):
         nats, over, spent = self.bench.step(angles, dwell, np.ones(1, dtype=bool))
         seconds = float(spent[0])
         info = {
-            "spent_s": seconds, "nats_per_s": float(nats[0]) / seconds if seconds else 0.0,
-            "refused": int(self.bench.steps[0]) == before, "elapsed_s": float(self.bench.elapsed[0]),
-        }  # fmt: skip
+            "spent_s": seconds,
+            "nats_per_s": float(nats[0]) / seconds if seconds else 0.0,
+            "refused": int(self.bench.steps[0]) == before,
+            "elapsed_s": float(self.bench.elapsed[0]),
+        }
         return observe(self.bench)[0], float(nats[0]), bool(over[0]), False, info
 
 
 class CalibrationDiscrete(Calibration):
-    """The same with a menu: 26 directions (faces, edges, corners) times three dwells; action = 3 * direction + dwell."""
+    """The same with a menu: 26 directions (faces, edges, corners) times three dwells; action = 3 *
+    direction + dwell.
+    """
 
     def __init__(self, render_mode: str | None = None, **task: Any) -> None:
         super().__init__(render_mode, **task)
@@ -80,6 +89,9 @@ def with_options(task: Task, options: dict[str, Any] | None) -> Task:
     unknown = set(options or {}) - {"budget_s"}
     if unknown:
         raise TiltcalError(
-            "environment, reset options", found=", ".join(sorted(unknown)), need="budget_s", do="leave the others out"
+            "environment, reset options",
+            found=", ".join(sorted(unknown)),
+            need="budget_s",
+            do="leave the others out",
         )
     return replace(task, budget_s=float(options["budget_s"])) if options else task

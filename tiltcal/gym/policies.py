@@ -23,9 +23,15 @@ BASELINES = ("random", "six", "12", "24", "tumble", "spiral", "greedy", "design"
 def rollout(policy: Policy, task: Task, count: int = 1) -> Array:
     """Return of one episode in each of ``count`` environments, nats, (count,)."""
     environment = CalibrationVector(
-        count, model=task.model, drift=task.drift, budget_s=task.budget_s, rate_deg_s=task.rate_deg_s, settle_s=task.settle_s,
-        shortest_s=task.shortest_s, longest_s=task.longest_s,
-    )  # fmt: skip
+        count,
+        model=task.model,
+        drift=task.drift,
+        budget_s=task.budget_s,
+        rate_deg_s=task.rate_deg_s,
+        settle_s=task.settle_s,
+        shortest_s=task.shortest_s,
+        longest_s=task.longest_s,
+    )
     observations, _ = environment.reset()
     total, live, step = np.zeros(count), np.ones(count, dtype=bool), 0
     while live.any():
@@ -37,7 +43,9 @@ def rollout(policy: Policy, task: Task, count: int = 1) -> Array:
 
 
 def following(angles: Array, dwell: Array, task: Task) -> Policy:
-    """The policy that goes through a list of poses, rad, (n, 2), s, (n,); after the last it asks for what overruns."""
+    """The policy that goes through a list of poses, rad, (n, 2), s, (n,); after the last it asks
+    for what overruns.
+    """
     actions = action_of(angles, dwell, task)
     last = np.array([1.0, 1.0, 1.0], dtype=np.float32)
 
@@ -60,7 +68,9 @@ def randomly(seed: int) -> Policy:
 
 
 def named(name: str, task: Task, seed: int = 0) -> Policy:
-    """A baseline: ``random``, a classic sequence cut to its best length, ``greedy``, or ``design``."""
+    """A baseline: ``random``, a classic sequence cut to its best length, ``greedy``, or
+    ``design``.
+    """
     if name == "random":
         return randomly(seed)
     if name == "greedy":
@@ -74,7 +84,9 @@ def named(name: str, task: Task, seed: int = 0) -> Policy:
 
 
 def greedy(task: Task) -> tuple[Array, Array]:
-    """Poses, each of which brings the most nats per second from where the table stands: angles (n, 2), dwells (n,)."""
+    """Poses, each of which brings the most nats per second from where the table stands: angles (n,
+    2), dwells (n,).
+    """
     return _joined(_greedily(task))
 
 
@@ -102,7 +114,9 @@ def _joined(poses: Iterator[tuple[Array, float]]) -> tuple[Array, Array]:
     return np.array([a for a, _ in listed]), np.array([d for _, d in listed])
 
 
-def leaderboard(tasks: dict[str, Task], more: dict[str, Callable[[Task], Policy]] | None = None, seed: int = 0) -> list[list[str]]:
+def leaderboard(
+    tasks: dict[str, Task], more: dict[str, Callable[[Task], Policy]] | None = None, seed: int = 0
+) -> list[list[str]]:
     """A table: one row a policy, one column a task, nats; of ``random`` the median of 200 episodes.
 
     Args:
@@ -113,7 +127,10 @@ def leaderboard(tasks: dict[str, Task], more: dict[str, Callable[[Task], Policy]
     rows = []
     makers: dict[str, Callable[[Task], Policy]] = {name: _maker(name, seed) for name in BASELINES}
     for name, make in {**makers, **(more or {})}.items():
-        worth = [float(np.median(rollout(make(t), t, 200 if name == "random" else 1))) for t in tasks.values()]
+        worth = [
+            float(np.median(rollout(make(t), t, 200 if name == "random" else 1)))
+            for t in tasks.values()
+        ]
         rows.append([name, *(f"{w:.2f}" for w in worth)])
     return rows
 

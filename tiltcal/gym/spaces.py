@@ -15,7 +15,9 @@ DWELLS = (5.0, 10.0, 20.0)  # s, of the discrete variant
 
 
 def observation_space(task: Task) -> spaces.Box:
-    """log(posterior/prior) of each parameter of interest, sin and cos of the angles, share of the time left."""
+    """log(posterior/prior) of each parameter of interest, sin and cos of the angles, share of the
+    time left.
+    """
     p = 3 * task.width
     low = np.concatenate([np.full(p, DEEPEST), np.full(4, -1.0), [0.0]]).astype(np.float32)
     high = np.concatenate([np.zeros(p), np.ones(5)]).astype(np.float32)
@@ -27,19 +29,28 @@ def observe(bench: Bench) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]"
     known = np.clip(np.log(bench.sigmas().reshape(bench.count, -1)), DEEPEST, 0.0)
     left = np.clip(1 - bench.elapsed / bench.task.budget_s, 0.0, 1.0)
     return np.concatenate(
-        [known, np.sin(bench.angles), np.cos(bench.angles), left[:, None]], axis=1, dtype=np.float32, casting="same_kind"
+        [known, np.sin(bench.angles), np.cos(bench.angles), left[:, None]],
+        axis=1,
+        dtype=np.float32,
+        casting="same_kind",
     )
 
 
 def action_space() -> spaces.Box:
-    """Outer and inner angle as shares of half a turn, and the dwell between the shortest (-1) and the longest (1)."""
+    """Outer and inner angle as shares of half a turn, and the dwell between the shortest (-1) and
+    the longest (1).
+    """
     return spaces.Box(-1.0, 1.0, (3,), dtype=np.float32)
 
 
 def pose_of(action: Array, task: Task) -> tuple[Array, Array]:
-    """Angles, rad, (n, 2), and dwell, s, (n,), of continuous actions, (n, 3); angles wrap, dwells are bounded."""
+    """Angles, rad, (n, 2), and dwell, s, (n,), of continuous actions, (n, 3); angles wrap, dwells
+    are bounded.
+    """
     share = (np.clip(action[:, 2], -1.0, 1.0) + 1) / 2
-    return np.pi * np.asarray(action[:, :2], dtype=float), task.shortest_s + share * (task.longest_s - task.shortest_s)
+    return np.pi * np.asarray(action[:, :2], dtype=float), task.shortest_s + share * (
+        task.longest_s - task.shortest_s
+    )
 
 
 def menu() -> Array:
@@ -49,7 +60,9 @@ def menu() -> Array:
     return np.array([table_angles(Rig(table="dual"), u, 0, "environment") for u in up])
 
 
-def action_of(angles: Array, dwell: Array, task: Task) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]":
+def action_of(
+    angles: Array, dwell: Array, task: Task
+) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]":
     """The continuous action of poses, (n, 3): the inverse of ``pose_of``."""
     wrapped = (angles + np.pi) % (2 * np.pi) - np.pi
     share = (dwell - task.shortest_s) / (task.longest_s - task.shortest_s)

@@ -1,8 +1,10 @@
-"""Training a simple policy without deep learning: the cross-entropy method on a linear law, all candidates stepped at once.
+"""Training a simple policy without deep learning: the cross-entropy method on a linear law, all
+candidates stepped at once.
 
 ``python -m tiltcal.gym.training`` trains one and prints what it is worth beside the baselines.
 
-The law: the next pose is the present one plus a step that is linear in (1, time left, sin and cos of the angles), and so
+The law: the next pose is the present one plus a step that is linear in (1, time left, sin and cos
+    of the angles), and so
 is the dwell. Source of the method: Rubinstein 1999.
 """
 
@@ -24,7 +26,8 @@ class Trained:
     """A linear law.
 
     Args:
-        weights: (3, FEATURES), of the step of outer and inner in half turns, and of the dwell's action.
+        weights: (3, FEATURES), of the step of outer and inner in half turns, and of the dwell's
+            action.
         history: best return of each generation, nats.
     """
 
@@ -50,7 +53,9 @@ def law(weights: Array) -> Policy:
     return act
 
 
-def train(task: Task, generations: int = 40, population: int = 256, elite: int = 24, seed: int = 0) -> Trained:
+def train(
+    task: Task, generations: int = 40, population: int = 256, elite: int = 24, seed: int = 0
+) -> Trained:
     """The best law that the cross-entropy method finds."""
     rng = np.random.default_rng(seed)
     mean, spread = START.copy(), np.full(START.shape, 0.2)
@@ -70,7 +75,10 @@ def main() -> None:
     """Train on the default task and compare."""
     task = Task()
     trained = train(task)
-    print(f"trained linear law: {float(rollout(trained, task)[0]):.2f} nats after {len(trained.history)} generations")
+    print(
+        f"trained linear law: {float(rollout(trained, task)[0]):.2f} nats after"
+        f" {len(trained.history)} generations"
+    )
     for name in ("random", "24", "greedy", "design"):
         print(f"{name}: {float(np.median(rollout(named(name, task), task, 100))):.2f} nats")
 

@@ -13,7 +13,8 @@ from tiltcal.gym.spaces import DWELLS, action_space, menu, observation_space, ob
 
 
 class CalibrationVector(VectorEnv[Any, Any, Any]):
-    """``Calibration`` times ``num_envs``; an episode that is over begins again with the next step, whose action is not used.
+    """``Calibration`` times ``num_envs``; an episode that is over begins again with the next step,
+    whose action is not used.
 
     Args:
         num_envs: how many.
@@ -21,7 +22,10 @@ class CalibrationVector(VectorEnv[Any, Any, Any]):
         task: keywords of ``Task``.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # type: ignore[misc]
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": [],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }  # type: ignore[misc]
 
     def __init__(self, num_envs: int = 1, render_mode: str | None = None, **task: Any) -> None:
         self.num_envs, self.render_mode = num_envs, render_mode
@@ -40,7 +44,9 @@ class CalibrationVector(VectorEnv[Any, Any, Any]):
         """Angles and dwells of the actions."""
         return pose_of(np.asarray(actions), self.task)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """All begin again. options: ``budget_s``."""
         super().reset(seed=seed, options=options)
         self.task = with_options(self._asked, options)
@@ -57,9 +63,11 @@ class CalibrationVector(VectorEnv[Any, Any, Any]):
         before = self.bench.steps
         nats, over, spent = self.bench.step(angles, dwell, live)
         info = {
-            "spent_s": spent, "nats_per_s": np.divide(nats, spent, out=np.zeros_like(nats), where=spent > 0),
-            "refused": live & (self.bench.steps == before), "elapsed_s": self.bench.elapsed.copy(),
-        }  # fmt: skip
+            "spent_s": spent,
+            "nats_per_s": np.divide(nats, spent, out=np.zeros_like(nats), where=spent > 0),
+            "refused": live & (self.bench.steps == before),
+            "elapsed_s": self.bench.elapsed.copy(),
+        }
         self._over = over
         return observe(self.bench), nats, over.copy(), np.zeros(self.num_envs, dtype=bool), info
 

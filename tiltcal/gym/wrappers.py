@@ -18,7 +18,12 @@ class StepAngles(gymnasium.ActionWrapper[Any, Any, Any]):
     def __init__(self, env: gymnasium.Env[Any, Any], step_deg: float) -> None:
         super().__init__(env)
         if step_deg <= 0 or abs(360 / step_deg - round(360 / step_deg)) > 1e-9:
-            raise TiltcalError("StepAngles", found=f"{step_deg:g} deg", need="a step that divides a turn", do="take 5 or 15, say")
+            raise TiltcalError(
+                "StepAngles",
+                found=f"{step_deg:g} deg",
+                need="a step that divides a turn",
+                do="take 5 or 15, say",
+            )
         self.share = step_deg / 180
 
     def action(self, action: Any) -> Any:
@@ -29,20 +34,27 @@ class StepAngles(gymnasium.ActionWrapper[Any, Any, Any]):
 
 
 class WithinAngles(gymnasium.ActionWrapper[Any, Any, Any]):
-    """Angles between limits: the action's whole range is spread over what is allowed. ``outer``, ``inner``: deg.
+    """Angles between limits: the action's whole range is spread over what is allowed. ``outer``,
+    ``inner``: deg.
 
     Raises:
         TiltcalError: a range that is empty or beyond half a turn either way.
     """
 
     def __init__(
-        self, env: gymnasium.Env[Any, Any], outer: tuple[float, float] = (-180, 180), inner: tuple[float, float] = (-180, 180)
+        self,
+        env: gymnasium.Env[Any, Any],
+        outer: tuple[float, float] = (-180, 180),
+        inner: tuple[float, float] = (-180, 180),
     ) -> None:
         super().__init__(env)
         for low, high in (outer, inner):
             if not -180 <= low < high <= 180:
                 raise TiltcalError(
-                    "WithinAngles", found=f"{low:g} to {high:g} deg", need="-180 <= low < high <= 180", do="correct it"
+                    "WithinAngles",
+                    found=f"{low:g} to {high:g} deg",
+                    need="-180 <= low < high <= 180",
+                    do="correct it",
                 )
         self.low, self.high = np.array([outer, inner]).T / 180
 

@@ -1,1 +1,3 @@
-"""Scenario files, and who makes recordings from them: simulated laboratories, random instruments."""
+"""Scenario files, and who makes recordings from them: simulated laboratories, random
+instruments.
+"""

@@ -1,4 +1,6 @@
-"""Hand-held recordings: the attitude is known from the recording's own sensors only, so only what is redundant is predicted."""
+"""Hand-held recordings: the attitude is known from the recording's own sensors only, so only what
+is redundant is predicted.
+"""
 
 from collections.abc import Sequence
 
@@ -15,10 +17,14 @@ ITERATIONS = 6
 CONVERGED = 1e-10  # of the largest reading
 
 
-def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> dict[str, Array]:
-    """What each sensor should read, SI, (n, k) at the recording's rows; NaN where nothing predicts it.
+def predicted_readings(
+    setup: Setup, motion: Recording, effects: Sequence[Effect]
+) -> dict[str, Array]:
+    """What each sensor should read, SI, (n, k) at the recording's rows; NaN where nothing predicts
+    it.
 
-    FOGs from the gyro triad's rate, interpolated to their stamps; an accelerometer triad at rest from |f| = g along its
+    FOGs from the gyro triad's rate, interpolated to their stamps; an accelerometer triad at rest
+    from |f| = g along its
     own corrected direction. Gyro triads predict themselves.
 
     Raises:
@@ -28,11 +34,17 @@ def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect
     triads = [s for s in setup.sensors("accelerometer") if motion.has(s) and len(s.axes) == 3]
     if not gyros and not triads:
         raise TiltcalError(
-            motion.source, found="no gyro triad and no accelerometer triad", need="one of them to take the attitude from",
+            motion.source,
+            found="no gyro triad and no accelerometer triad",
+            need="one of them to take the attitude from",
             do="predict a recording of a table instead",
-        )  # fmt: skip
+        )
     n = len(motion)
-    force = whole(motion, triads[0], inverted(triads[0], setup, motion, effects)) if triads else np.full((n, 3), np.nan)
+    force = (
+        whole(motion, triads[0], inverted(triads[0], setup, motion, effects))
+        if triads
+        else np.full((n, 3), np.nan)
+    )
     found: dict[str, Array] = {}
     rate = np.zeros((n, 3))
     if gyros:
@@ -47,9 +59,17 @@ def predicted_readings(setup: Setup, motion: Recording, effects: Sequence[Effect
     return found
 
 
-def earlier(rate: Array, time: Array, effects: Sequence[Effect], fog: Sensor, gyro: Sensor) -> Array:
-    """The body's rate when a FOG's reading was taken, (n, 3), from what a gyro triad says of it, each as late as it is."""
-    late = [e for e in effects if isinstance(e, DelayEffect) and e.sensor in (fog.name, gyro.name) and not e.is_identity]
+def earlier(
+    rate: Array, time: Array, effects: Sequence[Effect], fog: Sensor, gyro: Sensor
+) -> Array:
+    """The body's rate when a FOG's reading was taken, (n, 3), from what a gyro triad says of it,
+    each as late as it is.
+    """
+    late = [
+        e
+        for e in effects
+        if isinstance(e, DelayEffect) and e.sensor in (fog.name, gyro.name) and not e.is_identity
+    ]
     if not late:
         return rate
     from scipy.interpolate import CubicSpline
@@ -59,7 +79,11 @@ def earlier(rate: Array, time: Array, effects: Sequence[Effect], fog: Sensor, gy
     for k, axis in enumerate(gyro.axis_indices):
         shift = np.zeros_like(time)
         for effect in late:
-            shift += effect.delay(elapsed, 0, None) if effect.sensor == fog.name else -effect.delay(elapsed, k, None)
+            shift += (
+                effect.delay(elapsed, 0, None)
+                if effect.sensor == fog.name
+                else -effect.delay(elapsed, k, None)
+            )
         found[:, axis] = CubicSpline(time, rate[:, axis])(np.clip(time - shift, time[0], time[-1]))
     return found
 
@@ -75,18 +99,28 @@ def motion_values(motion: Recording, sensor: Sensor) -> Array:
 def whole(motion: Recording, sensor: Sensor, values: Array) -> Array:
     """Values at the sensor's rows, interpolated to all rows, (n, 3)."""
     time = motion.sensor(sensor).time
-    return np.column_stack([np.interp(motion.time, time, values[:, i]) for i in range(values.shape[1])])
+    return np.column_stack(
+        [np.interp(motion.time, time, values[:, i]) for i in range(values.shape[1])]
+    )
 
 
 def inverted(
-    sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array | None = None,
+    sensor: Sensor,
+    setup: Setup,
+    motion: Recording,
+    effects: Sequence[Effect],
+    force: Array | None = None,
     read: Array | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """The true input of a triad from its readings, by fixed point on the chain, (m, 3)."""
     samples = motion.sensor(sensor)
     y = quiet_readings(sensor, motion) if read is None else read
     true = y.copy()
-    f = np.zeros_like(true) if force is None else np.where(np.isnan(force), 0.0, force)[samples.rows]
+    f = (
+        np.zeros_like(true)
+        if force is None
+        else np.where(np.isnan(force), 0.0, force)[samples.rows]
+    )
     for _ in range(ITERATIONS):
         inputs = (true, np.zeros_like(true)) if sensor.kind == "accelerometer" else (f, true)
         sense = sense_of(sensor, setup, motion, *inputs, rows=samples.rows)
@@ -98,7 +132,9 @@ def inverted(
 
 
 def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None) -> Array:
-    """A triad's readings without gaps, and a gyro's without most of its noise, (m, 3): that would be taken for motion."""
+    """A triad's readings without gaps, and a gyro's without most of its noise, (m, 3): that would
+    be taken for motion.
+    """
     samples = motion.sensor(sensor)
     y = bridged(sensor, motion)
     if sensor.kind != "gyro":
@@ -106,21 +142,26 @@ def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None)
     return smoothed(y, (stops_of(motion) if stop is None else stop)[samples.rows])
 
 
-LEVEL = 1.03  # of what is left by the shortest window: a longer one that leaves more has cut into the motion
+# of what is left by the shortest window: a longer one that leaves more has cut into the motion
+LEVEL = 1.03
 HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
 
 
 def smoothed(values: Array, stop: Index) -> Array:
-    """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving, means at rest.
+    """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving,
+    means at rest.
 
-    The window is the longest that leaves no more of any channel than the shorter ones do (their residual is noise only).
+    The window is the longest that leaves no more of any channel than the shorter ones do (their
+    residual is noise only).
     """
     if len(values) < 4 * HALF_WINDOWS[-1]:
         return values
     found = values.copy()
     for k in range(values.shape[1]):
         trials = [_quartic(values[:, k], half) for half in HALF_WINDOWS]
-        left = np.array([np.std(values[:, k] - smooth) / np.sqrt(1 - own) for smooth, own in trials])
+        left = np.array(
+            [np.std(values[:, k] - smooth) / np.sqrt(1 - own) for smooth, own in trials]
+        )
         good = [j for j in range(len(left)) if left[j] <= LEVEL * left[: j + 1].min()]
         found[:, k] = trials[max(good)][0]
     for number in range(int(stop.max(initial=-1)) + 1):
@@ -130,7 +171,9 @@ def smoothed(values: Array, stop: Index) -> Array:
 
 
 def _quartic(u: Array, half: int) -> tuple[Array, float]:
-    """Local quartic fit over 2 half + 1 samples, (m,), and the weight of a sample in its own value."""
+    """Local quartic fit over 2 half + 1 samples, (m,), and the weight of a sample in its own
+    value.
+    """
     k = np.arange(-half, half + 1)
     weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[0]
     padded = np.pad(u, half, mode="reflect", reflect_type="odd")
@@ -154,23 +197,42 @@ def _bridged(time: Array, values: Array) -> Array:
 
 
 def sense_of(
-    sensor: Sensor, setup: Setup, motion: Recording, force: Array, rate: Array,
+    sensor: Sensor,
+    setup: Setup,
+    motion: Recording,
+    force: Array,
+    rate: Array,
     rows: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None,
-) -> Sense:  # fmt: skip
+) -> Sense:
     time = motion.time if rows is None else motion.time[rows]
     temperature = motion.temperature()
     warm = np.zeros(len(motion)) if temperature is None else temperature - temperature.mean()
     vector = sensor.input_vector if sensor.kind == "fog" else np.zeros(3)
     return Sense(
-        time, time - motion.time[0], force, rate, force / setup.site.gravity, np.zeros_like(rate), np.zeros_like(rate),
-        warm if rows is None else warm[rows], sensor.axis_indices, sensor.kind, vector, setup.site.gravity, sensor.rate_hz,
+        time,
+        time - motion.time[0],
+        force,
+        rate,
+        force / setup.site.gravity,
+        np.zeros_like(rate),
+        np.zeros_like(rate),
+        warm if rows is None else warm[rows],
+        sensor.axis_indices,
+        sensor.kind,
+        vector,
+        setup.site.gravity,
+        sensor.rate_hz,
         sensor.full_scale,
-    )  # fmt: skip
+    )
 
 
 def forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
     reading = sense.true_input()
-    mine = [e for e in effects if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random]
+    mine = [
+        e
+        for e in effects
+        if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random
+    ]
     for effect in sorted(mine, key=lambda e: e.order):
         if not effect.is_identity:
             reading = effect.apply(reading, sense, None)
@@ -178,14 +240,27 @@ def forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
 
 
 def at_rest(
-    sensor: Sensor, setup: Setup, motion: Recording, effects: Sequence[Effect], force: Array, stop: Index | None = None
-) -> Array:  # fmt: skip
-    """The triad's reading in its dwells: |f| = g along the dwell's own mean direction; NaN while moving."""
+    sensor: Sensor,
+    setup: Setup,
+    motion: Recording,
+    effects: Sequence[Effect],
+    force: Array,
+    stop: Index | None = None,
+) -> Array:
+    """The triad's reading in its dwells: |f| = g along the dwell's own mean direction; NaN while
+    moving.
+    """
     means = dwell_means(force, stops_of(motion) if stop is None else stop)
     length = np.linalg.norm(means, axis=1)
-    full = np.where(length[:, None] > 0, means * setup.site.gravity / np.where(length > 0, length, 1.0)[:, None], np.nan)
+    full = np.where(
+        length[:, None] > 0,
+        means * setup.site.gravity / np.where(length > 0, length, 1.0)[:, None],
+        np.nan,
+    )
     known = ~np.isnan(full[:, 0])
-    felt = np.where(known[:, None], full, np.nan_to_num(force))  # what is felt late comes out of the move before
+    felt = np.where(
+        known[:, None], full, np.nan_to_num(force)
+    )  # what is felt late comes out of the move before
     sense = sense_of(sensor, setup, motion, felt, np.zeros_like(full))
     predicted = forward(sensor, effects, sense)
     predicted[~known] = np.nan
@@ -216,7 +291,9 @@ def stops_of(motion: Recording) -> Index:
 
 
 def dwell_means(values: Array, stop: Index) -> Array:
-    """The mean over the dwell of each row, (n, k); 0 while moving, and in a dwell without values."""
+    """The mean over the dwell of each row, (n, k); 0 while moving, and in a dwell without
+    values.
+    """
     resting = (stop >= 0) & ~np.isnan(values).any(axis=1)
     count = np.bincount(stop[resting], minlength=int(stop.max(initial=-1)) + 1)
     found = np.zeros_like(values)

@@ -1,4 +1,6 @@
-"""What may ask for recordings gets a Laboratory as an argument: a simulated one, or a real table."""
+"""What may ask for recordings gets a Laboratory as an argument: a simulated one, or a real
+table.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,14 +23,17 @@ from tiltcal.recordings.replay import Replay, replay
 from tiltcal.setup.setup import Sensor, Setup
 from tiltcal.setup.trajectory import Course, Drive, Jet
 
-NEW = ""  # fingerprint of a recording that does not exist yet: events that were seen in another are over
+# fingerprint of a recording that does not exist yet: events that were seen in another are over
+NEW = ""
 
 
 class Laboratory(Protocol):
     """Somewhere recordings come from."""
 
     def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
-        """A recording of the scenario's sequence; ``seed`` None: without random effects and quantisation."""
+        """A recording of the scenario's sequence; ``seed`` None: without random effects and
+        quantisation.
+        """
 
     def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
         """What the model says ``motion`` should have read: its stamps and readout replayed."""
@@ -58,25 +63,43 @@ class SimulatedLaboratory:
     def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
         """A recording of the scenario's sequence."""
         if not scenario.sensor:
-            raise TiltcalError(f"scenario {scenario.name}", found="no sensors", need="at least one [[sensor]]", do="add one")
+            raise TiltcalError(
+                f"scenario {scenario.name}",
+                found="no sensors",
+                need="at least one [[sensor]]",
+                do="add one",
+            )
         course = self.course(scenario, seed)
         start, end = course.times
         own = {s.name: _stamps(start, end, s.rate_hz) for s in scenario.sensor}
-        values = readings(scenario, course, own, as_met(scenario.effects, NEW), seed=seed, mover=self.mover)
+        values = readings(
+            scenario, course, own, as_met(scenario.effects, NEW), seed=seed, mover=self.mover
+        )
         time = own[scenario.sensor[0].name]
         for stamps in own.values():
             if not np.array_equal(stamps, time):
                 time = np.union1d(time, stamps)
         drive = course.drive(time)
-        columns = {f"table_{name}_deg": angle / DEG for name, angle in written_readout(scenario.effects, drive).items()}
+        columns = {
+            f"table_{name}_deg": angle / DEG
+            for name, angle in written_readout(scenario.effects, drive).items()
+        }
         for sensor in scenario.sensor:
-            columns |= _columns(sensor, values[sensor.name], np.searchsorted(time, own[sensor.name]), len(time), seed)
+            columns |= _columns(
+                sensor,
+                values[sensor.name],
+                np.searchsorted(time, own[sensor.name]),
+                len(time),
+                seed,
+            )
         columns["temperature_degC"] = drive.temperature
         labels = scenario.schedule.labels(time)
         metadata = _metadata(scenario, seed)
         mounts = scenario.schedule.mountings(time)
         if len(mounts) > 1 or mounts[0][1] != scenario.rig.mount:
-            metadata["mount"] = "; ".join(text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts)
+            metadata["mount"] = "; ".join(
+                text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts
+            )
         return Recording.from_columns(
             written_stamps(scenario.effects, time),
             columns,
@@ -100,14 +123,32 @@ class SimulatedLaboratory:
         for sensor in scenario.sensor:
             if sensor.name in values:
                 columns |= _like(sensor, values[sensor.name], motion, seed)
-        kept = {n: motion.column(n) for n in motion.column_names if n.startswith(("table_", "temperature_"))}
+        kept = {
+            n: motion.column(n)
+            for n in motion.column_names
+            if n.startswith(("table_", "temperature_"))
+        }
         metadata = dict(motion.metadata) | _metadata(scenario, seed) | {"predicts": motion.source}
-        return Recording.from_columns(motion.time, kept | columns, labels=motion.labels, metadata=metadata, source="prediction")
+        return Recording.from_columns(
+            motion.time,
+            kept | columns,
+            labels=motion.labels,
+            metadata=metadata,
+            source="prediction",
+        )
 
     def true_up(self, scenario: Scenario, seed: int | None, time: Array) -> Array:
-        """The world's up in the body frame at these instants of ``record``, (n, 3): what an estimator should have found."""
-        geometry = [e for e in scenario.effects if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)]
-        return self.mover(scenario, self.course(scenario, seed).drive(time), geometry, streams_of(seed)).up
+        """The world's up in the body frame at these instants of ``record``, (n, 3): what an
+        estimator should have found.
+        """
+        geometry = [
+            e
+            for e in scenario.effects
+            if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)
+        ]
+        return self.mover(
+            scenario, self.course(scenario, seed).drive(time), geometry, streams_of(seed)
+        ).up
 
 
 @runtime_checkable
@@ -125,7 +166,9 @@ def written_readout(effects: Sequence[Effect], drive: Drive) -> dict[str, Array]
         angle = np.asarray(jet.x)
         for effect in effects:
             if isinstance(effect, WritingEffect) and not effect.is_identity:
-                changed = effect.written(name, replace(drive, axes={**drive.axes, name: Jet(angle, jet.v, jet.a)}))
+                changed = effect.written(
+                    name, replace(drive, axes={**drive.axes, name: Jet(angle, jet.v, jet.a)})
+                )
                 angle = angle if changed is None else changed
         found[name] = angle
     return found
@@ -143,7 +186,9 @@ def restored(course: Replay, effects: Sequence[Effect]) -> Replay:
     """A replayed readout with known writing faults undone."""
     for effect in reversed(effects):
         if isinstance(effect, WritingEffect) and not effect.is_identity:
-            angles = {n: effect.restored(n, course.time, angle) for n, angle in course.angles.items()}
+            angles = {
+                n: effect.restored(n, course.time, angle) for n, angle in course.angles.items()
+            }
             course = replace(course, angles=angles)
     return course
 
@@ -161,7 +206,11 @@ def to_column(sensor: Sensor, values: Array, unit: str, rounded: bool) -> Array:
 
 
 def _columns(
-    sensor: Sensor, values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: int, seed: int | None
+    sensor: Sensor,
+    values: Array,
+    rows: "np.ndarray[tuple[int], np.dtype[np.intp]]",
+    n: int,
+    seed: int | None,
 ) -> dict[str, Array]:
     written = to_column(sensor, values, sensor.column_unit, seed is not None)
     columns = {}
@@ -176,7 +225,9 @@ def _like(sensor: Sensor, values: Array, motion: Recording, seed: int | None) ->
     """The columns of ``motion``, where it has them, with predicted values."""
     columns = {}
     for i, axis in enumerate(sensor.axes):
-        name = motion.channel(f"{sensor.name}_{axis}") or f"{sensor.name}_{axis}_{sensor.column_unit}"
+        name = (
+            motion.channel(f"{sensor.name}_{axis}") or f"{sensor.name}_{axis}_{sensor.column_unit}"
+        )
         columns[name] = to_column(sensor, values, str(split_unit(name)[1]), seed is not None)[:, i]
     return columns
 
@@ -190,7 +241,8 @@ def _metadata(scenario: Scenario, seed: int | None) -> dict[str, str]:
 
 
 def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[str, Array]:
-    """What each accelerometer or inclinometer reads at rest in given attitudes, by its own effects alone, without noise.
+    """What each accelerometer or inclinometer reads at rest in given attitudes, by its own effects
+    alone, without noise.
 
     Args:
         setup: site, rig, sensors.

@@ -1,4 +1,6 @@
-"""The scenario file: set-up, effects, sequence, methods and limits. All errors at once, each with its path."""
+"""The scenario file: set-up, effects, sequence, methods and limits. All errors at once, each with
+its path.
+"""
 
 import tomllib
 from functools import cached_property
@@ -34,8 +36,10 @@ class EffectTable(BaseModel):
 class SourceTable(BaseModel):
     """One ``[[budget]]``: a source of uncertainty that is not in the record's noise, with its size.
 
-    An effect of the catalogue, or gravity, latitude, heading, fog_axis; each parameter with its unit is a line of the budget.
-    ``distribution`` says what the size is: a standard uncertainty (normal), a half-width (rectangular), or U at k = 2 (expanded).
+    An effect of the catalogue, or gravity, latitude, heading, fog_axis; each parameter with its
+    unit is a line of the budget.
+    ``distribution`` says what the size is: a standard uncertainty (normal), a half-width
+    (rectangular), or U at k = 2 (expanded).
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -51,7 +55,8 @@ class Dynamics(Part):
 
     Args:
         timestep_s: of the integration.
-        stiffness_N_m_rad, damping_N_m_s_rad: of every axis servo (or of the hand), in place of the model's own.
+        stiffness_N_m_rad, damping_N_m_s_rad: of every axis servo (or of the hand), in place of the
+            model's own.
         friction_N_m: dry friction of every table axis.
         hand_torque_N_m: rms about each body axis of a hand's irregular torque at full speed.
     """
@@ -64,10 +69,12 @@ class Dynamics(Part):
 
 
 class Accept(Part):
-    """What a method has to reach. Bands are computed from statistics; the numbers here are choices, not tolerances.
+    """What a method has to reach. Bands are computed from statistics; the numbers here are choices,
+    not tolerances.
 
     Args:
-        parameters: every recovered parameter agrees with the injected truth within the band that holds all of them at
+        parameters: every recovered parameter agrees with the injected truth within the band that
+            holds all of them at
             once with probability 1 - false_alarm.
         false_alarm: of that band.
         tilt_arcsec: largest rms tilt error over all directions.
@@ -105,7 +112,8 @@ class MethodTable(Part):
 
 
 class AcceptOnline(Part):
-    """What an estimator that is fed sample by sample has to reach; its tilt error is the angle between true and found up.
+    """What an estimator that is fed sample by sample has to reach; its tilt error is the angle
+    between true and found up.
 
     Args:
         rms_arcsec, worst_arcsec: over all judged samples.
@@ -129,8 +137,10 @@ class EstimatorTable(Part):
     """One ``[[estimator]]``: an algorithm that runs sample by sample.
 
     Args:
-        name: of its factory: built in, or package.module:factory; command: or a program, fed on its standard input.
-        calibrate: a method that is run first, on what was recorded before from_s; its result is handed to the factory.
+        name: of its factory: built in, or package.module:factory; command: or a program, fed on its
+            standard input.
+        calibrate: a method that is run first, on what was recorded before from_s; its result is
+            handed to the factory.
         from_s: where feeding and judging begin, s.
     """
 
@@ -147,7 +157,9 @@ class EstimatorTable(Part):
         if (self.name is None) == (self.command is None):
             raise ValueError("give either name or command")
         if self.calibrate is not None and self.command is not None:
-            raise ValueError("a command gets no calibration: export it, or pass it as one of its words")
+            raise ValueError(
+                "a command gets no calibration: export it, or pass it as one of its words"
+            )
         return self
 
     @property
@@ -185,12 +197,16 @@ class Scenario(Setup):
             for term in s.adjustable:
                 if term not in CALIBRATION_TERMS and term not in CATALOGUE:
                     hint = nearest(term, [*CALIBRATION_TERMS, *CATALOGUE])
-                    raise ValueError(f"sensor {s.name}: adjustable '{term}' is neither a calibration term nor an effect; {hint}")
+                    raise ValueError(
+                        f"sensor {s.name}: adjustable '{term}' is neither a calibration term nor an"
+                        f" effect; {hint}"
+                    )
         return sensors
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that are named, and with a grade those of a plausible instrument for which none is named.
+        """The effects that are named, and with a grade those of a plausible instrument for which
+        none is named.
 
         Raises:
             TiltcalError: one of them is wrong.
@@ -210,7 +226,9 @@ class Scenario(Setup):
             for k, t in enumerate(self.effect, start=1)
         )
         drawn = [] if self.grade is None else draw_instrument(self, self.grade, self.grade_seed)
-        return named + tuple(e for e in drawn if all((e.id, e.sensor) != (n.id, n.sensor) for n in named))
+        return named + tuple(
+            e for e in drawn if all((e.id, e.sensor) != (n.id, n.sensor) for n in named)
+        )
 
     @cached_property
     def schedule(self) -> Schedule:
@@ -233,10 +251,15 @@ def load_scenario(path: Path | str) -> Scenario:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
         raise TiltcalError(
-            f"scenario {path.name}", found="bytes that are no text", need="TOML in UTF-8", do="check the file"
+            f"scenario {path.name}",
+            found="bytes that are no text",
+            need="TOML in UTF-8",
+            do="check the file",
         ) from error
     except tomllib.TOMLDecodeError as error:
-        raise TiltcalError(f"scenario {path.name}", found=str(error), need="valid TOML", do="correct that line") from error
+        raise TiltcalError(
+            f"scenario {path.name}", found=str(error), need="valid TOML", do="correct that line"
+        ) from error
     return parse_scenario(table, path.name)
 
 
@@ -255,7 +278,14 @@ def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:
     if scenario is not None:
         for k, t in enumerate(scenario.effect, start=1):
             try:
-                make_effect(t.id, t.model_extra or {}, scenario, sensor=t.sensor, axis=t.axis, subject=f"effect {k}")
+                make_effect(
+                    t.id,
+                    t.model_extra or {},
+                    scenario,
+                    sensor=t.sensor,
+                    axis=t.axis,
+                    subject=f"effect {k}",
+                )
             except TiltcalError as error:
                 problems.append(str(error))
         if scenario.sequence:
@@ -266,9 +296,11 @@ def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:
     if scenario is None or problems:
         count = "1 error" if len(problems) == 1 else f"{len(problems)} errors"
         raise TiltcalError(
-            f"scenario {source}", found=count + ":\n  " + "\n  ".join(problems) + "\n", need="a valid scenario",
+            f"scenario {source}",
+            found=count + ":\n  " + "\n  ".join(problems) + "\n",
+            need="a valid scenario",
             do="see `tiltcal init` for a commented one",
-        )  # fmt: skip
+        )
     return scenario
 
 
@@ -276,7 +308,9 @@ def _problem(error: Any) -> str:
     """One pydantic error in words, with its path and the nearest valid key."""
     path = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
-        return f"{path}: unknown key; {nearest(str(error['loc'][-1]), _fields_at(error['loc'][:-1]))}"
+        return (
+            f"{path}: unknown key; {nearest(str(error['loc'][-1]), _fields_at(error['loc'][:-1]))}"
+        )
     if error["type"] == "missing":
         return f"{path}: missing; add it"
     found = error.get("input")
@@ -290,8 +324,14 @@ def _fields_at(location: tuple[Any, ...]) -> list[str]:
     for part in location:
         if isinstance(part, int):
             continue
-        annotation = model.model_fields[part].annotation if part in getattr(model, "model_fields", {}) else None
-        models = [a for a in _arguments(annotation) if isinstance(a, type) and issubclass(a, BaseModel)]
+        annotation = (
+            model.model_fields[part].annotation
+            if part in getattr(model, "model_fields", {})
+            else None
+        )
+        models = [
+            a for a in _arguments(annotation) if isinstance(a, type) and issubclass(a, BaseModel)
+        ]
         if not models:
             return []
         model = models[0]

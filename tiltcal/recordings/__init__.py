@@ -1,1 +1,3 @@
-"""Recordings: files, imports, dwells and moves found in them, poses, and their readout played again."""
+"""Recordings: files, imports, dwells and moves found in them, poses, and their readout played
+again.
+"""

@@ -1,4 +1,6 @@
-"""Rate and acceleration of a readout, by the local polynomials that its noise allows, and beside a rest by how it left it."""
+"""Rate and acceleration of a readout, by the local polynomials that its noise allows, and beside a
+rest by how it left it.
+"""
 
 from itertools import product
 from math import comb
@@ -10,7 +12,17 @@ from tiltcal.core.quantisation import code_width
 from tiltcal.recordings.rest_edges import corners
 
 DEGREES = (4, 6)  # of the local polynomials: a fast swing bends more than a quartic does
-WIDTHS = (5, 7, 9, 11, 15, 19, 25, 33, 41)  # samples of them: those that leave no more than the readout's own noise
+WIDTHS = (
+    5,
+    7,
+    9,
+    11,
+    15,
+    19,
+    25,
+    33,
+    41,
+)  # samples of them: those that leave no more than the readout's own noise
 AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
 BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 RESTS = 32  # steps at rest that tell the readout's noise
@@ -20,8 +32,10 @@ ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 def differentiate(time: Array, angle: Array, still: Mask) -> tuple[Array, Array]:
     """Rate and acceleration of a readout, exactly zero at rest. All (n,).
 
-    Each sample has the window, around it or to one side of it, whose polynomial leaves no more than the readout's noise and
-    tells the rate best: long in steady turns, short where moves bend, and on its own side of a corner. Where an axis leaves its
+    Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
+    the readout's noise and
+    tells the rate best: long in steady turns, short where moves bend, and on its own side of a
+        corner. Where an axis leaves its
     rest and where it comes to one, the rate begins at zero.
 
     Args:
@@ -59,7 +73,8 @@ def differentiate(time: Array, angle: Array, still: Mask) -> tuple[Array, Array]
 
 
 def _by_best_windows(u: Array, noise: float) -> tuple[Array, Array, Array]:
-    """First and second derivative per sample from the polynomials of the best windows, and the variance of the first, (n,) each.
+    """First and second derivative per sample from the polynomials of the best windows, and the
+    variance of the first, (n,) each.
 
     The narrowest window where none fits. The variance is in units of the readout's.
     """
@@ -82,32 +97,59 @@ def _by_best_windows(u: Array, noise: float) -> tuple[Array, Array, Array]:
 
 
 def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:
-    """What takes the first and the second derivative at one sample of a window from its polynomial, (width,) each."""
-    fitted = np.linalg.pinv(np.vander((np.arange(width) - float(place)) / width, degree + 1, increasing=True))
+    """What takes the first and the second derivative at one sample of a window from its polynomial,
+    (width,) each.
+    """
+    fitted = np.linalg.pinv(
+        np.vander((np.arange(width) - float(place)) / width, degree + 1, increasing=True)
+    )
     return fitted[1] / width, 2 * fitted[2] / width**2
 
 
 def _fits(u: Array, width: int, degree: int, noise: float) -> Mask:
-    """Whether the polynomial fitted to each full window leaves no more than the noise, (n - width + 1,)."""
+    """Whether the polynomial fitted to each full window leaves no more than the noise, (n - width +
+    1,).
+    """
     k, dof = np.arange(width) - width // 2, width - degree - 1
     basis = np.linalg.qr(np.vander(k / width, degree + 1, increasing=True))[0]
     windows = np.lib.stride_tricks.sliding_window_view(u - u.mean(), width)
-    centred = windows - windows[:, width // 2 : width // 2 + 1]  # of the angle itself nothing is left to cancel
+    centred = (
+        windows - windows[:, width // 2 : width // 2 + 1]
+    )  # of the angle itself nothing is left to cancel
     left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= noise * (1 + 1 / np.sqrt(2 * dof)))
 
 
 def noise_of_rests(angle: Array, still: Mask) -> float | None:
-    """Standard deviation of a readout from row to row where it rests, rad, at least that of its codes; None if it hardly does."""
+    """Standard deviation of a readout from row to row where it rests, rad, at least that of its
+    codes; None if it hardly does.
+    """
     steps = np.diff(angle)[still[1:] & still[:-1]]
-    return float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12))) if len(steps) > RESTS else None
+    return (
+        float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12)))
+        if len(steps) > RESTS
+        else None
+    )
 
 
 def _noise_of_motion(uniform: Array) -> float:
-    """The least that higher differences of a readout at even times show, rad: there a smooth motion leaves nothing else."""
-    return float(min(1.4826 * np.median(np.abs(np.diff(uniform, k))) / np.sqrt(comb(2 * k, k)) for k in ORDERS))
+    """The least that higher differences of a readout at even times show, rad: there a smooth motion
+    leaves nothing else.
+    """
+    return float(
+        min(
+            1.4826 * np.median(np.abs(np.diff(uniform, k))) / np.sqrt(comb(2 * k, k))
+            for k in ORDERS
+        )
+    )
 
 
 def _centred(u: Array, weights: Array) -> Array:
-    """Weighted sums of the windows around every sample, (n,); the ends held (Savitzky and Golay 1964)."""
-    return np.convolve(np.pad(u, len(weights) // 2, mode="reflect", reflect_type="odd"), weights[::-1], mode="valid")
+    """Weighted sums of the windows around every sample, (n,); the ends held (Savitzky and Golay
+    1964).
+    """
+    return np.convolve(
+        np.pad(u, len(weights) // 2, mode="reflect", reflect_type="odd"),
+        weights[::-1],
+        mode="valid",
+    )

@@ -1,4 +1,6 @@
-"""Recording: a continuous log as frozen blocks of channels, each on its own rows of one time axis."""
+"""Recording: a continuous log as frozen blocks of channels, each on its own rows of one time
+axis.
+"""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -100,7 +102,9 @@ class Recording:
     @cached_property
     def fingerprint(self) -> str:
         """What tells this recording from another: a digest of its stamps."""
-        return hashlib.sha256(np.ascontiguousarray(np.round(self.time, 6)).tobytes()).hexdigest()[:16]
+        return hashlib.sha256(np.ascontiguousarray(np.round(self.time, 6)).tobytes()).hexdigest()[
+            :16
+        ]
 
     def __len__(self) -> int:
         return len(self.time)
@@ -124,7 +128,9 @@ class Recording:
                 full[block.rows] = block.columns[name]
                 return full
         hint = nearest(name, self.column_names) if self.column_names else "it has none"
-        raise TiltcalError(f"{self.source}, column {name}", found="no such column", need="that channel", do=hint)
+        raise TiltcalError(
+            f"{self.source}, column {name}", found="no such column", need="that channel", do=hint
+        )
 
     def channel(self, channel: str) -> str | None:
         """The full column name of a channel, whatever its unit; None when absent.
@@ -135,7 +141,10 @@ class Recording:
         names = [name for name in self.column_names if split_unit(name)[0] == channel]
         if len(names) > 1:
             raise TiltcalError(
-                f"{self.source}, channel {channel}", found=" and ".join(names), need="one column a channel", do="remove the other"
+                f"{self.source}, channel {channel}",
+                found=" and ".join(names),
+                need="one column a channel",
+                do="remove the other",
             )
         return names[0] if names else None
 
@@ -154,16 +163,22 @@ class Recording:
             name = self.channel(f"{sensor.name}_{axis}")
             if name is None:
                 raise TiltcalError(
-                    f"{self.source}, sensor {sensor.name}", found=f"no column {sensor.name}_{axis}_<unit>",
+                    f"{self.source}, sensor {sensor.name}",
+                    found=f"no column {sensor.name}_{axis}_<unit>",
                     need=f"one column for each of its axes {', '.join(sensor.axes)}",
-                    do=nearest(f"{sensor.name}_{axis}_{sensor.column_unit}", self.column_names or ["no column at all"]),
-                )  # fmt: skip
+                    do=nearest(
+                        f"{sensor.name}_{axis}_{sensor.column_unit}",
+                        self.column_names or ["no column at all"],
+                    ),
+                )
             names.append(name)
             columns.append(self.column(name))
         raw = np.column_stack(columns)
         rows = np.flatnonzero(~np.isnan(raw).all(axis=1))
         units = tuple(str(split_unit(name)[1]) for name in names)
-        return Samples(self.time[rows], self._si(sensor, names, raw[rows]), sensor.axes, units, rows)
+        return Samples(
+            self.time[rows], self._si(sensor, names, raw[rows]), sensor.axes, units, rows
+        )
 
     def _si(self, sensor: Sensor, names: list[str], raw: Array) -> Array:
         units = [split_unit(name)[1] for name in names]
@@ -173,7 +188,11 @@ class Recording:
         for name, unit in zip(names, units, strict=True):
             known = COLUMN_UNITS[str(unit)]
             if known.quantity != sensor.quantity:
-                fix = "add input = {unit = ..., zero = ..., per_...} to the sensor" if known.quantity == "raw" else "rename it"
+                fix = (
+                    "add input = {unit = ..., zero = ..., per_...} to the sensor"
+                    if known.quantity == "raw"
+                    else "rename it"
+                )
                 raise TiltcalError(
                     f"{self.source}, column {name}",
                     found=f"unit {unit}",
@@ -184,17 +203,25 @@ class Recording:
         return np.asarray(raw * np.array(factors))
 
     def table(self, axis: str, suffix: str = "") -> Array | None:
-        """Readout of a table axis, rad, (n,), NaN where it was not read; None without such a column."""
+        """Readout of a table axis, rad, (n,), NaN where it was not read; None without such a
+        column.
+        """
         return self._scaled(f"table_{axis}{suffix}")
 
     def temperature(self) -> Array | None:
-        """Temperature, degC, (n,), smooth over rounding, noise and the rows where it was not sampled; None without a column."""
+        """Temperature, degC, (n,), smooth over rounding, noise and the rows where it was not
+        sampled; None without a column.
+        """
         return self._temperature
 
     @cached_property
     def _temperature(self) -> Array | None:
         values = self._scaled("temperature")
-        return None if values is None or np.isnan(values).all() else smooth_temperature(self.time, values)
+        return (
+            None
+            if values is None or np.isnan(values).all()
+            else smooth_temperature(self.time, values)
+        )
 
     def _scaled(self, channel: str) -> Array | None:
         name = self.channel(channel)
@@ -212,15 +239,20 @@ class Recording:
         if not np.all(np.isfinite(self.time)):
             row = int(np.argmax(~np.isfinite(self.time)))
             raise TiltcalError(
-                f"{self.source}, data row {row + 1}", found=f"the time {self.time[row]}", need="finite time stamps", do="correct it"
+                f"{self.source}, data row {row + 1}",
+                found=f"the time {self.time[row]}",
+                need="finite time stamps",
+                do="correct it",
             )
         if np.any(step <= 0):
             row = int(np.argmax(step <= 0)) + 1
             what = "time goes back by" if step[row - 1] < 0 else "a repeated time stamp, step"
             raise TiltcalError(
-                f"{self.source}, data row {row + 1}", found=f"{what} {abs(step[row - 1]):.6g} s (at {self.time[row]:.10g} s)",
-                need="time stamps that increase", do="sort it or split it there; `tiltcal diagnose` reads it as it is",
-            )  # fmt: skip
+                f"{self.source}, data row {row + 1}",
+                found=f"{what} {abs(step[row - 1]):.6g} s (at {self.time[row]:.10g} s)",
+                need="time stamps that increase",
+                do="sort it or split it there; `tiltcal diagnose` reads it as it is",
+            )
         return self
 
     def with_columns(self, columns: Mapping[str, Array]) -> "Recording":
@@ -232,9 +264,12 @@ class Recording:
         """Columns that belong to no sensor, table axis or temperature: kept, and reported."""
         prefixes = {f"{s.name}_{axis}" for s in sensors for axis in s.axes}
         strange = [
-            name for name in self.column_names
-            if (c := split_unit(name)[0]) not in prefixes and not c.startswith("table_") and c != "temperature"
-        ]  # fmt: skip
+            name
+            for name in self.column_names
+            if (c := split_unit(name)[0]) not in prefixes
+            and not c.startswith("table_")
+            and c != "temperature"
+        ]
         return strange + list(self.extra)
 
 

@@ -28,7 +28,12 @@ def read_recording(path: Path | str) -> Recording:
     """
     path = require_file(Path(path), "recording")
     if path.stat().st_size == 0:
-        raise TiltcalError(f"recording {path.name}", found="an empty file", need="a header and rows", do="record it again")
+        raise TiltcalError(
+            f"recording {path.name}",
+            found="an empty file",
+            need="a header and rows",
+            do="record it again",
+        )
     if path.suffix == ".csv":
         columns, metadata = _read_csv(path)
     elif path.suffix == ".parquet":
@@ -37,9 +42,11 @@ def read_recording(path: Path | str) -> Recording:
         columns, metadata = _read_npz(path)
     else:
         raise TiltcalError(
-            f"recording {path.name}", found=f"the ending '{path.suffix}'", need="one of " + ", ".join(SUFFIXES),
+            f"recording {path.name}",
+            found=f"the ending '{path.suffix}'",
+            need="one of " + ", ".join(SUFFIXES),
             do="rename it, or bring a foreign format in with `tiltcal import`",
-        )  # fmt: skip
+        )
     return assemble(columns, metadata, path.name)
 
 
@@ -62,7 +69,9 @@ def write_recording(recording: Recording, path: Path | str) -> None:
         writers[path.suffix](recording, temporary)
 
 
-def assemble(columns: Mapping[str, Array | Labels], metadata: Mapping[str, str], source: str) -> Recording:
+def assemble(
+    columns: Mapping[str, Array | Labels], metadata: Mapping[str, str], source: str
+) -> Recording:
     """A recording from columns as read, (n,) each: floats, or objects for text.
 
     Raises:
@@ -71,19 +80,34 @@ def assemble(columns: Mapping[str, Array | Labels], metadata: Mapping[str, str],
     subject = f"recording {source}"
     if "time_s" not in columns:
         raise TiltcalError(
-            subject, found="columns " + ", ".join(list(columns)[:8]), need="a column time_s",
+            subject,
+            found="columns " + ", ".join(list(columns)[:8]),
+            need="a column time_s",
             do="name the time column so, or bring a foreign format in with `tiltcal import`",
-        )  # fmt: skip
+        )
     time = np.asarray(columns["time_s"], dtype=float)
     if len(time) == 0:
-        raise TiltcalError(subject, found="a header and no rows", need="at least one row", do="record it again")
+        raise TiltcalError(
+            subject, found="a header and no rows", need="at least one row", do="record it again"
+        )
     if np.isnan(time).any():
         row = int(np.argmax(np.isnan(time))) + 1
-        raise TiltcalError(f"{subject}, data row {row}, column time_s", found="no time", need="a number", do="fill it in")
-    numbers = {n: np.asarray(v, dtype=float) for n, v in columns.items() if v.dtype != object and n != "time_s"}
+        raise TiltcalError(
+            f"{subject}, data row {row}, column time_s",
+            found="no time",
+            need="a number",
+            do="fill it in",
+        )
+    numbers = {
+        n: np.asarray(v, dtype=float)
+        for n, v in columns.items()
+        if v.dtype != object and n != "time_s"
+    }
     texts: dict[str, Labels] = {n: v for n, v in columns.items() if v.dtype == object}  # type: ignore[misc]
     labels = texts.pop("label", None)
-    return Recording.from_columns(time, numbers, labels=labels, extra=texts, metadata=metadata, source=subject)
+    return Recording.from_columns(
+        time, numbers, labels=labels, extra=texts, metadata=metadata, source=subject
+    )
 
 
 def is_number(name: str) -> bool:
@@ -91,7 +115,8 @@ def is_number(name: str) -> bool:
     return name != "label" and split_unit(name)[1] is not None
 
 
-# ---------------------------------------------------------------------------------------------------------------- CSV
+# --------------------------------------------------------------------------------------------------
+# -------------- CSV
 
 
 def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
@@ -112,11 +137,15 @@ def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
                 twice = sorted({name for name in names if names.count(name) > 1})
                 if twice:
                     raise TiltcalError(
-                        f"recording {path.name}, line {number}", found=f"column {twice[0]} twice",
-                        need="each column once", do="rename one of them",
-                    )  # fmt: skip
+                        f"recording {path.name}, line {number}",
+                        found=f"column {twice[0]} twice",
+                        need="each column once",
+                        do="rename one of them",
+                    )
                 return metadata, names, number
-    raise TiltcalError(f"recording {path.name}", found="no header line", need="column names", do="add the header")
+    raise TiltcalError(
+        f"recording {path.name}", found="no header line", need="column names", do="add the header"
+    )
 
 
 def _read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
@@ -141,7 +170,9 @@ def _read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
         if "Empty CSV" in str(error) or "skip initial" in str(error):
             return {name: np.zeros(0) for name in names}, metadata
         raise _bad_cell(path, names, skip, str(error)) from error
-    return {name: _to_numpy(table.column(i), is_number(name)) for i, name in enumerate(names)}, metadata
+    return {
+        name: _to_numpy(table.column(i), is_number(name)) for i, name in enumerate(names)
+    }, metadata
 
 
 def _to_numpy(column: "object", number: bool) -> Array | Labels:
@@ -155,16 +186,22 @@ def _bad_cell(path: Path, names: list[str], skip: int, reason: str) -> TiltcalEr
         for number, row in enumerate(csv.reader(islice(lines, skip, None)), start=skip + 1):
             if row and len(row) != len(names):
                 return TiltcalError(
-                    f"recording {path.name}, line {number}", found=f"{len(row)} cells",
-                    need=f"{len(names)} as in the header", do="complete or remove that line",
-                )  # fmt: skip
+                    f"recording {path.name}, line {number}",
+                    found=f"{len(row)} cells",
+                    need=f"{len(names)} as in the header",
+                    do="complete or remove that line",
+                )
             for name, cell in zip(names, row, strict=False):
                 if is_number(name) and cell.strip() and not _reads_as_number(cell):
                     return TiltcalError(
-                        f"recording {path.name}, line {number}, column {name}", found=f"the text '{cell}'",
-                        need="a number or an empty cell", do="correct or empty that cell",
-                    )  # fmt: skip
-    return TiltcalError(f"recording {path.name}", found=reason, need="a CSV table", do="check the file")
+                        f"recording {path.name}, line {number}, column {name}",
+                        found=f"the text '{cell}'",
+                        need="a number or an empty cell",
+                        do="correct or empty that cell",
+                    )
+    return TiltcalError(
+        f"recording {path.name}", found=reason, need="a CSV table", do="check the file"
+    )
 
 
 def _reads_as_number(cell: str) -> bool:
@@ -204,16 +241,23 @@ def _quoted(name: str) -> str:
 def _arrow_columns(recording: Recording) -> tuple[list[str], list[Any]]:
     import pyarrow as pa
 
-    numbers = {"time_s": recording.time} | {name: recording.column(name) for name in recording.column_names}
+    numbers = {"time_s": recording.time} | {
+        name: recording.column(name) for name in recording.column_names
+    }
     texts = dict(recording.extra)
     if recording.labels is not None:
         texts["label"] = recording.labels
-    arrays: list[Any] = [pa.array(values, pa.float64(), from_pandas=True) for values in numbers.values()]
-    arrays += [pa.array([t if t else None for t in texts_], pa.string()) for texts_ in texts.values()]
+    arrays: list[Any] = [
+        pa.array(values, pa.float64(), from_pandas=True) for values in numbers.values()
+    ]
+    arrays += [
+        pa.array([t if t else None for t in texts_], pa.string()) for texts_ in texts.values()
+    ]
     return list(numbers) + list(texts), arrays
 
 
-# ------------------------------------------------------------------------------------------------------ Parquet, NPZ
+# --------------------------------------------------------------------------------------------------
+# ---- Parquet, NPZ
 
 
 def _read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
@@ -224,23 +268,34 @@ def _read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]
         table = parquet.read_table(path)
     except (pa.ArrowInvalid, OSError) as error:
         reason = str(error).splitlines()[0]
-        raise TiltcalError(f"recording {path.name}", found=reason, need="a Parquet file", do="check the file") from error
+        raise TiltcalError(
+            f"recording {path.name}", found=reason, need="a Parquet file", do="check the file"
+        ) from error
     metadata = stored_metadata(table.schema.metadata, path)
     columns: dict[str, Array | Labels] = {}
     for i, name in enumerate(table.column_names):
         number = is_number(name)
-        if number and not (pa.types.is_floating(table.schema.types[i]) or pa.types.is_integer(table.schema.types[i])):
+        if number and not (
+            pa.types.is_floating(table.schema.types[i])
+            or pa.types.is_integer(table.schema.types[i])
+        ):
             raise TiltcalError(
-                f"recording {path.name}, column {name}", found=f"type {table.schema.types[i]}", need="numbers",
+                f"recording {path.name}, column {name}",
+                found=f"type {table.schema.types[i]}",
+                need="numbers",
                 do="convert that column",
-            )  # fmt: skip
+            )
         try:
-            columns[name] = _to_numpy(table.column(i).cast(pa.float64() if number else pa.string()), number)
+            columns[name] = _to_numpy(
+                table.column(i).cast(pa.float64() if number else pa.string()), number
+            )
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
             raise TiltcalError(
-                f"recording {path.name}, column {name}", found=str(error).splitlines()[0], need="text or numbers",
+                f"recording {path.name}, column {name}",
+                found=str(error).splitlines()[0],
+                need="text or numbers",
                 do="convert or leave out that column",
-            ) from error  # fmt: skip
+            ) from error
     return columns, metadata
 
 
@@ -254,7 +309,10 @@ def stored_metadata(schema: Mapping[bytes, bytes] | None, path: Path) -> dict[st
         return dict(json.loads((schema or {}).get(_METADATA.encode(), b"{}")))
     except ValueError as error:
         raise TiltcalError(
-            f"recording {path.name}, metadata", found=str(error), need="the JSON that tiltcal writes", do="write the file again"
+            f"recording {path.name}, metadata",
+            found=str(error),
+            need="the JSON that tiltcal writes",
+            do="write the file again",
         ) from error
 
 
@@ -263,7 +321,9 @@ def _write_parquet(recording: Recording, path: Path) -> None:
     from pyarrow import parquet
 
     names, arrays = _arrow_columns(recording)
-    table = pa.table(arrays, names=names).replace_schema_metadata({_METADATA: json.dumps(dict(recording.metadata))})
+    table = pa.table(arrays, names=names).replace_schema_metadata(
+        {_METADATA: json.dumps(dict(recording.metadata))}
+    )
     parquet.write_table(table, path)
 
 
@@ -287,22 +347,30 @@ def _read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
                     columns[name] = np.array([str(v) or None for v in values], dtype=object)
     except (ValueError, OSError, AttributeError, zipfile.BadZipFile) as error:
         raise TiltcalError(
-            f"recording {path.name}", found=str(error).splitlines()[0], need="an NPZ archive, one array a column",
+            f"recording {path.name}",
+            found=str(error).splitlines()[0],
+            need="an NPZ archive, one array a column",
             do="check the file",
-        ) from error  # fmt: skip
+        ) from error
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         odd = max(lengths, key=lambda name: abs(lengths[name] - lengths.get("time_s", 0)))
         raise TiltcalError(
-            f"recording {path.name}, array {odd}", found=f"{lengths[odd]} values",
-            need=f"as many as time_s, {lengths.get('time_s', 0)}", do="write all arrays at one length, NaN for gaps",
-        )  # fmt: skip
+            f"recording {path.name}, array {odd}",
+            found=f"{lengths[odd]} values",
+            need=f"as many as time_s, {lengths.get('time_s', 0)}",
+            do="write all arrays at one length, NaN for gaps",
+        )
     return columns, metadata
 
 
 def _write_npz(recording: Recording, path: Path) -> None:
-    arrays = {"time_s": recording.time} | {name: recording.column(name) for name in recording.column_names}
-    texts = dict(recording.extra) | ({} if recording.labels is None else {"label": recording.labels})
+    arrays = {"time_s": recording.time} | {
+        name: recording.column(name) for name in recording.column_names
+    }
+    texts = dict(recording.extra) | (
+        {} if recording.labels is None else {"label": recording.labels}
+    )
     words = {name: np.array([t or "" for t in values], dtype=str) for name, values in texts.items()}
     metadata = {_METADATA: np.array(json.dumps(dict(recording.metadata)))}
     with path.open("wb") as out:

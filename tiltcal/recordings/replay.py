@@ -1,4 +1,6 @@
-"""A recorded readout played again: the Course that a model needs to predict what a recording should read."""
+"""A recorded readout played again: the Course that a model needs to predict what a recording should
+read.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +23,9 @@ from tiltcal.setup.trajectory import Drive, Jet, Rests
 
 EDGE = 2  # samples beside a move that are left to the polynomial
 BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
-WANDER = 2e-3  # rad: what a readout covers within a stop; more is a slow move, or the turning point of an oscillation
+# rad: what a readout covers within a stop; more is a slow move, or the turning point of an
+# oscillation
+WANDER = 2e-3
 
 
 @dataclass(frozen=True)
@@ -69,10 +73,14 @@ class Replay:
 
     @cached_property
     def _rates(self) -> dict[str, tuple[Array, Array]]:
-        """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for many times."""
+        """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for
+        many times.
+        """
         found = {}
         for name, angle in self.angles.items():
-            sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0  # counted the other way it has the same rates, turned
+            sign = (
+                -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
+            )  # counted the other way it has the same rates, turned
             v, a = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
             found[name] = (sign * v, sign * a)
         return found
@@ -81,20 +89,32 @@ class Replay:
     def rests(self) -> Rests:
         """When each rest began and ended: to a part of a sample where the readout tells it."""
         said = [_edges(self.time.tobytes(), angle.tobytes()) for angle in self.angles.values()]
-        leaves, comes = (np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0) for side in (0, 1))
+        leaves, comes = (
+            np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0)
+            for side in (0, 1)
+        )
         return rests_between(self.time, self.stop, leaves, comes)
 
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
         """A drive at these times whose axes are known already: nothing is differentiated."""
         nearest = nearest_rows(self.time, time)
         return Drive(
-            time, axes, float(self.time[0]), np.interp(time, self.time, self.temperature), self.reference,
-            self.stop[nearest], tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts), None,
-            self.known[nearest], rests=lambda: self.rests,
-        )  # fmt: skip
+            time,
+            axes,
+            float(self.time[0]),
+            np.interp(time, self.time, self.temperature),
+            self.reference,
+            self.stop[nearest],
+            tuple((int(np.searchsorted(time, start)), R) for start, R in self.mounts),
+            None,
+            self.known[nearest],
+            rests=lambda: self.rests,
+        )
 
 
-def replay(recording: Recording, setup: Setup, reference_temperature: float | None = None) -> Replay:
+def replay(
+    recording: Recording, setup: Setup, reference_temperature: float | None = None
+) -> Replay:
     """The readout of ``recording`` as a Course on the table of ``setup``.
 
     Raises:
@@ -107,34 +127,44 @@ def replay(recording: Recording, setup: Setup, reference_temperature: float | No
         angle = recording.table(axis)
         if angle is None or np.isnan(angle).all():
             raise TiltcalError(
-                f"{recording.source}", found=f"no column table_{axis}_<unit>", need=f"the readout of the {setup.rig.table} table",
+                f"{recording.source}",
+                found=f"no column table_{axis}_<unit>",
+                need=f"the readout of the {setup.rig.table} table",
                 do="record it, or label the poses",
-            )  # fmt: skip
+            )
         read = ~np.isnan(angle)
         known &= _near(recording.time, recording.time[read])
         angles[axis] = np.interp(recording.time, recording.time[read], angle[read])
     temperature = recording.temperature()
     if temperature is None:
         temperature = np.full(len(recording), setup.site.temperature_degC)
-    reference = float(np.mean(temperature)) if reference_temperature is None else reference_temperature
+    reference = (
+        float(np.mean(temperature)) if reference_temperature is None else reference_temperature
+    )
     mounts = tuple(parse_mounts(recording.metadata.get("mount", setup.rig.mount)))
     resting = np.ones(len(recording), bool)
     if angles:
         stacked = np.column_stack(list(angles.values()))
         resting = still_rows(stacked, resting_rows(recording.time, stacked))
     starts = np.flatnonzero(np.diff(resting.astype(int), prepend=0) == 1)
-    stop = np.where(resting, np.searchsorted(starts, np.arange(len(recording)), side="right") - 1, -1)
+    stop = np.where(
+        resting, np.searchsorted(starts, np.arange(len(recording)), side="right") - 1, -1
+    )
     return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
 
 
 def _near(time: Array, read: Array) -> Mask:
-    """Rows whose readout is known: read there, or between two readings at the table's ordinary cadence, (n,)."""
+    """Rows whose readout is known: read there, or between two readings at the table's ordinary
+    cadence, (n,).
+    """
     there = np.isin(time, read)
     if len(read) < 2:
         return there
     after = np.clip(np.searchsorted(read, time), 1, len(read) - 1)
     inside = (time > read[after - 1]) & (time < read[after])
-    return there | (inside & (read[after] - read[after - 1] <= 1.5 * float(np.median(np.diff(read)))))
+    return there | (
+        inside & (read[after] - read[after - 1] <= 1.5 * float(np.median(np.diff(read))))
+    )
 
 
 def nearest_rows(stamps: Array, time: Array) -> Index:
@@ -144,10 +174,13 @@ def nearest_rows(stamps: Array, time: Array) -> Index:
 
 
 def still_rows(angles: Array, resting: Mask) -> Mask:
-    """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one code, of the dwell's level.
+    """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one
+    code, of the dwell's level.
 
-    The search for dwells takes the very start and end of a move for rest, and the slow parts of a table that never rests; a
-    rate of zero there would be wrong. A slow move within a dwell parts it into rests with a level each.
+    The search for dwells takes the very start and end of a move for rest, and the slow parts of a
+    table that never rests; a
+    rate of zero there would be wrong. A slow move within a dwell parts it into rests with a level
+    each.
     """
     still = resting.copy()
     codes = 1.01 * np.array([code_width(column) for column in angles.T])
@@ -156,7 +189,9 @@ def still_rows(angles: Array, resting: Mask) -> Mask:
         for begin, end, level in _levels(angles[first:last], codes):
             part = angles[first + begin : first + end]
             off = np.abs(part - np.median(part[level], axis=0))
-            half, most = np.quantile(off[level], (0.5, 0.8), axis=0)  # half of the readings of one code: the rest tell the spread
+            half, most = np.quantile(
+                off[level], (0.5, 0.8), axis=0
+            )  # half of the readings of one code: the rest tell the spread
             spread = 6 * np.maximum(1.4826 * half, most / 1.2816)
             quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
             for _ in range(EDGE):  # the first samples of a move hide in the noise
@@ -172,7 +207,8 @@ def still_rows(angles: Array, resting: Mask) -> Mask:
 def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
     """The rests of a dwell: from row, to row, and which of these rows tell the level.
 
-    Slow moves lie between them, each half a rest's. A readout that hardly ever stays where it is wanders: that is one rest.
+    Slow moves lie between them, each half a rest's. A readout that hardly ever stays where it is
+    wanders: that is one rest.
 
     Args:
         part: rad, (n, axes). codes: of each axis, rad.
@@ -201,7 +237,8 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
 def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rests:
     """The rests of a readout.
 
-    A stop has lost its ends to the margins that the search for it keeps; where an instant is not told it is as far from the
+    A stop has lost its ends to the margins that the search for it keeps; where an instant is not
+    told it is as far from the
     stop's end as usually.
 
     Args:
@@ -224,7 +261,9 @@ def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rest
 
 
 def _as_usual(told: Array, rough: Array) -> Array:
-    """Instants, s, (k,): those that are not told, infinite, as far from the rough ones as the others usually are."""
+    """Instants, s, (k,): those that are not told, infinite, as far from the rough ones as the
+    others usually are.
+    """
     there = np.isfinite(told)
     usual = float(np.median(told[there] - rough[there])) if there.any() else 0.0
     return np.where(there, told, rough + usual)
@@ -246,7 +285,8 @@ def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=24)
 def _differentiated(time: bytes, angle: bytes) -> tuple[Array, Array]:
-    """Rate and acceleration of one axis, of the contents of arrays: one recording is replayed many times, its columns read anew.
+    """Rate and acceleration of one axis, of the contents of arrays: one recording is replayed many
+    times, its columns read anew.
 
     An axis rests for itself, whatever the others do.
     """

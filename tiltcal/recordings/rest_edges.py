@@ -1,7 +1,10 @@
-"""Where an axis leaves its rest and where it comes to one: at an instant between two samples, its rate being zero there.
+"""Where an axis leaves its rest and where it comes to one: at an instant between two samples, its
+rate being zero there.
 
-A polynomial across that instant rings. From it on the course is a sum of powers of the time since, the square first, and before
-it the level of the rest: that tells the rate beside a rest better than any window on one side of it.
+A polynomial across that instant rings. From it on the course is a sum of powers of the time since,
+the square first, and before
+it the level of the rest: that tells the rate beside a rest better than any window on one side of
+    it.
 """
 
 from collections.abc import Iterator
@@ -15,9 +18,19 @@ from tiltcal.core.arrays import Array, Index, Mask
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
 REACHES = (6, 8, 11, 16, 25, 36, 50)  # that tell one law of a start from another
 POWERS: tuple[tuple[float, ...], ...] = ((2.0, 3.0), (2.0, 3.0, 4.0))
-STARTS = ((2.0, 3.0, 4.0), (3.0, 4.0, 5.0, 6.0), (4.0, 5.0, 6.0))  # how a drive may begin: its acceleration at once, soon, late
-STRICT, LOOSE = 1.0, 3.0  # sigma that the noise beside a course may be off: to tell a law, and to use it once it is told
-EARLIEST, LATEST = -4, 5  # samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
+STARTS = (
+    (2.0, 3.0, 4.0),
+    (3.0, 4.0, 5.0, 6.0),
+    (4.0, 5.0, 6.0),
+)  # how a drive may begin: its acceleration at once, soon, late
+STRICT, LOOSE = (
+    1.0,
+    3.0,
+)  # sigma that the noise beside a course may be off: to tell a law, and to use it once it is told
+EARLIEST, LATEST = (
+    -4,
+    5,
+)  # samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
 HIDDEN = -16  # samples that the slowest may have been on its way
 COARSE = 0.25  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
@@ -49,7 +62,8 @@ class _Side:
 
     Args:
         time: samples, (n,); angle: (n,).
-        last: row of the rest's last sample, (k,); rows: how many it has, (k,); level: of the rest, (k,).
+        last: row of the rest's last sample, (k,); rows: how many it has, (k,); level: of the rest,
+            (k,).
         end: first row after the move, (k,).
     """
 
@@ -62,7 +76,8 @@ class _Side:
 
 
 def corners(time: Array, angle: Array, still: Mask, noise: float) -> Iterator[Corner]:
-    """Both ends of every move between rests at which such a course leaves no more than the readout's noise.
+    """Both ends of every move between rests at which such a course leaves no more than the
+    readout's noise.
 
     Args:
         time: in samples, increasing, (n,).
@@ -77,7 +92,8 @@ def corners(time: Array, angle: Array, still: Mask, noise: float) -> Iterator[Co
 
 
 def edges(time: Array, angle: Array, still: Mask, noise: float) -> tuple[Array, Array]:
-    """The instants at which moves leave a rest, and those at which they come to one, samples; where no course tells: none.
+    """The instants at which moves leave a rest, and those at which they come to one, samples; where
+    no course tells: none.
 
     Args:
         time, angle, still, noise: see ``corners``.
@@ -88,7 +104,9 @@ def edges(time: Array, angle: Array, still: Mask, noise: float) -> tuple[Array, 
 
 
 def _told(side: _Side, noise: float) -> Array:
-    """When these moves leave their rests, in order: by the law of the start, one for all of them, that fits them the furthest."""
+    """When these moves leave their rests, in order: by the law of the start, one for all of them,
+    that fits them the furthest.
+    """
     trials = []
     for powers in STARTS:
         reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
@@ -103,11 +121,21 @@ def _told(side: _Side, noise: float) -> Array:
 
 
 def _tell(
-    side: _Side, wanted: Mask, width: int, powers: tuple[float, ...], noise: float, when: Array, off: float = STRICT,
+    side: _Side,
+    wanted: Mask,
+    width: int,
+    powers: tuple[float, ...],
+    noise: float,
+    when: Array,
+    off: float = STRICT,
     earliest: int = EARLIEST,
-) -> Index:  # fmt: skip
-    """Write ``when`` the wanted moves leave their rests by a window of this width; those that it fits."""
-    tried = np.flatnonzero(wanted & (side.last + 1 + width <= side.end) & (side.rows >= REST[0] - earliest))
+) -> Index:
+    """Write ``when`` the wanted moves leave their rests by a window of this width; those that it
+    fits.
+    """
+    tried = np.flatnonzero(
+        wanted & (side.last + 1 + width <= side.end) & (side.rows >= REST[0] - earliest)
+    )
     if not len(tried):
         return tried
     instant, fits = _instants(side, tried, width, powers, noise, off, earliest)
@@ -121,12 +149,19 @@ def _side(time: Array, angle: Array, still: Mask) -> _Side:
     first, after = edges[::2], edges[1::2]  # of each rest
     end = np.append(first[1:], n)
     left = (after < n) & (after - first >= REST[0])
-    level = np.array([angle[max(a, b - REST[1]) : b].mean() for a, b in zip(first[left], after[left], strict=True)])
+    level = np.array(
+        [
+            angle[max(a, b - REST[1]) : b].mean()
+            for a, b in zip(first[left], after[left], strict=True)
+        ]
+    )
     return _Side(time, angle, after[left] - 1, (after - first)[left], end[left], level)
 
 
 def _fitted(side: _Side, noise: float) -> Iterator[Corner]:
-    """The corners of one side, each by the window and the powers that tell its rate best among those that fit."""
+    """The corners of one side, each by the window and the powers that tell its rate best among
+    those that fit.
+    """
     best = np.full(len(side.last), np.inf)
     chosen: dict[int, tuple[int, tuple[float, ...], float]] = {}
     for width in WIDTHS:
@@ -137,21 +172,36 @@ def _fitted(side: _Side, noise: float) -> Iterator[Corner]:
                 continue
             instant, fits = _instants(side, tried, width, powers, noise)
             best[tried[fits]] = spread
-            chosen.update({int(k): (width, powers, float(t)) for k, t in zip(tried[fits], instant[fits], strict=True)})
+            chosen.update(
+                {
+                    int(k): (width, powers, float(t))
+                    for k, t in zip(tried[fits], instant[fits], strict=True)
+                }
+            )
     for k, (width, powers, instant_k) in sorted(chosen.items()):
         yield _corner(side, k, width, powers, instant_k)
 
 
 def _spread(width: int, powers: tuple[float, ...]) -> float:
-    """What the variance of the rate just after a corner in mid-sample would be, in units of the readout's."""
+    """What the variance of the rate just after a corner in mid-sample would be, in units of the
+    readout's.
+    """
     u = np.maximum(np.arange(width + 1) - 1.5, 0.0)
     return float(_variance(u, np.ones(len(powers)), powers)[u > 0][:3].sum())
 
 
 def _instants(
-    side: _Side, which: Index, width: int, powers: tuple[float, ...], noise: float, off: float = STRICT, earliest: int = EARLIEST
-) -> tuple[Array, Mask]:  # fmt: skip
-    """The instant at which each of these moves leaves its rest, samples, (k,), and whether the course then fits, (k,)."""
+    side: _Side,
+    which: Index,
+    width: int,
+    powers: tuple[float, ...],
+    noise: float,
+    off: float = STRICT,
+    earliest: int = EARLIEST,
+) -> tuple[Array, Mask]:
+    """The instant at which each of these moves leaves its rest, samples, (k,), and whether the
+    course then fits, (k,).
+    """
     rows = side.last[which, None] + np.arange(earliest, width + 1)
     time = side.time[rows] - side.time[side.last[which], None]
     y = side.angle[rows] - side.level[which, None]
@@ -170,19 +220,25 @@ def _instants(
         step /= ZOOM
     moving = (time > instant[:, None]).sum(axis=1)
     dof = np.maximum(moving - len(powers) - 1, 1)
-    excess = np.maximum(least - noise**2 * (len(rows[0]) - moving), 0.0)  # the rest has its own share of the noise
+    excess = np.maximum(
+        least - noise**2 * (len(rows[0]) - moving), 0.0
+    )  # the rest has its own share of the noise
     return instant, inside & (np.sqrt(excess / dof) <= noise * (1 + off / np.sqrt(2 * dof)))
 
 
 def _left(u: Array, y: Array, powers: tuple[float, ...]) -> Array:
-    """What the best sums of powers leave of each course, squares summed, (k, t). u: (k, t, n); y: (k, n)."""
+    """What the best sums of powers leave of each course, squares summed, (k, t). u: (k, t, n); y:
+    (k, n).
+    """
     columns = _powers(u, powers)
     k = len(columns)
     gram = np.empty((*u.shape[:2], k, k))
     for i, j in combinations_with_replacement(range(k), 2):
         gram[..., i, j] = gram[..., j, i] = _along(columns[i], columns[j])
     gram += 1e-14 * np.eye(k)  # none has moved: nothing to fit
-    c = np.linalg.solve(gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None])[..., 0]
+    c = np.linalg.solve(
+        gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None]
+    )[..., 0]
     rest = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
     return _along(rest, rest)
 
@@ -204,14 +260,18 @@ def _corner(side: _Side, k: int, width: int, powers: tuple[float, ...], instant:
     rows = side.last[k] + np.arange(EARLIEST, width + 1)
     since = side.time[rows] - side.time[side.last[k]] - instant
     u = np.maximum(since, 0.0)
-    c = np.linalg.lstsq(np.column_stack([u**p for p in powers]), side.angle[rows] - side.level[k], rcond=None)[0]
+    c = np.linalg.lstsq(
+        np.column_stack([u**p for p in powers]), side.angle[rows] - side.level[k], rcond=None
+    )[0]
     return Corner(rows, since <= NEAR, *_rates(u, c, powers), _variance(u, c, powers))
 
 
 def _rates(u: Array, c: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:
     """First and second derivative of the course, (n,)."""
     v = sum((a * p * u ** (p - 1) for a, p in zip(c, powers, strict=True)), np.zeros_like(u))
-    bend = sum((a * p * (p - 1) * u ** (p - 2) for a, p in zip(c, powers, strict=True)), np.zeros_like(u))
+    bend = sum(
+        (a * p * (p - 1) * u ** (p - 2) for a, p in zip(c, powers, strict=True)), np.zeros_like(u)
+    )
     return v, np.where(u > 0, bend, 0.0)
 
 

@@ -1,7 +1,9 @@
 """Dwells and moves of a continuous log, found by themselves.
 
-A window is quiet when the variance of every channel in it is near that channel's floor. The floor is the channel's own
-quiet level; the limit between quiet and moving is the best split of the logarithm of the variance ratio into two
+A window is quiet when the variance of every channel in it is near that channel's floor. The floor
+is the channel's own
+quiet level; the limit between quiet and moving is the best split of the logarithm of the variance
+ratio into two
 classes (Otsu 1979), never below what noise alone would reach in that many windows.
 """
 
@@ -21,7 +23,9 @@ from tiltcal.recordings.recording import Recording
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
 SHORTEST = 1.0  # s, of a dwell
-STEADY = 1.0 * DEG  # rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
+STEADY = (
+    1.0 * DEG
+)  # rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
 _MOVING = {"acceleration", "angle", "rate", "raw"}
 
 
@@ -44,7 +48,9 @@ class Segment:
     label: str | None = None
 
 
-def find_segments(recording: Recording, window: float = WINDOW, guard: float = GUARD, shortest: float = SHORTEST) -> list[Segment]:
+def find_segments(
+    recording: Recording, window: float = WINDOW, guard: float = GUARD, shortest: float = SHORTEST
+) -> list[Segment]:
     """All dwells and moves of a recording, in order.
 
     Args:
@@ -58,19 +64,32 @@ def find_segments(recording: Recording, window: float = WINDOW, guard: float = G
     """
     recording.require_increasing()
     if len(recording) < 4:
-        raise TiltcalError(recording.source, found=f"{len(recording)} row(s)", need="a continuous log", do="record longer")
+        raise TiltcalError(
+            recording.source,
+            found=f"{len(recording)} row(s)",
+            need="a continuous log",
+            do="record longer",
+        )
     groups = _signals(recording)
     if not groups:
         raise TiltcalError(
-            recording.source, found="no table, accelerometer, inclinometer or gyro column", need="one that shows motion",
+            recording.source,
+            found="no table, accelerometer, inclinometer or gyro column",
+            need="one that shows motion",
             do="name columns as <sensor>_<axis>_<unit>",
-        )  # fmt: skip
+        )
     moving = np.zeros(len(recording), bool)
-    for rows, values, rates in groups:  # a long window misses the edges of a move, a short one its slow parts
+    for (
+        rows,
+        values,
+        rates,
+    ) in groups:  # a long window misses the edges of a move, a short one its slow parts
         quiet = np.ones(len(rows), bool)
         for width in {window, min(window, WINDOW)}:
             quiet &= _quiet(recording.time[rows], values, width, recording.source)
-        moving |= _spread(rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording))
+        moving |= _spread(
+            rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording)
+        )
     return _segments(recording, ~moving, guard, shortest)
 
 
@@ -82,7 +101,9 @@ def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
 
 
 def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Array]]:
-    """Rows, all moving channels as written (n, k), and those among them that are rates in rad/s (n, j), of each block."""
+    """Rows, all moving channels as written (n, k), and those among them that are rates in rad/s (n,
+    j), of each block.
+    """
     found = []
     for block in recording.blocks:
         columns, rates = [], []
@@ -99,7 +120,9 @@ def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Ar
 
 
 def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
-    """Rows of a steady turn: quiet, but a gyro reads more than STEADY off its usual quiet reading, (n,)."""
+    """Rows of a steady turn: quiet, but a gyro reads more than STEADY off its usual quiet reading,
+    (n,).
+    """
     turning = np.zeros(len(time), bool)
     if not quiet.any():
         return turning
@@ -122,7 +145,12 @@ def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     dt = float(np.median(np.diff(time)))
     width = max(round(window / dt), 6)
     if n <= width:
-        raise TiltcalError(source, found=f"{n} rows", need=f"more than one window of {width} rows", do="record longer")
+        raise TiltcalError(
+            source,
+            found=f"{n} rows",
+            need=f"more than one window of {width} rows",
+            do="record longer",
+        )
     ratio = np.zeros(n - width + 1)
     for column in values.T:
         np.maximum(ratio, _variance_ratio(np.ascontiguousarray(column), width), out=ratio)
@@ -155,7 +183,8 @@ def _limit(score: Array, channels: int, width: int) -> float:
     from scipy.special import chdtri  # inverse of the chi-square survival function
 
     n = len(score) * channels
-    # floor sits at the 10 % quantile of quiet windows; the largest of n quiet ones at the (1 - 1e-3/n) quantile
+    # floor sits at the 10 % quantile of quiet windows; the largest of n quiet ones at the (1 -
+    # 1e-3/n) quantile
     noise = float(np.log10(chdtri(width - 1, 1e-3 / n) / chdtri(width - 1, 0.9)))
     if score.max() <= noise:
         return noise
@@ -192,7 +221,11 @@ def _segments(recording: Recording, resting: Mask, guard: float, shortest: float
         dwell = bool(resting[first])
         if dwell:
             cut_first = first if first == 0 else int(np.searchsorted(time, time[first] + guard))
-            cut_last = last if last == len(time) else int(np.searchsorted(time, time[last - 1] - guard, side="right"))
+            cut_last = (
+                last
+                if last == len(time)
+                else int(np.searchsorted(time, time[last - 1] - guard, side="right"))
+            )
             dwell = cut_last - cut_first >= 3 and time[last - 1] - time[first] >= shortest
             if dwell:
                 first, last = cut_first, cut_last

@@ -37,7 +37,8 @@ class Poses:
         means: of the sensing form, f or rate, SI, (m, k).
         counts: samples each, (m,).
         noise: covariance of one sample, SI, (k, k): pooled over the dwells.
-        inflation: variance of a mean over that of white noise, >= 1: correlated noise averages worse.
+        inflation: variance of a mean over that of white noise, >= 1: correlated noise averages
+            worse.
         up: true up in the body frame by readout or label, (m, 3); rows of NaN where unknown.
         angles: mean readout of each table axis, rad, (m,) each.
         spread: noise of one sample at each pose over the pooled, (m, k); 1 but for inclinometers.
@@ -60,18 +61,29 @@ class Poses:
 
     def covariance(self, k: int) -> Array:
         """Covariance of the mean of pose ``k``, (channels, channels)."""
-        return np.asarray(self.noise * np.outer(self.spread[k], self.spread[k]) * self.inflation / self.counts[k])
+        return np.asarray(
+            self.noise * np.outer(self.spread[k], self.spread[k]) * self.inflation / self.counts[k]
+        )
 
     def subset(self, mask: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> "Poses":
         """Some of the poses."""
         return Poses(
-            self.sensor, tuple(s for s, keep in zip(self.spans, mask, strict=True) if keep), self.means[mask],
-            self.counts[mask], self.noise, self.inflation, self.up[mask], {n: a[mask] for n, a in self.angles.items()},
-            self.spread[mask], self.stated,
-        )  # fmt: skip
+            self.sensor,
+            tuple(s for s, keep in zip(self.spans, mask, strict=True) if keep),
+            self.means[mask],
+            self.counts[mask],
+            self.noise,
+            self.inflation,
+            self.up[mask],
+            {n: a[mask] for n, a in self.angles.items()},
+            self.spread[mask],
+            self.stated,
+        )
 
 
-def find_poses(recording: Recording, setup: Setup, sensor: Sensor, segments: Sequence[Segment] | None = None) -> Poses:
+def find_poses(
+    recording: Recording, setup: Setup, sensor: Sensor, segments: Sequence[Segment] | None = None
+) -> Poses:
     """The poses of a recording.
 
     Raises:
@@ -93,12 +105,16 @@ def find_poses(recording: Recording, setup: Setup, sensor: Sensor, segments: Seq
             kept.append(s)
     if not kept:
         raise TiltcalError(
-            recording.source, found="no dwell of this sensor", need="stretches at rest of half a second or more",
+            recording.source,
+            found="no dwell of this sensor",
+            need="stretches at rest of half a second or more",
             do="look at `tiltcal segments`, or give edited ones with --segments",
-        )  # fmt: skip
+        )
     means = np.array([c.mean(axis=0) for c in chunks])
     spread = _spread_of(sensor, means, setup.site.gravity)
-    noise, inflation = pooled_noise([(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)])
+    noise, inflation = pooled_noise(
+        [(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)]
+    )
     up, angles, stated = _known_up(recording, setup, kept)
     spans = tuple(PoseSpan(s.start, s.end, s.label) for s in kept)
     counts = np.array([len(c) for c in chunks], dtype=float)
@@ -106,13 +122,17 @@ def find_poses(recording: Recording, setup: Setup, sensor: Sensor, segments: Seq
 
 
 def _spread_of(sensor: Sensor, means: Array, g: float) -> Array:
-    """Noise of the sensing form against its pose: an inclinometer's acts on the angle, so on f with cos(tilt)."""
+    """Noise of the sensing form against its pose: an inclinometer's acts on the angle, so on f with
+    cos(tilt).
+    """
     if sensor.kind != "inclinometer":
         return np.ones_like(means)
     return np.sqrt(np.clip(1 - (means / g) ** 2, 1e-4, 1.0))
 
 
-def _known_up(recording: Recording, setup: Setup, segments: Sequence[Segment]) -> tuple[Array, dict[str, Array], str]:
+def _known_up(
+    recording: Recording, setup: Setup, segments: Sequence[Segment]
+) -> tuple[Array, dict[str, Array], str]:
     """Up direction of each pose from the readout, else from labels."""
     names = setup.rig.axis_names
     up = np.full((len(segments), 3), np.nan)
@@ -156,8 +176,12 @@ def _drive_at(recording: Recording, setup: Setup, segments: Sequence[Segment]) -
     return replace(course.standing(middle, jets), known=known)
 
 
-def group_directions(directions: Array, limit: float = 15 * DEG) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
-    """Number of the direction each pose belongs to: poses within ``limit`` of a group's first are one. (m, 3) -> (m,)."""
+def group_directions(
+    directions: Array, limit: float = 15 * DEG
+) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
+    """Number of the direction each pose belongs to: poses within ``limit`` of a group's first are
+    one. (m, 3) -> (m,).
+    """
     units = directions / np.linalg.norm(directions, axis=1)[:, None]
     near = units @ units.T > np.cos(limit)
     group = np.full(len(units), -1, dtype=np.intp)

@@ -1,4 +1,6 @@
-"""What a thermometer that rounds, and is read now and then, saw: a smooth course that its codes allow."""
+"""What a thermometer that rounds, and is read now and then, saw: a smooth course that its codes
+allow.
+"""
 
 from collections.abc import Callable
 
@@ -14,13 +16,16 @@ EXACT = 1e-6  # of the span: a course known better than that was computed
 def smooth_temperature(time: Array, values: Array) -> Array:
     """A temperature column without its rounding and noise, degC, (n,).
 
-    The smoothest cubic spline whose residual is that of the codes and of the noise from reading to reading. Only so does
-    a rate of warming mean anything: a code of 0.01 K read each second jumps by more than any room does.
+    The smoothest cubic spline whose residual is that of the codes and of the noise from reading to
+    reading. Only so does
+    a rate of warming mean anything: a code of 0.01 K read each second jumps by more than any room
+        does.
 
     Args:
         time: stamps, s, (n,); values: readings, NaN where there is none, (n,).
 
-    Source: Reinsch (1967), smoothing by spline functions: the residual is given, not the smoothness.
+    Source: Reinsch (1967), smoothing by spline functions: the residual is given, not the
+        smoothness.
     """
     known = ~np.isnan(values)
     t, T = time[known], values[known]
@@ -30,14 +35,19 @@ def smooth_temperature(time: Array, values: Array) -> Array:
         return np.interp(time, t, T) if len(t) else values
     starts = np.arange(0, len(t), block)
     count = np.diff(starts, append=len(t))
-    spline = _smoothest(np.add.reduceat(t, starts) / count, np.add.reduceat(T, starts) / count, level)
+    spline = _smoothest(
+        np.add.reduceat(t, starts) / count, np.add.reduceat(T, starts) / count, level
+    )
     inside, reach = np.clip(time, t[0], t[-1]), float(np.median(np.diff(t)))
     slope = (spline(inside + reach / 100) - spline(inside - reach / 100)) / (reach / 50)
-    return spline(inside) + slope * np.clip(time - inside, -reach, reach)  # held at once, its rate would jump, as no room's does
+    return spline(inside) + slope * np.clip(
+        time - inside, -reach, reach
+    )  # held at once, its rate would jump, as no room's does
 
 
 def _level(T: Array, block: int) -> float:
-    """Standard deviation of rounding and noise in a mean of ``block`` readings; 0 for a course that was computed.
+    """Standard deviation of rounding and noise in a mean of ``block`` readings; 0 for a course that
+    was computed.
 
     Rounding does not average: the temperature stays on one code for long.
     """
@@ -45,7 +55,9 @@ def _level(T: Array, block: int) -> float:
         return 0.0
     second = np.diff(T, 2)
     code, noise = code_width(T), float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
-    rounded = float(np.sqrt(np.mean(second**2))) > 1e-3 * code  # the steps of a computed ramp are all alike
+    rounded = (
+        float(np.sqrt(np.mean(second**2))) > 1e-3 * code
+    )  # the steps of a computed ramp are all alike
     return float(np.hypot(code / np.sqrt(12) if rounded else 0.0, noise / np.sqrt(block)))
 
 
@@ -71,7 +83,9 @@ def _smoothest(t: Array, T: Array, level: float) -> Callable[[Array], Array]:
 
 
 def _within(left: Array, level: float) -> bool:
-    """Whether a residual is no larger than ``level`` rms, nor in its ends by more than chance makes of so few."""
+    """Whether a residual is no larger than ``level`` rms, nor in its ends by more than chance makes
+    of so few.
+    """
     end = max(len(left) // 20, 8)
     rms = [float(np.sqrt(np.mean(part**2))) for part in (left, left[:end], left[-end:])]
     return rms[0] <= level and max(rms[1:]) <= level * (1 + 2 / np.sqrt(2 * end))

@@ -1,4 +1,6 @@
-"""Foreign formats by a mapping file: columns, units and time of somebody else's text log -> Recording."""
+"""Foreign formats by a mapping file: columns, units and time of somebody else's text log ->
+Recording.
+"""
 
 import contextlib
 import io
@@ -85,7 +87,9 @@ def load_mapping(path: Path | str) -> Mapping:
     try:
         return Mapping.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise TiltcalError(f"mapping {path.name}", found=str(error), need="valid TOML", do="correct that line") from error
+        raise TiltcalError(
+            f"mapping {path.name}", found=str(error), need="valid TOML", do="correct that line"
+        ) from error
     except ValidationError as error:
         lines = "; ".join(_problem(e) for e in error.errors())
         raise TiltcalError(
@@ -119,7 +123,9 @@ def import_recording(path: Path | str, mapping: Mapping) -> Recording:
     tables: dict[str | None, _Table] = {None: _read(path, mapping.file)}
     for c in mapping.column:
         if c.file is not None and c.file not in tables:
-            tables[c.file] = _read(require_file(path.parent / c.file, "foreign recording"), mapping.file)
+            tables[c.file] = _read(
+                require_file(path.parent / c.file, "foreign recording"), mapping.file
+            )
     main = tables[None]
     if mapping.time.column is None:
         time = np.arange(len(main.cells)) / (mapping.time.rate_hz or 1.0)
@@ -130,9 +136,11 @@ def import_recording(path: Path | str, mapping: Mapping) -> Recording:
         table = tables[c.file]
         if len(table.cells) != len(main.cells):
             raise TiltcalError(
-                f"foreign recording {c.file}", found=f"{len(table.cells)} rows", need=f"{len(main.cells)} as in {path.name}",
+                f"foreign recording {c.file}",
+                found=f"{len(table.cells)} rows",
+                need=f"{len(main.cells)} as in {path.name}",
                 do="import it on its own",
-            )  # fmt: skip
+            )
         columns[c.to] = c.scale * table.column(c.from_) + c.offset
     metadata = {"imported from": path.name} | mapping.metadata
     return Recording.from_columns(time, columns, metadata=metadata, source=f"recording {path.name}")
@@ -146,7 +154,13 @@ class _Table:
 
     def column(self, which: int | str) -> Array:
         """A column by number (from 1) or name, (n,)."""
-        index = which - 1 if isinstance(which, int) else self.names.index(which) if which in self.names else -1
+        index = (
+            which - 1
+            if isinstance(which, int)
+            else self.names.index(which)
+            if which in self.names
+            else -1
+        )
         if not 0 <= index < self.cells.shape[1]:
             valid = self.names or [str(i + 1) for i in range(self.cells.shape[1])]
             raise TiltcalError(
@@ -170,12 +184,19 @@ def _read(path: Path, words: FileWords) -> _Table:
     first = text.lstrip().partition("\n")[0]
     width = len(first.split(separator))
     if not first:
-        raise TiltcalError(f"foreign recording {path.name}", found="no rows", need="at least one", do="check the file")
+        raise TiltcalError(
+            f"foreign recording {path.name}",
+            found="no rows",
+            need="at least one",
+            do="check the file",
+        )
     return _Table(_numbers(text, separator, width, path), names, path.name)
 
 
 def _numbers(text: str, separator: str | None, width: int, path: Path) -> Array:
-    """All cells at once; only when that fails, line by line: empty cells are no number, and a bad one is named."""
+    """All cells at once; only when that fails, line by line: empty cells are no number, and a bad
+    one is named.
+    """
     with contextlib.suppress(ValueError):
         table = np.loadtxt(io.StringIO(text), delimiter=separator, comments=None, ndmin=2)
         if table.shape[1] == width:
@@ -187,9 +208,11 @@ def _numbers(text: str, separator: str | None, width: int, path: Path) -> Array:
             continue
         if len(cells) != width:
             raise TiltcalError(
-                f"foreign recording {path.name}, data line {number}", found=f"{len(cells)} cells",
-                need=f"{width} as in the first", do="correct that line, or set separator in the mapping",
-            )  # fmt: skip
+                f"foreign recording {path.name}, data line {number}",
+                found=f"{len(cells)} cells",
+                need=f"{width} as in the first",
+                do="correct that line, or set separator in the mapping",
+            )
         rows.append([_cell(c, path.name, number) for c in cells])
     return np.array(rows)
 
@@ -201,6 +224,8 @@ def _cell(cell: str, source: str, line: int) -> float:
         return float(cell)
     except ValueError as error:
         raise TiltcalError(
-            f"foreign recording {source}, data line {line}", found=f"the text '{cell.strip()}'", need="a number",
+            f"foreign recording {source}, data line {line}",
+            found=f"the text '{cell.strip()}'",
+            need="a number",
             do="correct that cell, or set header or skip_lines in the mapping",
-        ) from error  # fmt: skip
+        ) from error

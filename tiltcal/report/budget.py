@@ -3,7 +3,17 @@
 from tiltcal.core.units import ARCSEC
 from tiltcal.validation.uncertainty_budget import Budget
 
-BUDGET_COLUMNS = ("parameter", "source", "kind", "size", "distribution", "standard", "sensitivity", "contribution", "unit")
+BUDGET_COLUMNS = (
+    "parameter",
+    "source",
+    "kind",
+    "size",
+    "distribution",
+    "standard",
+    "sensitivity",
+    "contribution",
+    "unit",
+)
 NEGLIGIBLE = 0.01  # of the combined uncertainty
 
 
@@ -11,22 +21,40 @@ def budget_rows(budget: Budget) -> list[dict[str, str]]:
     """Rows of text: the sources of each parameter, then combined and expanded uncertainty."""
     rows = []
     for name, unit in budget.units.items():
-        factor, shown = (1 / ARCSEC, "arcsec") if unit == "rad" else (1e6, "ppm") if unit == "1" else (1.0, unit)
+        factor, shown = (
+            (1 / ARCSEC, "arcsec")
+            if unit == "rad"
+            else (1e6, "ppm")
+            if unit == "1"
+            else (1.0, unit)
+        )
         combined = budget.combined[name]
         for line in budget.lines:
             if line.contributions[name] < NEGLIGIBLE * combined:
                 continue
             b = line.kind == "B"
-            rows.append({
-                "parameter": name, "source": line.name, "kind": line.kind, "distribution": line.distribution,
-                "size": f"{line.size:g} {line.unit}" if b else "", "standard": f"{line.standard:.3g} {line.unit}" if b else "",
-                "sensitivity": f"{line.sensitivity(name) * factor:.3g}" if b else "1",
-                "contribution": f"{line.contributions[name] * factor:.3g}", "unit": shown,
-            })  # fmt: skip
+            rows.append(
+                {
+                    "parameter": name,
+                    "source": line.name,
+                    "kind": line.kind,
+                    "distribution": line.distribution,
+                    "size": f"{line.size:g} {line.unit}" if b else "",
+                    "standard": f"{line.standard:.3g} {line.unit}" if b else "",
+                    "sensitivity": f"{line.sensitivity(name) * factor:.3g}" if b else "1",
+                    "contribution": f"{line.contributions[name] * factor:.3g}",
+                    "unit": shown,
+                }
+            )
         ends = (("combined", combined), ("expanded, k = 2", budget.expanded[name]))
         rows += [
             dict.fromkeys(BUDGET_COLUMNS, "")
-            | {"parameter": name, "source": words, "contribution": f"{u * factor:.3g}", "unit": shown}
+            | {
+                "parameter": name,
+                "source": words,
+                "contribution": f"{u * factor:.3g}",
+                "unit": shown,
+            }
             for words, u in ends
         ]
     return rows

@@ -1,4 +1,6 @@
-"""The report of a diagnosis: verdict, where, before and after, rivals and why they lost, what to record next."""
+"""The report of a diagnosis: verdict, where, before and after, rivals and why they lost, what to
+record next.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -21,11 +23,12 @@ COORDINATE = {
     "sample": "time_s",
 }
 MEANING = {
-    "match": "The recording agrees with the scenario.", "explained": "Physics that the scenario leaves out, named.",
+    "match": "The recording agrees with the scenario.",
+    "explained": "Physics that the scenario leaves out, named.",
     "ambiguous": "Physics that the scenario leaves out; more than one name fits.",
     "unlisted": "Physics that no named effect explains; located and modelled as a curve.",
     "cannot_tell": "This recording cannot tell.",
-}  # fmt: skip
+}
 
 
 def write_diagnosis(diagnosis: Diagnosis, path: Path, sources: str) -> None:
@@ -33,21 +36,30 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path, sources: str) -> None:
     from jinja2 import Environment, StrictUndefined
     from plotly.offline import get_plotlyjs
 
-    template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(
-        TEMPLATE.read_text(encoding="utf-8")
-    )
+    template = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    ).from_string(TEMPLATE.read_text(encoding="utf-8"))
     text = template.render(
-        plotly=get_plotlyjs(), version=__version__, sources=sources, d=diagnosis, meaning=MEANING[diagnosis.verdict],
+        plotly=get_plotlyjs(),
+        version=__version__,
+        sources=sources,
+        d=diagnosis,
+        meaning=MEANING[diagnosis.verdict],
         findings=[{"f": f, "figures": _figures(f, diagnosis)} for f in diagnosis.findings],
-        overview=_html(_spectra(diagnosis)), unseen=_unseen(diagnosis),
-    )  # fmt: skip
+        overview=_html(_spectra(diagnosis)),
+        unseen=_unseen(diagnosis),
+    )
     write_text(path, text)
 
 
 def _figures(finding: Finding, diagnosis: Diagnosis) -> list[str]:
     """Residuals over the finding's coordinate, before and after, of the channels where it shows."""
     wanted = COORDINATE.get(finding.where.coordinate, f"{finding.where.coordinate}_deg")
-    shown = [v for v in diagnosis.views if v.channel.split(".")[0] in finding.sensors and v.channel.split(".")[1] in finding.axes]
+    shown = [
+        v
+        for v in diagnosis.views
+        if v.channel.split(".")[0] in finding.sensors and v.channel.split(".")[1] in finding.axes
+    ]
     figures = []
     for view in shown[:3]:
         for name in dict.fromkeys((wanted, "time_s")):
@@ -63,11 +75,18 @@ def _residuals(view: View, name: str) -> Any:
     u = view.coordinates[name]
     words = "its own reading, SI" if name == "input" else name
     figure = go.Figure(layout=LAYOUT | {"title": f"{view.channel}: what is left, over {words}"})
-    for label, values, colour in (("before", view.before[name], COLOURS[1]), ("after", view.after[name], COLOURS[0])):
+    for label, values, colour in (
+        ("before", view.before[name], COLOURS[1]),
+        ("after", view.after[name], COLOURS[0]),
+    ):
         figure.add_scattergl(
-            x=u, y=values, mode="markers", name=label, marker={"size": 4, "color": colour},
+            x=u,
+            y=values,
+            mode="markers",
+            name=label,
+            marker={"size": 4, "color": colour},
             error_y={"type": "data", "array": view.sigma[name], "thickness": 0.6, "width": 0},
-        )  # fmt: skip
+        )
     figure.update_xaxes(title=words)
     figure.update_yaxes(title=f"residual, {view.unit}", exponentformat="e")
     return figure
@@ -82,9 +101,17 @@ def _spectra(diagnosis: Diagnosis) -> Any:
         scale = max(float(np.median(view.spectrum_after[len(view.spectrum_after) // 2 :])), 1e-300)
         colour = COLOURS[i % len(COLOURS)]
         figure.add_scatter(
-            x=view.frequency, y=view.spectrum_before / scale, line={"dash": "dot", "color": colour}, showlegend=False
+            x=view.frequency,
+            y=view.spectrum_before / scale,
+            line={"dash": "dot", "color": colour},
+            showlegend=False,
         )
-        figure.add_scatter(x=view.frequency, y=view.spectrum_after / scale, line={"color": colour}, name=view.channel)
+        figure.add_scatter(
+            x=view.frequency,
+            y=view.spectrum_after / scale,
+            line={"color": colour},
+            name=view.channel,
+        )
     figure.update_xaxes(title="Hz", type="log")
     figure.update_yaxes(title="rms in the band / its noise", type="log")
     return figure
@@ -93,7 +120,11 @@ def _spectra(diagnosis: Diagnosis) -> Any:
 def _unseen(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Effects that were not found, those that cannot be seen at all first."""
     rows = [
-        {"effect": u.effect, "absorbed": u.absorbed, "size": ", ".join(f"{k} {v:.3g}" for k, v in list(u.size.items())[:3])}
+        {
+            "effect": u.effect,
+            "absorbed": u.absorbed,
+            "size": ", ".join(f"{k} {v:.3g}" for k, v in list(u.size.items())[:3]),
+        }
         for u in diagnosis.undetectable
     ]
     return sorted(rows, key=lambda row: (bool(row["size"]), -row["absorbed"]))

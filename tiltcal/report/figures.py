@@ -1,4 +1,6 @@
-"""Figures of a report: parameters against truth, residuals against angle and time, tilt error before and after."""
+"""Figures of a report: parameters against truth, residuals against angle and time, tilt error
+before and after.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,24 +17,51 @@ from tiltcal.setup.setup import Setup
 from tiltcal.validation.accuracy import TiltError
 
 COLOURS = ("#2b6cb0", "#c05621", "#2f855a", "#6b46c1", "#b83280", "#4a5568")
-_AXIS = {"gridcolor": "#ebf0f8", "zerolinecolor": "#ebf0f8", "zerolinewidth": 2, "automargin": True, "title": {"standoff": 15}}
-TEMPLATE = {"layout": {"title": {"x": 0.05}, "plot_bgcolor": "white", "paper_bgcolor": "white", "xaxis": _AXIS, "yaxis": _AXIS}}
-"""White with a light grid: a named template is ten times as long, and is checked anew for each report."""
+_AXIS = {
+    "gridcolor": "#ebf0f8",
+    "zerolinecolor": "#ebf0f8",
+    "zerolinewidth": 2,
+    "automargin": True,
+    "title": {"standoff": 15},
+}
+TEMPLATE = {
+    "layout": {
+        "title": {"x": 0.05},
+        "plot_bgcolor": "white",
+        "paper_bgcolor": "white",
+        "xaxis": _AXIS,
+        "yaxis": _AXIS,
+    }
+}
+"""White with a light grid: a named template is ten times as long, and is checked anew for each
+report.
+"""
 LAYOUT = {
-    "template": TEMPLATE, "height": 340, "margin": {"l": 60, "r": 20, "t": 40, "b": 50},
+    "template": TEMPLATE,
+    "height": 340,
+    "margin": {"l": 60, "r": 20, "t": 40, "b": 50},
     "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#2a3f5f"},
-}  # fmt: skip
+}
 
 
 def parameter_figure(calibration: Calibration, truth: Mapping[str, float]) -> Any:
-    """Error of each parameter in its own sigma, with the 95 % interval; without a truth nothing is drawn."""
+    """Error of each parameter in its own sigma, with the 95 % interval; without a truth nothing is
+    drawn.
+    """
     import plotly.graph_objects as go
 
-    names = [n for n in calibration.parameters if n in truth and calibration.parameters[n].sigma > 0]
+    names = [
+        n for n in calibration.parameters if n in truth and calibration.parameters[n].sigma > 0
+    ]
     if not names:
         return None
-    z = [(calibration.parameters[n].value - truth[n]) / calibration.parameters[n].sigma for n in names]
-    figure = go.Figure(layout=LAYOUT | {"title": "Parameters: found minus injected, in standard uncertainties"})
+    z = [
+        (calibration.parameters[n].value - truth[n]) / calibration.parameters[n].sigma
+        for n in names
+    ]
+    figure = go.Figure(
+        layout=LAYOUT | {"title": "Parameters: found minus injected, in standard uncertainties"}
+    )
     figure.add_hrect(y0=-1.96, y1=1.96, fillcolor="#2f855a", opacity=0.12, line_width=0)
     figure.add_scatter(
         x=names,
@@ -49,7 +78,10 @@ def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Any:
     """Tilt error before and after, and what the covariance predicts."""
     import plotly.graph_objects as go
 
-    figure = go.Figure(layout=LAYOUT | {"title": "Tilt error, rms", "barmode": "group", "height": 140 + 55 * len(tilts)})
+    figure = go.Figure(
+        layout=LAYOUT
+        | {"title": "Tilt error, rms", "barmode": "group", "height": 140 + 55 * len(tilts)}
+    )
     for i, part in enumerate(("before", "after", "predicted by the covariance")):
         figure.add_bar(
             y=[name for name, _ in tilts],
@@ -64,7 +96,9 @@ def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Any:
 
 
 def residual_figures(recording: Recording, setup: Setup, calibration: Calibration) -> list[Any]:
-    """Residuals of the dwells against time and against the outer angle, where attitudes are known; else of the norm."""
+    """Residuals of the dwells against time and against the outer angle, where attitudes are known;
+    else of the norm.
+    """
     names = calibration.sensors()
     if not names or not setup.named(names[0]).is_accelerometer:
         return []
@@ -73,7 +107,9 @@ def residual_figures(recording: Recording, setup: Setup, calibration: Calibratio
     except TiltcalError:
         return []
     middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
-    residual, channels, unit = _residuals(poses.means, poses.up, poses.sensor.axes, setup, calibration)
+    residual, channels, unit = _residuals(
+        poses.means, poses.up, poses.sensor.axes, setup, calibration
+    )
     figures = [_scatter(middle, residual, channels, "time, s", f"Residuals of the dwells, {unit}")]
     if "outer" in poses.angles:
         figures.append(
@@ -106,7 +142,13 @@ def _scatter(x: Array, y: Array, names: Sequence[str], x_title: str, title: str)
 
     figure = go.Figure(layout=LAYOUT | {"title": title})
     for i, name in enumerate(names):
-        figure.add_scatter(x=x, y=y[:, i], name=name, mode="markers", marker={"size": 8, "color": COLOURS[i % len(COLOURS)]})
+        figure.add_scatter(
+            x=x,
+            y=y[:, i],
+            name=name,
+            mode="markers",
+            marker={"size": 8, "color": COLOURS[i % len(COLOURS)]},
+        )
     figure.update_xaxes(title=x_title)
     figure.update_yaxes(zeroline=True)
     return figure

@@ -21,29 +21,45 @@ def write_report(verification: Verification, path: Path) -> None:
     from plotly.offline import get_plotlyjs
 
     sections = [_section(r) for r in verification.results]
-    tilts = [(f"{r.scenario.name}: {m.title}", m.tilt) for r in verification.results for m in r.methods if m.tilt is not None]
-    template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(
-        TEMPLATE.read_text(encoding="utf-8")
-    )
+    tilts = [
+        (f"{r.scenario.name}: {m.title}", m.tilt)
+        for r in verification.results
+        for m in r.methods
+        if m.tilt is not None
+    ]
+    template = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    ).from_string(TEMPLATE.read_text(encoding="utf-8"))
     text = template.render(
-        title="tiltcal report", version=__version__, plotly=get_plotlyjs(), sections=sections,
-        accepted=verification.accepted, seconds=verification.seconds, overview=_html(tilt_figure(tilts)) if tilts else "",
-    )  # fmt: skip
+        title="tiltcal report",
+        version=__version__,
+        plotly=get_plotlyjs(),
+        sections=sections,
+        accepted=verification.accepted,
+        seconds=verification.seconds,
+        overview=_html(tilt_figure(tilts)) if tilts else "",
+    )
     write_text(path, text)
 
 
 def _section(result: ScenarioResult) -> dict[str, Any]:
     return {
-        "name": result.scenario.name, "about": result.scenario.about.strip(), "source": result.source,
-        "accepted": result.accepted, "table": result.scenario.rig.table,
+        "name": result.scenario.name,
+        "about": result.scenario.about.strip(),
+        "source": result.source,
+        "accepted": result.accepted,
+        "table": result.scenario.rig.table,
         "effects": [_effect_words(e) for e in result.scenario.effect],
         "methods": [_method(result, m) for m in result.methods],
-    }  # fmt: skip
+    }
 
 
 def _effect_words(table: Any) -> str:
     where = table.sensor or table.axis
-    values = ", ".join(f"{k} = {v:g}" if isinstance(v, int | float) else f"{k} = {v}" for k, v in (table.model_extra or {}).items())
+    values = ", ".join(
+        f"{k} = {v:g}" if isinstance(v, int | float) else f"{k} = {v}"
+        for k, v in (table.model_extra or {}).items()
+    )
     return f"{table.id}{f' on {where}' if where else ''}: {values}"
 
 
@@ -56,31 +72,58 @@ def _method(result: ScenarioResult, method: MethodResult) -> dict[str, Any]:
         if result.recording is not None:
             figures += residual_figures(result.recording, result.scenario, first)
     return {
-        "title": method.title, "accepted": method.accepted, "error": method.error, "runs": len(method.calibrations),
-        "limits": method.limits, "rows": parameter_rows(first, method.truth) if first else [],
-        "tests": first.tests if first else [], "warnings": notes,
-        "verdict": first.verdict if first else "on line" if method.online else "none", "equation": first.equation if first else "",
+        "title": method.title,
+        "accepted": method.accepted,
+        "error": method.error,
+        "runs": len(method.calibrations),
+        "limits": method.limits,
+        "rows": parameter_rows(first, method.truth) if first else [],
+        "tests": first.tests if first else [],
+        "warnings": notes,
+        "verdict": first.verdict if first else "on line" if method.online else "none",
+        "equation": first.equation if first else "",
         "budget": budget_rows(method.budget) if method.budget else [],
-        "tilt": method.tilt, "figures": [_html(f) for f in figures if f is not None],
-    }  # fmt: skip
+        "tilt": method.tilt,
+        "figures": [_html(f) for f in figures if f is not None],
+    }
 
 
 def parameter_rows(calibration: Calibration, truth: dict[str, float]) -> Sequence[dict[str, str]]:
     """Rows of the parameter table: value, sigma, 95 % interval, truth, in readable units."""
     rows = []
     for name, e in calibration.parameters.items():
-        factor, unit = (1 / ARCSEC, "arcsec") if e.unit == "rad" else (1e6, "ppm") if e.unit == "1" else (1.0, e.unit)
+        factor, unit = (
+            (1 / ARCSEC, "arcsec")
+            if e.unit == "rad"
+            else (1e6, "ppm")
+            if e.unit == "1"
+            else (1.0, e.unit)
+        )
         low, high = (e.value - 1.96 * e.sigma) * factor, (e.value + 1.96 * e.sigma) * factor
         known = name in truth
         rows.append(
             {
-                "name": name, "value": f"{e.value * factor:.6g}", "sigma": f"{e.sigma * factor:.3g}", "unit": unit,
-                "interval": f"{low:.6g} ... {high:.6g}", "truth": f"{truth[name] * factor:.6g}" if known else "",
-                "inside": "" if not known else "yes" if low <= truth[name] * factor <= high else "no",
+                "name": name,
+                "value": f"{e.value * factor:.6g}",
+                "sigma": f"{e.sigma * factor:.3g}",
+                "unit": unit,
+                "interval": f"{low:.6g} ... {high:.6g}",
+                "truth": f"{truth[name] * factor:.6g}" if known else "",
+                "inside": ""
+                if not known
+                else "yes"
+                if low <= truth[name] * factor <= high
+                else "no",
             }
-        )  # fmt: skip
+        )
     return rows
 
 
 def _html(figure: Any) -> str:
-    return str(figure.to_html(full_html=False, include_plotlyjs=False, config={"displaylogo": False, "responsive": True}))
+    return str(
+        figure.to_html(
+            full_html=False,
+            include_plotlyjs=False,
+            config={"displaylogo": False, "responsive": True},
+        )
+    )

@@ -1,4 +1,6 @@
-"""The library of measuring schemes: which faces, edges and corners are turned up, and the table angles that do it."""
+"""The library of measuring schemes: which faces, edges and corners are turned up, and the table
+angles that do it.
+"""
 
 from itertools import product
 
@@ -15,22 +17,32 @@ TUMBLE_STEP = 30  # deg
 def directions(scheme: str) -> Array:
     """Up in the body frame at each position of a scheme, (n, 3).
 
-    ``6``: the faces. ``8``: the corners, where all products of two axes show and K2 hides in the bias. ``12``: the edges,
-    where K2 and the products show. ``24``: the faces four times (on the table ``three`` in four headings). ``tumble``:
-    the three coordinate planes every 30 deg, where K2, K3 and the products show (IEEE 1293 multi-point tumble).
+    ``6``: the faces. ``8``: the corners, where all products of two axes show and K2 hides in the
+    bias. ``12``: the edges,
+    where K2 and the products show. ``24``: the faces four times (on the table ``three`` in four
+    headings). ``tumble``:
+    the three coordinate planes every 30 deg, where K2, K3 and the products show (IEEE 1293
+    multi-point tumble).
     """
     faces = np.array([sign * e for e in np.eye(3) for sign in (1.0, -1.0)])
     if scheme == "8":
         return np.array(list(product((1.0, -1.0), repeat=3))) / np.sqrt(3)
     if scheme == "12":
         signs = list(product((1.0, -1.0), repeat=2))
-        return np.array([a * np.eye(3)[i] + b * np.eye(3)[j] for i, j in ((0, 1), (0, 2), (1, 2)) for a, b in signs]) / np.sqrt(2)
+        return np.array(
+            [
+                a * np.eye(3)[i] + b * np.eye(3)[j]
+                for i, j in ((0, 1), (0, 2), (1, 2))
+                for a, b in signs
+            ]
+        ) / np.sqrt(2)
     if scheme == "24":
         return np.tile(faces, (4, 1))
     if scheme == "tumble":
         angles = np.arange(0, 360, TUMBLE_STEP) * DEG
         planes = [
-            np.outer(np.cos(angles), np.eye(3)[i]) + np.outer(np.sin(angles), np.eye(3)[j]) for i, j in ((2, 0), (2, 1), (0, 1))
+            np.outer(np.cos(angles), np.eye(3)[i]) + np.outer(np.sin(angles), np.eye(3)[j])
+            for i, j in ((2, 0), (2, 1), (0, 1))
         ]
         return np.vstack(planes)
     return faces
@@ -45,15 +57,23 @@ def label_of(up: Array) -> str:
 
 
 def table_angles(rig: Rig, up: Array, number: int, subject: str) -> Array:
-    """Angles of the table's axes, rad, outermost first, that turn ``up`` of the nominal body frame up.
+    """Angles of the table's axes, rad, outermost first, that turn ``up`` of the nominal body frame
+    up.
 
     Raises:
         TiltcalError: the table cannot reach every direction.
     """
     x, y, z = rig.mount_rotation @ up
     if rig.table == "dual":  # up in the table's inner frame is (sin a sin b, sin a cos b, cos a)
-        return np.array([np.arctan2(np.hypot(x, y), z), np.arctan2(x, y) if np.hypot(x, y) > 1e-9 else 0.0])
+        return np.array(
+            [np.arctan2(np.hypot(x, y), z), np.arctan2(x, y) if np.hypot(x, y) > 1e-9 else 0.0]
+        )
     if rig.table == "three":  # (-sin m, cos m sin i, cos m cos i)
         inner = np.arctan2(y, z) if np.hypot(y, z) > 1e-9 else 0.0
         return np.array([(number // 6) * 90 * DEG, -np.arcsin(np.clip(x, -1, 1)), inner])
-    raise TiltcalError(subject, found=f"table {rig.table}", need="dual, three or handheld", do="write the moves one by one")
+    raise TiltcalError(
+        subject,
+        found=f"table {rig.table}",
+        need="dual, three or handheld",
+        do="write the moves one by one",
+    )

@@ -50,11 +50,17 @@ class Leg:
         if self.law == "rest":
             zero = np.zeros_like(t)
             return Jet(zero, zero, zero)
-        return _swing(t, self.t1 - self.t0, self.frequency) if self.law == "swing" else _ramp(t, self.t1 - self.t0, self.ramp)
+        return (
+            _swing(t, self.t1 - self.t0, self.frequency)
+            if self.law == "swing"
+            else _ramp(t, self.t1 - self.t0, self.ramp)
+        )
 
 
 def _ramp(t: Array, duration: float, ramp: float) -> Jet:
-    """0 -> 1: the rate rises as u - sin(2 pi u)/(2 pi), stays, and falls alike: continuous acceleration."""
+    """0 -> 1: the rate rises as u - sin(2 pi u)/(2 pi), stays, and falls alike: continuous
+    acceleration.
+    """
     w = 1.0 / (duration - ramp)
     late = t > duration / 2
     u = np.clip(np.where(late, duration - t, t) / ramp, 0.0, None)
@@ -138,13 +144,21 @@ class Schedule:
             if R is not None and leg.R0 is not None:
                 R[start:end] = leg.R0 @ _rotations(np.outer(part.x, leg.dq))
         stop = np.array([leg.stop for leg in self.legs])[which]
-        attitude = None if R is None else Attitude(R, v, a)  # a turn about a fixed body axis: rate = dq's rate
+        attitude = (
+            None if R is None else Attitude(R, v, a)
+        )  # a turn about a fixed body axis: rate = dq's rate
         return Drive(
-            time, {name: Jet(q[:, i], v[:, i], a[:, i]) for i, name in enumerate(self.axes)}, self.times[0],
-            self.climate.at(time - self.times[0]), self.climate.reference(self.times[1] - self.times[0]),
-            stop, tuple((row, parse_mount(text)) for row, text in self.mountings(time)), attitude, np.ones(len(time), bool),
+            time,
+            {name: Jet(q[:, i], v[:, i], a[:, i]) for i, name in enumerate(self.axes)},
+            self.times[0],
+            self.climate.at(time - self.times[0]),
+            self.climate.reference(self.times[1] - self.times[0]),
+            stop,
+            tuple((row, parse_mount(text)) for row, text in self.mountings(time)),
+            attitude,
+            np.ones(len(time), bool),
             rests=self.rests,
-        )  # fmt: skip
+        )
 
 
 def _rotations(vectors: Array) -> Array:
@@ -204,11 +218,15 @@ class _Builder:
         elif step.action == "sweep":
             self._sweep(step)
         elif step.action == "oscillate":
-            frequency = step.frequency_hz or 1.0  # the step's own check has seen to it that it stands there
+            frequency = (
+                step.frequency_hz or 1.0
+            )  # the step's own check has seen to it that it stands there
             dq = self._along(step.axis, (step.amplitude_deg or 0.0) * DEG)
             self._leg(step.cycles / frequency, dq, "swing", frequency=frequency)
         elif step.action == "turn":
-            self._go(self.q + self._along(step.axis, (step.angle_deg or 0.0) * DEG), step.rate_deg_s)
+            self._go(
+                self.q + self._along(step.axis, (step.angle_deg or 0.0) * DEG), step.rate_deg_s
+            )
         else:
             self._go(self._target(step), step.rate_deg_s)
         if step.action != "sweep":
@@ -250,7 +268,15 @@ class _Builder:
         for k, up in enumerate(directions(str(step.scheme))):
             self.label = label_of(up)
             if not self.names:
-                self.add(number, Step(action="move", up=self.label, rate_deg_s=step.rate_deg_s, dwell_s=step.dwell_s))
+                self.add(
+                    number,
+                    Step(
+                        action="move",
+                        up=self.label,
+                        rate_deg_s=step.rate_deg_s,
+                        dwell_s=step.dwell_s,
+                    ),
+                )
                 continue
             self._go(table_angles(self.rig, up, k, self.subject), step.rate_deg_s)
             self._dwell(step.dwell_s)
@@ -269,7 +295,9 @@ class _Builder:
         if step.action == "turn":
             vector = self._body_axis(step.axis) * (step.angle_deg or 0.0) * DEG
         elif step.up is not None and (up := parse_up(step.up)) is not None:
-            now = self.R.T @ np.array([0.0, 0.0, 1.0])  # up in the body frame has to go from ``now`` to ``up``
+            now = self.R.T @ np.array(
+                [0.0, 0.0, 1.0]
+            )  # up in the body frame has to go from ``now`` to ``up``
             angle = float(angle_between(now[None], up[None])[0])
             axis = np.cross(up, now)
             if np.linalg.norm(axis) < 1e-9:
@@ -285,7 +313,12 @@ class _Builder:
             return np.eye(3)["xyz".index(axis)]
         if isinstance(axis, tuple) and np.any(axis):
             return unit(axis)
-        raise TiltcalError(self.subject, found=f"axis {axis}", need="x, y, z or [ux, uy, uz]", do="correct the step")
+        raise TiltcalError(
+            self.subject,
+            found=f"axis {axis}",
+            need="x, y, z or [ux, uy, uz]",
+            do="correct the step",
+        )
 
     def _go(self, target: Array, rate_deg_s: float) -> None:
         dq = target - self.q
@@ -294,8 +327,25 @@ class _Builder:
             self._leg(move_time(distance, rate_deg_s * DEG), dq, "ramp")
             self.q = target.copy()
 
-    def _leg(self, duration: float, dq: Array, law: Literal["rest", "ramp", "swing"], frequency: float = 0.0) -> None:
-        leg = Leg(self.t, self.t + duration, self.q.copy(), dq, law, RAMP, frequency, self.R, self.mount, self.label)
+    def _leg(
+        self,
+        duration: float,
+        dq: Array,
+        law: Literal["rest", "ramp", "swing"],
+        frequency: float = 0.0,
+    ) -> None:
+        leg = Leg(
+            self.t,
+            self.t + duration,
+            self.q.copy(),
+            dq,
+            law,
+            RAMP,
+            frequency,
+            self.R,
+            self.mount,
+            self.label,
+        )
         if not self.names:
             leg = replace(leg, q0=np.zeros(3))
         self.legs.append(leg)
@@ -309,5 +359,7 @@ class _Builder:
 
 
 def move_time(distance: float, rate: float) -> float:
-    """Time of a move, s: cruising plus half of each ramp, or two ramps when it is too short to reach the rate."""
+    """Time of a move, s: cruising plus half of each ramp, or two ramps when it is too short to
+    reach the rate.
+    """
     return distance / rate + RAMP if distance > rate * RAMP else 2 * RAMP

@@ -25,21 +25,30 @@ class Climate(Part):
     def at(self, elapsed: Array) -> Array:
         """Temperature, degC, (n,), at times since the first stamp, s."""
         return np.asarray(
-            self.start_degC + self.ramp_degC_h / 3600 * elapsed + self.swing_degC * np.sin(2 * pi * elapsed / self.period_s)
+            self.start_degC
+            + self.ramp_degC_h / 3600 * elapsed
+            + self.swing_degC * np.sin(2 * pi * elapsed / self.period_s)
             + self.change_degC * -np.expm1(-elapsed / self.tau_s)
-        )  # fmt: skip
+        )
 
     def reference(self, duration: float) -> float:
         """T0: as stated, else the mean over the recording, degC."""
-        return float(np.mean(self.at(np.linspace(0, duration, 2001)))) if self.reference_degC is None else self.reference_degC
+        return (
+            float(np.mean(self.at(np.linspace(0, duration, 2001))))
+            if self.reference_degC is None
+            else self.reference_degC
+        )
 
 
 class Step(Part):
     """One step of a sequence: what to do, then how long to dwell there.
 
-    ``rest`` dwells; ``move`` goes to the angles (or, hand-held, until ``up`` points up); ``turn`` turns ``axis`` by
-    ``angle_deg`` at a constant rate; ``sweep`` goes to the angles in steps of ``step_deg``, dwelling at each;
-    ``oscillate`` swings ``axis``; ``remount`` changes the mounting; ``scheme`` goes through all positions of a measuring
+    ``rest`` dwells; ``move`` goes to the angles (or, hand-held, until ``up`` points up); ``turn``
+    turns ``axis`` by
+    ``angle_deg`` at a constant rate; ``sweep`` goes to the angles in steps of ``step_deg``,
+    dwelling at each;
+    ``oscillate`` swings ``axis``; ``remount`` changes the mounting; ``scheme`` goes through all
+    positions of a measuring
     ``scheme`` of the library, dwelling at each. Angles left out stay as they are.
     """
 

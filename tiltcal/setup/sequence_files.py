@@ -15,8 +15,22 @@ from tiltcal.setup.schedule import Leg, build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
 
-COLUMNS = ("step", "action", "outer_deg", "middle_deg", "inner_deg", "rate_deg_s", "dwell_s", "mount", "label")
-GOING = ("move", "turn", "sweep")  # all go to the angles of their row; a turn and a sweep say that the way there matters
+COLUMNS = (
+    "step",
+    "action",
+    "outer_deg",
+    "middle_deg",
+    "inner_deg",
+    "rate_deg_s",
+    "dwell_s",
+    "mount",
+    "label",
+)
+GOING = (
+    "move",
+    "turn",
+    "sweep",
+)  # all go to the angles of their row; a turn and a sweep say that the way there matters
 ACTIONS = ("rest", *GOING, "remount")
 WHOLE_TURN = 360 * DEG
 
@@ -28,12 +42,22 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
         TiltcalError: a step has no word in the file: an oscillation, or anything turned by hand.
     """
     if not rig.axes:
-        raise TiltcalError("sequence file", found="table handheld", need="a table with axes", do="write the steps down in words")
+        raise TiltcalError(
+            "sequence file",
+            found="table handheld",
+            need="a table with axes",
+            do="write the steps down in words",
+        )
     rows: list[dict[str, str]] = []
     mount, here = rig.mount, np.zeros(len(rig.axis_names))
     for leg in build_schedule(steps, rig).legs:
         if leg.law == "swing":
-            raise TiltcalError("sequence file", found="action oscillate", need=_words(ACTIONS), do="turn to and fro instead")
+            raise TiltcalError(
+                "sequence file",
+                found="action oscillate",
+                need=_words(ACTIONS),
+                do="turn to and fro instead",
+            )
         if leg.mount != mount:
             mount = leg.mount
             rows.append({"action": "remount", "mount": mount})
@@ -43,7 +67,9 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
         elif rows and rows[-1]["action"] in GOING and "dwell_s" not in rows[-1]:
             rows[-1]["dwell_s"] = _number(leg.t1 - leg.t0)
         else:
-            rows.append({"action": "rest", "dwell_s": _number(leg.t1 - leg.t0), "label": leg.label or ""})
+            rows.append(
+                {"action": "rest", "dwell_s": _number(leg.t1 - leg.t0), "label": leg.label or ""}
+            )
     text = StringIO()
     writer = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
     writer.writeheader()
@@ -51,12 +77,18 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
     return text.getvalue()
 
 
-def _going(leg: Leg, rig: Rig, here: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> dict[str, str]:
+def _going(
+    leg: Leg, rig: Rig, here: "np.ndarray[tuple[int], np.dtype[np.float64]]"
+) -> dict[str, str]:
     """The row of a move."""
     rate = float(np.abs(leg.dq).max()) / (leg.t1 - leg.t0 - leg.ramp) / DEG
     action = "turn" if np.abs(leg.dq).max() >= WHOLE_TURN - 1e-9 else "move"
     target = leg.q0 + leg.dq
-    angles = {f"{name}_deg": _number(target[k] / DEG) for k, name in enumerate(rig.axis_names) if target[k] != here[k]}
+    angles = {
+        f"{name}_deg": _number(target[k] / DEG)
+        for k, name in enumerate(rig.axis_names)
+        if target[k] != here[k]
+    }
     return {"action": action, **angles, "rate_deg_s": _number(rate), "label": leg.label or ""}
 
 
@@ -81,24 +113,40 @@ def read_sequence(path: Path | str) -> tuple[Step, ...]:
             rows, head = list(reader), list(reader.fieldnames or ())
     except (UnicodeDecodeError, csv.Error) as error:
         raise TiltcalError(
-            f"sequence {path.name}", found="bytes that are no table", need="a CSV in UTF-8", do="check the file"
+            f"sequence {path.name}",
+            found="bytes that are no table",
+            need="a CSV in UTF-8",
+            do="check the file",
         ) from error
     for name in head:
         if name not in COLUMNS:
             raise TiltcalError(
-                f"sequence {path.name}", found=f"column '{name}'", need=_words(COLUMNS), do=nearest(name, [*COLUMNS])
+                f"sequence {path.name}",
+                found=f"column '{name}'",
+                need=_words(COLUMNS),
+                do=nearest(name, [*COLUMNS]),
             )
     if "action" not in head or not rows:
         raise TiltcalError(
-            f"sequence {path.name}", found="no steps", need="a column action and a row a step", do="see `tiltcal design`"
+            f"sequence {path.name}",
+            found="no steps",
+            need="a column action and a row a step",
+            do="see `tiltcal design`",
         )
-    return tuple(_step(row, f"sequence {path.name}, row {k}") for k, row in enumerate(rows, start=2))
+    return tuple(
+        _step(row, f"sequence {path.name}, row {k}") for k, row in enumerate(rows, start=2)
+    )
 
 
 def _step(row: Mapping[str, str | None], subject: str) -> Step:
     action = (row.get("action") or "").strip()
     if action not in ACTIONS:
-        raise TiltcalError(subject, found=f"action '{action}'", need=_words(ACTIONS), do=nearest(action, [*ACTIONS]))
+        raise TiltcalError(
+            subject,
+            found=f"action '{action}'",
+            need=_words(ACTIONS),
+            do=nearest(action, [*ACTIONS]),
+        )
     known: dict[str, float] = {}
     for name in COLUMNS[2:7]:
         cell = (row.get(name) or "").strip()
@@ -108,9 +156,19 @@ def _step(row: Mapping[str, str | None], subject: str) -> Step:
     if mount is not None:
         parse_mount(mount)
     if action == "remount" and mount is None:
-        raise TiltcalError(subject, found="remount without a mount", need="a mounting such as Rz(180)", do="fill in the cell")
+        raise TiltcalError(
+            subject,
+            found="remount without a mount",
+            need="a mounting such as Rz(180)",
+            do="fill in the cell",
+        )
     return Step.model_validate(
-        {"action": "move" if action in GOING else action, **known, "mount": mount, "label": row.get("label") or None}
+        {
+            "action": "move" if action in GOING else action,
+            **known,
+            "mount": mount,
+            "label": row.get("label") or None,
+        }
     )
 
 
@@ -121,6 +179,14 @@ def _value(cell: str, name: str, subject: str) -> float:
         value = float("nan")
     least = {"rate_deg_s": 1e-6, "dwell_s": 0.0}.get(name, -np.inf)
     if not np.isfinite(value) or value < least:
-        need = "a number" if least == -np.inf else "a number above zero" if least else "a number from zero on"
-        raise TiltcalError(f"{subject}, column {name}", found=f"'{cell}'", need=need, do="correct the cell")
+        need = (
+            "a number"
+            if least == -np.inf
+            else "a number above zero"
+            if least
+            else "a number from zero on"
+        )
+        raise TiltcalError(
+            f"{subject}, column {name}", found=f"'{cell}'", need=need, do="correct the cell"
+        )
     return value

@@ -1,4 +1,6 @@
-"""The set-up: site, rig and sensors, as a scenario's file states them. Frozen; SI through the properties."""
+"""The set-up: site, rig and sensors, as a scenario's file states them. Frozen; SI through the
+properties.
+"""
 
 from functools import cached_property
 from typing import Annotated, Literal
@@ -18,7 +20,8 @@ TABLE_AXES: dict[str, tuple[tuple[str, str], ...]] = {
     "three": (("outer", "z"), ("middle", "y"), ("inner", "x")),
     "handheld": (),
 }
-"""Axes of each table, outermost first, and the coordinate axis each turns about (CONTRACT: frames)."""
+"""Axes of each table, outermost first, and the coordinate axis each turns about (CONTRACT: frames).
+"""
 
 RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
 QUANTITY = {"accelerometer": "acceleration", "inclinometer": "angle", "gyro": "rate", "fog": "rate"}
@@ -46,7 +49,9 @@ class Site(Part):
 
     @property
     def earth_rate(self) -> Array:
-        """Earth's rotation in the world frame, rad/s, (3,); zero when the latitude is not stated."""
+        """Earth's rotation in the world frame, rad/s, (3,); zero when the latitude is not
+        stated.
+        """
         if self.latitude_deg is None:
             return np.zeros(3)
         heading = 0.0 if self.heading_deg == "unknown" else self.heading_deg
@@ -115,7 +120,9 @@ class Input(Part):
     @model_validator(mode="after")
     def _one_slope(self) -> "Input":
         if len(self._slopes()) != 1:
-            raise ValueError("give exactly one of per_m_s2, per_g, per_rad_s, per_deg_s, per_rad, per_deg")
+            raise ValueError(
+                "give exactly one of per_m_s2, per_g, per_rad_s, per_deg_s, per_rad, per_deg"
+            )
         return self
 
     def _slopes(self) -> list[tuple[str, float]]:
@@ -138,14 +145,17 @@ class Input(Part):
 
 
 class Converter(Part):
-    """An analogue chain and one sigma-delta converter that takes the channels in turn; the defaults are an AD7705 behind a quartz
+    """An analogue chain and one sigma-delta converter that takes the channels in turn; the defaults
+    are an AD7705 behind a quartz
     flexure accelerometer (fCLK 2.4576 MHz).
 
     Args:
-        current_mA_g: of the accelerometer's loop; resistor_ohm: it flows through; amplifier: gain before the converter.
+        current_mA_g: of the accelerometer's loop; resistor_ohm: it flows through; amplifier: gain
+            before the converter.
         lowpass_hz: corner of the first-order filter behind the amplifier.
         reference_V, gain, bits: of the converter: it takes +- reference/gain.
-        modulator_hz: rate of the modulator; output_hz: of the sinc3 filter, whose notches lie at its multiples.
+        modulator_hz: rate of the modulator; output_hz: of the sinc3 filter, whose notches lie at
+            its multiples.
         settle: conversions until a channel has settled after the switch; the last one is kept.
     """
 
@@ -201,14 +211,27 @@ class Sensor(Part):
             raise ValueError(f"the sensor name '{self.name}' is reserved")
         allowed = {"fog": {"a"}, "inclinometer": {"x", "y"}}.get(self.kind, {"x", "y", "z"})
         if not self.axes or not set(self.axes) <= allowed or len(set(self.axes)) != len(self.axes):
-            raise ValueError(f"axes of a {self.kind} are among {', '.join(sorted(allowed))}, each once")
+            raise ValueError(
+                f"axes of a {self.kind} are among {', '.join(sorted(allowed))}, each once"
+            )
         if self.kind == "fog" and (self.input_axis is None or not np.any(self.input_axis)):
-            raise ValueError("a fog needs input_axis = [ux, uy, uz], its input axis in the body frame")
+            raise ValueError(
+                "a fog needs input_axis = [ux, uy, uz], its input axis in the body frame"
+            )
         if self.converter is not None:
-            if not self.is_accelerometer or len(self.axes) * self.converter.turn_s > 1 / self.rate_hz:
-                raise ValueError("a converter serves an accelerometer, and all its channels in turn within one sample")
+            if (
+                not self.is_accelerometer
+                or len(self.axes) * self.converter.turn_s > 1 / self.rate_hz
+            ):
+                raise ValueError(
+                    "a converter serves an accelerometer, and all its channels in turn within one"
+                    " sample"
+                )
             if self.kind == "inclinometer":
-                raise ValueError("a converter reads a current that follows the force: call the sensor an accelerometer")
+                raise ValueError(
+                    "a converter reads a current that follows the force: call the sensor an"
+                    " accelerometer"
+                )
         if self.unit is not None:
             unit_ = COLUMN_UNITS.get(self.unit)
             if unit_ is None or unit_.quantity != self.quantity:
@@ -266,4 +289,9 @@ class Setup(Part):
             if s.name == name:
                 return s
         names = ", ".join(s.name for s in self.sensor) or "none"
-        raise TiltcalError(f"sensor '{name}'", found="no such sensor", need=f"one of {names}", do="correct the name")
+        raise TiltcalError(
+            f"sensor '{name}'",
+            found="no such sensor",
+            need=f"one of {names}",
+            do="correct the name",
+        )

@@ -1,4 +1,6 @@
-"""What moves, as frozen records: a Jet (angle, rate, acceleration), a Drive (what was asked or read), a Motion (truth)."""
+"""What moves, as frozen records: a Jet (angle, rate, acceleration), a Drive (what was asked or
+read), a Motion (truth).
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +15,9 @@ from tiltcal.core.arrays import Array, Index
 
 @dataclass(frozen=True)
 class Jet:
-    """An angle (or length) with its first two time derivatives; arrays of shape (n,), or numbers when constant."""
+    """An angle (or length) with its first two time derivatives; arrays of shape (n,), or numbers
+    when constant.
+    """
 
     x: Array | float
     v: Array | float = 0.0
@@ -44,11 +48,17 @@ class Jet:
     @property
     def constant(self) -> bool:
         """Whether it is one number that never moves."""
-        return all(np.ndim(part) == 0 for part in (self.x, self.v, self.a)) and self.v == 0 and self.a == 0
+        return (
+            all(np.ndim(part) == 0 for part in (self.x, self.v, self.a))
+            and self.v == 0
+            and self.a == 0
+        )
 
 
 def sampled_jet(time: Array, x: Array) -> Jet:
-    """A jet of a slowly varying quantity known at samples only, by finite differences. time, x: (n,)."""
+    """A jet of a slowly varying quantity known at samples only, by finite differences. time, x:
+    (n,).
+    """
     if len(time) < 3 or np.ptp(x) == 0:
         return Jet(x, np.zeros_like(x), np.zeros_like(x))
     v = np.gradient(x, time)
@@ -84,9 +94,11 @@ class Drive:
         mounts: (first row, R_mount) of each mounting, in order.
         attitude: of a hand-held body; None on a table.
         known: rows where the readout is known, (n,) bool.
-        structure: what a run by time steps found: deviation of an axis from its readout, and deflections of the
+        structure: what a run by time steps found: deviation of an axis from its readout, and
+            deflections of the
             structure's own joints, by name.
-        realised: addresses of the effects that the readout or ``structure`` already holds: the algebra leaves them out.
+        realised: addresses of the effects that the readout or ``structure`` already holds: the
+            algebra leaves them out.
         rests: says when each rest began and ended; None: with the first and the last row of a stop.
     """
 
@@ -111,7 +123,9 @@ class Drive:
 
 @dataclass(frozen=True)
 class Rests:
-    """When each rest began and ended, s, (m,), in order; a recording that begins amid a move follows a rest long ago."""
+    """When each rest began and ended, s, (m,), in order; a recording that begins amid a move
+    follows a rest long ago.
+    """
 
     begin: Array
     end: Array
@@ -134,12 +148,20 @@ class Rests:
 
     def led_in(self, moving: bool) -> "Rests":
         """With a rest long ago where the recording begins amid a move."""
-        return Rests(*(np.concatenate([[-np.inf], side]) for side in (self.begin, self.end))) if moving else self
+        return (
+            Rests(*(np.concatenate([[-np.inf], side]) for side in (self.begin, self.end)))
+            if moving
+            else self
+        )
 
     def holds(self, time: Array) -> npt.NDArray[np.bool_]:
         """Whether it rests, (n,)."""
         at = np.searchsorted(self.begin, time, side="right") - 1
-        return (at >= 0) & (time <= self.end[np.maximum(at, 0)]) if len(self.end) else np.zeros(len(time), bool)
+        return (
+            (at >= 0) & (time <= self.end[np.maximum(at, 0)])
+            if len(self.end)
+            else np.zeros(len(time), bool)
+        )
 
     def since(self, time: Array) -> Array:
         """Time since the last move ended, s, (n,); 0 while moving."""

@@ -1,1 +1,3 @@
-"""Statistics of samples: least squares, robust location, noise of means, Allan variance, noise spectra."""
+"""Statistics of samples: least squares, robust location, noise of means, Allan variance, noise
+spectra.
+"""

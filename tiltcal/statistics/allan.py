@@ -1,4 +1,6 @@
-"""Allan variance of a record at rest: Q, N, B, K, R with their uncertainty, and which slopes the record does not hold."""
+"""Allan variance of a record at rest: Q, N, B, K, R with their uncertainty, and which slopes the
+record does not hold.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,10 +13,15 @@ from tiltcal.core.errors import TiltcalError
 
 TERMS = ("Q", "N", "B", "K", "R")
 NAMES = {
-    "Q": "quantisation noise", "N": "white noise (random walk of the integral)", "B": "bias instability (flicker)",
-    "K": "random walk", "R": "ramp",
-}  # fmt: skip
-CHUNK = 1 << 13  # in the cache, and below what BLAS spreads over threads: waiting for them took ten times as long
+    "Q": "quantisation noise",
+    "N": "white noise (random walk of the integral)",
+    "B": "bias instability (flicker)",
+    "K": "random walk",
+    "R": "ramp",
+}
+CHUNK = (
+    1 << 13
+)  # in the cache, and below what BLAS spreads over threads: waiting for them took ten times as long
 SIGNIFICANT = 3.0  # standard uncertainties below which a slope is not in the record
 
 
@@ -33,12 +40,18 @@ class AllanDeviation:
     freedom: Array
 
     def interval(self, probability: float = 0.68) -> tuple[Array, Array]:
-        """Confidence interval of the deviation, (m,) each, from chi-square with the equivalent degrees of freedom."""
+        """Confidence interval of the deviation, (m,) each, from chi-square with the equivalent
+        degrees of freedom.
+        """
         from scipy.special import chdtri
 
         tail = (1 - probability) / 2
-        high = self.deviation * np.sqrt(self.freedom / np.array([chdtri(f, 1 - tail) for f in self.freedom]))
-        low = self.deviation * np.sqrt(self.freedom / np.array([chdtri(f, tail) for f in self.freedom]))
+        high = self.deviation * np.sqrt(
+            self.freedom / np.array([chdtri(f, 1 - tail) for f in self.freedom])
+        )
+        low = self.deviation * np.sqrt(
+            self.freedom / np.array([chdtri(f, tail) for f in self.freedom])
+        )
         return low, high
 
 
@@ -47,7 +60,8 @@ class NoiseModel:
     """Coefficients of ``s2 = 3 Q2/tau2 + N2/tau + (2 ln2/pi) B2 + K2 tau/3 + R2 tau2/2``.
 
     Args:
-        values: of Q, N, B, K, R, in the unit of the record and seconds; 0 where the slope is not in the record.
+        values: of Q, N, B, K, R, in the unit of the record and seconds; 0 where the slope is not in
+            the record.
         sigmas: standard uncertainties.
         held: which slopes the record holds.
         curve: what it was fitted to.
@@ -60,18 +74,23 @@ class NoiseModel:
 
 
 def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> AllanDeviation:
-    """Overlapped Allan deviation of one channel, (n,), at octave averaging times unless others are given.
+    """Overlapped Allan deviation of one channel, (n,), at octave averaging times unless others are
+    given.
 
-    ``s2(tau) = sum (x_(k+2m) - 2 x_(k+m) + x_k)^2 / (2 tau^2 (N - 2m))`` with x the running integral.
+    ``s2(tau) = sum (x_(k+2m) - 2 x_(k+m) + x_k)^2 / (2 tau^2 (N - 2m))`` with x the running
+    integral.
 
     Raises:
         TiltcalError: the record is shorter than 16 samples.
 
-    Source: IEEE 952 annex C; equivalent degrees of freedom for white noise after Howe, Allan and Barnes (1981).
+    Source: IEEE 952 annex C; equivalent degrees of freedom for white noise after Howe, Allan and
+        Barnes (1981).
     """
     n = len(values)
     if n < 16:
-        raise TiltcalError("noise record", found=f"{n} samples", need="at least 16", do="record longer")
+        raise TiltcalError(
+            "noise record", found=f"{n} samples", need="at least 16", do="record longer"
+        )
     if tau is None:
         m = 2 ** np.arange(int(np.log2(n / 5)) + 1)
     else:
@@ -79,13 +98,17 @@ def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> 
     x = np.zeros(n + 1)
     np.cumsum(values - values.mean(), out=x[1:])
     double = 2.0 * x
-    variance = np.array([_second_differences(x, double, int(k)) / (2.0 * k**2 * (n + 1 - 2 * k)) for k in m])
+    variance = np.array(
+        [_second_differences(x, double, int(k)) / (2.0 * k**2 * (n + 1 - 2 * k)) for k in m]
+    )
     freedom = np.maximum((3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5), 1.0)
     return AllanDeviation(m / rate_hz, np.sqrt(variance), freedom)
 
 
 def _second_differences(x: Array, double: Array, m: int) -> float:
-    """Sum of (x_(k+2m) - 2 x_(k+m) + x_k)^2, by pieces that stay in the cache and without new arrays."""
+    """Sum of (x_(k+2m) - 2 x_(k+m) + x_k)^2, by pieces that stay in the cache and without new
+    arrays.
+    """
     count = len(x) - 2 * m
     buffer = np.empty(min(CHUNK, count))
     total = 0.0
@@ -100,18 +123,24 @@ def _second_differences(x: Array, double: Array, m: int) -> float:
 
 def slopes(tau: Array) -> Array:
     """Allan variance of each term at unit coefficient, (m, 5), in the order of TERMS."""
-    return np.column_stack([3 / tau**2, 1 / tau, np.full_like(tau, 2 * log(2) / pi), tau / 3, tau**2 / 2])
+    return np.column_stack(
+        [3 / tau**2, 1 / tau, np.full_like(tau, 2 * log(2) / pi), tau / 3, tau**2 / 2]
+    )
 
 
 def fit_noise(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseModel:
-    """Non-negative weighted least squares of the Allan variance; a term below three sigmas is left out and the rest re-fitted."""
+    """Non-negative weighted least squares of the Allan variance; a term below three sigmas is left
+    out and the rest re-fitted.
+    """
     from scipy.optimize import nnls
 
     kept = [t for t in TERMS if t in terms]
     while True:
         design = slopes(curve.tau)[:, [TERMS.index(t) for t in kept]]
         squares = curve.deviation**2
-        for _ in range(8):  # the weight is the variance of the estimate, which the fit itself gives best
+        for _ in range(
+            8
+        ):  # the weight is the variance of the estimate, which the fit itself gives best
             weight = np.sqrt(curve.freedom / 2) / squares
             solution = nnls(design * weight[:, None], curve.deviation**2 * weight)[0]
             squares = np.maximum(design @ solution, 1e-300)
@@ -122,7 +151,13 @@ def fit_noise(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseModel
             break
         kept.pop(weakest)
     found = dict(zip(kept, np.sqrt(solution), strict=True))
-    sigma = {t: float(s / (2 * found[t])) if found[t] > 0 else 0.0 for t, s in zip(kept, spread, strict=True)}
+    sigma = {
+        t: float(s / (2 * found[t])) if found[t] > 0 else 0.0
+        for t, s in zip(kept, spread, strict=True)
+    }
     return NoiseModel(
-        {t: float(found.get(t, 0.0)) for t in TERMS}, {t: sigma.get(t, 0.0) for t in TERMS}, {t: t in kept for t in TERMS}, curve
+        {t: float(found.get(t, 0.0)) for t in TERMS},
+        {t: sigma.get(t, 0.0) for t in TERMS},
+        {t: t in kept for t in TERMS},
+        curve,
     )

@@ -1,4 +1,6 @@
-"""Noise of a recording: the width of its codes, the covariance of one sample, and how badly means average."""
+"""Noise of a recording: the width of its codes, the covariance of one sample, and how badly means
+average.
+"""
 
 from collections.abc import Sequence
 
@@ -17,14 +19,17 @@ def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:
         residuals: one (n_i, k) array a dwell.
 
     Returns:
-        Covariance of one sample, (k, k), not below rounding to the code (width^2/12); and the inflation of the variance
+        Covariance of one sample, (k, k), not below rounding to the code (width^2/12); and the
+        inflation of the variance
         of a mean over that of white noise, by batch means, 1 unless significant at 0.1 %.
     """
     k = residuals[0].shape[1]
     dof = max(sum(len(r) - 1 for r in residuals), 1)
     covariance = sum((r.T @ r for r in residuals), np.zeros((k, k))) / dof
     codes = np.array([code_width(residuals[0][:, i]) for i in range(k)])
-    floor = np.maximum(np.where(codes**2 / 12 < 1e-4 * np.diag(covariance), 0.0, codes**2 / 12), ARITHMETIC**2)
+    floor = np.maximum(
+        np.where(codes**2 / 12 < 1e-4 * np.diag(covariance), 0.0, codes**2 / 12), ARITHMETIC**2
+    )
     covariance = covariance + np.diag(np.maximum(floor - np.diag(covariance), 0.0))
     return covariance, _inflation(residuals, np.diag(covariance), dof)
 

@@ -1,4 +1,6 @@
-"""Weighted least squares: values, covariance, what could not be seen; linear in one step, else Gauss-Newton."""
+"""Weighted least squares: values, covariance, what could not be seen; linear in one step, else
+Gauss-Newton.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -62,7 +64,8 @@ class Fit:
 def linear_fit(names: Sequence[str], design: Array, target: Array) -> Fit:
     """Least squares of ``design @ values = target``, both whitened: (n, p), (n,).
 
-    Parameters with a part in the null space are dropped and named; the others are what the data do determine.
+    Parameters with a part in the null space are dropped and named; the others are what the data do
+    determine.
     """
     scale = np.linalg.norm(design, axis=0)
     seen = scale > SINGULAR * max(float(scale.max(initial=0.0)), 1e-300)
@@ -74,10 +77,15 @@ def linear_fit(names: Sequence[str], design: Array, target: Array) -> Fit:
     values = vt.T @ ((u.T @ target) / s) / scale
     covariance = ((vt.T / s**2) @ vt) / np.outer(scale, scale)
     return Fit(
-        tuple(name for name, k in zip(names, keep, strict=True) if k), values[keep], covariance[np.ix_(keep, keep)],
-        target - u @ (u.T @ target), tuple(name for name, k in zip(names, keep, strict=True) if not k), 1,
-        float(s[0] / s[-1]) if rank else float("inf"), rank,
-    )  # fmt: skip
+        tuple(name for name, k in zip(names, keep, strict=True) if k),
+        values[keep],
+        covariance[np.ix_(keep, keep)],
+        target - u @ (u.T @ target),
+        tuple(name for name, k in zip(names, keep, strict=True) if not k),
+        1,
+        float(s[0] / s[-1]) if rank else float("inf"),
+        rank,
+    )
 
 
 def gauss_newton(
@@ -123,5 +131,7 @@ def gauss_newton(
                 break
     fit = linear_fit(names, J, -r)
     kept = [name in fit.names for name in names]
-    done = Fit(fit.names, x[kept], fit.covariance, r, fit.dropped, iteration, fit.condition, fit.rank)
+    done = Fit(
+        fit.names, x[kept], fit.covariance, r, fit.dropped, iteration, fit.condition, fit.rank
+    )
     return done, iteration < limit and damping <= 1e12

@@ -1,9 +1,13 @@
 """Noise of a channel from the recording itself, and the filter that makes it white.
 
-White noise, flicker and a random walk on evenly numbered samples are diagonal in the cosine basis (DCT-II): exactly so for
-white noise and for a random walk with a free level, whose precision is D'D, nearly so for flicker. Their variances there,
-S(k) = sw^2 + sf^2 / s + sr^2 / s^2 with s = 2 sin(pi k / 2n), are estimated by restricted likelihood (Whittle's, with the
-leverage of the mean model taken off); C^-1/2 = DCT^-1 S^-1/2 DCT is a filter without phase, so it keeps time local.
+White noise, flicker and a random walk on evenly numbered samples are diagonal in the cosine basis
+(DCT-II): exactly so for
+white noise and for a random walk with a free level, whose precision is D'D, nearly so for flicker.
+Their variances there,
+S(k) = sw^2 + sf^2 / s + sr^2 / s^2 with s = 2 sin(pi k / 2n), are estimated by restricted
+likelihood (Whittle's, with the
+leverage of the mean model taken off); C^-1/2 = DCT^-1 S^-1/2 DCT is a filter without phase, so it
+keeps time local.
 """
 
 from collections.abc import Sequence
@@ -38,7 +42,9 @@ class NoiseModel:
     walk: float = 0.0
 
     def spectrum(self, n: int) -> Array:
-        """Variance of each cosine coefficient, SI^2, (n,); that of the level is that of its neighbour."""
+        """Variance of each cosine coefficient, SI^2, (n,); that of the level is that of its
+        neighbour.
+        """
         return np.asarray(self.white**2 + self.flicker**2 / _sines(n) + self.walked(n))
 
     def walked(self, n: int) -> Array:
@@ -49,7 +55,9 @@ class NoiseModel:
         """C^-1/2 times a column, in time, (n,)."""
         from scipy.fft import dct, idct
 
-        return np.asarray(idct(dct(column, norm="ortho") / np.sqrt(self.spectrum(len(column))), norm="ortho"))
+        return np.asarray(
+            idct(dct(column, norm="ortho") / np.sqrt(self.spectrum(len(column))), norm="ortho")
+        )
 
 
 def _sines(n: int) -> Array:
@@ -72,11 +80,15 @@ def column_space(columns: Array) -> Array:
     values, vectors = np.linalg.eigh(columns.T @ columns / np.outer(size, size))
     keep = values > DISTINCT * np.isfinite(size).sum()
     Q = columns @ (vectors[:, keep] / np.sqrt(values[keep]) / size[:, None])
-    values, vectors = np.linalg.eigh(Q.T @ Q)  # once more: what rounding left of the small directions, at the cost of a product
+    values, vectors = np.linalg.eigh(
+        Q.T @ Q
+    )  # once more: what rounding left of the small directions, at the cost of a product
     return np.asarray(Q @ (vectors / np.sqrt(values)))
 
 
-def estimate_noise(residual: Array, mean: Array, start: NoiseModel | None = None, rounds: int = 2) -> "NoiseFit":
+def estimate_noise(
+    residual: Array, mean: Array, start: NoiseModel | None = None, rounds: int = 2
+) -> "NoiseFit":
     """The noise behind a residual whose mean model is ``mean``.
 
     Args:
@@ -86,10 +98,14 @@ def estimate_noise(residual: Array, mean: Array, start: NoiseModel | None = None
         rounds: of generalised least squares and fit.
     """
     n = len(residual)
-    slow = min(n, max(LOW, 4 * mean.shape[1]))  # beyond it all noise is white and the mean has hardly any part
+    slow = min(
+        n, max(LOW, 4 * mean.shape[1])
+    )  # beyond it all noise is white and the mean has hardly any part
     tail = residual[slow:]
     if start is None:
-        start = NoiseModel(max(float(np.sqrt(np.median(residual[n // 2 :] ** 2) / 0.4549)), ARITHMETIC))
+        start = NoiseModel(
+            max(float(np.sqrt(np.median(residual[n // 2 :] ** 2) / 0.4549)), ARITHMETIC)
+        )
     fit = NoiseFit.whole(start)
     for _ in range(rounds):
         root = np.sqrt(fit.model.spectrum(n)[:slow])
@@ -107,7 +123,8 @@ class NoiseFit:
 
     Args:
         model: the most likely one.
-        weight: degrees of freedom of each bin, (m,); power: sum of squares, over ``scale``; inverse: 1/s of its middle.
+        weight: degrees of freedom of each bin, (m,); power: sum of squares, over ``scale``;
+            inverse: 1/s of its middle.
         scale: SI^2, of the powers.
     """
 
@@ -133,7 +150,9 @@ class NoiseFit:
 
     @classmethod
     def within(cls, parts: Sequence[Array]) -> "NoiseFit":
-        """Largest Whittle likelihood for the cosine coefficients of parts of a record, (n_k,) each, whose levels are free."""
+        """Largest Whittle likelihood for the cosine coefficients of parts of a record, (n_k,) each,
+        whose levels are free.
+        """
         e = np.concatenate([part[1:] for part in parts])
         s = np.concatenate([_sines(len(part))[1:] for part in parts])
         which = np.floor(BINS * np.log(s / 2.0) / np.log(s.min() / 2.0)).astype(int)
@@ -150,25 +169,38 @@ class NoiseFit:
         if keep.sum() < 3:  # the mean model takes all there is: its rms is all that is known
             return cls.whole(NoiseModel(max(float(np.sqrt(np.mean(e**2))), ARITHMETIC)))
         scale = max(float(power[keep].sum() / weight[keep].sum()), ARITHMETIC**2)
-        return cls(NoiseModel(0.0), weight[keep], power[keep] / scale, inverse[keep], scale).searched()
+        return cls(
+            NoiseModel(0.0), weight[keep], power[keep] / scale, inverse[keep], scale
+        ).searched()
 
     @classmethod
     def alike(cls, fits: Sequence["NoiseFit"]) -> "NoiseFit":
-        """Largest likelihood for several channels whose noise is alike, in units of the white noise of each.
+        """Largest likelihood for several channels whose noise is alike, in units of the white noise
+        of each.
 
-        What one record of one channel tells of its flicker and its walk apart is little. A channel without a spectrum of its own
+        What one record of one channel tells of its flicker and its walk apart is little. A channel
+        without a spectrum of its own
         (its mean model takes all there is) tells nothing; where none has one the noise is white.
         """
         scales = [f.scale / f.model.white**2 for f in fits]
         power = np.concatenate([f.power * scale for f, scale in zip(fits, scales, strict=True)])
-        weight, inverse = (np.concatenate(parts) for parts in ([f.weight for f in fits], [f.inverse for f in fits]))
-        return cls(NoiseModel(1.0), weight, power, inverse, 1.0).searched() if len(weight) else cls.whole(NoiseModel(1.0))
+        weight, inverse = (
+            np.concatenate(parts) for parts in ([f.weight for f in fits], [f.inverse for f in fits])
+        )
+        return (
+            cls(NoiseModel(1.0), weight, power, inverse, 1.0).searched()
+            if len(weight)
+            else cls.whole(NoiseModel(1.0))
+        )
 
     def searched(self) -> "NoiseFit":
         """With the most likely model of its spectrum."""
         low = 1 / float(self.inverse.max())
         starts = np.array([[1.0, 1e-2 * low, 1e-1 * low**2], [1.0, low, 1e-4 * low**2]])
-        return replace(self, model=self.at(min((self.search(s) for s in starts), key=lambda found: found[0])[1]))
+        return replace(
+            self,
+            model=self.at(min((self.search(s) for s in starts), key=lambda found: found[0])[1]),
+        )
 
     def cost(self, v: Array) -> float:
         """-2 log likelihood at the variances v = (sw^2, sf^2, sr^2) / scale."""
@@ -183,7 +215,8 @@ class NoiseFit:
     def search(self, start: Array, fixed: int | None = None) -> tuple[float, Array]:
         """Smallest cost from a start, flicker or walk held, and where.
 
-        By scoring: the cost's expected curvature is that of a weighted least-squares problem, whose variances are not negative.
+        By scoring: the cost's expected curvature is that of a weighted least-squares problem, whose
+            variances are not negative.
         """
         from scipy.optimize import nnls
 
@@ -195,7 +228,9 @@ class NoiseFit:
             columns = self._shares[:, free] * root[:, None]
             size = np.sqrt((columns**2).sum(axis=0))
             step = np.zeros(3)
-            step[free] = nnls(columns / size, (self.power / self.weight - held) * root)[0] / size - v[free]
+            step[free] = (
+                nnls(columns / size, (self.power / self.weight - held) * root)[0] / size - v[free]
+            )
             step[0] = max(step[0], LEAST_WHITE - v[0])
             before, share = cost, 1.0
             while (cost := self.cost(v + share * step)) > before and share > CLOSE:
@@ -212,11 +247,16 @@ class NoiseFit:
         return NoiseModel(*(float(x) for x in np.sqrt(v * self.scale)))
 
     def bounds(self, drop: float = 3.84) -> tuple[NoiseModel, NoiseModel]:
-        """Models with as much flicker, and as much random walk, as the record allows: the cost rises by ``drop``."""
+        """Models with as much flicker, and as much random walk, as the record allows: the cost
+        rises by ``drop``.
+        """
         model = self.model
         if not len(self.weight):
             return model, model
-        best = np.maximum(np.array([model.white, model.flicker, model.walk]) ** 2 / self.scale, np.finfo(float).eps ** 1.5)
+        best = np.maximum(
+            np.array([model.white, model.flicker, model.walk]) ** 2 / self.scale,
+            np.finfo(float).eps ** 1.5,
+        )
         return self._bound(best, 1, drop), self._bound(best, 2, drop)
 
     def _bound(self, best: Array, which: int, drop: float) -> NoiseModel:

@@ -1,10 +1,14 @@
-"""Location of dwells by mean, median, M-estimators and the mean of inliers, each with the uncertainty it really has.
+"""Location of dwells by mean, median, M-estimators and the mean of inliers, each with the
+uncertainty it really has.
 
-The variance of an M-estimator is ``<psi^2> / <psi'>^2 / n`` (Huber 1981, eq. 3.2.14); noise is common to all dwells, so
+The variance of an M-estimator is ``<psi^2> / <psi'>^2 / n`` (Huber 1981, eq. 3.2.14); noise is
+common to all dwells, so
 scale, <psi^2> and <psi'> are pooled over them.
 
-A median of quantised data sticks to codes: where the noise is below some three codes it is no estimate of anything
-between them. ``inliers`` uses the median only to reject and then takes a mean, which keeps the dither.
+A median of quantised data sticks to codes: where the noise is below some three codes it is no
+    estimate of anything
+between them. ``inliers`` uses the median only to reject and then takes a mean, which keeps the
+dither.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +21,11 @@ from tiltcal.statistics.dwell_noise import ARITHMETIC, pooled_noise
 
 ESTIMATORS = ("mean", "median", "huber", "tukey", "inliers")
 MAD = 1.482602218505602  # standard deviation of a normal over its median absolute deviation
-HUBER, TUKEY, REJECT = 1.345, 4.685, 3.5  # tuning constants, in standard deviations: 95 % efficiency; rejection
+HUBER, TUKEY, REJECT = (
+    1.345,
+    4.685,
+    3.5,
+)  # tuning constants, in standard deviations: 95 % efficiency; rejection
 LEAST_SLOPE = 0.1  # of a sample that is hardly noise at all
 BAND = 0.15  # relative half-width in which the density at the rejection limit is counted
 
@@ -28,7 +36,8 @@ class Locations:
 
     Args:
         values: (m, k).
-        unit: covariance of a location times the number of samples, (k, k), with the inflation by correlated noise.
+        unit: covariance of a location times the number of samples, (k, k), with the inflation by
+            correlated noise.
         rejected: share of samples that weigh nothing, (k,).
         scale: robust standard deviation of a sample, (k,).
     """
@@ -42,21 +51,34 @@ class Locations:
 def locations(chunks: Sequence[Array], estimator: str, codes: Array) -> Locations:
     """Locations of dwells, one (n_i, k) array each; codes: width of each channel's code, (k,)."""
     medians = np.array([np.median(c, axis=0) for c in chunks])
-    scale = np.array([_scale([c[:, i] - m[i] for c, m in zip(chunks, medians, strict=True)], codes[i]) for i in range(len(codes))])
+    scale = np.array(
+        [
+            _scale([c[:, i] - m[i] for c, m in zip(chunks, medians, strict=True)], codes[i])
+            for i in range(len(codes))
+        ]
+    )
     if estimator == "mean":
         return _by_mean(chunks, scale)
     if estimator == "median":
         values, psi, slope = medians, _residuals(chunks, medians, scale), np.ones(len(scale))
         _, inflation = pooled_noise([p * scale for p in psi])
-        unit = np.diag(np.pi / 2 * scale**2 * inflation)  # the sign's correlation between channels is left out
+        unit = np.diag(
+            np.pi / 2 * scale**2 * inflation
+        )  # the sign's correlation between channels is left out
         return Locations(values, unit, np.zeros(len(scale)), scale)
-    values = np.array([_m_estimate(c, m, scale, estimator) for c, m in zip(chunks, medians, strict=True)])
+    values = np.array(
+        [_m_estimate(c, m, scale, estimator) for c, m in zip(chunks, medians, strict=True)]
+    )
     residuals = _residuals(chunks, values, scale)
     psi = [PSI[estimator](r) for r in residuals]
     slope = np.maximum(_slope(np.concatenate(residuals), estimator), LEAST_SLOPE)
     covariance, inflation = pooled_noise([p * scale for p in psi])
-    rejected = np.mean(np.concatenate(psi) == 0, axis=0) - np.mean(np.concatenate(residuals) == 0, axis=0)
-    return Locations(values, covariance * inflation / np.outer(slope, slope), np.maximum(rejected, 0.0), scale)
+    rejected = np.mean(np.concatenate(psi) == 0, axis=0) - np.mean(
+        np.concatenate(residuals) == 0, axis=0
+    )
+    return Locations(
+        values, covariance * inflation / np.outer(slope, slope), np.maximum(rejected, 0.0), scale
+    )
 
 
 def _by_mean(chunks: Sequence[Array], scale: Array) -> Locations:
@@ -66,7 +88,8 @@ def _by_mean(chunks: Sequence[Array], scale: Array) -> Locations:
 
 
 def _scale(residuals: Sequence[Array], code: float) -> float:
-    """Standard deviation by the median absolute deviation over all dwells, not below what a code alone makes.
+    """Standard deviation by the median absolute deviation over all dwells, not below what a code
+    alone makes.
 
     Of codes it is a multiple of the code, perhaps none: half a code is the least.
     """
@@ -87,7 +110,9 @@ def _m_estimate(chunk: Array, start: Array, scale: Array, estimator: str) -> Arr
         if np.all(np.abs(new - value) <= 1e-6 * scale):
             return np.asarray(new)
         value = new
-        if estimator == "inliers":  # rejected once, against the median: a moving limit could run in circles
+        if (
+            estimator == "inliers"
+        ):  # rejected once, against the median: a moving limit could run in circles
             break
     return np.asarray(value)
 
@@ -112,4 +137,6 @@ WEIGHT: dict[str, Callable[[Array], Array]] = {
     "tukey": _tukey_weight,
     "inliers": lambda r: (np.abs(r) <= REJECT).astype(float),
 }
-PSI: dict[str, Callable[[Array], Array]] = {name: (lambda r, w=w: r * w(r)) for name, w in WEIGHT.items()}  # type: ignore[misc]
+PSI: dict[str, Callable[[Array], Array]] = {
+    name: (lambda r, w=w: r * w(r)) for name, w in WEIGHT.items()
+}  # type: ignore[misc]

@@ -1,1 +1,3 @@
-"""How good a calibration or an online estimator is: acceptance, cross-checks, accuracy, uncertainty budgets."""
+"""How good a calibration or an online estimator is: acceptance, cross-checks, accuracy, uncertainty
+budgets.
+"""

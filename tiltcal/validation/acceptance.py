@@ -1,4 +1,6 @@
-"""Running scenarios: record, calibrate, judge against the acceptance limits; a folder of them with JUnit XML."""
+"""Running scenarios: record, calibrate, judge against the acceptance limits; a folder of them with
+JUnit XML.
+"""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -81,9 +83,13 @@ class ScenarioResult:
 
 
 def run_scenario(
-    scenario: Scenario, laboratory: Laboratory, *, source: str = "", allow_commands: bool = False,
+    scenario: Scenario,
+    laboratory: Laboratory,
+    *,
+    source: str = "",
+    allow_commands: bool = False,
     progress: Progress = silent,
-) -> ScenarioResult:  # fmt: skip
+) -> ScenarioResult:
     """Simulate, calibrate, judge.
 
     Raises:
@@ -91,15 +97,19 @@ def run_scenario(
     """
     if not scenario.method and not scenario.estimator:
         raise TiltcalError(
-            f"scenario {source or scenario.name}", found="no [[method]]", need="at least one to judge",
+            f"scenario {source or scenario.name}",
+            found="no [[method]]",
+            need="at least one to judge",
             do="add [[method]] name = 'six_position'",
-        )  # fmt: skip
+        )
     for command in [m.command for m in scenario.method] + [e.command for e in scenario.estimator]:
         if command and not allow_commands:
             raise TiltcalError(
-                f"scenario {source or scenario.name}", found=f"the command {command[0]}", need="leave to run programs",
+                f"scenario {source or scenario.name}",
+                found=f"the command {command[0]}",
+                need="leave to run programs",
                 do="read it, then add --allow-commands",
-            )  # fmt: skip
+            )
     runs = max((m.runs for m in scenario.method), default=1)
     recordings = []
     for k in range(runs):
@@ -115,7 +125,9 @@ def run_scenario(
     return ScenarioResult(scenario, source, tuple(results), recordings[0])
 
 
-def _run_method(scenario: Scenario, table: MethodTable, recordings: Sequence[Recording]) -> MethodResult:
+def _run_method(
+    scenario: Scenario, table: MethodTable, recordings: Sequence[Recording]
+) -> MethodResult:
     start = time.perf_counter()
     try:
         found = tuple(_calibrate(scenario, table, r) for r in recordings)
@@ -125,7 +137,9 @@ def _run_method(scenario: Scenario, table: MethodTable, recordings: Sequence[Rec
     except TiltcalError as error:
         return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
     limits = tuple(_limits(scenario, table, found, tilt))
-    return MethodResult(table.title, found, truth, tilt, limits, time.perf_counter() - start, budget=budget)
+    return MethodResult(
+        table.title, found, truth, tilt, limits, time.perf_counter() - start, budget=budget
+    )
 
 
 def _budget(scenario: Scenario, table: MethodTable, recording: Recording) -> Budget | None:
@@ -134,14 +148,18 @@ def _budget(scenario: Scenario, table: MethodTable, recording: Recording) -> Bud
     return make_budget(table.name, recording, scenario, scenario.budget, **table.options)[1]
 
 
-def _run_estimator(scenario: Scenario, table: EstimatorTable, recording: Recording, laboratory: Laboratory) -> MethodResult:
+def _run_estimator(
+    scenario: Scenario, table: EstimatorTable, recording: Recording, laboratory: Laboratory
+) -> MethodResult:
     start = time.perf_counter()
     try:
         found = run_estimator(scenario, table, recording, laboratory)
     except TiltcalError as error:
         return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
     limits = tuple(Limit(*limit) for limit in found.limits(table.accept))
-    return MethodResult(table.title, (), {}, None, limits, time.perf_counter() - start, online=found)
+    return MethodResult(
+        table.title, (), {}, None, limits, time.perf_counter() - start, online=found
+    )
 
 
 def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> Calibration:
@@ -151,7 +169,9 @@ def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> 
 
 
 def _error_of(found: Calibration, scenario: Scenario) -> TiltError | None:
-    """Tilt error of what senses gravity, attitude error of a gyro triad; None where nothing was determined."""
+    """Tilt error of what senses gravity, attitude error of a gyro triad; None where nothing was
+    determined.
+    """
     if "base.roll" in found.parameters:
         return tilt_error(scenario, scenario.effects, found)
     if found.verdict == "cannot_tell" or not found.sensors():
@@ -162,10 +182,14 @@ def _error_of(found: Calibration, scenario: Scenario) -> TiltError | None:
     return tilt_error(scenario, scenario.effects, found) if sensor.is_accelerometer else None
 
 
-def _limits(scenario: Scenario, table: MethodTable, found: Sequence[Calibration], tilt: TiltError | None) -> Iterable[Limit]:
+def _limits(
+    scenario: Scenario, table: MethodTable, found: Sequence[Calibration], tilt: TiltError | None
+) -> Iterable[Limit]:
     verdicts = [c.verdict for c in found]
     wrong = [v for v in verdicts if v != table.expect]
-    said = ", ".join(f"{v} x{verdicts.count(v)}" if len(verdicts) > 1 else v for v in dict.fromkeys(verdicts))
+    said = ", ".join(
+        f"{v} x{verdicts.count(v)}" if len(verdicts) > 1 else v for v in dict.fromkeys(verdicts)
+    )
     allowed_wrong = _rare(len(found), table.accept.false_alarm) if table.expect == "good" else 0
     yield Limit(
         f"verdict ({said})",
@@ -182,7 +206,9 @@ def _limits(scenario: Scenario, table: MethodTable, found: Sequence[Calibration]
     before, after, bound = tilt.in_arcsec
     a = table.accept
     if a.tilt_arcsec is not None:
-        yield Limit("tilt error, arcsec rms", after, f"<= {a.tilt_arcsec:g}", after <= a.tilt_arcsec)
+        yield Limit(
+            "tilt error, arcsec rms", after, f"<= {a.tilt_arcsec:g}", after <= a.tilt_arcsec
+        )
     if a.tilt_over_bound is not None:
         yield Limit(
             "tilt error over its bound",
@@ -205,14 +231,18 @@ def _ratio(a: float, b: float) -> float:
 
 
 def _rare(runs: int, false_alarm: float) -> int:
-    """How many of ``runs`` good calibrations may be called suspect: each has a few tests at 0.1 %."""
+    """How many of ``runs`` good calibrations may be called suspect: each has a few tests at 0.1
+    %.
+    """
     from scipy.stats import binom
 
     return int(binom.isf(false_alarm, runs, 5e-3)) if runs > 1 else 0
 
 
 def _parameter_limit(scenario: Scenario, table: MethodTable, found: Sequence[Calibration]) -> Limit:
-    """All parameters of all runs against the truth: the sum of squared errors in units of their covariance (NEES)."""
+    """All parameters of all runs against the truth: the sum of squared errors in units of their
+    covariance (NEES).
+    """
     from scipy.special import chdtri
 
     total, dof = 0.0, 0
@@ -221,7 +251,10 @@ def _parameter_limit(scenario: Scenario, table: MethodTable, found: Sequence[Cal
         total, dof = total + nees, dof + n
     if dof == 0:
         return Limit("parameters against the truth", 0.0, "a truth to compare with", False)
-    low, high = chdtri(dof, 1 - table.accept.false_alarm / 2), chdtri(dof, table.accept.false_alarm / 2)
+    low, high = (
+        chdtri(dof, 1 - table.accept.false_alarm / 2),
+        chdtri(dof, table.accept.false_alarm / 2),
+    )
     ok = low <= total <= high
     return Limit(
         "parameters, NEES per degree of freedom",
@@ -259,14 +292,27 @@ def verify_folder(
     """
     paths = sorted(folder.glob("*.toml")) if folder.is_dir() else [folder]
     if not paths:
-        raise TiltcalError(f"folder {folder}", found="no *.toml", need="scenarios", do="name a folder that holds some")
+        raise TiltcalError(
+            f"folder {folder}",
+            found="no *.toml",
+            need="scenarios",
+            do="name a folder that holds some",
+        )
     scenarios = [(path, load_scenario(path)) for path in paths]
     start = time.perf_counter()
     results = []
     for k, (path, scenario) in enumerate(scenarios, start=1):
         progress(f"{k} of {len(scenarios)}: {path.name}")
         if scenario.method or scenario.estimator:
-            results.append(run_scenario(scenario, laboratory, source=path.name, allow_commands=allow_commands, progress=progress))
+            results.append(
+                run_scenario(
+                    scenario,
+                    laboratory,
+                    source=path.name,
+                    allow_commands=allow_commands,
+                    progress=progress,
+                )
+            )
     if not results:
         raise TiltcalError(
             f"folder {folder}",
@@ -284,7 +330,9 @@ def _printable(text: str) -> str:
 
 def write_junit(verification: Verification, path: Path) -> None:
     """JUnit XML: a suite a scenario, a case a limit."""
-    root = ElementTree.Element("testsuites", name="tiltcal verify", time=f"{verification.seconds:.3f}")
+    root = ElementTree.Element(
+        "testsuites", name="tiltcal verify", time=f"{verification.seconds:.3f}"
+    )
     for result in verification.results:
         suite = ElementTree.SubElement(root, "testsuite", name=result.scenario.name)
         cases, failures = 0, 0
@@ -301,7 +349,9 @@ def write_junit(verification: Verification, path: Path) -> None:
                 )
                 if not limit.passed or method.error:
                     failures += 1
-                    text = _printable(method.error or f"reached {limit.reached:.6g}, allowed {limit.allowed}")
+                    text = _printable(
+                        method.error or f"reached {limit.reached:.6g}, allowed {limit.allowed}"
+                    )
                     ElementTree.SubElement(case, "failure", message=text).text = text
         suite.set("tests", str(cases))
         suite.set("failures", str(failures))

@@ -1,4 +1,6 @@
-"""How good a calibration is where the truth is known: parameters against injected ones, tilt error over directions."""
+"""How good a calibration is where the truth is known: parameters against injected ones, tilt error
+over directions.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +9,14 @@ import numpy as np
 
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
-from tiltcal.core.frames import angle_between, base_rotation, best_rotation, parse_mount, rotation, sphere
+from tiltcal.core.frames import (
+    angle_between,
+    base_rotation,
+    best_rotation,
+    parse_mount,
+    rotation,
+    sphere,
+)
 from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.laboratory import true_readings
@@ -49,10 +58,14 @@ def mount_rotation(effects: Sequence[Effect]) -> Array:
     return R
 
 
-def true_parameters(setup: Setup, effects: Sequence[Effect], calibration: Calibration) -> dict[str, float]:
-    """The injected value of each recovered parameter, in its unit, where the injected physics defines one.
+def true_parameters(
+    setup: Setup, effects: Sequence[Effect], calibration: Calibration
+) -> dict[str, float]:
+    """The injected value of each recovered parameter, in its unit, where the injected physics
+    defines one.
 
-    Bias and M are those of the sensor behind its mounting; ``norm`` sees M only up to a rotation, so its truth is the
+    Bias and M are those of the sensor behind its mounting; ``norm`` sees M only up to a rotation,
+    so its truth is the
     symmetric factor S of M = S R.
     """
     if calibration.bias_tables:
@@ -64,15 +77,25 @@ def true_parameters(setup: Setup, effects: Sequence[Effect], calibration: Calibr
         if e.id == "table_levelling":
             truth |= {"base.roll": e.value("tilt_east"), "base.pitch": e.value("tilt_north")}
     if "base.roll" in calibration.parameters:
-        truth = {"base.roll": 0.0, "base.pitch": 0.0} | {n: v for n, v in truth.items() if n.startswith("base.")}
+        truth = {"base.roll": 0.0, "base.pitch": 0.0} | {
+            n: v for n, v in truth.items() if n.startswith("base.")
+        }
     if "base.azimuth" in calibration.parameters:
         truth["base.azimuth"] = _true_azimuth(setup, effects, calibration.value("base.azimuth"))
-    of_the_day = calibration.method == "fog_scale"  # its bias is the reading at rest, with the Earth's rate in it
-    return {n: v for n, v in truth.items() if n in calibration.parameters and not (of_the_day and ".bias_" in n)}
+    of_the_day = (
+        calibration.method == "fog_scale"
+    )  # its bias is the reading at rest, with the Earth's rate in it
+    return {
+        n: v
+        for n, v in truth.items()
+        if n in calibration.parameters and not (of_the_day and ".bias_" in n)
+    }
 
 
 def _true_azimuth(setup: Setup, effects: Sequence[Effect], found: float) -> float:
-    """Azimuth of the horizontal projection of body x at outer = 0, rad, counted so that it lies within half a turn of ``found``."""
+    """Azimuth of the horizontal projection of body x at outer = 0, rad, counted so that it lies
+    within half a turn of ``found``.
+    """
     base = np.eye(3)
     for e in effects:
         if e.id == "table_levelling":
@@ -117,12 +140,19 @@ def _sensor_truth(sensor: Sensor, effects: Sequence[Effect], symmetric: bool) ->
 
 
 def tilt_error(setup: Setup, effects: Sequence[Effect], calibration: Calibration) -> TiltError:
-    """Tilt error of the true sensor before and after correction, and what the covariance predicts."""
+    """Tilt error of the true sensor before and after correction, and what the covariance
+    predicts.
+    """
     if "base.roll" in calibration.parameters:
         return _base_error(effects, calibration)
     if calibration.bias_tables:
         before, after, bound = table_errors(setup, effects, calibration, mount_rotation(effects))
-        return TiltError(before, after, bound, f"the table's placing angles and between them, look-up {calibration.lookup}")
+        return TiltError(
+            before,
+            after,
+            bound,
+            f"the table's placing angles and between them, look-up {calibration.lookup}",
+        )
     sensor = setup.named(calibration.sensors()[0])
     up, over = _directions(sensor)
     in_body = up @ mount_rotation(effects)  # rows (R^T up)'
@@ -155,7 +185,9 @@ def _bare(calibration: Calibration) -> Calibration:
 
 
 def estimated_up(f: Array, g: float) -> Array:
-    """Unit vectors of the estimated up from corrected forces: a triad's own direction, or two channels and |f| = g."""
+    """Unit vectors of the estimated up from corrected forces: a triad's own direction, or two
+    channels and |f| = g.
+    """
     if f.shape[1] == 2:
         f = np.column_stack([f, np.sqrt(np.maximum(g * g - (f * f).sum(axis=1), 0.0))])
     return np.asarray(f / np.linalg.norm(f, axis=1)[:, None])
@@ -168,8 +200,12 @@ def _rms(f: Array, up: Array, setup: Setup, free: bool) -> float:
     return float(np.sqrt(np.mean(angle_between(estimate, up) ** 2)))
 
 
-def _bound(setup: Setup, sensor: Sensor, reading: Array, calibration: Calibration, free: bool) -> float:
-    """Root mean square tilt error predicted by the covariance: directions moved by each principal parameter error."""
+def _bound(
+    setup: Setup, sensor: Sensor, reading: Array, calibration: Calibration, free: bool
+) -> float:
+    """Root mean square tilt error predicted by the covariance: directions moved by each principal
+    parameter error.
+    """
     g = setup.site.gravity
     names = list(calibration.parameters)
     values, vectors = np.linalg.eigh(calibration.covariance)
@@ -183,7 +219,9 @@ def _bound(setup: Setup, sensor: Sensor, reading: Array, calibration: Calibratio
             n: replace(calibration.parameters[n], value=calibration.parameters[n].value + step * d)
             for n, d in zip(names, vector, strict=True)
         }
-        shifted = estimated_up(replace(calibration, parameters=moved).correct(sensor, reading, g), g)
+        shifted = estimated_up(
+            replace(calibration, parameters=moved).correct(sensor, reading, g), g
+        )
         if free:
             shifted = shifted @ best_rotation(centre, shifted).T
         total += float(np.mean(angle_between(shifted, centre) ** 2))
@@ -191,21 +229,28 @@ def _bound(setup: Setup, sensor: Sensor, reading: Array, calibration: Calibratio
 
 
 def _base_error(effects: Sequence[Effect], calibration: Calibration) -> TiltError:
-    """For a base tilt: the angle between the true and the found rotation axis; before: the whole tilt."""
+    """For a base tilt: the angle between the true and the found rotation axis; before: the whole
+    tilt.
+    """
     truth = {"base.roll": 0.0, "base.pitch": 0.0}
     for e in effects:
         if e.id == "table_levelling":
             truth = {"base.roll": e.value("tilt_east"), "base.pitch": e.value("tilt_north")}
     axis = base_rotation(truth["base.roll"], truth["base.pitch"])[:, 2]
     found = base_rotation(calibration.value("base.roll"), calibration.value("base.pitch"))[:, 2]
-    variance = calibration.parameters["base.roll"].sigma ** 2 + calibration.parameters["base.pitch"].sigma ** 2
+    variance = (
+        calibration.parameters["base.roll"].sigma ** 2
+        + calibration.parameters["base.pitch"].sigma ** 2
+    )
     before = float(angle_between(axis[None], np.array([[0.0, 0.0, 1.0]]))[0])
     after = float(angle_between(axis[None], found[None])[0])
     return TiltError(before, after, float(np.sqrt(variance)), "the table's rotation axis")
 
 
 def normalised_error(calibration: Calibration, truth: Mapping[str, float]) -> tuple[float, int]:
-    """NEES: squared error of all parameters with a truth in units of the covariance, and their number."""
+    """NEES: squared error of all parameters with a truth in units of the covariance, and their
+    number.
+    """
     names = [n for n in calibration.parameters if n in truth]
     index = [list(calibration.parameters).index(n) for n in names]
     error = np.array([calibration.parameters[n].value - truth[n] for n in names])

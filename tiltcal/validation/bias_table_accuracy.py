@@ -1,4 +1,6 @@
-"""How good a placing-angle table is where the truth is known: against the sensor's own bias, over its working range."""
+"""How good a placing-angle table is where the truth is known: against the sensor's own bias, over
+its working range.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,20 +19,30 @@ FINE = 8  # directions a step of the table
 
 
 def placing_directions(axis: str, beta: Array, mount: Array) -> Array:
-    """Up in the body frame with ``axis`` horizontal at placing angles beta, (n, 3); mount: of the body on the faceplate."""
+    """Up in the body frame with ``axis`` horizontal at placing angles beta, (n, 3); mount: of the
+    body on the faceplate.
+    """
     s, c, zero = np.sin(beta), np.cos(beta), np.zeros_like(beta)
     up = np.column_stack([zero, s, c] if axis == "x" else [-s, zero, c])
     return np.asarray(up @ mount)
 
 
-def true_bias(setup: Setup, effects: Sequence[Effect], sensor: Sensor, axis: str, beta: Array, mount: Array) -> Array:
-    """What an axis truly reads when it is horizontal, m/s2, (n,): the sensor's own effects, without table and noise."""
+def true_bias(
+    setup: Setup, effects: Sequence[Effect], sensor: Sensor, axis: str, beta: Array, mount: Array
+) -> Array:
+    """What an axis truly reads when it is horizontal, m/s2, (n,): the sensor's own effects, without
+    table and noise.
+    """
     readings = true_readings(setup, placing_directions(axis, beta, mount), effects)[sensor.name]
     return np.asarray(readings[:, sensor.axes.index(axis)])
 
 
-def table_truth(setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array) -> dict[str, float]:
-    """The injected value of each parameter of the smooth fits: the true bias over the table's angles, in the same terms."""
+def table_truth(
+    setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
+) -> dict[str, float]:
+    """The injected value of each parameter of the smooth fits: the true bias over the table's
+    angles, in the same terms.
+    """
     truth: dict[str, float] = {}
     for sensor, axis, table in _tables(setup, calibration):
         if table.wave:
@@ -42,7 +54,9 @@ def table_truth(setup: Setup, effects: Sequence[Effect], calibration: Calibratio
     return truth
 
 
-def table_errors(setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array) -> tuple[float, float, float]:
+def table_errors(
+    setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
+) -> tuple[float, float, float]:
     """Tilt error, rad rms, of a horizontal axis over the table's angles and between them.
 
     Returns:
@@ -58,7 +72,11 @@ def table_errors(setup: Setup, effects: Sequence[Effect], calibration: Calibrati
         before.append(readings[:, channel] / g)
         after.append(calibration.correct(sensor, readings, g)[:, channel] / g)
         exact = replace(table, values=true_bias(setup, effects, sensor, axis, beta[::FINE], mount))
-        step = 0.0 if calibration.lookup == "smooth" else exact.at(beta, calibration.lookup) - readings[:, channel]
+        step = (
+            0.0
+            if calibration.lookup == "smooth"
+            else exact.at(beta, calibration.lookup) - readings[:, channel]
+        )
         expected.append((_variance(table, beta, sensor, axis, calibration) + step**2) / g**2)
     return _root([b**2 for b in before]), _root([a**2 for a in after]), _root(expected)
 
@@ -72,17 +90,23 @@ def _tables(setup: Setup, calibration: Calibration) -> list[tuple[Sensor, str, B
     for name in calibration.sensors():
         sensor = setup.named(name)
         corrector = calibration.placing(sensor, setup.site.gravity)
-        found += [(sensor, axis, table) for axis, table in (corrector.tables if corrector else {}).items()]
+        found += [
+            (sensor, axis, table) for axis, table in (corrector.tables if corrector else {}).items()
+        ]
     return found
 
 
-def _variance(table: BiasTable, beta: Array, sensor: Sensor, axis: str, calibration: Calibration) -> Array:
+def _variance(
+    table: BiasTable, beta: Array, sensor: Sensor, axis: str, calibration: Calibration
+) -> Array:
     """Variance of the look-up from the entries' own uncertainties, (n,)."""
     if calibration.lookup == "smooth":
         names = smooth_names(sensor.name, axis, len(table.wave) // 2)
         index = [list(calibration.parameters).index(n) for n in names]
         B = basis(beta, len(table.wave) // 2)
-        return np.asarray(np.einsum("ni,ij,nj->n", B, np.asarray(calibration.covariance)[np.ix_(index, index)], B))
+        return np.asarray(
+            np.einsum("ni,ij,nj->n", B, np.asarray(calibration.covariance)[np.ix_(index, index)], B)
+        )
     t = (beta - table.start) / table.step
     k = np.minimum((t + 1e-9).astype(int), len(table.values) - 2)
     part = t - k

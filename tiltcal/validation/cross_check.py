@@ -24,7 +24,8 @@ class Check:
 
     Args:
         accepted: within the limit, or without one within its own uncertainty.
-        judged_by: ``tilt`` against known attitudes, ``norm`` where they are not known, ``base`` for a base tilt, ``table``
+        judged_by: ``tilt`` against known attitudes, ``norm`` where they are not known, ``base`` for
+            a base tilt, ``table``
             for placing-angle tables.
         rms, worst: error over the dwells, rad.
         expected: rms error that noise and the calibration's covariance predict, rad.
@@ -45,20 +46,26 @@ class Check:
 
 
 def check(
-    calibration: Calibration, recording: Recording, setup: Setup, limit: float | None = None,
+    calibration: Calibration,
+    recording: Recording,
+    setup: Setup,
+    limit: float | None = None,
     segments: Sequence[Segment] | None = None,
-) -> Check:  # fmt: skip
+) -> Check:
     """Judge a calibration on a recording it has not seen.
 
     Args:
         calibration: of an accelerometer or inclinometer.
-        recording: with dwells; attitudes by readout or label make it a tilt check, else only the norm is judged.
+        recording: with dwells; attitudes by readout or label make it a tilt check, else only the
+            norm is judged.
         setup: of the recording.
-        limit: largest rms tilt error, rad; without it the error has to agree with its own uncertainty at 0.1 %.
+        limit: largest rms tilt error, rad; without it the error has to agree with its own
+            uncertainty at 0.1 %.
         segments: dwells to use.
 
     Raises:
-        TiltcalError: it calibrates nothing that senses gravity, or neither attitudes nor a triad can judge it.
+        TiltcalError: it calibrates nothing that senses gravity, or neither attitudes nor a triad
+            can judge it.
     """
     sensor = _judged_sensor(calibration, setup)
     poses = find_poses(recording, setup, sensor, segments)
@@ -70,18 +77,24 @@ def check(
     by_norm = not known.any() or (calibration.method == "norm" and known.sum() < 3)
     if by_norm and len(sensor.axes) < 3:
         raise TiltcalError(
-            recording.source, found=f"no known attitude, and {len(sensor.axes)} axes of {sensor.name}",
-            need="table readout or direction labels, or a triad to judge by the norm", do="label the dwells",
-        )  # fmt: skip
+            recording.source,
+            found=f"no known attitude, and {len(sensor.axes)} axes of {sensor.name}",
+            need="table readout or direction labels, or a triad to judge by the norm",
+            do="label the dwells",
+        )
     if not by_norm:
         poses = poses.subset(known)
-    measure = _Measure(poses, setup, by_norm, free_rotation=calibration.method == "norm" and not by_norm)
+    measure = _Measure(
+        poses, setup, by_norm, free_rotation=calibration.method == "norm" and not by_norm
+    )
     residual = measure.residual(calibration.correct(sensor, poses.means, setup.site.gravity))
     covariance = measure.covariance(calibration)
     error = np.abs(residual) if by_norm else np.linalg.norm(residual.reshape(-1, 2), axis=1)
     dof = residual.size - (3 if measure.free_rotation else 0)
     chi2 = float(residual @ np.linalg.solve(covariance, residual))
-    expected = float(np.sqrt(np.trace(measure.covariance(calibration, rotation=False)) / len(poses)))
+    expected = float(
+        np.sqrt(np.trace(measure.covariance(calibration, rotation=False)) / len(poses))
+    )
     test = chi2_test(
         "agrees with its uncertainty",
         chi2,
@@ -95,14 +108,18 @@ def _judged_sensor(calibration: Calibration, setup: Setup) -> Sensor:
     sensors = [s for s in map(setup.named, calibration.sensors()) if s.is_accelerometer]
     if not sensors:
         raise TiltcalError(
-            f"calibration by {calibration.method}", found="no parameter of an accelerometer or inclinometer",
-            need="one that senses gravity", do="check it on what it calibrates",
-        )  # fmt: skip
+            f"calibration by {calibration.method}",
+            found="no parameter of an accelerometer or inclinometer",
+            need="one that senses gravity",
+            do="check it on what it calibrates",
+        )
     return sensors[0]
 
 
 class _Measure:
-    """Errors of the dwells as one vector with its covariance: |f|/g - 1 each, or two tangential components of up each."""
+    """Errors of the dwells as one vector with its covariance: |f|/g - 1 each, or two tangential
+    components of up each.
+    """
 
     def __init__(self, poses: Poses, setup: Setup, by_norm: bool, free_rotation: bool) -> None:
         self.poses, self.g, self.by_norm, self.free_rotation = (
@@ -127,34 +144,48 @@ class _Measure:
         return np.einsum("mij,mj->mi", self.basis, up - self.poses.up).ravel()
 
     def covariance(self, calibration: Calibration, rotation: bool = True) -> Array:
-        """Of the residual, from the calibration's covariance (common to all dwells) and each dwell's own noise."""
+        """Of the residual, from the calibration's covariance (common to all dwells) and each
+        dwell's own noise.
+        """
         poses, names = self.poses, list(calibration.parameters)
         base = self.residual(calibration.correct(poses.sensor, poses.means, self.g))
         values, vectors = np.linalg.eigh(calibration.covariance)
         columns = []
         for step, vector in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
             moved = {
-                n: replace(calibration.parameters[n], value=calibration.parameters[n].value + step * d)
+                n: replace(
+                    calibration.parameters[n], value=calibration.parameters[n].value + step * d
+                )
                 for n, d in zip(names, vector, strict=True)
             }
-            shifted = replace(calibration, parameters=moved).correct(poses.sensor, poses.means, self.g)
+            shifted = replace(calibration, parameters=moved).correct(
+                poses.sensor, poses.means, self.g
+            )
             columns.append(self.residual(shifted) - base)
         common = np.array(columns).T
         total = common @ common.T if columns else np.zeros((len(base), len(base)))
         size = len(base) // len(poses)
         for i in range(len(poses.sensor.axes)):
             shifted = poses.means.copy()
-            shifted[:, i] += np.sqrt(poses.noise[i, i] * poses.inflation / poses.counts) * poses.spread[:, i]
-            change = (self.residual(calibration.correct(poses.sensor, shifted, self.g)) - base).reshape(-1, size)
+            shifted[:, i] += (
+                np.sqrt(poses.noise[i, i] * poses.inflation / poses.counts) * poses.spread[:, i]
+            )
+            change = (
+                self.residual(calibration.correct(poses.sensor, shifted, self.g)) - base
+            ).reshape(-1, size)
             for k, row in enumerate(change):
                 total[k * size : (k + 1) * size, k * size : (k + 1) * size] += np.outer(row, row)
         if self.free_rotation and rotation:  # three directions that the best rotation takes out
-            turns = np.einsum("mij,amj->ami", self.basis, np.array([np.cross(e, poses.up) for e in np.eye(3)])).reshape(3, -1)
+            turns = np.einsum(
+                "mij,amj->ami", self.basis, np.array([np.cross(e, poses.up) for e in np.eye(3)])
+            ).reshape(3, -1)
             total += turns.T @ turns
         return total + 1e-30 * np.eye(len(base))
 
 
-def _answer(error: Array, expected: float, test: Test, kind: str, limit: float | None, poses: Poses) -> Check:
+def _answer(
+    error: Array, expected: float, test: Test, kind: str, limit: float | None, poses: Poses
+) -> Check:
     rms, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
     accepted = test.passed if limit is None else rms <= limit
     against = (
@@ -168,21 +199,30 @@ def _answer(error: Array, expected: float, test: Test, kind: str, limit: float |
         "base": "difference of the base tilt",
         "table": "error of a horizontal axis",
     }
-    statement = f"{named[kind]} over {len(error)} dwells: {rms / ARCSEC:.4g} arcsec rms, {worst / ARCSEC:.4g} worst; "
+    statement = (
+        f"{named[kind]} over {len(error)} dwells: {rms / ARCSEC:.4g} arcsec rms,"
+        f" {worst / ARCSEC:.4g} worst; "
+    )
     statement += ("within " if accepted else "beyond ") + against
     spans = [(s.start_s, s.end_s) for s in poses.spans]
     return Check(accepted, kind, rms, worst, expected, error, spans, [test], statement)
 
 
-def _table_check(calibration: Calibration, poses: Poses, g: float, limit: float | None, source: str) -> Check:
-    """A placing-angle table is judged where its axis is stated to be horizontal: what is left there is its error."""
+def _table_check(
+    calibration: Calibration, poses: Poses, g: float, limit: float | None, source: str
+) -> Check:
+    """A placing-angle table is judged where its axis is stated to be horizontal: what is left there
+    is its error.
+    """
     sensor = poses.sensor
     corrector = calibration.placing(sensor, g)
     fixed = calibration.correct(sensor, poses.means, g)
     error, variance, used = [], [], []
     for axis, table in corrector.tables.items() if corrector else ():
         i, j = sensor.axes.index(axis), "xyz".index(axis)
-        for k in np.flatnonzero((np.abs(poses.up[:, j]) < np.sin(1 * DEG)) & ~np.isnan(fixed[:, i])).tolist():
+        for k in np.flatnonzero(
+            (np.abs(poses.up[:, j]) < np.sin(1 * DEG)) & ~np.isnan(fixed[:, i])
+        ).tolist():
             beta = placing_angle(axis, poses.up[k : k + 1])
             near = replace(table, values=table.sigmas).at(beta)[0]
             error.append((fixed[k, i] - g * poses.up[k, j]) / g)
@@ -190,11 +230,18 @@ def _table_check(calibration: Calibration, poses: Poses, g: float, limit: float 
             used.append(k)
     if not error:
         raise TiltcalError(
-            source, found="no dwell with a calibrated axis horizontal at an angle of its table", need="some to judge it by",
+            source,
+            found="no dwell with a calibrated axis horizontal at an angle of its table",
+            need="some to judge it by",
             do="record dwells on the table it was made on, at angles inside it",
-        )  # fmt: skip
+        )
     e, v = np.array(error), np.array(variance)
-    test = chi2_test("agrees with its uncertainty", float(np.sum(e**2 / v)), len(e), f"{len(e)} dwells against noise and table")
+    test = chi2_test(
+        "agrees with its uncertainty",
+        float(np.sum(e**2 / v)),
+        len(e),
+        f"{len(e)} dwells against noise and table",
+    )
     keep = np.isin(np.arange(len(poses)), used)
     return _answer(np.abs(e), float(np.sqrt(v.mean())), test, "table", limit, poses.subset(keep))
 
@@ -212,7 +259,9 @@ def _base_check(
     again = calibrate("two_position", recording, setup, segments=segments)
     names = ["base.roll", "base.pitch"]
     difference = np.array([again.value(n) - calibration.value(n) for n in names])
-    sigma = np.array([np.hypot(again.parameters[n].sigma, calibration.parameters[n].sigma) for n in names])
+    sigma = np.array(
+        [np.hypot(again.parameters[n].sigma, calibration.parameters[n].sigma) for n in names]
+    )
     test = chi2_test(
         "agrees with its uncertainty",
         float(np.sum((difference / sigma) ** 2)),

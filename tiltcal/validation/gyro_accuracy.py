@@ -1,4 +1,6 @@
-"""Attitude error of a gyro triad after full turns, before and after its calibration, where the truth is known."""
+"""Attitude error of a gyro triad after full turns, before and after its calibration, where the
+truth is known.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,24 +19,37 @@ RATE = 60 * DEG
 
 
 def attitude_error(setup: Setup, effects: Sequence[Effect], calibration: Calibration) -> TiltError:
-    """Angle between true and integrated attitude after one turn about x, y and z at 60 deg/s, rms of the three, rad.
+    """Angle between true and integrated attitude after one turn about x, y and z at 60 deg/s, rms
+    of the three, rad.
 
-    The reading at rest is taken off before each turn, as in the field: what remains is scale and cross-axis.
+    The reading at rest is taken off before each turn, as in the field: what remains is scale and
+        cross-axis.
     """
     sensor = setup.named(calibration.sensors()[0])
     turns = [_reading(sensor, setup, effects, RATE * axis) for axis in np.eye(3)]
     bare = replace(calibration, parameters={}, covariance=np.zeros((0, 0)))
     return TiltError(
-        _rms(turns, bare, sensor), _rms(turns, calibration, sensor), _bound(turns, calibration, sensor),
+        _rms(turns, bare, sensor),
+        _rms(turns, calibration, sensor),
+        _bound(turns, calibration, sensor),
         "attitude after one turn about each axis at 60 deg/s",
-    )  # fmt: skip
+    )
 
 
 def _reading(sensor: Sensor, setup: Setup, effects: Sequence[Effect], rate: Array) -> Array:
-    """What the triad reads at a steady rate, without noise and without its reading at rest, (3,)."""
-    sense = replace(Sense.at_rest(sensor, setup.site.gravity, np.zeros((2, 3))), rate=np.stack([rate, np.zeros(3)]))
+    """What the triad reads at a steady rate, without noise and without its reading at rest,
+    (3,).
+    """
+    sense = replace(
+        Sense.at_rest(sensor, setup.site.gravity, np.zeros((2, 3))),
+        rate=np.stack([rate, np.zeros(3)]),
+    )
     reading = sense.true_input()
-    signal = [e for e in effects if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random]
+    signal = [
+        e
+        for e in effects
+        if isinstance(e, SignalEffect) and e.sensor == sensor.name and not e.random
+    ]
     for effect in sorted(signal, key=lambda e: e.order):
         if effect.order < CONVERSION:
             reading = effect.apply(reading, sense, None)
@@ -53,7 +68,9 @@ def _rms(turns: Sequence[Array], calibration: Calibration, sensor: Sensor) -> fl
     """A whole turn comes back to where it was: what is left is the error."""
     from scipy.spatial.transform import Rotation
 
-    errors = [Rotation.from_matrix(_final(reading, calibration, sensor)).magnitude() for reading in turns]
+    errors = [
+        Rotation.from_matrix(_final(reading, calibration, sensor)).magnitude() for reading in turns
+    ]
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -67,7 +84,10 @@ def _bound(turns: Sequence[Array], calibration: Calibration, sensor: Sensor) -> 
     total = 0.0
     for value, vector in zip(values, vectors.T, strict=True):
         step = np.sqrt(max(value, 0.0))
-        moved = {n: replace(e, value=e.value + step * d) for (n, e), d in zip(calibration.parameters.items(), vector, strict=True)}
+        moved = {
+            n: replace(e, value=e.value + step * d)
+            for (n, e), d in zip(calibration.parameters.items(), vector, strict=True)
+        }
         shifted = replace(calibration, parameters=dict(zip(names, moved.values(), strict=True)))
         angles = [
             Rotation.from_matrix(_final(reading, shifted, sensor) @ R.T).magnitude()

@@ -1,11 +1,16 @@
-"""The uncertainty budget in the metrologists' form (GUM): each source pushed through the method itself.
+"""The uncertainty budget in the metrologists' form (GUM): each source pushed through the method
+itself.
 
-A source of standard uncertainty u moves the recording (an effect of the catalogue, by the difference that it makes to the
-predicted readings) or the set-up (gravity, latitude, heading, the FOG's axis) by +u and by -u, and the method runs on both:
-half the difference of each parameter is its contribution. The method's own covariance, from the noise of the record, is the
+A source of standard uncertainty u moves the recording (an effect of the catalogue, by the
+difference that it makes to the
+predicted readings) or the set-up (gravity, latitude, heading, the FOG's axis) by +u and by -u, and
+the method runs on both:
+half the difference of each parameter is its contribution. The method's own covariance, from the
+noise of the record, is the
 type A line. Combined: root sum of squares; expanded: k = 2.
 
-Source: JCGM 100:2008 (GUM), 5.1.3 note 2 (numerical sensitivities); JCGM 101 (the Monte Carlo that checks it).
+Source: JCGM 100:2008 (GUM), 5.1.3 note 2 (numerical sensitivities); JCGM 101 (the Monte Carlo that
+    checks it).
 """
 
 import inspect
@@ -50,7 +55,8 @@ class Source:
         name: in words.
         size: as stated, in ``unit``, with its distribution.
         standard: standard uncertainty, in ``unit``.
-        shifts: what one standard uncertainty of it moves: one, or one a stop for errors that are drawn at each stop.
+        shifts: what one standard uncertainty of it moves: one, or one a stop for errors that are
+            drawn at each stop.
     """
 
     name: str
@@ -84,7 +90,9 @@ class Line:
     contributions: dict[str, float]
 
     def sensitivity(self, parameter: str) -> float:
-        """Change of a parameter per unit of the source; of several stops, their root sum of squares."""
+        """Change of a parameter per unit of the source; of several stops, their root sum of
+        squares.
+        """
         return self.contributions[parameter] / self.standard if self.standard else 1.0
 
 
@@ -98,7 +106,10 @@ class Budget:
     @property
     def combined(self) -> dict[str, float]:
         """Combined standard uncertainty of each parameter."""
-        return {n: float(np.sqrt(sum(line.contributions[n] ** 2 for line in self.lines))) for n in self.units}
+        return {
+            n: float(np.sqrt(sum(line.contributions[n] ** 2 for line in self.lines)))
+            for n in self.units
+        }
 
     @property
     def expanded(self) -> dict[str, float]:
@@ -108,21 +119,31 @@ class Budget:
     def to_json(self) -> dict[str, Any]:
         """For CAL.json's reader and for machines."""
         return {
-            "lines": [{**vars(line)} for line in self.lines], "combined": self.combined, "expanded": self.expanded,
-            "coverage_factor": COVERAGE, "units": self.units,
-        }  # fmt: skip
+            "lines": [{**vars(line)} for line in self.lines],
+            "combined": self.combined,
+            "expanded": self.expanded,
+            "coverage_factor": COVERAGE,
+            "units": self.units,
+        }
 
 
 def make_budget(
-    method: str, recording: Recording, setup: Setup, tables: Sequence[SourceTable] = (), **options: Any
-) -> tuple[Calibration, Budget]:  # fmt: skip
-    """A calibration and its budget; without ``tables`` a laboratory's usual ones (``usual_sources``).
+    method: str,
+    recording: Recording,
+    setup: Setup,
+    tables: Sequence[SourceTable] = (),
+    **options: Any,
+) -> tuple[Calibration, Budget]:
+    """A calibration and its budget; without ``tables`` a laboratory's usual ones
+    (``usual_sources``).
 
     Raises:
         TiltcalError: a source is unknown, or does not fit the set-up.
     """
     if "segments" in inspect.signature(find_method(method)).parameters:
-        options.setdefault("segments", find_segments(recording))  # the same dwells whatever is moved
+        options.setdefault(
+            "segments", find_segments(recording)
+        )  # the same dwells whatever is moved
     found = calibrate(method, recording, setup, **options)
     stops = dwells(options.get("segments") or ())
     lines = [_type_a(found)]
@@ -137,28 +158,61 @@ def _type_a(found: Calibration) -> Line:
 
 
 def _push(
-    source: Source, found: Calibration, method: str, recording: Recording, setup: Setup, options: dict[str, Any]
-) -> Line:  # fmt: skip
+    source: Source,
+    found: Calibration,
+    method: str,
+    recording: Recording,
+    setup: Setup,
+    options: dict[str, Any],
+) -> Line:
     total = dict.fromkeys(found.parameters, 0.0)
     for shift in source.shifts:
-        up, down = (calibrate(method, *shift(sign * source.standard, recording, setup), **options) for sign in (1.0, -1.0))
+        up, down = (
+            calibrate(method, *shift(sign * source.standard, recording, setup), **options)
+            for sign in (1.0, -1.0)
+        )
         for name in total:
             total[name] += ((up.value(name) - down.value(name)) / 2) ** 2
     contributions = {n: float(np.sqrt(v)) for n, v in total.items()}
-    return Line(source.name, "B", source.size, source.unit, source.distribution, source.standard, contributions)
+    return Line(
+        source.name,
+        "B",
+        source.size,
+        source.unit,
+        source.distribution,
+        source.standard,
+        contributions,
+    )
 
 
 def usual_sources(setup: Setup, found: Calibration) -> list[SourceTable]:
-    """What a good laboratory has to reckon with: a table of 3 arcsec, gravity to 10 ppm, heading to 0.1 deg."""
+    """What a good laboratory has to reckon with: a table of 3 arcsec, gravity to 10 ppm, heading to
+    0.1 deg.
+    """
     three = {"distribution": "rectangular"}
     tables: list[dict[str, Any]] = []
     levels = "base.roll" in found.parameters  # there the table's own tilt is what is measured
     if setup.rig.axes:
         if not levels:
-            tables.append({"id": "table_levelling", "tilt_east_arcsec": 3.0, "tilt_north_arcsec": 3.0, **three})
+            tables.append(
+                {
+                    "id": "table_levelling",
+                    "tilt_east_arcsec": 3.0,
+                    "tilt_north_arcsec": 3.0,
+                    **three,
+                }
+            )
         for axis in setup.rig.axis_names:
             tables.append({"id": "table_index_error", "axis": axis, "sigma_arcsec": 3.0, **three})
-            tables.append({"id": "table_axis_wobble", "axis": axis, "m1c_arcsec": 3.0, "m1s_arcsec": 3.0, **three})
+            tables.append(
+                {
+                    "id": "table_axis_wobble",
+                    "axis": axis,
+                    "m1c_arcsec": 3.0,
+                    "m1s_arcsec": 3.0,
+                    **three,
+                }
+            )
     if setup.sensors("accelerometer", "inclinometer"):
         tables.append({"id": "gravity", "gravity_ppm": 10.0})
     if setup.sensors("fog"):
@@ -191,29 +245,41 @@ SETUP_SOURCES = ("latitude", "heading", "fog_axis")
 
 def _shifts(
     table: SourceTable, key: str, setup: Setup, stops: Sequence[Segment], subject: str
-) -> tuple[tuple[Shift, ...], str]:  # fmt: skip
+) -> tuple[tuple[Shift, ...], str]:
     """How one parameter of a table moves things, and its unit."""
     name, unit = split_unit(key, PARAMETER_UNITS)
     factor = PARAMETER_UNITS[unit or ""].factor
     if table.id == "gravity":
         return (lambda size, r, s: (_heavier(r, s, size * factor), s),), unit or ""
     if table.id in SETUP_SOURCES:
-        return (lambda size, r, s: (r, _moved_setup(s, table.id, name, size * factor, subject)),), unit or ""
+        return (
+            lambda size, r, s: (r, _moved_setup(s, table.id, name, size * factor, subject)),
+        ), unit or ""
     try:
-        effect = make_effect(table.id, {key: 1.0}, setup, sensor=table.sensor, axis=table.axis, subject=subject)
+        effect = make_effect(
+            table.id, {key: 1.0}, setup, sensor=table.sensor, axis=table.axis, subject=subject
+        )
     except TiltcalError as error:
         if "unknown effect" in error.found:
             raise TiltcalError(
-                subject, found=f"source '{table.id}'", need="an effect, or one of gravity, " + ", ".join(SETUP_SOURCES),
+                subject,
+                found=f"source '{table.id}'",
+                need="an effect, or one of gravity, " + ", ".join(SETUP_SOURCES),
                 do=nearest(table.id, ["gravity", *SETUP_SOURCES]),
-            ) from error  # fmt: skip
+            ) from error
         raise
     if table.id != "table_index_error":
         return (lambda size, r, s: (_moved(r, s, _scaled(effect, size)), s),), unit or ""
-    zero = make_effect("table_encoder_zero", {f"{effect.axis or setup.rig.axis_names[0]}_zero_arcsec": 1.0}, setup, subject=subject)
+    zero = make_effect(
+        "table_encoder_zero",
+        {f"{effect.axis or setup.rig.axis_names[0]}_zero_arcsec": 1.0},
+        setup,
+        subject=subject,
+    )
     at_stops = tuple(
-        (lambda size, r, s, stop=stop: (_moved(r, s, _scaled(zero, size), stop), s)) for stop in stops
-    )  # fmt: skip
+        (lambda size, r, s, stop=stop: (_moved(r, s, _scaled(zero, size), stop), s))
+        for stop in stops
+    )
     return at_stops, unit or ""
 
 
@@ -224,17 +290,26 @@ def _scaled(effect: Effect, size: float) -> Effect:
 def _moved_setup(setup: Setup, id: str, name: str, size: float, subject: str) -> Setup:
     """The set-up as somebody would state it who is wrong by ``size``, SI."""
     if id == "latitude":
-        return _with_site(setup, latitude_deg=float((setup.site.latitude_deg or 0.0) + np.degrees(size)))
+        return _with_site(
+            setup, latitude_deg=float((setup.site.latitude_deg or 0.0) + np.degrees(size))
+        )
     if id == "heading":
         stated = 0.0 if setup.site.heading_deg == "unknown" else setup.site.heading_deg
         return _with_site(setup, heading_deg=float(stated + np.degrees(size)))
     if name not in ("axis_u", "axis_v"):
-        raise TiltcalError(subject, found=f"parameter '{name}' of fog_axis", need="axis_u or axis_v", do="correct it")
+        raise TiltcalError(
+            subject,
+            found=f"parameter '{name}' of fog_axis",
+            need="axis_u or axis_v",
+            do="correct it",
+        )
     sensors = []
     for s in setup.sensor:
         if s.kind == "fog":
             across = transverse(s.input_vector)[0 if name == "axis_u" else 1]
-            s = s.model_copy(update={"input_axis": tuple(float(a) for a in s.input_vector + size * across)})
+            s = s.model_copy(
+                update={"input_axis": tuple(float(a) for a in s.input_vector + size * across)}
+            )
         sensors.append(s)
     return setup.model_copy(update={"sensor": tuple(sensors)})
 
@@ -244,7 +319,9 @@ def _with_site(setup: Setup, **changed: float) -> Setup:
 
 
 def _heavier(recording: Recording, setup: Setup, size: float) -> Recording:
-    """The recording as a gravity larger by the share ``size`` would have it: forces in proportion, and so sines of tilts."""
+    """The recording as a gravity larger by the share ``size`` would have it: forces in proportion,
+    and so sines of tilts.
+    """
     columns = {n: recording.column(n) for n in recording.column_names}
     for sensor in setup.sensors("accelerometer", "inclinometer"):
         if not recording.has(sensor):
@@ -257,19 +334,33 @@ def _heavier(recording: Recording, setup: Setup, size: float) -> Recording:
         for i, axis in enumerate(sensor.axes):
             name = str(recording.channel(f"{sensor.name}_{axis}"))
             columns[name] = columns[name].copy()
-            columns[name][samples.rows] = to_column(sensor, moved, str(split_unit(name)[1]), False)[:, i]
+            columns[name][samples.rows] = to_column(sensor, moved, str(split_unit(name)[1]), False)[
+                :, i
+            ]
     return _like(recording, columns)
 
 
 def _like(recording: Recording, columns: dict[str, Array]) -> Recording:
     return Recording.from_columns(
-        recording.time, columns, labels=recording.labels, metadata=dict(recording.metadata), source=recording.source
+        recording.time,
+        columns,
+        labels=recording.labels,
+        metadata=dict(recording.metadata),
+        source=recording.source,
     )
 
 
-def _moved(recording: Recording, setup: Setup, effect: Effect, stop: Segment | None = None) -> Recording:
-    """The recording with what an effect changes in its readings (at one stop, where one is named)."""
-    with_, without, known = _on_table(recording, setup, effect) if setup.rig.axes else _by_hand(recording, setup, effect)
+def _moved(
+    recording: Recording, setup: Setup, effect: Effect, stop: Segment | None = None
+) -> Recording:
+    """The recording with what an effect changes in its readings (at one stop, where one is
+    named).
+    """
+    with_, without, known = (
+        _on_table(recording, setup, effect)
+        if setup.rig.axes
+        else _by_hand(recording, setup, effect)
+    )
     columns = {n: recording.column(n) for n in recording.column_names}
     inside = np.ones(len(recording), bool)
     if stop is not None:
@@ -286,38 +377,56 @@ def _moved(recording: Recording, setup: Setup, effect: Effect, stop: Segment | N
     return _like(recording, columns)
 
 
-def _on_table(recording: Recording, setup: Setup, effect: Effect) -> tuple[Readings, Readings, Rows]:
+def _on_table(
+    recording: Recording, setup: Setup, effect: Effect
+) -> tuple[Readings, Readings, Rows]:
     """Predicted readings with and without an effect, and the rows where the table was read."""
     course = replay(recording, setup)
     times = {s.name: recording.time for s in setup.sensor if recording.has(s)}
-    return readings(setup, course, times, [effect]), readings(setup, course, times, []), course.known
+    return (
+        readings(setup, course, times, [effect]),
+        readings(setup, course, times, []),
+        course.known,
+    )
 
 
 def _by_hand(recording: Recording, setup: Setup, effect: Effect) -> tuple[Readings, Readings, Rows]:
-    """The same without a table: a sensor's own readings stand for what it senses (what they are wrong by is second order)."""
+    """The same without a table: a sensor's own readings stand for what it senses (what they are
+    wrong by is second order).
+    """
     if not isinstance(effect, SignalEffect):
         raise TiltcalError(
-            f"budget, {effect.id}", found="a hand-held instrument", need="an effect of a sensor, or gravity, fog_axis",
+            f"budget, {effect.id}",
+            found="a hand-held instrument",
+            need="an effect of a sensor, or gravity, fog_axis",
             do="leave it out",
-        )  # fmt: skip
+        )
     sensor = setup.named(str(effect.sensor))
     plain = Sense.at_rest(sensor, setup.site.gravity, _felt(recording, setup, "accelerometer"))
     temperature = recording.temperature()
     warm = np.zeros(len(recording)) if temperature is None else temperature - temperature.mean()
     sense = replace(
-        plain, time=recording.time, elapsed=recording.time - recording.time[0], rate=_felt(recording, setup, "gyro"),
-        temperature=warm, input_vector=sensor.input_vector if sensor.kind == "fog" else plain.input_vector,
-    )  # fmt: skip
+        plain,
+        time=recording.time,
+        elapsed=recording.time - recording.time[0],
+        rate=_felt(recording, setup, "gyro"),
+        temperature=warm,
+        input_vector=sensor.input_vector if sensor.kind == "fog" else plain.input_vector,
+    )
     moved = effect.apply(sense.true_input(), sense, None)
     return {sensor.name: moved}, {sensor.name: sense.true_input()}, np.ones(len(recording), bool)
 
 
 def _felt(recording: Recording, setup: Setup, kind: str) -> Array:
-    """Readings of the first sensor of a kind at every row, body axes, (n, 3); zero where there is none."""
+    """Readings of the first sensor of a kind at every row, body axes, (n, 3); zero where there is
+    none.
+    """
     found = np.zeros((len(recording), 3))
     for sensor in [s for s in setup.sensors(kind) if recording.has(s)][:1]:
         samples = recording.sensor(sensor)
         for i, axis in enumerate(sensor.axis_indices):
             known = ~np.isnan(samples.values[:, i])
-            found[:, axis] = np.interp(recording.time, samples.time[known], samples.values[known, i])
+            found[:, axis] = np.interp(
+                recording.time, samples.time[known], samples.values[known, i]
+            )
     return found

@@ -1,1 +1,3 @@
-"""Calibration methods: (Recording, Setup) -> Calibration. Built in, installed as entry points, or the user's own."""
+"""Calibration methods: (Recording, Setup) -> Calibration. Built in, installed as entry points, or
+the user's own.
+"""

@@ -14,7 +14,9 @@ from tiltcal.setup.setup import Sensor, Setup
 from tiltcal.statistics.least_squares import Fit
 
 
-def pick_sensor(setup: Setup, recording: Recording, kinds: Sequence[str], name: str | None, method: str) -> Sensor:
+def pick_sensor(
+    setup: Setup, recording: Recording, kinds: Sequence[str], name: str | None, method: str
+) -> Sensor:
     """The sensor a method works on: the named one, or the only fitting one that was recorded.
 
     Raises:
@@ -33,40 +35,79 @@ def pick_sensor(setup: Setup, recording: Recording, kinds: Sequence[str], name: 
     fitting = [s for s in setup.sensors(*kinds) if recording.has(s)]
     if len(fitting) == 1:
         return fitting[0]
-    names = ", ".join(s.name for s in (fitting or setup.sensors(*kinds))) or "none"
+    names = ", ".join(s.name for s in fitting or setup.sensors(*kinds)) or "none"
     if not fitting and setup.sensors(*kinds):
         recording.sensor(setup.sensors(*kinds)[0])  # says which column is missing
     raise TiltcalError(
-        f"method {method}", found=f"{len(fitting)} recorded sensors that fit ({names})", need=f"one {' or '.join(kinds)}",
-        do="name it with --option sensor=NAME" if fitting else "use a method for the sensors you have",
-    )  # fmt: skip
+        f"method {method}",
+        found=f"{len(fitting)} recorded sensors that fit ({names})",
+        need=f"one {' or '.join(kinds)}",
+        do=(
+            "name it with --option sensor=NAME"
+            if fitting
+            else "use a method for the sensors you have"
+        ),
+    )
 
 
 def wrap_up(
-    method: str, verdict: Verdict, fit: Fit, units: Sequence[str], tests: Sequence[Test], warnings: Sequence[str],
-    poses: Poses, recording: Recording, *, equation: str, inverse: str, heldout: dict[str, float] | None = None,
-) -> Calibration:  # fmt: skip
-    """A Calibration from a fit. Where the fit is worse than its noise, the covariance is widened by chi2/dof and says so."""
+    method: str,
+    verdict: Verdict,
+    fit: Fit,
+    units: Sequence[str],
+    tests: Sequence[Test],
+    warnings: Sequence[str],
+    poses: Poses,
+    recording: Recording,
+    *,
+    equation: str,
+    inverse: str,
+    heldout: dict[str, float] | None = None,
+) -> Calibration:
+    """A Calibration from a fit. Where the fit is worse than its noise, the covariance is widened by
+    chi2/dof and says so.
+    """
     widen = 1.0
     notes = list(warnings)
     lacking = [t for t in tests if t.name == "fit" and not t.passed]
     if lacking and fit.chi2_per_dof > 1 and not fit.dropped:
         widen = fit.chi2_per_dof
-        notes.append(f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are widened by that factor")
+        notes.append(
+            f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are"
+            " widened by that factor"
+        )
     covariance = fit.covariance * widen
     sigmas = np.sqrt(np.diag(covariance))
-    parameters = {n: Estimate(float(v), float(s), u) for n, v, s, u in zip(fit.names, fit.values, sigmas, units, strict=True)}
+    parameters = {
+        n: Estimate(float(v), float(s), u)
+        for n, v, s, u in zip(fit.names, fit.values, sigmas, units, strict=True)
+    }
     if fit.dropped:
         notes.append("not determined by these poses: " + ", ".join(fit.dropped))
     return Calibration(
-        method, verdict, parameters, covariance, equation, inverse, poses=poses.spans, tests=list(tests),
-        chi2_per_dof=fit.chi2_per_dof, dof=fit.dof, heldout_rms=heldout or {}, warnings=notes, provenance=provenance(recording),
-    )  # fmt: skip
+        method,
+        verdict,
+        parameters,
+        covariance,
+        equation,
+        inverse,
+        poses=poses.spans,
+        tests=list(tests),
+        chi2_per_dof=fit.chi2_per_dof,
+        dof=fit.dof,
+        heldout_rms=heldout or {},
+        warnings=notes,
+        provenance=provenance(recording),
+    )
 
 
 def provenance(recording: Recording) -> dict[str, str]:
     """Where a calibration came from."""
-    return {"recording": recording.source, "made by": f"tiltcal {__version__}", **dict(recording.metadata)}
+    return {
+        "recording": recording.source,
+        "made by": f"tiltcal {__version__}",
+        **dict(recording.metadata),
+    }
 
 
 def leave_out_rms(residuals: Sequence[Array]) -> float:

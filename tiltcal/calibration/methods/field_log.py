@@ -1,4 +1,6 @@
-"""A hand-held log of a gyro triad and one FOG, as means over short blocks: rests, turns, and what both say of each other."""
+"""A hand-held log of a gyro triad and one FOG, as means over short blocks: rests, turns, and what
+both say of each other.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +17,9 @@ from tiltcal.recordings.segmentation import Segment, dwells
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.setup import Sensor, Setup
 
-BLOCK = 0.1  # s: both sensors are means over it, so that the noise in H biases nothing (0.1 ppm; 1 ppm sample by sample)
+# s: both sensors are means over it, so that the noise in H biases nothing (0.1 ppm; 1 ppm sample by
+# sample)
+BLOCK = 0.1
 BIAS_SPAN = 10.0  # s, whose mean the patent takes for the bias
 
 
@@ -54,7 +58,9 @@ class FieldLog:
 
     @property
     def difference(self) -> Array:
-        """``axis . rate - fog``, both without the first rest's means, rad/s, (n,): Earth's rate is in both and cancels."""
+        """``axis . rate - fog``, both without the first rest's means, rad/s, (n,): Earth's rate is
+        in both and cancels.
+        """
         return np.asarray(self.turned @ self.axis - (self.fog - self.bias[3]))
 
     @property
@@ -79,10 +85,14 @@ class HandTurn:
     def words(self) -> str:
         """``402 deg about +x``."""
         i = int(np.argmax(np.abs(self.angle)))
-        return f"{abs(self.angle[i]) / DEG:.0f} deg about {'+' if self.angle[i] > 0 else '-'}{AXES[i]}"
+        return (
+            f"{abs(self.angle[i]) / DEG:.0f} deg about {'+' if self.angle[i] > 0 else '-'}{AXES[i]}"
+        )
 
 
-def field_log(recording: Recording, setup: Setup, gyro: Sensor, fog: Sensor, segments: Sequence[Segment]) -> FieldLog:
+def field_log(
+    recording: Recording, setup: Setup, gyro: Sensor, fog: Sensor, segments: Sequence[Segment]
+) -> FieldLog:
     """Blocks of BLOCK seconds of both sensors; blocks over a gap in either are left out.
 
     Raises:
@@ -92,9 +102,11 @@ def field_log(recording: Recording, setup: Setup, gyro: Sensor, fog: Sensor, seg
     if not rests or not any(s.kind == "move" and s.start >= rests[0].end for s in segments):
         what = "no turn after a rest" if rests else "no rest"
         raise TiltcalError(
-            recording.source, found=what, need=f"a rest of 20 s (at least {BIAS_SPAN:.0f} s), then turns about x, y and z",
+            recording.source,
+            found=what,
+            need=f"a rest of 20 s (at least {BIAS_SPAN:.0f} s), then turns about x, y and z",
             do="let the instrument lie still, then turn it; look at `tiltcal segments`",
-        )  # fmt: skip
+        )
     poses = find_poses(recording, setup, gyro, rests), find_poses(recording, setup, fog, rests)
     turned, reference = _series(recording, gyro), _series(recording, fog)
     edges = _edges(turned[0], reference[0], max(rests[0].start, turned[0][0], reference[0][0]))
@@ -111,9 +123,17 @@ def field_log(recording: Recording, setup: Setup, gyro: Sensor, fog: Sensor, seg
     first = rest == 0
     bias = np.append(rate[keep][first].mean(axis=0), other[keep][first].mean())
     return FieldLog(
-        time, span, rate[keep], other[keep][:, 0], force, rest, fog.input_vector, _density(poses, gyro, fog), bias,
+        time,
+        span,
+        rate[keep],
+        other[keep][:, 0],
+        force,
+        rest,
+        fog.input_vector,
+        _density(poses, gyro, fog),
+        bias,
         float(min(p.counts.sum() - len(p) for p in poses)),
-    )  # fmt: skip
+    )
 
 
 def hand_turns(log: FieldLog) -> list[HandTurn]:
@@ -143,12 +163,18 @@ def _edges(gyro: Array, fog: Array, start: float) -> Array:
     return np.asarray(middles[::stride][: len(middles) // stride + 1])
 
 
-def _block_means(time: Array, values: Array, edges: Array) -> tuple[Array, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
-    """Means over the blocks, each sample standing for the time to halfway to its neighbours, (n, k); and which have no gap."""
+def _block_means(
+    time: Array, values: Array, edges: Array
+) -> tuple[Array, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
+    """Means over the blocks, each sample standing for the time to halfway to its neighbours, (n,
+    k); and which have no gap.
+    """
     half = np.diff(time) / 2
     step = float(np.median(2 * half))
     bounds = np.concatenate([[time[0] - step / 2], time[:-1] + half, [time[-1] + step / 2]])
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(values * np.diff(bounds)[:, None], axis=0)])
+    total = np.vstack(
+        [np.zeros(values.shape[1]), np.cumsum(values * np.diff(bounds)[:, None], axis=0)]
+    )
     at = np.column_stack([np.interp(edges, bounds, total[:, i]) for i in range(values.shape[1])])
     gaps = np.concatenate([[0], np.cumsum(np.diff(bounds) > 2.5 * step)])
     seen = gaps[np.clip(np.searchsorted(bounds, edges), 0, len(gaps) - 1)]
@@ -156,7 +182,9 @@ def _block_means(time: Array, values: Array, edges: Array) -> tuple[Array, "np.n
     return np.diff(at, axis=0) / np.diff(edges)[:, None], inside & (np.diff(seen) == 0)
 
 
-def _rest_numbers(edges: Array, rests: Sequence[Segment]) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
+def _rest_numbers(
+    edges: Array, rests: Sequence[Segment]
+) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
     """Number of the rest each block lies in wholly, -1 elsewhere."""
     number = np.full(len(edges) - 1, -1, dtype=np.intp)
     for k, s in enumerate(rests):
@@ -171,10 +199,14 @@ def _density(poses: tuple[Poses, Poses], gyro: Sensor, fog: Sensor) -> float:
     return triad + float(poses[1].noise[0, 0]) * poses[1].inflation / fog.rate_hz
 
 
-def restless(recording: Recording, setup: Setup, fog: Sensor, rests: Sequence[Segment]) -> list[tuple[Segment, float]]:
-    """Rests in which the FOG, which hardly drifts, says that the instrument turned: the rest and the rate, rad/s.
+def restless(
+    recording: Recording, setup: Setup, fog: Sensor, rests: Sequence[Segment]
+) -> list[tuple[Segment, float]]:
+    """Rests in which the FOG, which hardly drifts, says that the instrument turned: the rest and
+    the rate, rad/s.
 
-    A rest is judged by the means of its quarters; their spread must be no more than five sigmas of the FOG's own noise,
+    A rest is judged by the means of its quarters; their spread must be no more than five sigmas of
+    the FOG's own noise,
     and their mean no more than Earth's rate and a FOG's bias (60 deg/h).
     """
     poses = find_poses(recording, setup, fog, rests)

@@ -1,7 +1,10 @@
-"""Kalman filters for the scale of a gyro triad against one FOG (filterpy), a smoother, and their batch twin.
+"""Kalman filters for the scale of a gyro triad against one FOG (filterpy), a smoother, and their
+batch twin.
 
-With X = S/(1 + S), the bias-free reading r = (1 + S) w gives ``u . r - F = sum_i u_i r_i X_i + c + h . f``: linear and
-exact in X. c is what is wrong with the difference of the rest means, h = u' G the g-sensitivity along the FOG's axis.
+With X = S/(1 + S), the bias-free reading r = (1 + S) w gives ``u . r - F = sum_i u_i r_i X_i + c +
+h . f``: linear and
+exact in X. c is what is wrong with the difference of the rest means, h = u' G the g-sensitivity
+along the FOG's axis.
 """
 
 from dataclasses import dataclass
@@ -68,7 +71,9 @@ class Problem:
 
 
 def patent_problem(log: FieldLog) -> Problem:
-    """The patent's own: the mean of ten seconds of rest is the bias and has no error; X = [Sx Sy Sz] while turning."""
+    """The patent's own: the mean of ten seconds of rest is the bias and has no error; X = [Sx Sy
+    Sz] while turning.
+    """
     last = np.flatnonzero(log.rest == 0)
     last = last[log.time[last] > log.time[last[-1]] - BIAS_SPAN]
     rate = log.rate - log.rate[last].mean(axis=0)
@@ -76,16 +81,25 @@ def patent_problem(log: FieldLog) -> Problem:
     z = rate @ log.axis - (log.fog - log.fog[last].mean())  # Z = H1 w - w_f
     H = log.axis * rate  # H = H1 H2
     return Problem(
-        z[moving], H[moving], log.variance[moving], np.full(3, SCALE_PRIOR**2), 0.0, np.zeros(int(moving.sum()))
-    )  # fmt: skip
+        z[moving],
+        H[moving],
+        log.variance[moving],
+        np.full(3, SCALE_PRIOR**2),
+        0.0,
+        np.zeros(int(moving.sum())),
+    )
 
 
 def augmented_problem(log: FieldLog, walk: float = 0.0, zero: float = ZERO_PRIOR) -> Problem:
-    """Rests and turns together, with the error of the rest mean and (with an accelerometer) g-sensitivity as states."""
+    """Rests and turns together, with the error of the rest mean and (with an accelerometer)
+    g-sensitivity as states.
+    """
     columns = [log.axis * log.turned, np.ones((len(log.time), 1))]
     prior = [SCALE_PRIOR**2] * 3 + [zero**2]
     if log.force is not None:
-        columns.append(log.force - log.force[log.rest == 0].mean(axis=0))  # c is counted from the first rest's pose
+        columns.append(
+            log.force - log.force[log.rest == 0].mean(axis=0)
+        )  # c is counted from the first rest's pose
         prior += [GSENS_PRIOR**2] * 3
     step = np.diff(log.time, prepend=log.time[0])
     return Problem(log.difference, np.hstack(columns), log.variance, np.array(prior), walk, step)
@@ -98,7 +112,9 @@ def kalman(problem: Problem) -> Filtered:
 
 
 def smoothed(problem: Problem) -> tuple[Array, Array]:
-    """The Rauch-Tung-Striebel smoother's states (n, p) and covariances (n, p, p): c at every moment by all of the log."""
+    """The Rauch-Tung-Striebel smoother's states (n, p) and covariances (n, p, p): c at every moment
+    by all of the log.
+    """
     _, _, _, track, (filter_, Ps) = _run(problem, keep=True)
     Qs = [_process(problem, k) for k in range(len(track))]
     Fs = [np.eye(len(problem.prior))] * len(track)
@@ -134,7 +150,9 @@ def _run(problem: Problem, *, keep: bool) -> tuple[Array, Array, float, Array, A
 
 
 def batch(problem: Problem) -> Filtered:
-    """The same by least squares over everything at once; with a wandering zero, over its whole course (``x[3]``: its end)."""
+    """The same by least squares over everything at once; with a wandering zero, over its whole
+    course (``x[3]``: its end).
+    """
     return _wandering_batch(problem) if problem.walk > 0 else _plain_batch(problem)
 
 
@@ -147,11 +165,19 @@ def _plain_batch(problem: Problem) -> Filtered:
     y = np.linalg.solve(r, q.T @ target)
     residual = target - A @ y
     spread = root[:, None] * np.linalg.inv(r)
-    return Filtered(y * root, spread @ spread.T, float(residual @ residual), len(problem.z), np.zeros((0, len(root))))
+    return Filtered(
+        y * root,
+        spread @ spread.T,
+        float(residual @ residual),
+        len(problem.z),
+        np.zeros((0, len(root))),
+    )
 
 
 def _wandering_batch(problem: Problem) -> Filtered:
-    """Normal equations of the constants and of c at every measurement; c's are tridiagonal and are eliminated."""
+    """Normal equations of the constants and of c at every measurement; c's are tridiagonal and are
+    eliminated.
+    """
     from scipy.linalg import solveh_banded
 
     constant = [i for i in range(len(problem.prior)) if i != 3]

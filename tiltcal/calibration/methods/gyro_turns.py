@@ -1,4 +1,6 @@
-"""A gyro triad from rest-turn-rest by hand: gravity, seen by the accelerometer at each rest, is the reference."""
+"""A gyro triad from rest-turn-rest by hand: gravity, seen by the accelerometer at each rest, is the
+reference.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -50,20 +52,32 @@ class Turns:
 
     def subset(self, mask: Array) -> "Turns":
         """Some of the turns."""
-        return Turns(*(getattr(self, name)[mask] for name in ("rate", "force", "step", "before", "after", "sigma")))
+        return Turns(
+            *(
+                getattr(self, name)[mask]
+                for name in ("rate", "force", "step", "before", "after", "sigma")
+            )
+        )
 
     def __len__(self) -> int:
         return len(self.sigma)
 
 
 def gyro_turns(
-    recording: Recording, setup: Setup, *, segments: Sequence[Segment] | None = None, sensor: str | None = None,
+    recording: Recording,
+    setup: Setup,
+    *,
+    segments: Sequence[Segment] | None = None,
+    sensor: str | None = None,
     terms: Sequence[str] = TERMS[:3],
-) -> Calibration:  # fmt: skip
-    """Bias, scale factor, cross-axis terms and, with ``gsens``, g-sensitivity of a gyro triad turned by hand.
+) -> Calibration:
+    """Bias, scale factor, cross-axis terms and, with ``gsens``, g-sensitivity of a gyro triad
+    turned by hand.
 
-    Model: ``reading = b + (I + S + C) w + G f``, all terms from rests and turns together: at rest the reading is b + G f
-    (with the Earth's rate in it: its direction is not known); the rate of a turn, integrated, has to carry gravity's
+    Model: ``reading = b + (I + S + C) w + G f``, all terms from rests and turns together: at rest
+        the reading is b + G f
+    (with the Earth's rate in it: its direction is not known); the rate of a turn, integrated, has
+    to carry gravity's
     direction from rest to rest.
 
     Args:
@@ -77,35 +91,55 @@ def gyro_turns(
         TiltcalError: fewer than six turns, or an unknown term.
 
     Errors:
-        A turn about the vertical is not seen by gravity: turn about each axis while it is horizontal. The accelerometer
+        A turn about the vertical is not seen by gravity: turn about each axis while it is
+            horizontal. The accelerometer
         is calibrated by its norm first; what it feels while turning acts through G.
 
     Source: PHYSICS 3.5; the comparison figures of the recordings' README.
     """
     unknown = [t for t in terms if t not in TERMS]
     if isinstance(terms, str) or unknown:
-        raise TiltcalError(f"method {NAME}, option terms", found=str(terms), need="some of " + ", ".join(TERMS), do="correct it")
+        raise TiltcalError(
+            f"method {NAME}, option terms",
+            found=str(terms),
+            need="some of " + ", ".join(TERMS),
+            do="correct it",
+        )
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     accel = pick_sensor(setup, recording, ("accelerometer",), None, NAME)
     for each in (gyro, accel):
         require_unsaturated(recording, each)
     found = list(find_segments(recording)) if segments is None else list(segments)
     level = norm(recording, setup, segments=found, sensor=accel.name)
-    rests, force = find_poses(recording, setup, gyro, found), find_poses(recording, setup, accel, found)
+    rests, force = (
+        find_poses(recording, setup, gyro, found),
+        find_poses(recording, setup, accel, found),
+    )
     if len(rests) - 1 < LEAST_TURNS:
         raise TiltcalError(
-            recording.source, found=f"{max(len(rests) - 1, 0)} turns", need=f"at least {LEAST_TURNS}, about all axes",
+            recording.source,
+            found=f"{max(len(rests) - 1, 0)} turns",
+            need=f"at least {LEAST_TURNS}, about all axes",
             do="rest, turn, rest again; look at `tiltcal segments`",
-        )  # fmt: skip
+        )
     f = level.correct(accel, force.means, setup.site.gravity)
     sensed = recording.sensor(accel)
     felt = level.correct(accel, sensed.values, setup.site.gravity) / G0
-    turns = collect_turns(recording, gyro, rests, (sensed.time, felt), _direction_sigma(force, level, setup, accel.rate_hz))
+    turns = collect_turns(
+        recording,
+        gyro,
+        rests,
+        (sensed.time, felt),
+        _direction_sigma(force, level, setup, accel.rate_hz),
+    )
     names = parameter_names(gyro.name, terms)
     fit, converged = solve(turns, _Rests(rests, f), names)
     heldout = _held_out(turns, _Rests(rests, f), names, fit)
     rms = np.sqrt(np.mean(turn_errors(turns, _Model(fit, names)) ** 2))
-    statement = f"{len(turns)} turns leave {rms / DEG:.3g} deg rms of gravity's direction, and the rests their static rates"
+    statement = (
+        f"{len(turns)} turns leave {rms / DEG:.3g} deg rms of gravity's direction, and the rests"
+        " their static rates"
+    )
     tests = [chi2_test("fit", fit.chi2, fit.dof, statement), _columns_test(turns, rests)]
     warnings = [
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
@@ -113,10 +147,18 @@ def gyro_turns(
     ]
     units = ["rad_s" if ".bias_" in n else "deg_h_g" if ".gsens_" in n else "1" for n in fit.names]
     return wrap_up(
-        NAME, verdict_of(tests, converged and not fit.dropped and fit.dof > 0), fit, units, tests, warnings, rests, recording,
-        equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f", inverse="w = M^-1 (reading - bias - gsens f)",
+        NAME,
+        verdict_of(tests, converged and not fit.dropped and fit.dof > 0),
+        fit,
+        units,
+        tests,
+        warnings,
+        rests,
+        recording,
+        equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f",
+        inverse="w = M^-1 (reading - bias - gsens f)",
         heldout={gyro.name: heldout},
-    )  # fmt: skip
+    )
 
 
 def _columns_test(turns: Turns, rests: Poses) -> Test:
@@ -125,23 +167,31 @@ def _columns_test(turns: Turns, rests: Poses) -> Test:
     m, n = len(turns), turns.step.shape[1] // size
     step = turns.step[:, : n * size].reshape(m, n, size)
     whole = (step > 0).all(axis=2)
-    rate, force = (a[:, : n * size].reshape(m, n, size, 3).mean(axis=2)[whole] for a in (turns.rate, turns.force))
-    time = (np.cumsum(step.sum(axis=2), axis=1) + 1e3 * np.arange(m)[:, None])[whole]  # no step from one turn to the next
+    rate, force = (
+        a[:, : n * size].reshape(m, n, size, 3).mean(axis=2)[whole]
+        for a in (turns.rate, turns.force)
+    )
+    time = (np.cumsum(step.sum(axis=2), axis=1) + 1e3 * np.arange(m)[:, None])[
+        whole
+    ]  # no step from one turn to the next
     return columns_test(time, rate - rests.means.mean(axis=0), force)
 
 
 def parameter_names(name: str, terms: Sequence[str]) -> list[str]:
     """Names of the parameters of some terms, in the order of the vector that is fitted."""
     found = {
-        "bias": [f"{name}.bias_{a}" for a in AXES], "scale": [f"{name}.scale_{a}" for a in AXES],
+        "bias": [f"{name}.bias_{a}" for a in AXES],
+        "scale": [f"{name}.scale_{a}" for a in AXES],
         "cross_axis": [f"{name}.cross_{a}{b}" for a in AXES for b in AXES if a != b],
         "gsens": [f"{name}.gsens_{a}{b}" for a in AXES for b in AXES],
-    }  # fmt: skip
+    }
     return [n for t in TERMS if t in terms or t == "bias" for n in found[t]]
 
 
 class _Model:
-    """Bias (3,), sensitivity M (3, 3) and g-sensitivity G (3, 3), rad/s per g, of a fit or a parameter vector."""
+    """Bias (3,), sensitivity M (3, 3) and g-sensitivity G (3, 3), rad/s per g, of a fit or a
+    parameter vector.
+    """
 
     def __init__(self, fit: Fit | Array, names: Sequence[str]) -> None:
         values = [fit.value(n) for n in names] if isinstance(fit, Fit) else fit
@@ -166,7 +216,9 @@ class _Rests:
 
     def __init__(self, rests: Poses, force: Array) -> None:
         self.means, self.force = rests.means, force / G0
-        self.whiten = np.array([np.linalg.inv(np.linalg.cholesky(rests.covariance(k))) for k in range(len(rests))])
+        self.whiten = np.array(
+            [np.linalg.inv(np.linalg.cholesky(rests.covariance(k))) for k in range(len(rests))]
+        )
 
     def residual(self, model: _Model) -> Array:
         """Whitened, (3 m,)."""
@@ -175,15 +227,21 @@ class _Rests:
 
 
 def _direction_sigma(poses: Poses, level: Calibration, setup: Setup, rate_hz: float) -> float:
-    """Standard deviation of gravity's direction at the edge of a rest, rad: noise of its mean, and what the norm leaves."""
+    """Standard deviation of gravity's direction at the edge of a rest, rad: noise of its mean, and
+    what the norm leaves.
+    """
     own = np.trace(poses.noise) / 3 * poses.inflation / max(EDGE * rate_hz, 1.0)
-    return float(np.sqrt(own + level.heldout_rms.get(poses.sensor.name, 0.0) ** 2) / setup.site.gravity)
+    return float(
+        np.sqrt(own + level.heldout_rms.get(poses.sensor.name, 0.0) ** 2) / setup.site.gravity
+    )
 
 
 def collect_turns(
     recording: Recording, gyro: Sensor, rests: Poses, felt: tuple[Array, Array], sigma: float
-) -> Turns:  # fmt: skip
-    """The gyro's readings from the end of each rest to the start of the next: a bias has no longer to act than the turn lasts."""
+) -> Turns:
+    """The gyro's readings from the end of each rest to the start of the next: a bias has no longer
+    to act than the turn lasts.
+    """
     samples = recording.sensor(gyro)
     complete = ~np.isnan(samples.values).any(axis=1)
     time, values = samples.time[complete], samples.values[complete]
@@ -196,46 +254,83 @@ def collect_turns(
     spacing = np.gradient(time)
     for k in range(m):
         part, length = slice(starts[k], ends[k]), ends[k] - starts[k]
-        rate[k, :length], sensed[k, :length], step[k, :length] = values[part], along[part], spacing[part]
+        rate[k, :length], sensed[k, :length], step[k, :length] = (
+            values[part],
+            along[part],
+            spacing[part],
+        )
     turning = time, values - _static(rests, felt, along)
-    before = _edge_directions(felt, turning, [(s.end_s - EDGE, s.end_s, s.end_s) for s in rests.spans[:-1]])
-    after = _edge_directions(felt, turning, [(s.start_s, s.start_s + EDGE, s.start_s) for s in rests.spans[1:]])
-    walk = np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1)  # the gyro's own noise, integrated
+    before = _edge_directions(
+        felt, turning, [(s.end_s - EDGE, s.end_s, s.end_s) for s in rests.spans[:-1]]
+    )
+    after = _edge_directions(
+        felt, turning, [(s.start_s, s.start_s + EDGE, s.start_s) for s in rests.spans[1:]]
+    )
+    walk = (
+        np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1)
+    )  # the gyro's own noise, integrated
     return Turns(rate, sensed, step, before, after, np.sqrt(2 * sigma**2 + walk))
 
 
 def carried(turns: Turns, models: Sequence[_Model]) -> Array:
-    """Gravity's direction at the end of each turn, carried there by the integrated rate of each model, (k, m, 3)."""
+    """Gravity's direction at the end of each turn, carried there by the integrated rate of each
+    model, (k, m, 3).
+    """
     k = len(models)
     rates = np.concatenate([model.rate(turns.rate, turns.force) for model in models])
     products = _products(rates, np.tile(turns.step, (k, 1)))
-    return np.asarray(products @ np.tile(turns.before, (k, 1))[:, :, None]).reshape(k, len(turns), 3)
+    return np.asarray(products @ np.tile(turns.before, (k, 1))[:, :, None]).reshape(
+        k, len(turns), 3
+    )
 
 
 def _static(rests: Poses, felt: tuple[Array, Array], along: Array) -> Array:
-    """What the gyro reads without turning at the force of each sample, rad/s, (n, 3): bias and G by the rests alone."""
+    """What the gyro reads without turning at the force of each sample, rad/s, (n, 3): bias and G by
+    the rests alone.
+    """
     time, force = felt
-    poses = np.array([np.nanmean(force[(time >= s.start_s) & (time <= s.end_s)], axis=0) for s in rests.spans])
+    poses = np.array(
+        [np.nanmean(force[(time >= s.start_s) & (time <= s.end_s)], axis=0) for s in rests.spans]
+    )
     design = np.column_stack([np.ones(len(poses)), poses])
-    return np.column_stack([np.ones(len(along)), along]) @ np.linalg.lstsq(design, rests.means, rcond=None)[0]
+    return (
+        np.column_stack([np.ones(len(along)), along])
+        @ np.linalg.lstsq(design, rests.means, rcond=None)[0]
+    )
 
 
-def _edge_directions(felt: tuple[Array, Array], turning: tuple[Array, Array], spans: Sequence[tuple[float, float, float]]) -> Array:
-    """Mean direction of the force over short spans (from, to) at the edges of the rests, as it is at an instant, (m, 3).
+def _edge_directions(
+    felt: tuple[Array, Array],
+    turning: tuple[Array, Array],
+    spans: Sequence[tuple[float, float, float]],
+) -> Array:
+    """Mean direction of the force over short spans (from, to) at the edges of the rests, as it is
+    at an instant, (m, 3).
 
-    A hand never holds quite still there: each sample is carried to the instant by the gyro. Without that, the turn that goes
-    on inside the spans was the largest error of all on a real log (0.22 deg rms where 0.14 remains).
+    A hand never holds quite still there: each sample is carried to the instant by the gyro. Without
+        that, the turn that goes
+    on inside the spans was the largest error of all on a real log (0.22 deg rms where 0.14
+    remains).
     """
     from scipy.spatial.transform import Rotation
 
     time, force = felt
-    angle = np.vstack([np.zeros(3), np.cumsum((turning[1][1:] + turning[1][:-1]) / 2 * np.diff(turning[0])[:, None], axis=0)])
+    angle = np.vstack(
+        [
+            np.zeros(3),
+            np.cumsum(
+                (turning[1][1:] + turning[1][:-1]) / 2 * np.diff(turning[0])[:, None], axis=0
+            ),
+        ]
+    )
     found = []
     for start, end, instant in spans:
         inside = (time >= start) & (time <= end) & ~np.isnan(force).any(axis=1)
         stamps = np.append(time[inside], instant)
         turned = np.column_stack([np.interp(stamps, turning[0], angle[:, i]) for i in range(3)])
-        found.append(Rotation.from_rotvec(turned[:-1] - turned[-1]).apply(force[inside]).mean(axis=0))
+        found.append(
+            Rotation.from_rotvec(turned[:-1] - turned[-1]).apply(force[inside]).mean(axis=0)
+        )
     return np.array(found) / np.linalg.norm(found, axis=1)[:, None]
 
 
@@ -257,10 +352,13 @@ def _products(w: Array, step: Array) -> Array:
     return np.asarray(R[:, 0])
 
 
-def solve(turns: Turns, rests: "_Rests", names: Sequence[str], start: Array | None = None) -> tuple[Fit, bool]:
+def solve(
+    turns: Turns, rests: "_Rests", names: Sequence[str], start: Array | None = None
+) -> tuple[Fit, bool]:
     """All parameters from turns and rests together; the fit and whether it converged.
 
-    Neither group fits to its noise where physics is left out; each is weighed by what the fit leaves of it.
+    Neither group fits to its noise where physics is left out; each is weighed by what the fit
+    leaves of it.
     """
     basis = _tangents(turns.after)
     weight = np.ones(2)
@@ -282,12 +380,18 @@ def solve(turns: Turns, rests: "_Rests", names: Sequence[str], start: Array | No
     for _ in range(3):
         fit, converged = gauss_newton(names, x, problem, limit=15)
         x = np.array([fit.value(n) for n in names])
-        left = np.split(fit.residuals / np.repeat(weight, [basis.shape[0] * 2, rests.means.size]), [basis.shape[0] * 2])
+        left = np.split(
+            fit.residuals / np.repeat(weight, [basis.shape[0] * 2, rests.means.size]),
+            [basis.shape[0] * 2],
+        )
         misfit = np.array([_misfit(part) for part in left])
         if fit.dropped or not converged or np.allclose(misfit * weight, 1.0, rtol=0.01):
             break
         weight = 1 / misfit
-    return replace(fit, residuals=np.concatenate(left)), converged  # judged by their own noise, not by the weights
+    return (
+        replace(fit, residuals=np.concatenate(left)),
+        converged,
+    )  # judged by their own noise, not by the weights
 
 
 def _misfit(part: Array) -> float:
@@ -298,11 +402,17 @@ def _misfit(part: Array) -> float:
     return float(np.sqrt(total / len(part))) if total > chi2.isf(CHANCE, len(part)) else 1.0
 
 
-def _slopes(residuals: Callable[[Array], Array], x: Array, names: Sequence[str], parts: int) -> Array:
-    """Jacobian by central differences: 1e-5 of a ratio or rad/s, 1 deg/h/g; many at a time, where they are short."""
+def _slopes(
+    residuals: Callable[[Array], Array], x: Array, names: Sequence[str], parts: int
+) -> Array:
+    """Jacobian by central differences: 1e-5 of a ratio or rad/s, 1 deg/h/g; many at a time, where
+    they are short.
+    """
     steps = np.array([1.0 if ".gsens_" in n else 1e-5 for n in names])
     moved = np.vstack([x + np.diag(steps), x - np.diag(steps)])
-    up, down = np.split(np.concatenate([residuals(part) for part in np.array_split(moved, parts)]), 2)
+    up, down = np.split(
+        np.concatenate([residuals(part) for part in np.array_split(moved, parts)]), 2
+    )
     return np.asarray(((up - down) / (2 * steps[:, None])).T)
 
 
@@ -320,7 +430,9 @@ def turn_errors(turns: Turns, model: _Model) -> Array:
 
 
 def _held_out(turns: Turns, rests: _Rests, names: Sequence[str], whole: Fit) -> float:
-    """Rms angle over turns left out of the fit, in FOLDS parts, rad; each starts from the fit of the whole."""
+    """Rms angle over turns left out of the fit, in FOLDS parts, rad; each starts from the fit of
+    the whole.
+    """
     part, start = np.arange(len(turns)) % FOLDS, np.array([whole.value(n) for n in names])
     errors = []
     for k in range(FOLDS):

@@ -1,4 +1,6 @@
-"""The paper's iteration beside the maximum-likelihood fit: G built up as a product, B as a sum of small corrections."""
+"""The paper's iteration beside the maximum-likelihood fit: G built up as a product, B as a sum of
+small corrections.
+"""
 
 from dataclasses import dataclass
 
@@ -31,18 +33,27 @@ class Iteration:
     @property
     def record(self) -> list[dict[str, float]]:
         """One row a step, for CAL.json."""
-        return [{"residual": r, "correction": c} for r, c in zip(self.residuals, self.corrections, strict=True)]
+        return [
+            {"residual": r, "correction": c}
+            for r, c in zip(self.residuals, self.corrections, strict=True)
+        ]
 
 
-def product_and_sum(S: Array, g: float, gain: Array | None = None, bias: Array | None = None) -> Iteration:
-    """G and B of ``S = G A + B``, G diagonal, from outputs S (m, 3) at rest in m >= 6 unknown attitudes.
+def product_and_sum(
+    S: Array, g: float, gain: Array | None = None, bias: Array | None = None
+) -> Iteration:
+    """G and B of ``S = G A + B``, G diagonal, from outputs S (m, 3) at rest in m >= 6 unknown
+    attitudes.
 
-    With the last G and B, ``a = G^-1 (S - B)``; small corrections k and b of ``|(1 - k) a - b| = g`` solve
-    ``2 sum (k_i a_i^2 + b_i a_i) = |a|^2 - g^2``, by least squares where there are more than six; then G is multiplied by
+    With the last G and B, ``a = G^-1 (S - B)``; small corrections k and b of ``|(1 - k) a - b| =
+    g`` solve
+    ``2 sum (k_i a_i^2 + b_i a_i) = |a|^2 - g^2``, by least squares where there are more than six;
+    then G is multiplied by
     (1 + k) and G b is added to B.
 
     Errors:
-        It weighs all attitudes alike and knows no cross-axis terms; with six attitudes it leaves no residual, right or wrong.
+        It weighs all attitudes alike and knows no cross-axis terms; with six attitudes it leaves no
+        residual, right or wrong.
 
     Source: seed S2 (10.3969/j.issn1672-9730.2014.01.018).
     """
@@ -60,4 +71,6 @@ def product_and_sum(S: Array, g: float, gain: Array | None = None, bias: Array |
         G = G * (1 + step[:3])
         if corrections[-1] < SMALL or not np.all(np.isfinite(G)) or np.any(np.abs(G) < 1e-3):
             break
-    return Iteration(G, B, tuple(corrections), tuple(residuals), corrections[-1] < SMALL and bool(np.all(G > 0)))
+    return Iteration(
+        G, B, tuple(corrections), tuple(residuals), corrections[-1] < SMALL and bool(np.all(G > 0))
+    )

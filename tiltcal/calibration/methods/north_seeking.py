@@ -1,4 +1,6 @@
-"""S4's north-seeker: azimuth from the Earth's rate that a FOG sees at two, four or more positions of a vertical table."""
+"""S4's north-seeker: azimuth from the Earth's rate that a FOG sees at two, four or more positions
+of a vertical table.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +24,9 @@ from tiltcal.setup.setup import Sensor, Setup
 from tiltcal.statistics.least_squares import Fit, gauss_newton
 
 NAME = "north"
-RIVAL = 10.83  # chi-square by which a second azimuth has to be worse: 0.1 % of one degree of freedom
+RIVAL = (
+    10.83  # chi-square by which a second azimuth has to be worse: 0.1 % of one degree of freedom
+)
 GRID = np.arange(0, 360, 1.0) * DEG
 POLE = 85 * DEG
 
@@ -36,7 +40,8 @@ class Turntable:
         mount: R_mount, (3, 3).
         axis: of the FOG, body frame, (3,).
         fog: mean rates, rad/s, (m,); fog_sigma: their standard deviations.
-        force: mean forces of x and y, m/s2, (m, 2), and their whitening (m, 2, 2); None without accelerometers.
+        force: mean forces of x and y, m/s2, (m, 2), and their whitening (m, 2, 2); None without
+            accelerometers.
         gravity: m/s2; latitude: rad.
         names: of the FOG and of the accelerometers.
     """
@@ -56,35 +61,50 @@ class Turntable:
         return attitudes(roll, pitch, self.angles, self.mount) @ self.axis
 
     def azimuth(self, heading: float, roll: float, pitch: float) -> float:
-        """Azimuth of body x at outer = 0, clockwise from true north, rad in 0..2 pi: of its horizontal projection."""
+        """Azimuth of body x at outer = 0, clockwise from true north, rad in 0..2 pi: of its
+        horizontal projection.
+        """
         x = attitudes(roll, pitch, np.zeros(1), self.mount)[0][:, 0]
         return float((heading + np.arctan2(x[0], x[1])) % (2 * np.pi))
 
 
 def north(
-    recording: Recording, setup: Setup, *, segments: Sequence[Segment] | None = None, sensor: str | None = None,
-    level: str | None = None, tilt: bool = True, near_deg: float | None = None,
-) -> Calibration:  # fmt: skip
-    """Azimuth of the instrument, and with accelerometers on the same table the tilt of its base, from the same turn.
+    recording: Recording,
+    setup: Setup,
+    *,
+    segments: Sequence[Segment] | None = None,
+    sensor: str | None = None,
+    level: str | None = None,
+    tilt: bool = True,
+    near_deg: float | None = None,
+) -> Calibration:
+    """Azimuth of the instrument, and with accelerometers on the same table the tilt of its base,
+    from the same turn.
 
-    Model: ``fog = b + u . R_wb' W``, ``force = c + P R_wb' (0, 0, g)``, ``R_wb = Rx(roll) Ry(pitch) Rz(outer) R_mount``; W is the
-    Earth's rate in a world turned by the unknown heading. All dwells and both sensors are fitted together.
+    Model: ``fog = b + u . R_wb' W``, ``force = c + P R_wb' (0, 0, g)``, ``R_wb = Rx(roll) Ry(pitch)
+        Rz(outer) R_mount``; W is the
+    Earth's rate in a world turned by the unknown heading. All dwells and both sensors are fitted
+    together.
 
     Args:
         recording: dwells at two positions half a turn apart, better four a quarter turn apart.
-        setup: table ``vertical``, site with latitude (its heading is not used), a FOG, an accelerometer or inclinometer with x, y.
+        setup: table ``vertical``, site with latitude (its heading is not used), a FOG, an
+            accelerometer or inclinometer with x, y.
         segments: dwells to use.
         sensor: which FOG, when several fit.
         level: which accelerometer, when several fit.
         tilt: False leaves the tilt correction out.
-        near_deg: azimuth known beforehand to some 60 deg (a compass): decides between the two that two positions leave.
+        near_deg: azimuth known beforehand to some 60 deg (a compass): decides between the two that
+            two positions leave.
 
     Raises:
         TiltcalError: another table, no latitude or one near a pole, one position only.
 
     Errors:
-        Two positions give the azimuth's cosine only, and nothing near north: sigma = N / (sqrt(2 T) Omega cos(lat) |sin psi|).
-        A tilt left out, e along the FOG's axis, costs tan(lat)/|sin psi| e; the FOG's axis out of the table's plane is bias.
+        Two positions give the azimuth's cosine only, and nothing near north: sigma = N / (sqrt(2 T)
+        Omega cos(lat) |sin psi|).
+        A tilt left out, e along the FOG's axis, costs tan(lat)/|sin psi| e; the FOG's axis out of
+        the table's plane is bias.
 
     Source: seed S4 (Transducer and Microsystem Technologies 2009 28(12) p. 86); PHYSICS 6 (4).
     """
@@ -92,20 +112,36 @@ def north(
     fog = pick_sensor(setup, recording, ("fog",), sensor, NAME)
     require_unsaturated(recording, fog)
     found = list(find_segments(recording)) if segments is None else dwells(segments)
-    table, poses = _turntable(recording, setup, fog, _level(recording, setup, level) if tilt else None, found)
+    table, poses = _turntable(
+        recording, setup, fog, _level(recording, setup, level) if tilt else None, found
+    )
     roll, pitch, heading, rivals = start_of(table)
     if near_deg is not None:
-        heading = min(rivals, key=lambda h: abs(_wrapped(table.azimuth(h, roll, pitch) - near_deg * DEG)))
+        heading = min(
+            rivals, key=lambda h: abs(_wrapped(table.azimuth(h, roll, pitch) - near_deg * DEG))
+        )
     fit, converged = solve(table, heading, roll, pitch)
     tests = _tests(table, fit, rivals, roll, pitch)
     sure = len(rivals) == 1 or near_deg is not None
     notes = _notes(table, fit, rivals, sure, roll, pitch)
-    units = ["rad_s" if n.startswith(fog.name) else "rad" if n.startswith("base.") else "m_s2" for n in fit.names]
+    units = [
+        "rad_s" if n.startswith(fog.name) else "rad" if n.startswith("base.") else "m_s2"
+        for n in fit.names
+    ]
     return wrap_up(
-        NAME, verdict_of(tests, sure and converged and not fit.dropped), fit, units, tests, notes, poses, recording,
-        equation=f"{fog.name} = bias + u . R_wb' W(azimuth), R_wb = Rx(roll) Ry(pitch) Rz(outer) R_mount",
+        NAME,
+        verdict_of(tests, sure and converged and not fit.dropped),
+        fit,
+        units,
+        tests,
+        notes,
+        poses,
+        recording,
+        equation=(
+            f"{fog.name} = bias + u . R_wb' W(azimuth), R_wb = Rx(roll) Ry(pitch) Rz(outer) R_mount"
+        ),
         inverse="rate = reading - bias",
-    )  # fmt: skip
+    )
 
 
 def _level(recording: Recording, setup: Setup, name: str | None) -> Sensor | None:
@@ -120,11 +156,21 @@ def _level(recording: Recording, setup: Setup, name: str | None) -> Sensor | Non
 
 
 def _turntable(
-    recording: Recording, setup: Setup, fog: Sensor, level: Sensor | None, segments: Sequence[Segment]
-) -> tuple[Turntable, Poses]:  # fmt: skip
+    recording: Recording,
+    setup: Setup,
+    fog: Sensor,
+    level: Sensor | None,
+    segments: Sequence[Segment],
+) -> tuple[Turntable, Poses]:
     if setup.site.latitude_deg is None or abs(setup.site.latitude_deg) * DEG > POLE:
-        found = "no latitude" if setup.site.latitude_deg is None else f"latitude {setup.site.latitude_deg:g} deg"
-        raise TiltcalError("site", found=found, need="one within 85 deg of the equator", do="state latitude_deg")
+        found = (
+            "no latitude"
+            if setup.site.latitude_deg is None
+            else f"latitude {setup.site.latitude_deg:g} deg"
+        )
+        raise TiltcalError(
+            "site", found=found, need="one within 85 deg of the equator", do="state latitude_deg"
+        )
     poses = find_poses(recording, setup, fog, segments)
     angles = dwell_angles(poses, recording)
     sigma = np.sqrt([poses.covariance(k)[0, 0] for k in range(len(poses))])
@@ -133,26 +179,47 @@ def _turntable(
         seen = find_poses(recording, setup, level, segments)
         if len(seen) != len(poses):
             raise TiltcalError(
-                recording.source, found=f"{len(seen)} dwells of {level.name} and {len(poses)} of {fog.name}",
-                need="both sensors at every position", do="record both throughout",
-            )  # fmt: skip
+                recording.source,
+                found=f"{len(seen)} dwells of {level.name} and {len(poses)} of {fog.name}",
+                need="both sensors at every position",
+                do="record both throughout",
+            )
         ij = [level.axes.index(a) for a in ("x", "y")]
-        whiten = [np.linalg.inv(np.linalg.cholesky(seen.covariance(k)[np.ix_(ij, ij)])) for k in range(len(seen))]
+        whiten = [
+            np.linalg.inv(np.linalg.cholesky(seen.covariance(k)[np.ix_(ij, ij)]))
+            for k in range(len(seen))
+        ]
         force = seen.means[:, ij], np.array(whiten)
     table = Turntable(
-        angles, mount_of(recording, setup), fog.input_vector, poses.means[:, 0], sigma, force, setup.site.gravity,
-        setup.site.latitude_deg * DEG, (fog.name, "" if level is None else level.name),
-    )  # fmt: skip
+        angles,
+        mount_of(recording, setup),
+        fog.input_vector,
+        poses.means[:, 0],
+        sigma,
+        force,
+        setup.site.gravity,
+        setup.site.latitude_deg * DEG,
+        (fog.name, "" if level is None else level.name),
+    )
     return table, poses
 
 
 def start_of(table: Turntable) -> tuple[float, float, float, list[float]]:
-    """Roll and pitch by linear reversal, the best heading, and all headings that the FOG cannot tell from it."""
+    """Roll and pitch by linear reversal, the best heading, and all headings that the FOG cannot
+    tell from it.
+    """
     roll = pitch = 0.0
     if table.force is not None:
         means, _ = table.force
-        columns = np.array([np.hstack([R.T[:2, :2], np.eye(2)]) for R in attitudes(0.0, 0.0, table.angles, table.mount)])
-        u = np.linalg.lstsq(columns.reshape(-1, 4), means.ravel(), rcond=None)[0][:2]  # horizontal force, base frame
+        columns = np.array(
+            [
+                np.hstack([R.T[:2, :2], np.eye(2)])
+                for R in attitudes(0.0, 0.0, table.angles, table.mount)
+            ]
+        )
+        u = np.linalg.lstsq(columns.reshape(-1, 4), means.ravel(), rcond=None)[0][
+            :2
+        ]  # horizontal force, base frame
         roll = float(np.arcsin(np.clip(u[1] / table.gravity, -1, 1)))
         pitch = float(-np.arcsin(np.clip(u[0] / (table.gravity * np.cos(roll)), -1, 1)))
     axes = table.input_axes(roll, pitch)
@@ -161,13 +228,22 @@ def start_of(table: Turntable) -> tuple[float, float, float, list[float]]:
     headings = [_refined(table, axes, float(GRID[k])) for k in lowest]
     worth = _profile(table, axes, np.array(headings))
     best = int(np.argmin(worth))
-    return roll, pitch, headings[best], [h for h, c in zip(headings, worth, strict=True) if c < worth[best] + RIVAL]
+    return (
+        roll,
+        pitch,
+        headings[best],
+        [h for h, c in zip(headings, worth, strict=True) if c < worth[best] + RIVAL],
+    )
 
 
 def _profile(table: Turntable, axes: Array, headings: Array) -> Array:
-    """Chi-square of the FOG's means at each heading with the best bias, (h,). axes: of the FOG at each dwell, (m, 3)."""
+    """Chi-square of the FOG's means at each heading with the best bias, (h,). axes: of the FOG at
+    each dwell, (m, 3).
+    """
     across = EARTH_RATE * np.cos(table.latitude)
-    rate = across * (axes[:, 1] * np.cos(headings)[:, None] - axes[:, 0] * np.sin(headings)[:, None])
+    rate = across * (
+        axes[:, 1] * np.cos(headings)[:, None] - axes[:, 0] * np.sin(headings)[:, None]
+    )
     rate += EARTH_RATE * np.sin(table.latitude) * axes[:, 2]
     weight = 1 / table.fog_sigma
     left = (table.fog - rate) * weight  # (h, m)
@@ -189,11 +265,15 @@ def _refined(table: Turntable, axes: Array, heading: float) -> float:
 
 
 def solve(table: Turntable, heading: float, roll: float, pitch: float) -> tuple[Fit, bool]:
-    """Heading, bias and (with accelerometers) tilt and their constants together; the heading is then named as azimuth."""
+    """Heading, bias and (with accelerometers) tilt and their constants together; the heading is
+    then named as azimuth.
+    """
     names = ["base.azimuth", f"{table.names[0]}.bias_a"]
     if table.force is not None:
         names += ["base.roll", "base.pitch", *(f"{table.names[1]}.bias_{a}" for a in "xy")]
-    bias = float(np.mean(table.fog - table.input_axes(roll, pitch) @ earth_rate(table.latitude, heading)))
+    bias = float(
+        np.mean(table.fog - table.input_axes(roll, pitch) @ earth_rate(table.latitude, heading))
+    )
     start = [heading, bias]
     if table.force is not None:
         turned = attitudes(roll, pitch, table.angles, table.mount)
@@ -201,7 +281,10 @@ def solve(table: Turntable, heading: float, roll: float, pitch: float) -> tuple[
     steps = np.array([1e-4, 1e-8, 1e-4, 1e-4, 1e-3, 1e-3])[: len(names)]
 
     def problem(x: Array) -> tuple[Array, Array]:
-        slopes = [(_residual(table, x + s) - _residual(table, x - s)) / (2 * s.sum()) for s in np.diag(steps)]
+        slopes = [
+            (_residual(table, x + s) - _residual(table, x - s)) / (2 * s.sum())
+            for s in np.diag(steps)
+        ]
         return _residual(table, x), np.array(slopes).T
 
     fit, converged = gauss_newton(names, np.array(start), problem, limit=20)
@@ -214,7 +297,9 @@ def solve(table: Turntable, heading: float, roll: float, pitch: float) -> tuple[
 
 
 def _residual(table: Turntable, x: Array) -> Array:
-    """Whitened residuals of all dwells: FOG, then x and y forces. x: heading, bias, and roll, pitch, two constants."""
+    """Whitened residuals of all dwells: FOG, then x and y forces. x: heading, bias, and roll,
+    pitch, two constants.
+    """
     roll, pitch = (float(x[2]), float(x[3])) if table.force is not None else (0.0, 0.0)
     turned = attitudes(roll, pitch, table.angles, table.mount)
     rate = (turned @ table.axis) @ earth_rate(table.latitude, float(x[0]))
@@ -226,16 +311,28 @@ def _residual(table: Turntable, x: Array) -> Array:
     return np.concatenate(found)
 
 
-def _tests(table: Turntable, fit: Fit, rivals: list[float], roll: float, pitch: float) -> list[Test]:
+def _tests(
+    table: Turntable, fit: Fit, rivals: list[float], roll: float, pitch: float
+) -> list[Test]:
     tests = []
     if fit.dof > 0:
-        test = chi2_test("fit", fit.chi2, fit.dof, f"{len(table.angles)} positions agree within their noise")
+        test = chi2_test(
+            "fit", fit.chi2, fit.dof, f"{len(table.angles)} positions agree within their noise"
+        )
         if not test.passed and table.force is not None:
-            why = explain(Reversal(*table.force, table.angles, table.mount)) or "the tilts repeat, or no single fault explains them"
-            test = replace(test, statement=f"{len(table.angles)} positions do not agree within their noise; {why}")
+            why = (
+                explain(Reversal(*table.force, table.angles, table.mount))
+                or "the tilts repeat, or no single fault explains them"
+            )
+            test = replace(
+                test,
+                statement=f"{len(table.angles)} positions do not agree within their noise; {why}",
+            )
         tests.append(test)
     axes = table.input_axes(roll, pitch)
-    design = np.column_stack([np.ones(len(axes)), axes[:, 0], axes[:, 1]]) / table.fog_sigma[:, None]
+    design = (
+        np.column_stack([np.ones(len(axes)), axes[:, 0], axes[:, 1]]) / table.fog_sigma[:, None]
+    )
     if len(axes) > 2 and np.linalg.cond(design / np.linalg.norm(design, axis=0)) < 30:
         target = (table.fog - axes[:, 2] * EARTH_RATE * np.sin(table.latitude)) / table.fog_sigma
         x = np.linalg.lstsq(design, target, rcond=None)[0]
@@ -243,10 +340,17 @@ def _tests(table: Turntable, fit: Fit, rivals: list[float], roll: float, pitch: 
         size = float(np.hypot(x[1], x[2]))
         sigma = float(np.sqrt(x[1:] @ C @ x[1:])) / size
         expected = EARTH_RATE * np.cos(table.latitude)
-        words = f"the horizontal Earth rate is {size / expected:.4f} +- {sigma / expected:.4f} of what the latitude says"
+        words = (
+            f"the horizontal Earth rate is {size / expected:.4f} +- {sigma / expected:.4f} of what"
+            " the latitude says"
+        )
         tests.append(chi2_test("horizontal Earth rate", ((size - expected) / sigma) ** 2, 1, words))
-    sigma_azimuth = float(np.sqrt(fit.covariance[0, 0])) if fit.names[:1] == ("base.azimuth",) else np.inf
-    apart = [abs(_wrapped(h - k)) for h, k in combinations(rivals, 2)]  # near north the two that share a cosine meet
+    sigma_azimuth = (
+        float(np.sqrt(fit.covariance[0, 0])) if fit.names[:1] == ("base.azimuth",) else np.inf
+    )
+    apart = [
+        abs(_wrapped(h - k)) for h, k in combinations(rivals, 2)
+    ]  # near north the two that share a cosine meet
     enough = sigma_azimuth < min([5 * DEG, *(gap / 6 for gap in apart)])
     words = f"azimuth known to {sigma_azimuth / DEG:.2g} deg" + (
         "" if enough else ": stay longer, or turn the FOG's axis off north"
@@ -255,26 +359,37 @@ def _tests(table: Turntable, fit: Fit, rivals: list[float], roll: float, pitch: 
     return tests
 
 
-def _notes(table: Turntable, fit: Fit, rivals: list[float], sure: bool, roll: float, pitch: float) -> list[str]:
+def _notes(
+    table: Turntable, fit: Fit, rivals: list[float], sure: bool, roll: float, pitch: float
+) -> list[str]:
     notes = []
     if not sure:
         others = " or ".join(f"{table.azimuth(h, roll, pitch) / DEG:.4g} deg" for h in rivals)
         notes.append(
-            f"the sign cannot be told: azimuth {others}. Two positions give its cosine only: record at 90 and 270 deg too, "
-            "or say --option near_deg=..."
+            f"the sign cannot be told: azimuth {others}. Two positions give its cosine only: record"
+            " at 90 and 270 deg too, or say --option near_deg=..."
         )
     if table.force is None:
         worst = np.tan(abs(table.latitude))
         notes.append(
-            f"no tilt correction: each arcsec of tilt along the FOG's axis costs up to {worst:.2g}/|sin psi| arcsec of azimuth"
+            "no tilt correction: each arcsec of tilt along the FOG's axis costs up to"
+            f" {worst:.2g}/|sin psi| arcsec of azimuth"
         )
         return notes
     flat = replace(table, force=None)
-    heading = min(start_of(flat)[3], key=lambda h: abs(_wrapped(flat.azimuth(h, 0, 0) - fit.values[0])))
+    heading = min(
+        start_of(flat)[3], key=lambda h: abs(_wrapped(flat.azimuth(h, 0, 0) - fit.values[0]))
+    )
     difference = _wrapped(flat.azimuth(heading, 0.0, 0.0) - float(fit.values[0]))
     notes += [
-        f"without the tilt correction the azimuth would be {difference / ARCSEC:.4g} arcsec ({difference / DEG:.3g} deg) off",
-        "base.* is the tilt of the table's rotation axis; bias_x and bias_y of the accelerometers are bias plus mounting",
+        (
+            f"without the tilt correction the azimuth would be {difference / ARCSEC:.4g} arcsec"
+            f" ({difference / DEG:.3g} deg) off"
+        ),
+        (
+            "base.* is the tilt of the table's rotation axis; bias_x and bias_y of the"
+            " accelerometers are bias plus mounting"
+        ),
     ]
     return notes
 

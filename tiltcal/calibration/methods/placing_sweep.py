@@ -1,4 +1,6 @@
-"""The sweeps behind a placing-angle table: visits of each angle, up and down, drift taken off, table split from sensor."""
+"""The sweeps behind a placing-angle table: visits of each angle, up and down, drift taken off,
+table split from sensor.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,8 +28,10 @@ class Sweep:
 
     Args:
         axis: x or y; sign: +1 when it points North, -1 when it was turned round by 180 deg.
-        node: number of the angle each dwell stands at, on the grid common to all sweeps of an axis, (m,).
-        beta: its placing angle, rad; time: of its middle, s; value: its mean reading, m/s2; variance: of that mean, (m,).
+        node: number of the angle each dwell stands at, on the grid common to all sweeps of an axis,
+            (m,).
+        beta: its placing angle, rad; time: of its middle, s; value: its mean reading, m/s2;
+            variance: of that mean, (m,).
     """
 
     axis: str
@@ -39,7 +43,8 @@ class Sweep:
     variance: Array
 
     def solve(self) -> "Table":
-        """Table entries with a linear drift of the zero beside them: ``y = b_node + d (t - t_mid)``.
+        """Table entries with a linear drift of the zero beside them: ``y = b_node + d (t -
+        t_mid)``.
 
         Source: least squares in closed form; drift shows in repeated visits only.
         """
@@ -48,7 +53,10 @@ class Sweep:
         weight = np.bincount(where, w)
         middle = float(np.mean(self.time))
         t = self.time - middle
-        mean_t, mean_y = np.bincount(where, w * t) / weight, np.bincount(where, w * self.value) / weight
+        mean_t, mean_y = (
+            np.bincount(where, w * t) / weight,
+            np.bincount(where, w * self.value) / weight,
+        )
         mean_b = np.bincount(where, w * self.beta) / weight
         dt, dy = t - mean_t[where], self.value - mean_y[where]
         information = float(np.sum(w * dt * dt))
@@ -60,7 +68,15 @@ class Sweep:
             covariance += np.outer(mean_t, mean_t) / information
         residuals = (dy - drift * dt) * np.sqrt(w)
         rank = len(nodes) + drifting
-        return Table(nodes, mean_b, mean_y - drift * mean_t, covariance, residuals, rank, drift if drifting else None)
+        return Table(
+            nodes,
+            mean_b,
+            mean_y - drift * mean_t,
+            covariance,
+            residuals,
+            rank,
+            drift if drifting else None,
+        )
 
     @property
     def repeated(self) -> float:
@@ -82,7 +98,8 @@ class Table:
 
     Args:
         node: numbers of the angles, (n,); beta: mean angle, rad; value: m/s2; covariance: (n, n).
-        residuals: whitened, of the single visits; rank: parameters fitted to them; drift: m/s2 per s, None if not seen.
+        residuals: whitened, of the single visits; rank: parameters fitted to them; drift: m/s2 per
+            s, None if not seen.
     """
 
     node: npt.NDArray[np.intp]
@@ -97,7 +114,11 @@ class Table:
         """The entries at some of the nodes."""
         keep = np.isin(self.node, node)
         return replace(
-            self, node=self.node[keep], beta=self.beta[keep], value=self.value[keep], covariance=self.covariance[np.ix_(keep, keep)]
+            self,
+            node=self.node[keep],
+            beta=self.beta[keep],
+            value=self.value[keep],
+            covariance=self.covariance[np.ix_(keep, keep)],
         )
 
 
@@ -107,7 +128,8 @@ class AxisTable:
 
     Args:
         axis: x or y; start, step: of the grid, rad.
-        sensor: its table; axle: elevation of the table's axis as a reading, m/s2, where a reversed sweep split it off.
+        sensor: its table; axle: elevation of the table's axis as a reading, m/s2, where a reversed
+            sweep split it off.
         sweeps: what it came from; solved: each of them.
     """
 
@@ -132,8 +154,12 @@ class AxisTable:
         return [(self.start + k * self.step) / DEG for k in absent]
 
 
-def split_at_remounts(segments: Sequence[Segment], recording: Recording, setup: Setup) -> list[Segment]:
-    """Dwells cut where the mounting changes, hands off included: at rest a remount need not show."""
+def split_at_remounts(
+    segments: Sequence[Segment], recording: Recording, setup: Setup
+) -> list[Segment]:
+    """Dwells cut where the mounting changes, hands off included: at rest a remount need not
+    show.
+    """
     found: list[Segment] = []
     time = recording.time
     starts = [when for when, _ in mountings(recording, setup)[1:]]
@@ -143,7 +169,15 @@ def split_at_remounts(segments: Sequence[Segment], recording: Recording, setup: 
             first = max(s.first, int(np.searchsorted(time, after + GUARD)))
             last = min(s.last, int(np.searchsorted(time, before - GUARD, side="right")))
             if last > first:
-                found.append(replace(s, start=float(time[first]), end=float(time[last - 1]), first=first, last=last))
+                found.append(
+                    replace(
+                        s,
+                        start=float(time[first]),
+                        end=float(time[last - 1]),
+                        first=first,
+                        last=last,
+                    )
+                )
     return found
 
 
@@ -152,7 +186,9 @@ def mountings(recording: Recording, setup: Setup) -> list[tuple[float, Array]]:
     return parse_mounts(recording.metadata.get("mount", setup.rig.mount))
 
 
-def mounting_of(poses: Poses, recording: Recording, setup: Setup) -> tuple[npt.NDArray[np.intp], list[Array]]:
+def mounting_of(
+    poses: Poses, recording: Recording, setup: Setup
+) -> tuple[npt.NDArray[np.intp], list[Array]]:
     """Number of the mounting of each pose, (m,), and the mountings."""
     stated = mountings(recording, setup)
     starts = np.array([when for when, _ in stated])
@@ -160,11 +196,17 @@ def mounting_of(poses: Poses, recording: Recording, setup: Setup) -> tuple[npt.N
     return np.searchsorted(starts, middle, side="right") - 1, [R for _, R in stated]
 
 
-def find_sweeps(poses: Poses, recording: Recording, setup: Setup, axis: str) -> tuple[list[Sweep], tuple[float, float], list[str]]:
-    """All sweeps of one axis, the (start, step) of their grid, and notes on dwells that were left out."""
+def find_sweeps(
+    poses: Poses, recording: Recording, setup: Setup, axis: str
+) -> tuple[list[Sweep], tuple[float, float], list[str]]:
+    """All sweeps of one axis, the (start, step) of their grid, and notes on dwells that were left
+    out.
+    """
     which, mounts = mounting_of(poses, recording, setup)
     channel = poses.sensor.axes.index(axis)
-    lying = np.array([R[1, "xyz".index(axis)] for R in mounts])[which]  # North component of the axis, whatever the table does
+    lying = np.array([R[1, "xyz".index(axis)] for R in mounts])[
+        which
+    ]  # North component of the axis, whatever the table does
     used = np.abs(np.abs(lying) - 1) < 1e-6
     if not used.any():
         return [], (0.0, 0.0), []
@@ -175,14 +217,19 @@ def find_sweeps(poses: Poses, recording: Recording, setup: Setup, axis: str) -> 
     notes = []
     if off.any():
         angles = ", ".join(f"{b / DEG:.4g}" for b in beta[off][:6])
-        notes.append(f"dwells off the steps of {step / DEG:.4g} deg are not used: axis {axis} at {angles} deg")
+        notes.append(
+            f"dwells off the steps of {step / DEG:.4g} deg are not used: axis {axis} at"
+            f" {angles} deg"
+        )
     time = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
     variance = np.array([poses.covariance(k)[channel, channel] for k in range(len(poses))])
     value = poses.means[:, channel] - setup.site.gravity * poses.up[:, channel]
     sweeps = []
     for number in np.unique(which[used]):
         k = np.flatnonzero(used & ~off & (which == number))
-        sweeps.append(Sweep(axis, int(np.sign(lying[k[0]])), node[k], beta[k], time[k], value[k], variance[k]))
+        sweeps.append(
+            Sweep(axis, int(np.sign(lying[k[0]])), node[k], beta[k], time[k], value[k], variance[k])
+        )
     return sweeps, (start, step), notes
 
 
@@ -199,10 +246,13 @@ def _grid(beta: Array) -> tuple[float, float]:
 
 
 def solve_axis(axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float]) -> AxisTable:
-    """One table of an axis from all its sweeps; a sweep turned round by 180 deg splits the table's axis from the sensor.
+    """One table of an axis from all its sweeps; a sweep turned round by 180 deg splits the table's
+    axis from the sensor.
 
-    With the axis pointing North a dwell reads b + e, turned round b - e (e: elevation of the table's axis as a reading):
-    half the sum is the sensor's, half the difference the table's. What of e is odd in the table's angle stays in b.
+    With the axis pointing North a dwell reads b + e, turned round b - e (e: elevation of the
+    table's axis as a reading):
+    half the sum is the sensor's, half the difference the table's. What of e is odd in the table's
+    angle stays in b.
 
     Source: PHYSICS 6 (0).
     """
@@ -211,16 +261,29 @@ def solve_axis(axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float]) ->
     back = [t for s, t in zip(sweeps, solved, strict=True) if s.sign < 0]
     axle = None
     if forth and back:
-        common = np.array(sorted(set.intersection(*(set(t.node.tolist()) for t in (_average(forth), _average(back))))), np.intp)
+        common = np.array(
+            sorted(
+                set.intersection(*(set(t.node.tolist()) for t in (_average(forth), _average(back))))
+            ),
+            np.intp,
+        )
         plus, minus = (_average(tables).at_nodes(common) for tables in (forth, back))
         both = (plus.covariance + minus.covariance) / 4
-        sensor = replace(plus, value=(plus.value + minus.value) / 2, covariance=both, beta=(plus.beta + minus.beta) / 2)
+        sensor = replace(
+            plus,
+            value=(plus.value + minus.value) / 2,
+            covariance=both,
+            beta=(plus.beta + minus.beta) / 2,
+        )
         axle = replace(sensor, value=(plus.value - minus.value) / 2)
     else:
         sensor = _average(forth or back)
     nominal = grid[0] + sensor.node * grid[1]
     if len(nominal) > 1:  # a readout a little off the step: along the table's own slope
-        sensor = replace(sensor, value=sensor.value + np.gradient(sensor.value, sensor.beta) * (nominal - sensor.beta))
+        sensor = replace(
+            sensor,
+            value=sensor.value + np.gradient(sensor.value, sensor.beta) * (nominal - sensor.beta),
+        )
     return AxisTable(axis, *grid, sensor, axle, tuple(sweeps), tuple(solved))
 
 
@@ -232,5 +295,7 @@ def _average(tables: Sequence[Table]) -> Table:
     parts = [t.at_nodes(common) for t in tables]
     value = sum((p.value for p in parts), np.zeros(len(common))) / len(parts)
     beta = sum((p.beta for p in parts), np.zeros(len(common))) / len(parts)
-    covariance = sum((p.covariance for p in parts), np.zeros((len(common), len(common)))) / len(parts) ** 2
+    covariance = (
+        sum((p.covariance for p in parts), np.zeros((len(common), len(common)))) / len(parts) ** 2
+    )
     return replace(parts[0], value=value, beta=beta, covariance=covariance)

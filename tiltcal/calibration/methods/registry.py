@@ -1,4 +1,6 @@
-"""Names of methods: built in, an entry point of ``tiltcal.methods``, ``package.module:function``, or a command."""
+"""Names of methods: built in, an entry point of ``tiltcal.methods``, ``package.module:function``,
+or a command.
+"""
 
 import importlib
 import inspect
@@ -29,9 +31,15 @@ from tiltcal.setup.setup import Setup
 
 Method = Callable[..., Calibration]
 METHODS: dict[str, Method] = {
-    "placing_table": placing_table, "six_position": six_position, "norm": norm, "two_position": two_position,
-    "gyro_turns": gyro_turns, "fog_scale": fog_scale, "north": north, "gyro_rates": gyro_rates,
-}  # fmt: skip
+    "placing_table": placing_table,
+    "six_position": six_position,
+    "norm": norm,
+    "two_position": two_position,
+    "gyro_turns": gyro_turns,
+    "fog_scale": fog_scale,
+    "north": north,
+    "gyro_rates": gyro_rates,
+}
 GROUP = "tiltcal.methods"
 
 
@@ -49,9 +57,11 @@ def find_method(name: str) -> Method:
     if name in installed:
         return _checked(installed[name].load(), name)
     raise TiltcalError(
-        f"method '{name}'", found="no such method", need="a built-in, an entry point, or package.module:function",
+        f"method '{name}'",
+        found="no such method",
+        need="a built-in, an entry point, or package.module:function",
         do=nearest(name, [*METHODS, *installed]),
-    )  # fmt: skip
+    )
 
 
 def import_named(name: str) -> Callable[..., Any]:
@@ -79,7 +89,12 @@ def import_named(name: str) -> Callable[..., Any]:
 
 def _checked(target: Any, name: str) -> Callable[..., Any]:
     if not callable(target):
-        raise TiltcalError(f"method '{name}'", found=type(target).__name__, need="a function", do="name the function itself")
+        raise TiltcalError(
+            f"method '{name}'",
+            found=type(target).__name__,
+            need="a function",
+            do="name the function itself",
+        )
     return target
 
 
@@ -102,8 +117,16 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             need="an option of it",
             do=nearest(unknown[0], valid or ["none"]),
         )
-    bare = setup if type(setup) is Setup else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
-    result = method(recording, bare, **options) if name in METHODS else _foreign(method, name, recording, bare, options)
+    bare = (
+        setup
+        if type(setup) is Setup
+        else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
+    )
+    result = (
+        method(recording, bare, **options)
+        if name in METHODS
+        else _foreign(method, name, recording, bare, options)
+    )
     if not isinstance(result, Calibration):
         raise TiltcalError(
             f"method {name}",
@@ -114,7 +137,9 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
     return _with_setup(result, bare)
 
 
-def _foreign(method: Method, name: str, recording: Recording, setup: Setup, options: dict[str, Any]) -> Calibration:
+def _foreign(
+    method: Method, name: str, recording: Recording, setup: Setup, options: dict[str, Any]
+) -> Calibration:
     """Call a method that is not ours: whatever goes wrong in it is said to be its own."""
     try:
         return method(recording, setup, **options)
@@ -124,13 +149,17 @@ def _foreign(method: Method, name: str, recording: Recording, setup: Setup, opti
         if os.environ.get("TILTCAL_TRACEBACK"):
             raise
         raise TiltcalError(
-            f"method {name}", found=f"an error in it ({type(error).__name__}: {error})", need="a function that returns",
+            f"method {name}",
+            found=f"an error in it ({type(error).__name__}: {error})",
+            need="a function that returns",
             do="mend it; TILTCAL_TRACEBACK=1 shows where",
-        ) from error  # fmt: skip
+        ) from error
 
 
 def _with_setup(result: Calibration, setup: Setup) -> Calibration:
-    """The calibration with the set-up in its provenance, so that CAL.json alone can correct a recording."""
+    """The calibration with the set-up in its provenance, so that CAL.json alone can correct a
+    recording.
+    """
     stated = json.loads(setup.model_dump_json(exclude_none=True))
     return replace(result, provenance={**result.provenance, "setup": stated})
 
@@ -151,12 +180,19 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
         write_recording(recording, paths["recording"])
         bare = Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
         stated = json.loads(bare.model_dump_json(exclude_none=True))
-        Path(paths["scenario"]).write_text(tomli_w.dumps({"schema": 1, "name": "under test", **stated}), encoding="utf-8")
+        Path(paths["scenario"]).write_text(
+            tomli_w.dumps({"schema": 1, "name": "under test", **stated}), encoding="utf-8"
+        )
         words = [_filled(word, paths) for word in command]
         try:
             done = subprocess.run(words, capture_output=True, text=True, check=False)
         except OSError as error:
-            raise TiltcalError(f"command {words[0]}", found=str(error), need="a program that runs", do="check the path") from error
+            raise TiltcalError(
+                f"command {words[0]}",
+                found=str(error),
+                need="a program that runs",
+                do="check the path",
+            ) from error
         if done.returncode != 0:
             last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
             raise TiltcalError(

@@ -1,4 +1,6 @@
-"""What reversal methods share: the angles of the dwells, the mounting, and the model of a channel on a tilted base."""
+"""What reversal methods share: the angles of the dwells, the mounting, and the model of a channel
+on a tilted base.
+"""
 
 import numpy as np
 
@@ -20,7 +22,9 @@ def require_vertical(setup: Setup, method: str, do: str) -> None:
         TiltcalError: the table is not ``vertical``.
     """
     if setup.rig.table != "vertical":
-        raise TiltcalError(f"method {method}", found=f"table {setup.rig.table}", need="table vertical", do=do)
+        raise TiltcalError(
+            f"method {method}", found=f"table {setup.rig.table}", need="table vertical", do=do
+        )
 
 
 def dwell_angles(poses: Poses, recording: Recording) -> Array:
@@ -32,15 +36,19 @@ def dwell_angles(poses: Poses, recording: Recording) -> Array:
     angles = poses.angles.get("outer")
     if angles is None or np.isnan(angles).any():
         raise TiltcalError(
-            recording.source, found="dwells without a readout of table_outer", need="the angle of every position",
+            recording.source,
+            found="dwells without a readout of table_outer",
+            need="the angle of every position",
             do="record table_outer_deg, or name the dwells with --segments",
-        )  # fmt: skip
+        )
     spread = np.abs(np.angle(np.exp(1j * (angles - angles[0])))).max()
     if len(poses) < 2 or spread < LEAST_SPREAD:
         raise TiltcalError(
-            recording.source, found=f"{len(poses)} dwell(s) within {spread / DEG:.3g} deg", need="two positions half a turn apart",
+            recording.source,
+            found=f"{len(poses)} dwell(s) within {spread / DEG:.3g} deg",
+            need="two positions half a turn apart",
             do="turn the table by 180 deg and record again",
-        )  # fmt: skip
+        )
     return angles
 
 

@@ -34,8 +34,12 @@ class Reversal:
         """Base-frame horizontal force to reading, (2, 2)."""
         return np.asarray((self.mount.T @ rotation("z", -angle))[:2, :2])
 
-    def fit(self, angles: Array, extra: Array | None = None, keep: Sequence[int] | None = None) -> Fit:
-        """Least squares for the horizontal force and both constants; ``extra`` (m, 2, p): further columns."""
+    def fit(
+        self, angles: Array, extra: Array | None = None, keep: Sequence[int] | None = None
+    ) -> Fit:
+        """Least squares for the horizontal force and both constants; ``extra`` (m, 2, p): further
+        columns.
+        """
         rows, target = [], []
         for k in range(len(angles)) if keep is None else keep:
             columns = np.hstack([self.turn(k, float(angles[k])), np.eye(2)])
@@ -64,15 +68,27 @@ def _hypotheses(r: Reversal) -> Iterator[tuple[float, str]]:
         swapped = r.angles.copy()
         swapped[[k, k + 1]] = swapped[[k + 1, k]]
         if abs(np.angle(np.exp(1j * (swapped[k] - r.angles[k])))) > 1 * DEG:
-            words = f"positions {k + 1} and {k + 2} fit if their order is exchanged: check the angles, repeat them"
+            words = (
+                f"positions {k + 1} and {k + 2} fit if their order is exchanged: check the angles,"
+                " repeat them"
+            )
             yield _p(r.fit(swapped)), words
     exchanged = Reversal(r.values[:, ::-1], r.whiten[:, ::-1, ::-1], r.angles, r.mount)
-    yield _p(exchanged.fit(r.angles)), "they fit if the columns x and y are swapped: check the wiring, or the names of the columns"
+    yield (
+        _p(exchanged.fit(r.angles)),
+        (
+            "they fit if the columns x and y are swapped: check the wiring, or the names of the"
+            " columns"
+        ),
+    )
     for k in range(1, m):
         moved = np.zeros((m, 2, 2))
         for j in range(k, m):
             moved[j] = r.turn(j, float(r.angles[j]))
-        yield _p(r.fit(r.angles, moved)), f"the base moved between positions {k} and {k + 1}: repeat them"
+        yield (
+            _p(r.fit(r.angles, moved)),
+            f"the base moved between positions {k} and {k + 1}: repeat them",
+        )
     for k in range(m):
         rest = r.fit(r.angles, keep=[j for j in range(m) if j != k])
         if len(rest.names) == 4:
@@ -80,12 +96,17 @@ def _hypotheses(r: Reversal) -> Iterator[tuple[float, str]]:
 
 
 def _wrong_angle(r: Reversal, rest: Fit, k: int) -> str:
-    """Which angle of the table the reading of one dwell says, by what the others say of tilt and constants."""
+    """Which angle of the table the reading of one dwell says, by what the others say of tilt and
+    constants.
+    """
     seen = r.values[k] - rest.values[2:]
     trial = np.arange(-180.0, 180.0, 0.05) * DEG
     left = np.array([np.linalg.norm(seen - r.turn(k, float(a)) @ rest.values[:2]) for a in trial])
     angle = float(trial[int(np.argmin(left))]) / DEG
-    return f"position {k + 1} disagrees with the others: it reads as {angle:.4g} deg, not {r.angles[k] / DEG:.4g}; repeat it"
+    return (
+        f"position {k + 1} disagrees with the others: it reads as {angle:.4g} deg, not"
+        f" {r.angles[k] / DEG:.4g}; repeat it"
+    )
 
 
 def _p(fit: Fit) -> float:
@@ -107,7 +128,12 @@ def still_test(halves: Array, sigma: Array) -> Test:
     worst = int(np.argmax(np.abs(z).max(axis=1)))
     p = float(chdtrc(1, float(np.abs(z[worst]).max()) ** 2))
     ok = p > STILL / z.size
-    words = f"the halves of each dwell agree (worst: {np.abs(z).max():.2g} sigma)" if ok else (
-        f"the base or the bias moved during position {worst + 1}: its halves differ by {np.abs(z).max():.2g} sigma"
-    )  # fmt: skip
+    words = (
+        f"the halves of each dwell agree (worst: {np.abs(z).max():.2g} sigma)"
+        if ok
+        else (
+            f"the base or the bias moved during position {worst + 1}: its halves differ by"
+            f" {np.abs(z).max():.2g} sigma"
+        )
+    )
     return Test("still while dwelling", float(np.abs(z).max()), 0, p, ok, words)

@@ -1,4 +1,6 @@
-"""What is looked at before the numbers of any method are believed: saturated channels, and columns under each other's name."""
+"""What is looked at before the numbers of any method are believed: saturated channels, and columns
+under each other's name.
+"""
 
 from collections.abc import Iterator
 from itertools import permutations, product
@@ -14,14 +16,20 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor
 
 AT_END = 0.05  # of the log, from which a stated range matters
-LEAST, RUN = 20, 20  # samples at one extreme, and in a row on average: no code of a quiet converter lasts as long
-LIVELY = 0.5  # at most this share of the other samples repeats the one before: a recording without noise tells nothing
+LEAST, RUN = (
+    20,
+    20,
+)  # samples at one extreme, and in a row on average: no code of a quiet converter lasts as long
+# at most this share of the other samples repeats the one before: a recording without noise tells
+# nothing
+LIVELY = 0.5
 TURNING = 0.1  # rad/s
 APART = 0.3  # share of |w| g by which a wrong order of columns misses the change of the force
 
 
 def require_unsaturated(recording: Recording, sensor: Sensor) -> None:
-    """Refuse a log in which a channel stands at the end of its range: stated, or where it freezes at its extreme.
+    """Refuse a log in which a channel stands at the end of its range: stated, or where it freezes
+    at its extreme.
 
     Raises:
         TiltcalError: naming the channel.
@@ -32,23 +40,33 @@ def require_unsaturated(recording: Recording, sensor: Sensor) -> None:
         known = values[~np.isnan(values)]
         if len(known) == 0:
             continue
-        at_end = np.abs(known) >= 0.999 * stated if stated is not None else np.zeros(len(known), bool)
+        at_end = (
+            np.abs(known) >= 0.999 * stated if stated is not None else np.zeros(len(known), bool)
+        )
         if at_end.mean() <= AT_END:
             at_end = _frozen_at_an_end(known)
         if at_end.any():
             raise TiltcalError(
-                f"{recording.source}, channel {sensor.name}_{axis}", found=f"saturated for {at_end.mean():.0%} of the log",
-                need="readings within its range", do="lower the gain, level the base or turn slower, and record again",
-            )  # fmt: skip
+                f"{recording.source}, channel {sensor.name}_{axis}",
+                found=f"saturated for {at_end.mean():.0%} of the log",
+                need="readings within its range",
+                do="lower the gain, level the base or turn slower, and record again",
+            )
 
 
 def _frozen_at_an_end(values: Array) -> "npt.NDArray[np.bool_]":
-    """Samples that stand exactly at the channel's extreme for long, where the channel is noisy elsewhere."""
+    """Samples that stand exactly at the channel's extreme for long, where the channel is noisy
+    elsewhere.
+    """
     for extreme in (values.max(), values.min()):
         at_end = values == extreme
         runs = np.count_nonzero(np.diff(at_end.astype(int), prepend=0) == 1)
         rest = values[~at_end]
-        if at_end.sum() >= max(LEAST, RUN * runs) and len(rest) > LEAST and np.mean(np.diff(rest) == 0) < LIVELY:
+        if (
+            at_end.sum() >= max(LEAST, RUN * runs)
+            and len(rest) > LEAST
+            and np.mean(np.diff(rest) == 0) < LIVELY
+        ):
             return np.asarray(at_end)
     return np.zeros(len(values), bool)
 
@@ -74,10 +92,14 @@ def columns_test(time: Array, rate: Array, force: Array) -> Test:
     plain = misfit((0, 1, 2), (1, 1, 1))
     better, words = min((misfit(o, s), _columns(o, s)) for o, s in orders())
     ok = plain < APART or better > plain / 2
-    said = f"the change of the force follows the gyro to {plain:.2g}" if ok else (
-        f"the gyro's columns x, y, z turn as the accelerometer's would if they were {words}: columns of one of them are swapped or "
-        "have another sign"
-    )  # fmt: skip
+    said = (
+        f"the change of the force follows the gyro to {plain:.2g}"
+        if ok
+        else (
+            f"the gyro's columns x, y, z turn as the accelerometer's would if they were {words}:"
+            " columns of one of them are swapped or have another sign"
+        )
+    )
     return Test("columns of gyro and accelerometer", plain, 0, float(ok), ok, said)
 
 
@@ -91,12 +113,19 @@ def _columns(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
 
 
 def order_test(M: Array) -> Test:
-    """Does every channel of a sensitivity matrix answer mostly to its own axis? M: (3, 3), near the identity."""
+    """Does every channel of a sensitivity matrix answer mostly to its own axis? M: (3, 3), near the
+    identity.
+    """
     strongest = np.abs(M).argmax(axis=1)
     signs = np.sign(M[np.arange(3), strongest]).astype(int)
     ok = bool(np.all(strongest == np.arange(3)) and np.all(signs > 0))
     order = tuple(int(i) for i in strongest)
-    said = "each column follows its own axis" if ok else (
-        f"the columns x, y, z follow the axes {_columns(order, tuple(int(s) for s in signs))}: swapped, or of another sign"
-    )  # fmt: skip
+    said = (
+        "each column follows its own axis"
+        if ok
+        else (
+            f"the columns x, y, z follow the axes {_columns(order, tuple(int(s) for s in signs))}:"
+            " swapped, or of another sign"
+        )
+    )
     return Test("columns as named", float(np.abs(M - np.eye(3)).max()), 0, float(ok), ok, said)

@@ -1,4 +1,6 @@
-"""Calibration terms: which effects they are, their columns at poses, and their names in CAL.json."""
+"""Calibration terms: which effects they are, their columns at poses, and their names in
+CAL.json.
+"""
 
 from collections.abc import Sequence
 
@@ -15,7 +17,8 @@ _SI = {"accelerometer": "m_s2", "inclinometer": "m_s2", "gyro": "rad_s", "fog": 
 
 
 def effect_of_term(term: str, sensor: Sensor) -> type[TermEffect]:
-    """The effect class of ``bias``, ``scale``, ``cross_axis``, ``K2`` ... or a catalogue id, on a sensor.
+    """The effect class of ``bias``, ``scale``, ``cross_axis``, ``K2`` ... or a catalogue id, on a
+    sensor.
 
     Raises:
         TiltcalError: there is no such linear term for this sensor.
@@ -24,16 +27,29 @@ def effect_of_term(term: str, sensor: Sensor) -> type[TermEffect]:
     names = {"cross_axis": "gyr_misalignment" if prefix == "gyr" else "acc_cross_axis"}
     id = term if term in CATALOGUE else names.get(term, f"{prefix}_{term}")
     cls = CATALOGUE.get(id)
-    if cls is None or not issubclass(cls, TermEffect) or not cls.linear or sensor.kind not in cls.kinds:
-        terms = [i.removeprefix(prefix + "_") for i, c in CATALOGUE.items() if issubclass(c, TermEffect) and sensor.kind in c.kinds]
+    if (
+        cls is None
+        or not issubclass(cls, TermEffect)
+        or not cls.linear
+        or sensor.kind not in cls.kinds
+    ):
+        terms = [
+            i.removeprefix(prefix + "_")
+            for i, c in CATALOGUE.items()
+            if issubclass(c, TermEffect) and sensor.kind in c.kinds
+        ]
         raise TiltcalError(
-            f"calibration term '{term}' of sensor {sensor.name}", found="no linear term of that name",
-            need="bias, scale, cross_axis or a linear effect", do=nearest(term, terms),
-        )  # fmt: skip
+            f"calibration term '{term}' of sensor {sensor.name}",
+            found="no linear term of that name",
+            need="bias, scale, cross_axis or a linear effect",
+            do=nearest(term, terms),
+        )
     return cls
 
 
-def term_columns(terms: Sequence[str], sensor: Sensor, setup: Setup, force: Array) -> tuple[list[str], list[str], Array]:
+def term_columns(
+    terms: Sequence[str], sensor: Sensor, setup: Setup, force: Array
+) -> tuple[list[str], list[str], Array]:
     """Names, units and columns of all parameters of some terms.
 
     Returns:
@@ -42,7 +58,9 @@ def term_columns(terms: Sequence[str], sensor: Sensor, setup: Setup, force: Arra
     return columns_under(terms, sensor, Sense.at_rest(sensor, setup.site.gravity, force))
 
 
-def columns_under(terms: Sequence[str], sensor: Sensor, sense: Sense) -> tuple[list[str], list[str], Array]:
+def columns_under(
+    terms: Sequence[str], sensor: Sensor, sense: Sense
+) -> tuple[list[str], list[str], Array]:
     """The same for anything that is sensed, moving too: names, units and columns (p, n, k)."""
     names, units, columns = [], [], []
     for term in terms:

@@ -6,7 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.calibration.methods.common import pick_sensor, wrap_up
-from tiltcal.calibration.methods.reversal import dwell_angles, mount_of, off_half_turn, require_vertical
+from tiltcal.calibration.methods.reversal import (
+    dwell_angles,
+    mount_of,
+    off_half_turn,
+    require_vertical,
+)
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain, solve, still_test
 from tiltcal.calibration.methods.screening import require_unsaturated
 from tiltcal.calibration.result import Calibration, Test, chi2_test, verdict_of
@@ -27,13 +32,20 @@ TAILS = 1.5  # standard deviation over the robust scale from which another estim
 
 
 def two_position(
-    recording: Recording, setup: Setup, *, segments: Sequence[Segment] | None = None, sensor: str | None = None,
+    recording: Recording,
+    setup: Setup,
+    *,
+    segments: Sequence[Segment] | None = None,
+    sensor: str | None = None,
     estimator: str = "mean",
-) -> Calibration:  # fmt: skip
-    """Roll and pitch of the base, and bias plus mounting, from dwells at different angles of a vertical table.
+) -> Calibration:
+    """Roll and pitch of the base, and bias plus mounting, from dwells at different angles of a
+    vertical table.
 
-    Model: ``reading = c + P R_mount^T Rz(-outer) u``, u the horizontal part of the specific force in the base's frame;
-    then ``roll = asin(u_y / g)``, ``pitch = -asin(u_x / (g cos roll))``. Two dwells at a and a + 180 deg give half the
+    Model: ``reading = c + P R_mount^T Rz(-outer) u``, u the horizontal part of the specific force
+        in the base's frame;
+    then ``roll = asin(u_y / g)``, ``pitch = -asin(u_x / (g cos roll))``. Two dwells at a and a +
+    180 deg give half the
     difference and half the sum; more dwells are used by least squares and test each other.
 
     Args:
@@ -41,14 +53,18 @@ def two_position(
         setup: table ``vertical``, an accelerometer or inclinometer with x and y.
         segments: dwells to use.
         sensor: which, when several fit.
-        estimator: of a dwell: ``mean``; ``median`` (50 % breakdown, but it sticks to codes and is 25 % noisier); ``huber``,
-            ``tukey`` (M-estimators); ``inliers`` (the median absolute deviation only rejects, then the mean: keeps the dither).
+        estimator: of a dwell: ``mean``; ``median`` (50 % breakdown, but it sticks to codes and is
+            25 % noisier); ``huber``,
+            ``tukey`` (M-estimators); ``inliers`` (the median absolute deviation only rejects, then
+            the mean: keeps the dither).
 
     Raises:
-        TiltcalError: another table, fewer than two dwells, no half turn between them, or a saturated channel.
+        TiltcalError: another table, fewer than two dwells, no half turn between them, or a
+            saturated channel.
 
     Errors:
-        A scale error S makes S x tilt; K2 cancels, K3 and odd INL do not; a linear drift d leaves d dt/2 (A-B-A cancels it);
+        A scale error S makes S x tilt; K2 cancels, K3 and odd INL do not; a linear drift d leaves d
+        dt/2 (A-B-A cancels it);
         an index error e of the half turn is taken from the readout.
 
     Source: seed S4 (Transducer and Microsystem Technologies 2009 28(12) p. 86); PHYSICS 6 (4).
@@ -57,12 +73,19 @@ def two_position(
     one_of(estimator, ESTIMATORS, f"method {NAME}, option estimator")
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     if not {"x", "y"} <= set(used.axes):
-        raise TiltcalError(f"method {NAME}", found=f"axes {', '.join(used.axes)}", need="x and y", do="add the other channel")
+        raise TiltcalError(
+            f"method {NAME}",
+            found=f"axes {', '.join(used.axes)}",
+            need="x and y",
+            do="add the other channel",
+        )
     require_unsaturated(recording, used)
     poses = find_poses(recording, setup, used, segments)
     angles = dwell_angles(poses, recording)
     chunks, codes = _chunks(recording, setup, used, poses)
-    shown = [c / s for c, s in zip(chunks, poses.spread[:, _channels(poses)], strict=True)]  # an inclinometer's noise: cos(tilt)
+    shown = [
+        c / s for c, s in zip(chunks, poses.spread[:, _channels(poses)], strict=True)
+    ]  # an inclinometer's noise: cos(tilt)
     found = locations(shown, estimator, codes)
     reversal = _reversal(poses, found, angles, mount_of(recording, setup), estimator)
     fit = solve(reversal)
@@ -77,17 +100,25 @@ def _channels(poses: Poses) -> list[int]:
     return [poses.sensor.axes.index(a) for a in ("x", "y")]
 
 
-def _chunks(recording: Recording, setup: Setup, sensor: Sensor, poses: Poses) -> tuple[list[Array], Array]:
+def _chunks(
+    recording: Recording, setup: Setup, sensor: Sensor, poses: Poses
+) -> tuple[list[Array], Array]:
     """Samples of x and y of each dwell, m/s2, (n_i, 2), and the width of their codes."""
     samples = recording.sensor(sensor)
-    values = force_of_tilt(samples.values, setup.site.gravity) if sensor.kind == "inclinometer" else samples.values
+    values = (
+        force_of_tilt(samples.values, setup.site.gravity)
+        if sensor.kind == "inclinometer"
+        else samples.values
+    )
     complete = ~np.isnan(values).any(axis=1)
     time, values = samples.time[complete], values[complete][:, _channels(poses)]
     parts = [values[(time >= s.start_s) & (time <= s.end_s)] for s in poses.spans]
     return parts, np.array([code_width(values[:, i]) for i in range(2)])
 
 
-def _reversal(poses: Poses, found: Locations, angles: Array, mount: Array, estimator: str) -> Reversal:
+def _reversal(
+    poses: Poses, found: Locations, angles: Array, mount: Array, estimator: str
+) -> Reversal:
     """Locations with their whitening; the mean takes the noise that all methods take."""
     spread, ij = poses.spread[:, _channels(poses)], _channels(poses)
     whiten = []
@@ -99,47 +130,83 @@ def _reversal(poses: Poses, found: Locations, angles: Array, mount: Array, estim
     return Reversal(values, np.array(whiten), angles, mount)
 
 
-def _tilt(fit: Fit, poses: Poses, tests: list[Test], notes: list[str], setup: Setup, recording: Recording) -> Calibration:
+def _tilt(
+    fit: Fit, poses: Poses, tests: list[Test], notes: list[str], setup: Setup, recording: Recording
+) -> Calibration:
     """From the horizontal force to roll and pitch, with covariance."""
     g = setup.site.gravity
     roll, pitch = base_tilt(fit.values[:2], g)
     # d roll = du_y / (g cos roll); sin pitch = -u_x / (g cos roll)
     d_roll = np.array([0.0, 1 / (g * np.cos(roll))])
-    d_pitch = np.array([-1 / (g * np.cos(roll) * np.cos(pitch)), 0.0]) + np.tan(pitch) * np.tan(roll) * d_roll
+    d_pitch = (
+        np.array([-1 / (g * np.cos(roll) * np.cos(pitch)), 0.0])
+        + np.tan(pitch) * np.tan(roll) * d_roll
+    )
     J = np.eye(4)
     J[0, :2], J[1, :2] = d_roll, d_pitch
     names = ("base.roll", "base.pitch", *(f"{poses.sensor.name}.bias_{a}" for a in "xy"))
     values = np.array([roll, pitch, *fit.values[2:]])
     tilted = Fit(names, values, J @ fit.covariance @ J.T, fit.residuals, (), 1, fit.condition)
     return wrap_up(
-        NAME, verdict_of(tests), tilted, ["rad", "rad", "m_s2", "m_s2"], tests, notes, poses, recording,
-        equation="reading = bias + P R_mount^T Rz(-outer) R_base^T (0, 0, g)", inverse="f = reading - bias",
-    )  # fmt: skip
+        NAME,
+        verdict_of(tests),
+        tilted,
+        ["rad", "rad", "m_s2", "m_s2"],
+        tests,
+        notes,
+        poses,
+        recording,
+        equation="reading = bias + P R_mount^T Rz(-outer) R_base^T (0, 0, g)",
+        inverse="f = reading - bias",
+    )
 
 
 def _tests(fit: Fit, reversal: Reversal, dwells: int) -> list[Test]:
     opposite = off_half_turn(reversal.angles)
     tests = [
-        Test("half a turn", float(opposite / DEG), 0, float(opposite < 5 * DEG), bool(opposite < 5 * DEG),
-             f"the nearest pair is {opposite / DEG:.4g} deg off 180")
-    ]  # fmt: skip
+        Test(
+            "half a turn",
+            float(opposite / DEG),
+            0,
+            float(opposite < 5 * DEG),
+            bool(opposite < 5 * DEG),
+            f"the nearest pair is {opposite / DEG:.4g} deg off 180",
+        )
+    ]
     if fit.dof > 0:
-        test = chi2_test("fit", fit.chi2, fit.dof, f"{dwells} dwells repeat within their noise (base, mounting, drift)")
+        test = chi2_test(
+            "fit",
+            fit.chi2,
+            fit.dof,
+            f"{dwells} dwells repeat within their noise (base, mounting, drift)",
+        )
         if not test.passed:
-            why = explain(reversal) or "no single fault explains it: drift, or a base that does not rest"
-            test = replace(test, statement=f"{dwells} dwells do not repeat within their noise; {why}")
+            why = (
+                explain(reversal)
+                or "no single fault explains it: drift, or a base that does not rest"
+            )
+            test = replace(
+                test, statement=f"{dwells} dwells do not repeat within their noise; {why}"
+            )
         tests.append(test)
     return tests
 
 
 def _still(shown: list[Array], found: Locations) -> Test:
-    """Halves of each dwell, by medians of their own where the estimator is robust, by means else."""
+    """Halves of each dwell, by medians of their own where the estimator is robust, by means
+    else.
+    """
     halves = [np.array_split(c, 2) for c in shown]
     limit = 3.5 * found.scale
     means = np.array(
-        [[np.clip(h - v, -limit, limit).mean(axis=0) for h in pair] for pair, v in zip(halves, found.values, strict=True)]
+        [
+            [np.clip(h - v, -limit, limit).mean(axis=0) for h in pair]
+            for pair, v in zip(halves, found.values, strict=True)
+        ]
     )
-    noise = np.concatenate([np.clip(c - v, -limit, limit) for c, v in zip(shown, found.values, strict=True)])
+    noise = np.concatenate(
+        [np.clip(c - v, -limit, limit) for c, v in zip(shown, found.values, strict=True)]
+    )
     counts = np.array([len(c) for c in shown])[:, None]
     sigma = 2 * np.maximum(noise.std(axis=0), 1e-12) / np.sqrt(counts)
     return still_test(means[:, 1] - means[:, 0], sigma)
@@ -149,18 +216,36 @@ def _sticky(found: Locations, poses: Poses, codes: Array) -> Test:
     noise = float(np.min(np.sqrt(np.pi / 2) * found.scale)) / np.sqrt(poses.counts.min())
     code = float(codes.max())
     sticky = code / np.sqrt(24)
-    words = f"a median sticks to codes of {code:.3g} m/s2: {sticky / noise:.2g} times its noise; use the mean, or estimator=inliers"
-    return Test("median against codes", float(sticky / noise), 0, float(sticky < noise), bool(sticky < noise), words)
+    words = (
+        f"a median sticks to codes of {code:.3g} m/s2: {sticky / noise:.2g} times its noise; use"
+        " the mean, or estimator=inliers"
+    )
+    return Test(
+        "median against codes",
+        float(sticky / noise),
+        0,
+        float(sticky < noise),
+        bool(sticky < noise),
+        words,
+    )
 
 
-def _notes(fit: Fit, shown: list[Array], found: Locations, estimator: str, codes: Array) -> list[str]:
+def _notes(
+    fit: Fit, shown: list[Array], found: Locations, estimator: str, codes: Array
+) -> list[str]:
     notes = ["base.* is the tilt of the table's rotation axis; bias_* is bias plus mounting"]
     if fit.dof == 0:
-        notes.append("two dwells leave nothing to check them by: repeat the first position (A-B-A) to test drift and a moved base")
+        notes.append(
+            "two dwells leave nothing to check them by: repeat the first position (A-B-A) to test"
+            " drift and a moved base"
+        )
     if estimator == "mean" and np.any(np.sqrt(np.diag(found.unit)) > TAILS * found.scale):
         gain = np.sqrt(np.diag(found.unit) / np.diag(locations(shown, "inliers", codes).unit)).max()
         if gain > TAILS:
-            notes.append(f"the noise has heavy tails: --option estimator=inliers would be {gain:.2g} times as good")
+            notes.append(
+                f"the noise has heavy tails: --option estimator=inliers would be {gain:.2g} times"
+                " as good"
+            )
     elif found.rejected.max() > 0.01:
         notes.append(f"{found.rejected.max():.1%} of the samples were rejected")
     return notes

@@ -17,25 +17,41 @@ def _methods(commands: Commands) -> None:
 
 def _effects(commands: Commands) -> None:
     sub = commands.add(
-        "effects", "reference", "effects", "list the physical effects, or explain one",
-        "  tiltcal effects             all\n  tiltcal effects acc_K2      one, with its equation, look and parameters",
-    )  # fmt: skip
+        "effects",
+        "reference",
+        "effects",
+        "list the physical effects, or explain one",
+        "  tiltcal effects             all\n  tiltcal effects acc_K2      one, with its equation,"
+        " look and parameters",
+    )
     sub.add_argument("word", nargs="?", metavar="ID", help="an id, or a word to search for")
 
 
 def _confuse(commands: Commands) -> None:
     sub = commands.add(
-        "confuse", "confusing", "confuse_", "what a scenario's recording can and cannot tell apart",
-        "For every effect of the catalogue: the share that the adjustable terms absorb, the size it would be found at,\n"
-        "the share that nothing else explains, and what it cannot be told from, with what to record to split them.",
-    )  # fmt: skip
+        "confuse",
+        "confusing",
+        "confuse_",
+        "what a scenario's recording can and cannot tell apart",
+        "For every effect of the catalogue: the share that the adjustable terms absorb, the size it"
+        " would be found at,\nthe share that nothing else explains, and what it cannot be told"
+        " from, with what to record to split them.",
+    )
     sub.add_argument("scenario", metavar="SCENARIO")
-    sub.add_argument("--grade", choices=("precision", "mid_mems", "consumer"), default="mid_mems", help="whose plausible sizes")
+    sub.add_argument(
+        "--grade",
+        choices=("precision", "mid_mems", "consumer"),
+        default="mid_mems",
+        help="whose plausible sizes",
+    )
 
 
 def _explain_frames(commands: Commands) -> None:
     sub = commands.add(
-        "explain-frames", "confusing", "explain_frames", "what each channel should read at the six faces and small turns",
+        "explain-frames",
+        "confusing",
+        "explain_frames",
+        "what each channel should read at the six faces and small turns",
         "The first thing to compare with a real set-up.",
-    )  # fmt: skip
+    )
     sub.add_argument("scenario", metavar="SCENARIO")

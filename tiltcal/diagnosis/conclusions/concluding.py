@@ -1,4 +1,6 @@
-"""From a finished account to what is said of it: findings and classes, fitness, what could not be seen, the amended scenario."""
+"""From a finished account to what is said of it: findings and classes, fitness, what could not be
+seen, the amended scenario.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +13,14 @@ from tiltcal.design.identifiability import POWER
 from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
 from tiltcal.diagnosis.conclusions.finding import Finding, Fitness, Undetectable, Where
 from tiltcal.diagnosis.conclusions.residual_plots import unit_of
-from tiltcal.diagnosis.conclusions.statements import coordinate_of_effect, harmonic_of, learned_name, next_step, shown, stage_of
+from tiltcal.diagnosis.conclusions.statements import (
+    coordinate_of_effect,
+    harmonic_of,
+    learned_name,
+    next_step,
+    shown,
+    stage_of,
+)
 from tiltcal.diagnosis.data.channels import MASKED, MEANINGS
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
@@ -19,7 +28,15 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
 from tiltcal.diagnosis.model.cross_validation import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.model.fitted_model import Account, Term
 from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, Ledger
-from tiltcal.diagnosis.search.alternatives import OWN, Case, Rival, case_of, explanations, inseparable, price_of
+from tiltcal.diagnosis.search.alternatives import (
+    OWN,
+    Case,
+    Rival,
+    case_of,
+    explanations,
+    inseparable,
+    price_of,
+)
 from tiltcal.diagnosis.search.forward_selection import Gate, findings
 from tiltcal.diagnosis.search.thermal_lag import lateness
 from tiltcal.effects import CATALOGUE
@@ -32,7 +49,9 @@ SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be nam
 def findings_of(account: Account, ledger: Ledger, gate: Gate) -> list[Finding]:
     """The findings of an account, each with its class and its place."""
     values = gate.log_p(account, ledger) if account.terms else []
-    return [_finding(account, ledger, places, values[k]) for k, places in enumerate(findings(account))]
+    return [
+        _finding(account, ledger, places, values[k]) for k, places in enumerate(findings(account))
+    ]
 
 
 def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: float) -> Finding:
@@ -45,31 +64,64 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
     sizes = sum(len(account.terms[k].names) for k in places)
     gain = sum(float(t @ t) for t in case.target) - account.deviance
     held = heldout_gain(account, ledger, places)
-    where = Where(coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect))
+    where = Where(
+        coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect)
+    )
     if not term.suspect.listed and isinstance(effect, Learned):
         named = explanations(case, ledger, lambda s: s.listed)
         rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in named[:5])
         words = f"{learned_name(effect).capitalize()}: no named effect has this form."
         return Finding(
-            None, (), stage_of(effect), sensors, axes, where, {}, float(np.exp(log_p)), price_of(ledger) * sizes - gain, held,
-            rivals, words, next_step((), effect),
-        )  # fmt: skip
+            None,
+            (),
+            stage_of(effect),
+            sensors,
+            axes,
+            where,
+            {},
+            float(np.exp(log_p)),
+            price_of(ledger) * sizes - gain,
+            held,
+            rivals,
+            words,
+            next_step((), effect),
+        )
     rivals_, names = _class_of(term, case, ledger)
     id = term.suspect.id
     late, same = lateness([account.terms[k] for k in places], case, account, ledger)
     names = (*names, *(n for n in same if n not in names))
     parameters = {} if isinstance(effect, Learned) else _parameters(term, account.sigmas(places[0]))
     cls = CATALOGUE[id]
-    other = f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)" if len(names) > 1 else ""
+    other = (
+        f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)"
+        if len(names) > 1
+        else ""
+    )
     size = shown(parameters) if parameters else f"as a curve over {where.coordinate}"
-    words = f"{cls.title[:1].upper()}{cls.title[1:]} ({id}) on {', '.join(sensors)} {', '.join(axes)}{other}: {size}.{late}"
+    words = (
+        f"{cls.title[:1].upper()}{cls.title[1:]} ({id}) on {', '.join(sensors)}"
+        f" {', '.join(axes)}{other}: {size}.{late}"
+    )
     return Finding(
-        id, names, cls.stage, sensors, axes, where, parameters, float(np.exp(log_p)), price_of(ledger) * sizes - gain,
-        held, rivals_, words, next_step(names, effect),
-    )  # fmt: skip
+        id,
+        names,
+        cls.stage,
+        sensors,
+        axes,
+        where,
+        parameters,
+        float(np.exp(log_p)),
+        price_of(ledger) * sizes - gain,
+        held,
+        rivals_,
+        words,
+        next_step(names, effect),
+    )
 
 
-def _class_of(term: Term, case: Case, ledger: Ledger) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
+def _class_of(
+    term: Term, case: Case, ledger: Ledger
+) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
     found = explanations(case, ledger, lambda s: s.textbook or s.id == term.suspect.id)
     mine = next((r for r in found if r.suspect.place == term.suspect.place), None)
     nearest: dict[str, tuple[str, float, float]] = {}
@@ -85,13 +137,19 @@ def _class_of(term: Term, case: Case, ledger: Ledger) -> tuple[tuple[tuple[str, 
     return rivals[:8], tuple(ids)
 
 
-def _shown(signal: Sequence[Array], observations: Observations) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _shown(
+    signal: Sequence[Array], observations: Observations
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Sensors and axes that hold the signal, the strongest first."""
     energy: dict[tuple[str, str], float] = {}
     for channel, part in zip(observations.channels, signal, strict=True):
-        energy[channel.sensor, channel.axis] = energy.get((channel.sensor, channel.axis), 0.0) + float(part @ part)
+        energy[channel.sensor, channel.axis] = energy.get(
+            (channel.sensor, channel.axis), 0.0
+        ) + float(part @ part)
     total = max(sum(energy.values()), 1e-300)
-    strong = [key for key, e in sorted(energy.items(), key=lambda item: -item[1]) if e > SHOWN * total]
+    strong = [
+        key for key, e in sorted(energy.items(), key=lambda item: -item[1]) if e > SHOWN * total
+    ]
     return tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong))
 
 
@@ -119,29 +177,46 @@ def fitness_of(account: Account, ledger: Ledger) -> Fitness:
     observations = ledger.observations
     used = account.basis[0].shape[1] if account.basis else 0
     rms: dict[str, float] = {}
-    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
-        rms.setdefault(f"{channel.sensor}_{channel.axis}_{unit_of(channel, observations)}", float(np.sqrt(np.mean(r * r))))
-    return Fitness(account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger))
+    for channel, r in zip(
+        observations.channels, observations.residuals(account.effects), strict=True
+    ):
+        rms.setdefault(
+            f"{channel.sensor}_{channel.axis}_{unit_of(channel, observations)}",
+            float(np.sqrt(np.mean(r * r))),
+        )
+    return Fitness(
+        account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger)
+    )
 
 
 def undetectable_of(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
     """What could not have been seen, or only at which size."""
     found: dict[str, Undetectable] = {}
     blamed = {t.suspect.id for t in account.terms}
-    for score in ledger.scores(account.basis, account.residual, lambda s: not isinstance(s.effect, Learned) and s.id not in blamed):
+    for score in ledger.scores(
+        account.basis,
+        account.residual,
+        lambda s: not isinstance(s.effect, Learned) and s.id not in blamed,
+    ):
         suspect = score.suspect
         sizes = {}
         for i, name in enumerate(suspect.names):
             p = _parameter_of(suspect, name)
             if score.B[i, i] > SURVIVES * score.raw[i] > 0:
-                sizes[f"{name}{p.suffix}"] = float(np.sqrt(POWER / score.B[i, i]) * suspect.size(name) / p.factor)
+                sizes[f"{name}{p.suffix}"] = float(
+                    np.sqrt(POWER / score.B[i, i]) * suspect.size(name) / p.factor
+                )
         old = found.get(suspect.id)
         if old is None or (not old.size and sizes):
-            found[suspect.id] = Undetectable(suspect.id, sizes, float(np.clip(score.absorbed, 0, 1)))
+            found[suspect.id] = Undetectable(
+                suspect.id, sizes, float(np.clip(score.absorbed, 0, 1))
+            )
     return tuple(found.values())
 
 
-def amended_of(account: Account, observations: Observations, faults: Sequence[Fault]) -> dict[str, Any]:
+def amended_of(
+    account: Account, observations: Observations, faults: Sequence[Fault]
+) -> dict[str, Any]:
     """The scenario with calibration and findings in it."""
     first = observations.recordings[0]
     temperature = first.temperature()
@@ -153,7 +228,10 @@ def amended_of(account: Account, observations: Observations, faults: Sequence[Fa
     effects += [f.effect for f in faults if f.effect not in effects]
     for k, term in enumerate(account.terms):
         effect = term.effect
-        event = any("time" in e.values or "frequency" in e.values for e in (effect, *([term.host.effect] if term.host else [])))
+        event = any(
+            "time" in e.values or "frequency" in e.values
+            for e in (effect, *([term.host.effect] if term.host else []))
+        )
         sigmas = dict(zip(term.names, (float(s) for s in account.sigmas(k)), strict=True))
         effects.append(replace(effect, sigmas=sigmas, seen_in=first.fingerprint if event else None))
     return amended_table(observations.scenario, effects, reference)

@@ -1,4 +1,6 @@
-"""What a diagnosis says: findings, verdict and figures, as the file ``diagnosis.json`` has them (CONTRACT section 6)."""
+"""What a diagnosis says: findings, verdict and figures, as the file ``diagnosis.json`` has them
+(CONTRACT section 6).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +16,8 @@ class Where:
     """Where in the recording an effect shows.
 
     Args:
-        coordinate: what it follows; harmonic: orders over the outer and inner angle; interval: s from the first stamp.
+        coordinate: what it follows; harmonic: orders over the outer and inner angle; interval: s
+            from the first stamp.
     """
 
     coordinate: str
@@ -24,9 +27,10 @@ class Where:
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
         return {
-            "coordinate": self.coordinate, "harmonic": list(self.harmonic) if self.harmonic else None,
+            "coordinate": self.coordinate,
+            "harmonic": list(self.harmonic) if self.harmonic else None,
             "interval_s": None if self.interval is None else list(self.interval),
-        }  # fmt: skip
+        }
 
 
 @dataclass(frozen=True)
@@ -63,18 +67,27 @@ class Finding:
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
         return {
-            "effect": self.effect, "class": list(self.names), "stage": self.stage, "sensors": list(self.sensors),
-            "axes": list(self.axes), "where": self.where.to_json(),
+            "effect": self.effect,
+            "class": list(self.names),
+            "stage": self.stage,
+            "sensors": list(self.sensors),
+            "axes": list(self.axes),
+            "where": self.where.to_json(),
             "parameters": {n: {"value": v, "sigma": s} for n, (v, s) in self.parameters.items()},
-            "p_value": self.p_value, "delta_bic": self.delta_bic, "heldout_gain": self.heldout_gain,
+            "p_value": self.p_value,
+            "delta_bic": self.delta_bic,
+            "heldout_gain": self.heldout_gain,
             "rivals": [{"effect": e, "cosine": c, "separation": s} for e, c, s in self.rivals],
-            "statement": self.statement, "next_measurement": self.next_measurement,
-        }  # fmt: skip
+            "statement": self.statement,
+            "next_measurement": self.next_measurement,
+        }
 
 
 @dataclass(frozen=True)
 class Fitness:
-    """How well a model fits: whitened chi-square per degree of freedom, rms by channel (SI), the same on held-out blocks."""
+    """How well a model fits: whitened chi-square per degree of freedom, rms by channel (SI), the
+    same on held-out blocks.
+    """
 
     chi2_per_dof: float = 0.0
     rms: Mapping[str, float] = field(default_factory=dict)
@@ -82,12 +95,18 @@ class Fitness:
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
-        return {"chi2_per_dof": self.chi2_per_dof, "rms": dict(self.rms), "heldout_chi2_per_dof": self.heldout_chi2_per_dof}
+        return {
+            "chi2_per_dof": self.chi2_per_dof,
+            "rms": dict(self.rms),
+            "heldout_chi2_per_dof": self.heldout_chi2_per_dof,
+        }
 
 
 @dataclass(frozen=True)
 class Undetectable:
-    """An effect that was not found: the size (name with unit) it would have been found at, and its absorbed share."""
+    """An effect that was not found: the size (name with unit) it would have been found at, and its
+    absorbed share.
+    """
 
     effect: str
     size: Mapping[str, float]
@@ -95,7 +114,11 @@ class Undetectable:
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
-        return {"effect": self.effect, "detectable_size": dict(self.size), "absorbed": self.absorbed}
+        return {
+            "effect": self.effect,
+            "detectable_size": dict(self.size),
+            "absorbed": self.absorbed,
+        }
 
 
 @dataclass(frozen=True)
@@ -124,11 +147,14 @@ class Diagnosis:
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
         return {
-            "schema": 1, "verdict": self.verdict, "statement": self.statement,
-            "findings": [f.to_json() for f in self.findings], "notes": list(self.notes),
+            "schema": 1,
+            "verdict": self.verdict,
+            "statement": self.statement,
+            "findings": [f.to_json() for f in self.findings],
+            "notes": list(self.notes),
             "undetectable": [u.to_json() for u in self.undetectable],
             "fit": {"before": self.before.to_json(), "after": self.after.to_json()},
-        }  # fmt: skip
+        }
 
 
 def verdict_of(findings: tuple[Finding, ...], enough: bool) -> Verdict:

@@ -1,4 +1,6 @@
-"""What is left of each channel before and after, thinned for a picture: against time, angles, temperature, and frequency."""
+"""What is left of each channel before and after, thinned for a picture: against time, angles,
+temperature, and frequency.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,7 +22,8 @@ class View:
         coordinates: name with unit -> mean coordinate of each bin, (m,).
         before, after: mean residual of each bin, by coordinate, (m,).
         sigma: standard uncertainty of those means, by coordinate, (m,).
-        frequency: Hz, (f,); spectrum_before, spectrum_after: rms of the residual in each band, (f,).
+        frequency: Hz, (f,); spectrum_before, spectrum_after: rms of the residual in each band,
+            (f,).
     """
 
     channel: str
@@ -37,14 +40,21 @@ class View:
 UNITS = {"accelerometer": "m_s2", "inclinometer": "rad", "gyro": "rad_s", "fog": "rad_s"}
 
 
-def views_of(observations: Observations, before: list[Array], after: list[Array]) -> tuple[View, ...]:
+def views_of(
+    observations: Observations, before: list[Array], after: list[Array]
+) -> tuple[View, ...]:
     """A view of each channel. before, after: residuals by channel, SI, (n,)."""
-    return tuple(_view(observations, channel, b, a) for channel, b, a in zip(observations.channels, before, after, strict=True))
+    return tuple(
+        _view(observations, channel, b, a)
+        for channel, b, a in zip(observations.channels, before, after, strict=True)
+    )
 
 
 def unit_of(channel: Channel, observations: Observations) -> str:
     """Unit of a channel's residual; an angle where that is a direction's."""
-    return "rad" if channel.axis == "turn" else UNITS[observations.scenario.named(channel.sensor).kind]
+    return (
+        "rad" if channel.axis == "turn" else UNITS[observations.scenario.named(channel.sensor).kind]
+    )
 
 
 def _view(observations: Observations, channel: Channel, before: Array, after: Array) -> View:
@@ -71,7 +81,10 @@ def _coordinates(observations: Observations, channel: Channel) -> dict[str, Arra
     found = {"time_s": channel.time - recording.time[0]}
     if isinstance(observations, TableObservations):
         course = observations.courses[channel.recording]
-        found |= {f"table_{name}_deg": np.degrees(angle[channel.rows]) for name, angle in course.angles.items()}
+        found |= {
+            f"table_{name}_deg": np.degrees(angle[channel.rows])
+            for name, angle in course.angles.items()
+        }
     temperature = recording.temperature()
     if temperature is not None:
         found["temperature_degC"] = temperature[channel.rows]
@@ -86,5 +99,7 @@ def _spectrum(time: Array, residual: Array) -> tuple[Array, Array]:
     frequency = np.fft.rfftfreq(n, 1 / rate)
     edges = np.unique(np.geomspace(1, len(power), 80).astype(int))
     total = np.add.reduceat(power, edges[:-1])
-    centre = np.add.reduceat(frequency, edges[:-1]) / np.diff(edges, append=len(power))[: len(edges) - 1]
+    centre = (
+        np.add.reduceat(frequency, edges[:-1]) / np.diff(edges, append=len(power))[: len(edges) - 1]
+    )
     return centre, np.sqrt(total)

@@ -1,4 +1,6 @@
-"""The last word is the simulator's: the amended scenario is run again and compared with what was read."""
+"""The last word is the simulator's: the amended scenario is run again and compared with what was
+read.
+"""
 
 from dataclasses import dataclass
 
@@ -17,8 +19,10 @@ class Resimulation:
     """How far the simulator's run of the amended scenario is from the recording.
 
     Args:
-        rms: of measured minus simulated, in standard deviations of a sample's noise, all channels together.
-        algebra: largest distance of the simulator from the closed form that was fitted, in the same unit.
+        rms: of measured minus simulated, in standard deviations of a sample's noise, all channels
+            together.
+        algebra: largest distance of the simulator from the closed form that was fitted, in the same
+            unit.
     """
 
     rms: float
@@ -28,20 +32,21 @@ class Resimulation:
     def words(self) -> str:
         """As a note."""
         return (
-            f"re-simulated with the amended scenario: residual {self.rms:.3f} of a sample's noise rms; "
-            f"the simulator and the fitted algebra differ by {self.algebra:.2g} at most"
+            f"re-simulated with the amended scenario: residual {self.rms:.3f} of a sample's noise"
+            f" rms; the simulator and the fitted algebra differ by {self.algebra:.2g} at most"
         )
 
 
 def resimulate(
     laboratory: Laboratory, amended: Scenario, observations: Observations, fitted: list[Array]
-) -> Resimulation | None:  # fmt: skip
+) -> Resimulation | None:
     """Run the amended scenario along the first recording.
 
     Args:
         laboratory: the simulator.
         amended: what it runs.
-        observations: what was read; its columns mean what they say, so that faults of meaning are left out of the run.
+        observations: what was read; its columns mean what they say, so that faults of meaning are
+            left out of the run.
         fitted: what the closed form says each channel should have read, (n,).
     """
     recording = observations.recordings[0]
@@ -62,5 +67,7 @@ def resimulate(
         error = (channel.values - full[channel.rows])[there] / noise
         left += float(error @ error)
         count += int(there.sum())
-        apart = max(apart, float(np.abs((algebra - full[channel.rows])[there]).max(initial=0.0)) / noise)
+        apart = max(
+            apart, float(np.abs((algebra - full[channel.rows])[there]).max(initial=0.0)) / noise
+        )
     return Resimulation(float(np.sqrt(left / count)), apart) if count else None

@@ -9,15 +9,39 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import ANGLES, ORDERS, Learned, LearnedReadout, LearnedTilt
 from tiltcal.setup.setup import Setup
 
-FOLLOWS = {"temperature": "temperature", "time": "time", "direction": "move", "motion": "rate", "vibration": "frequency"}
+FOLLOWS = {
+    "temperature": "temperature",
+    "time": "time",
+    "direction": "move",
+    "motion": "rate",
+    "vibration": "frequency",
+}
 OWN_WORD = {
-    "mains_pickup": "frequency", "base_vibration": "frequency", "fog_deadband": "rate", "fog_axis_error": "rate",
-    "gyr_scale_asym": "rate", "fog_shupe": "temperature", "settling_transient": "move", "lever_arm": "rate",
+    "mains_pickup": "frequency",
+    "base_vibration": "frequency",
+    "fog_deadband": "rate",
+    "fog_axis_error": "rate",
+    "gyr_scale_asym": "rate",
+    "fog_shupe": "temperature",
+    "settling_transient": "move",
+    "lever_arm": "rate",
     "magnetic_field": "tilt",
-    "gyr_gsens": "tilt", "gyr_g2sens": "tilt", "table_levelling": "table_outer", "axis_nonorthogonality": "table_inner",
-    "mount_compliance": "tilt", "servo_lag": "rate", "acc_hysteresis": "tilt", "earth_rate": "rate",
-}  # fmt: skip
-LEARNED_WORD = {"input": "tilt", "transverse": "rate", "warming": "temperature", "since_move": "move", "moves": "move"}
+    "gyr_gsens": "tilt",
+    "gyr_g2sens": "tilt",
+    "table_levelling": "table_outer",
+    "axis_nonorthogonality": "table_inner",
+    "mount_compliance": "tilt",
+    "servo_lag": "rate",
+    "acc_hysteresis": "tilt",
+    "earth_rate": "rate",
+}
+LEARNED_WORD = {
+    "input": "tilt",
+    "transverse": "rate",
+    "warming": "temperature",
+    "since_move": "move",
+    "moves": "move",
+}
 
 
 def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
@@ -27,7 +51,11 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
             return "tilt"
         if effect.coordinate.startswith("rate"):
             return "rate"
-        if effect.coordinate == "input" and effect.sensor is not None and setup.named(effect.sensor).quantity == "rate":
+        if (
+            effect.coordinate == "input"
+            and effect.sensor is not None
+            and setup.named(effect.sensor).quantity == "rate"
+        ):
             return "rate"
         return LEARNED_WORD.get(effect.coordinate, effect.coordinate)
     if effect.id in OWN_WORD:
@@ -48,28 +76,49 @@ def stage_of(effect: Effect) -> str:
 
 def harmonic_of(effect: Effect) -> tuple[int, int] | None:
     """Orders over the outer and the inner angle, where an effect has one."""
-    order = {"table_encoder_eccentricity": 1, "table_encoder_2rev": 2, "table_sag": 1}.get(effect.id)
+    order = {"table_encoder_eccentricity": 1, "table_encoder_2rev": 2, "table_sag": 1}.get(
+        effect.id
+    )
     if isinstance(effect, Learned) and effect.beside:
         m, n = divmod(int(np.argmax(np.abs(effect.coefficients))) // 4, ORDERS)
         return m + 1, n + 1
-    if order is None and isinstance(effect, Learned) and not effect.knots and effect.coordinate in ANGLES:
+    if (
+        order is None
+        and isinstance(effect, Learned)
+        and not effect.knots
+        and effect.coordinate in ANGLES
+    ):
         order = 1 + int(np.argmax(np.abs(effect.coefficients))) // 2
     if order is None:
         return None
-    axis = effect.axis or (ANGLES.get(effect.coordinate) if isinstance(effect, Learned) else None) or "outer"
+    axis = (
+        effect.axis
+        or (ANGLES.get(effect.coordinate) if isinstance(effect, Learned) else None)
+        or "outer"
+    )
     return (order, 0) if axis == "outer" else (0, order)
 
 
 def learned_name(effect: Learned) -> str:
     """A curve in words."""
-    words = {"table_outer": "the outer angle", "table_inner": "the inner angle", "table_middle": "the middle angle",
-            "input": "its own input", "transverse": "the rate across its axis", "warming": "the rate of warming",
-            "since_move": "the time since the last move", "moves": "the number of moves"}  # fmt: skip
+    words = {
+        "table_outer": "the outer angle",
+        "table_inner": "the inner angle",
+        "table_middle": "the middle angle",
+        "input": "its own input",
+        "transverse": "the rate across its axis",
+        "warming": "the rate of warming",
+        "since_move": "the time since the last move",
+        "moves": "the number of moves",
+    }
     what = words.get(effect.coordinate, effect.coordinate.replace("_", " along body "))
     if effect.beside:
         what += f" times {words[effect.beside]}"
     if effect.period and effect.coordinate in ("since_move", "moves"):
-        what += f", with a period of {effect.period:.3g}{' s' if effect.coordinate == 'since_move' else ''}"
+        what += (
+            ", with a period of"
+            f" {effect.period:.3g}{' s' if effect.coordinate == 'since_move' else ''}"
+        )
     if effect.period and effect.knots:
         what += f" and begins anew after each {np.degrees(effect.period):.4g} deg"
     if effect.lag and effect.coordinate != "temperature":
@@ -101,10 +150,15 @@ def next_step(names: tuple[str, ...], effect: Effect) -> str:
     return f"record {effect.excited_by} again, to confirm"
 
 
-def summary(findings: tuple[Finding, ...], verdict: str, before: float, after: float, kind: str) -> str:
+def summary(
+    findings: tuple[Finding, ...], verdict: str, before: float, after: float, kind: str
+) -> str:
     """Two or three sentences that a metrologist would sign."""
     if verdict == "cannot_tell":
-        return "This recording leaves no degrees of freedom to test the model by; whatever is wrong with it fits as well."
+        return (
+            "This recording leaves no degrees of freedom to test the model by; whatever is wrong"
+            " with it fits as well."
+        )
     if verdict == "match":
         agrees = f"The recording agrees with the scenario: nothing stands out of its noise ({kind})"
         return f"{agrees}, chi-square per degree of freedom {after:.3f}."

@@ -1,4 +1,6 @@
-"""How many samples of a long record are averaged into one: it needs no more to tell what physics it holds."""
+"""How many samples of a long record are averaged into one: it needs no more to tell what physics it
+holds.
+"""
 
 import numpy as np
 
@@ -7,7 +9,9 @@ from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, fastest
 
 MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 ROWS = 6500  # what is left of them
-SURVIVES = 0.8  # share of a line's power that a block should leave, while there are no more than MOST_ROWS
+SURVIVES = (
+    0.8  # share of a line's power that a block should leave, while there are no more than MOST_ROWS
+)
 HALF = 0.5  # period
 
 
@@ -20,8 +24,13 @@ def block_of(observations: Observations, lines: Lines) -> int:
     least, most = -(-longest // MOST_ROWS), -(-longest // ROWS)
     ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
     beats = [*lines.tones, *lines.shakes, *lines.echoes]
-    beats += [f for f in ripples if f * step * least < HALF]  # what a quick turn blurs anyway asks for nothing
-    left = {block: min((_survives(f * step, block) for f in beats), default=1.0) for block in range(least, most + 1)}
+    beats += [
+        f for f in ripples if f * step * least < HALF
+    ]  # what a quick turn blurs anyway asks for nothing
+    left = {
+        block: min((_survives(f * step, block) for f in beats), default=1.0)
+        for block in range(least, most + 1)
+    }
     return max((b for b in left if left[b] > SURVIVES), default=max(left, key=lambda b: left[b]))
 
 

@@ -28,13 +28,21 @@ def written(recording: Recording, sensor: Sensor, axis: str) -> Array:
 def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
     """A copy with these columns in place of its own."""
     return Recording.from_columns(
-        recording.time, columns, labels=recording.labels, extra=recording.extra, metadata=recording.metadata,
+        recording.time,
+        columns,
+        labels=recording.labels,
+        extra=recording.extra,
+        metadata=recording.metadata,
         source=recording.source,
-    )  # fmt: skip
+    )
 
 
-def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float | Array) -> Recording:
-    """A copy with some rows of a channel set to a value, or one each, as written (NaN: not sampled)."""
+def changed(
+    recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float | Array
+) -> Recording:
+    """A copy with some rows of a channel set to a value, or one each, as written (NaN: not
+    sampled).
+    """
     if not len(rows):
         return recording
     name = str(recording.channel(f"{sensor.name}_{axis}"))
@@ -44,7 +52,9 @@ def changed(recording: Recording, sensor: Sensor, axis: str, rows: Index, value:
 
 
 def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Recording:
-    """A copy whose readings of a sensor are moved on by ``lost`` samples from a time (s) on, none where they were lost."""
+    """A copy whose readings of a sensor are moved on by ``lost`` samples from a time (s) on, none
+    where they were lost.
+    """
     rows = _sampled(recording.sensor(sensor).rows)
     start = int(np.searchsorted(recording.time[rows], time))
     columns = {n: recording.column(n).copy() for n in recording.column_names}
@@ -57,7 +67,9 @@ def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Rec
 
 
 def _sampled(rows: Index) -> Index:
-    """The rows on which a sensor was sampled, the empty ones among them: where it reads on every k-th row, all of these."""
+    """The rows on which a sensor was sampled, the empty ones among them: where it reads on every
+    k-th row, all of these.
+    """
     step = int(np.median(np.diff(rows)))
     regular = not np.any((rows - rows[0]) % step)
     return np.arange(rows[0], rows[-1] + 1, step) if regular else rows
@@ -95,15 +107,27 @@ CHANCE = 1e-6  # of a fault in a sound recording
 MEANINGS = ("data_unit", "data_sign", "data_hand", "data_axis_swap")
 """What is undone in the columns."""
 MASKED = (
-    "data_stuck", "data_outlier", "emi_spike", "data_duplicate", "acc_saturation", "gyr_saturation", "adc_quantisation",
-    "gyr_quantisation", "data_pose_label", "adc_stuck_bit",
-)  # fmt: skip
+    "data_stuck",
+    "data_outlier",
+    "emi_spike",
+    "data_duplicate",
+    "acc_saturation",
+    "gyr_saturation",
+    "adc_quantisation",
+    "gyr_quantisation",
+    "data_pose_label",
+    "adc_stuck_bit",
+)
 """What is taken out of the recording sample by sample: the model need not hold it."""
 
 
 def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> Recording:
-    """A copy whose columns mean what they say: units, signs and exchanged axes of these effects undone."""
-    for effect in sorted((e for e in effects if e.id in MEANINGS), key=lambda e: -getattr(e, "order", 0)):
+    """A copy whose columns mean what they say: units, signs and exchanged axes of these effects
+    undone.
+    """
+    for effect in sorted(
+        (e for e in effects if e.id in MEANINGS), key=lambda e: -getattr(e, "order", 0)
+    ):
         sensor = setup.named(str(effect.sensor))
         if not recording.has(sensor):
             continue
@@ -134,7 +158,11 @@ def meant_matrix(effect: Effect, sensor: Sensor) -> Array:
     for k, axis in enumerate(sensor.axes):
         P[k] *= 1 - 2 * effect.value(f"flip_{axis}") if effect.id == "data_sign" else 1
     for pair in ("xy", "yz", "zx"):
-        if effect.id == "data_axis_swap" and effect.value(f"swap_{pair}") and set(pair) <= set(sensor.axes):
+        if (
+            effect.id == "data_axis_swap"
+            and effect.value(f"swap_{pair}")
+            and set(pair) <= set(sensor.axes)
+        ):
             a, b = (sensor.axes.index(x) for x in pair)
             P[[a, b]] = P[[b, a]]
     return P

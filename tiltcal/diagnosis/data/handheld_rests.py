@@ -1,4 +1,6 @@
-"""Rests of a recording turned by hand: which rows truly rest, and a long log with its rests averaged."""
+"""Rests of a recording turned by hand: which rows truly rest, and a long log with its rests
+averaged.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -41,7 +43,8 @@ def inner(time: Array, stop: Index) -> Mask:
 
 
 def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
-    """Those rows without what somebody's touch did: values, (n, k), briefly far off the median of their rest.
+    """Those rows without what somebody's touch did: values, (n, k), briefly far off the median of
+    their rest.
 
     A short rest goes with it: whoever touched it may still lean on it.
     """
@@ -49,7 +52,11 @@ def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
     for rest in rests_of(np.where(rows, stop, -1)):
         off = np.abs(values[rest] - np.nanmedian(values[rest], axis=0))
         spread = 1.4826 * np.nanmedian(off, axis=0)
-        far = np.nan_to_num(off > NUDGE * spread).any(axis=1) if (spread > 0).all() else np.zeros(len(rest), bool)
+        far = (
+            np.nan_to_num(off > NUDGE * spread).any(axis=1)
+            if (spread > 0).all()
+            else np.zeros(len(rest), bool)
+        )
         touched = np.convolve(far, np.ones(3), "same") > 0
         if touched.mean() < BRIEF:
             short = bool(touched.any()) and time[rest[-1]] - time[rest[0]] < SHORT
@@ -58,7 +65,9 @@ def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
 
 
 def of_direction(force: Array, stop: Index) -> list[Array]:
-    """Polynomials of the mean direction of the force in each rest, as many as the directions taken allow, (n,) each."""
+    """Polynomials of the mean direction of the force in each rest, as many as the directions taken
+    allow, (n,) each.
+    """
     starts = np.flatnonzero(np.diff(stop, prepend=-1))
     counts = np.diff(starts, append=len(force))
     up = np.add.reduceat(force, starts, axis=0) / counts[:, None]
@@ -71,7 +80,9 @@ def of_direction(force: Array, stop: Index) -> list[Array]:
 
 
 def rest_steps(stop: Index) -> Array:
-    """The operators of the step of the mean from each rest to the next, on cosine coefficients, (m - 1, n)."""
+    """The operators of the step of the mean from each rest to the next, on cosine coefficients, (m
+    - 1, n).
+    """
     rows = list(rests_of(stop))
     operators = np.zeros((len(rows), len(stop)))
     for k, rest in enumerate(rows):
@@ -80,9 +91,11 @@ def rest_steps(stop: Index) -> Array:
 
 
 def no_less(fit: NoiseFit, steps: Array, residual: Array, mean: Array) -> NoiseFit:
-    """A noise with as much flicker as makes rests as different as they are, should that be more than the spectrum says.
+    """A noise with as much flicker as makes rests as different as they are, should that be more
+    than the spectrum says.
 
-    One bias that wanders is seen with another sign and share in each pose: from rest to rest that is no flicker of a
+    One bias that wanders is seen with another sign and share in each pose: from rest to rest that
+        is no flicker of a
     channel's rows, and their spectrum, of which few coefficients are that slow, hardly shows it.
 
     Args:
@@ -103,17 +116,23 @@ def no_less(fit: NoiseFit, steps: Array, residual: Array, mean: Array) -> NoiseF
     if missing <= 0:
         return fit
     each = float(free @ (power @ (NoiseModel(0.0, 1.0).spectrum(n))))
-    return replace(fit, model=replace(model, flicker=float(np.sqrt(model.flicker**2 + missing / each))))
+    return replace(
+        fit, model=replace(model, flicker=float(np.sqrt(model.flicker**2 + missing / each)))
+    )
 
 
 def known_stops(recording: Recording) -> Index:
-    """Number of the rest of each row, -1 while moving, (n,): as found, or as kept when a log was averaged."""
+    """Number of the rest of each row, -1 while moving, (n,): as found, or as kept when a log was
+    averaged.
+    """
     kept = recording.extra.get(REST)
     return stops_of(recording) if kept is None else np.asarray(kept, dtype=np.intp)
 
 
 def condensed(recording: Recording) -> Recording:
-    """A long log with its rests averaged over short blocks, and their numbers beside them; what is between them is left alone."""
+    """A long log with its rests averaged over short blocks, and their numbers beside them; what is
+    between them is left alone.
+    """
     stop = known_stops(recording)
     resting = int((stop >= 0).sum())
     block = -(-resting // KEPT_AT_REST)
@@ -123,13 +142,17 @@ def condensed(recording: Recording) -> Recording:
     edge = int(EDGE / np.median(np.diff(recording.time)))
     for rows in rests_of(stop):
         middle = rows[edge : len(rows) - edge]  # the edges are needed sample by sample
-        group[middle] = middle[0] + (np.arange(len(middle)) // block) * block if len(middle) else middle
+        group[middle] = (
+            middle[0] + (np.arange(len(middle)) // block) * block if len(middle) else middle
+        )
     _, which, count = np.unique(group, return_inverse=True, return_counts=True)
     columns = {n: _averaged(recording.column(n), which, len(count)) for n in recording.column_names}
     time = np.bincount(which, recording.time) / count
     first = np.concatenate([[0], np.flatnonzero(np.diff(which)) + 1])
     rests = np.array([str(k) for k in stop[first]])
-    return Recording.from_columns(time, columns, extra={REST: rests}, metadata=recording.metadata, source=recording.source)
+    return Recording.from_columns(
+        time, columns, extra={REST: rests}, metadata=recording.metadata, source=recording.source
+    )
 
 
 def _averaged(values: Array, which: Index, n: int) -> Array:

@@ -1,4 +1,6 @@
-"""What was read and what a model says should have been read, channel by channel; and how readings change with an effect."""
+"""What was read and what a model says should have been read, channel by channel; and how readings
+change with an effect.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -31,15 +33,18 @@ class Channel:
 
     Args:
         recording: number of the recording.
-        sensor, axis: whose; the axis ``norm`` is the length of an accelerometer's reading at rest, ``turn`` gravity's
+        sensor, axis: whose; the axis ``norm`` is the length of an accelerometer's reading at rest,
+            ``turn`` gravity's
             direction after a turn against the one carried there.
         column: of the sensor's readings.
         rows: of the recording, (n,).
         time: s, (n,).
         values: SI, (n,).
         stop: number of the stop of each row, -1 while moving, (n,).
-        derived: whether it was worked out from several readings, and no column of a recording is like it.
-        white: standard deviation, SI, that its noise has at least, where that is white and known to be; 0 elsewhere.
+        derived: whether it was worked out from several readings, and no column of a recording is
+            like it.
+        white: standard deviation, SI, that its noise has at least, where that is white and known to
+            be; 0 elsewhere.
     """
 
     recording: int
@@ -78,14 +83,22 @@ class Observations(ABC):
         """How readings change with a small effect, the others being there, SI."""
 
     def depends_on(self, around: Sequence[Effect]) -> bytes | None:
-        """What of these effects the change by a term of calibration depends on; None where that is all of them."""
+        """What of these effects the change by a term of calibration depends on; None where that is
+        all of them.
+        """
         return None
 
-    def columns(self, effect: Effect, names: Sequence[str], around: Sequence[Effect]) -> dict[int, tuple[list[int], Array]]:
-        """Change of each channel by each of these sizes alone: their numbers, and the changes, (len(numbers), n)."""
+    def columns(
+        self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
+    ) -> dict[int, tuple[list[int], Array]]:
+        """Change of each channel by each of these sizes alone: their numbers, and the changes,
+        (len(numbers), n).
+        """
         found: dict[int, tuple[list[int], list[Array]]] = {}
         for k, name in enumerate(names):
-            alone = {n: v for n, v in effect.values.items() if n not in names} | {name: effect.values[name]}
+            alone = {n: v for n, v in effect.values.items() if n not in names} | {
+                name: effect.values[name]
+            }
             for i, column in self.changes(replace(effect, values=alone), around).items():
                 numbers, rows = found.setdefault(i, ([], []))
                 numbers.append(k)
@@ -98,7 +111,9 @@ class Observations(ABC):
         return self.recordings
 
     def saturating(self, number: int) -> list[Array]:
-        """Columns that no noise of a channel is estimated from, (n,) each: what may follow the pose, and is no drift."""
+        """Columns that no noise of a channel is estimated from, (n,) each: what may follow the
+        pose, and is no drift.
+        """
         return []
 
     def as_unsteady(self, number: int, residual: Array, mean: Array, fit: NoiseFit) -> NoiseFit:
@@ -113,8 +128,13 @@ class Observations(ABC):
         return fit
 
     def residuals(self, effects: Sequence[Effect]) -> list[Array]:
-        """Measured minus predicted, (n,) each; 0 where a loss of samples leaves nothing to predict."""
-        return [np.nan_to_num(c.values - p) for c, p in zip(self.channels, self.predict(effects), strict=True)]
+        """Measured minus predicted, (n,) each; 0 where a loss of samples leaves nothing to
+        predict.
+        """
+        return [
+            np.nan_to_num(c.values - p)
+            for c, p in zip(self.channels, self.predict(effects), strict=True)
+        ]
 
     @property
     def samples(self) -> int:
@@ -125,20 +145,27 @@ class Observations(ABC):
 class TableObservations(Observations):
     """Recordings on a table whose angles were read.
 
-    ``averaged`` has blocks of samples in place of samples, of readings and predictions alike: a long record needs no more to
+    ``averaged`` has blocks of samples in place of samples, of readings and predictions alike: a
+    long record needs no more to
     tell what physics it holds, and noise stays what it was, white, flicker and walk.
     """
 
-    def __init__(self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]) -> None:
+    def __init__(
+        self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]
+    ) -> None:
         self.block = 1
         self._rows: list[Index] = []
         self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
         reference = scenario.climate.reference_degC
         self.courses: list[Replay] = []
         for recording in recordings:
-            course = restored(replay(recording, scenario, reference), as_met(known, recording.fingerprint))
+            course = restored(
+                replay(recording, scenario, reference), as_met(known, recording.fingerprint)
+            )
             self.courses.append(course)
-            reference = course.reference if reference is None else reference  # T0 stays that of the first recording
+            reference = (
+                course.reference if reference is None else reference
+            )  # T0 stays that of the first recording
         self.stops = [course.stop for course in self.courses]
         self.channels = tuple(self._channels())
         self._watches: dict[bytes, list[Watch]] = {}
@@ -149,14 +176,23 @@ class TableObservations(Observations):
     def averaged(self, block: int) -> "TableObservations":
         """The same with so many samples averaged into one."""
         other = copy(self)
-        other.block, other._rows, other._watches, other._around, other._bent, other._whole = block, [], {}, None, [], self
+        other.block, other._rows, other._watches, other._around, other._bent, other._whole = (
+            block,
+            [],
+            {},
+            None,
+            [],
+            self,
+        )
         other.__dict__.pop("_blocks_of", None)
         other.channels = tuple(other._channels())
         return other
 
     def _channels(self) -> list[Channel]:
         found = []
-        for number, (recording, course) in enumerate(zip(self.recordings, self.courses, strict=True)):
+        for number, (recording, course) in enumerate(
+            zip(self.recordings, self.courses, strict=True)
+        ):
             for sensor in self.scenario.sensor:
                 if not recording.has(sensor):
                     continue
@@ -167,9 +203,24 @@ class TableObservations(Observations):
                     if len(rows) <= 8 * self.block:
                         continue
                     self._rows.append(rows)
-                    middle = rows[np.minimum(np.arange(0, len(rows), self.block) + self.block // 2, len(rows) - 1)]
+                    middle = rows[
+                        np.minimum(
+                            np.arange(0, len(rows), self.block) + self.block // 2, len(rows) - 1
+                        )
+                    ]
                     values = self._mean(samples.values[there, k])
-                    found.append(Channel(number, sensor.name, axis, k, middle, recording.time[middle], values, course.stop[middle]))
+                    found.append(
+                        Channel(
+                            number,
+                            sensor.name,
+                            axis,
+                            k,
+                            middle,
+                            recording.time[middle],
+                            values,
+                            course.stop[middle],
+                        )
+                    )
         return found
 
     def _mean(self, values: Array) -> Array:
@@ -182,7 +233,8 @@ class TableObservations(Observations):
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read.
 
-        Of blocks: the prediction at their middles, and how far the mean over a block was from that at first, of the motion's
+        Of blocks: the prediction at their middles, and how far the mean over a block was from that
+            at first, of the motion's
         bend within it; what is quick beside a block is predicted at every sample.
         """
         if self._whole is None:
@@ -194,7 +246,9 @@ class TableObservations(Observations):
         return [m + b for m, b in zip(self._middles(effects), self._bent, strict=True)]
 
     def bend_at(self, effects: Sequence[Effect]) -> None:
-        """Take the bend within blocks from a model with these effects: a scale factor of some per mille turns it with the rest."""
+        """Take the bend within blocks from a model with these effects: a scale factor of some per
+        mille turns it with the rest.
+        """
         if self._whole is not None:
             whole = self._blocks(self._whole.predict(effects))
             self._bent = [w - m for w, m in zip(whole, self._middles(effects), strict=True)]
@@ -203,7 +257,11 @@ class TableObservations(Observations):
         """Whether an effect may change within a block."""
         if effect.sharp or "lines" in effect.values:
             return self.block > 1
-        period = getattr(effect, "period", 0.0) if getattr(effect, "coordinate", "") == "since_move" else 0.0
+        period = (
+            getattr(effect, "period", 0.0)
+            if getattr(effect, "coordinate", "") == "since_move"
+            else 0.0
+        )
         frequency = effect.values.get("frequency", 1 / period if period else 0.0)
         return self.block > 1 and frequency * self.block * self._step > QUICK
 
@@ -219,13 +277,22 @@ class TableObservations(Observations):
     def _middles(self, effects: Sequence[Effect]) -> list[Array]:
         """What each channel should have read at the middles of the blocks."""
         found = []
-        for number, (recording, course) in enumerate(zip(self.recordings, self.courses, strict=True)):
+        for number, (recording, course) in enumerate(
+            zip(self.recordings, self.courses, strict=True)
+        ):
             mine = [c for c in self.channels if c.recording == number]
             time = self._grid(recording)
             values = readings(
-                self.scenario, course, dict.fromkeys(sorted({c.sensor for c in mine}), time), as_met(effects, recording.fingerprint)
+                self.scenario,
+                course,
+                dict.fromkeys(sorted({c.sensor for c in mine}), time),
+                as_met(effects, recording.fingerprint),
             )
-            found += [values[c.sensor][self._blocks_of[i], c.column] for i, c in enumerate(self.channels) if c.recording == number]
+            found += [
+                values[c.sensor][self._blocks_of[i], c.column]
+                for i, c in enumerate(self.channels)
+                if c.recording == number
+            ]
         return found
 
     @cached_property
@@ -235,7 +302,9 @@ class TableObservations(Observations):
         for c in self.channels:
             last = len(self._grid(self.recordings[c.recording])) - 1
             rows = np.minimum(c.rows // self.block, last)
-            found.append(slice(None) if len(rows) == last + 1 and (np.diff(rows) == 1).all() else rows)
+            found.append(
+                slice(None) if len(rows) == last + 1 and (np.diff(rows) == 1).all() else rows
+            )
         return found
 
     def _grid(self, recording: Recording) -> Array:
@@ -244,21 +313,30 @@ class TableObservations(Observations):
 
     def _everywhere(self, effects: Sequence[Effect]) -> list[Array]:
         found = []
-        for number, (recording, course) in enumerate(zip(self.recordings, self.courses, strict=True)):
+        for number, (recording, course) in enumerate(
+            zip(self.recordings, self.courses, strict=True)
+        ):
             names = {c.sensor for c in self.channels if c.recording == number}
             met = as_met(effects, recording.fingerprint)
-            values = readings(self.scenario, course, dict.fromkeys(sorted(names), recording.time), met)
+            values = readings(
+                self.scenario, course, dict.fromkeys(sorted(names), recording.time), met
+            )
             found += [
                 self._mean(values[c.sensor][rows, c.column])
-                for c, rows in zip(self.channels, self._rows, strict=True) if c.recording == number
-            ]  # fmt: skip
+                for c, rows in zip(self.channels, self._rows, strict=True)
+                if c.recording == number
+            ]
         return found
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
-        """How readings change with a small effect: by the closed form at the nominal table, through the fitted sensor matrix."""
+        """How readings change with a small effect: by the closed form at the nominal table, through
+        the fitted sensor matrix.
+        """
         found: Columns = {}
         if self._whole is not None and self.quick(effect):
-            return {i: self._mean(column) for i, column in self._whole.changes(effect, around).items()}
+            return {
+                i: self._mean(column) for i, column in self._whole.changes(effect, around).items()
+            }
         for number, watch in enumerate(self.watches(around)):
             changes = watch.changes(effect)
             for i, c in enumerate(self.channels):
@@ -268,7 +346,9 @@ class TableObservations(Observations):
                         found[i] = column
         return found
 
-    def columns(self, effect: Effect, names: Sequence[str], around: Sequence[Effect]) -> dict[int, tuple[list[int], Array]]:
+    def columns(
+        self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
+    ) -> dict[int, tuple[list[int], Array]]:
         """Change of each channel by each size alone; those of a curve all at once."""
         if not isinstance(effect, Learned) or self.quick(effect):
             return super().columns(effect, names, around)
@@ -279,14 +359,18 @@ class TableObservations(Observations):
             changes = watch.each(effect)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
-                    block = changes[c.sensor][self._blocks_of[i], c.column].T[which] * sizes[:, None]
+                    block = (
+                        changes[c.sensor][self._blocks_of[i], c.column].T[which] * sizes[:, None]
+                    )
                     some = np.flatnonzero(block.any(axis=1))
                     if len(some):
                         found[i] = ([int(k) for k in some], block[some])
         return found
 
     def watches(self, around: Sequence[Effect]) -> list[Watch]:
-        """What each recording's sensors sense at the nominal table, through the sensor matrix of these effects."""
+        """What each recording's sensors sense at the nominal table, through the sensor matrix of
+        these effects.
+        """
         key = self.depends_on(around)
         if key not in self._watches:
             matrices = self._matrices(around)
@@ -299,16 +383,27 @@ class TableObservations(Observations):
 
     def depends_on(self, around: Sequence[Effect]) -> bytes:
         """The sensor matrices of these effects."""
-        if self._around is None or self._around[0] != tuple(around):  # asked for each column of an account
-            self._around = tuple(around), b"".join(m.tobytes() for m in self._matrices(around).values())
+        if self._around is None or self._around[0] != tuple(
+            around
+        ):  # asked for each column of an account
+            self._around = (
+                tuple(around),
+                b"".join(m.tobytes() for m in self._matrices(around).values()),
+            )
         return self._around[1]
 
     def _matrices(self, around: Sequence[Effect]) -> dict[str, Array]:
-        return {s.name: sensor_matrix(s.name, self.scenario, around) for s in self.scenario.sensor if s.kind != "fog"}
+        return {
+            s.name: sensor_matrix(s.name, self.scenario, around)
+            for s in self.scenario.sensor
+            if s.kind != "fog"
+        }
 
 
 def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> Array:
-    """Reading per unit of force or rate in the body frame, (k, 3): scale and cross-axis terms of these effects."""
+    """Reading per unit of force or rate in the body frame, (k, 3): scale and cross-axis terms of
+    these effects.
+    """
     sensor = scenario.named(name)
     matrix = np.eye(3)[list(sensor.axis_indices)]
     for effect in effects:
@@ -323,8 +418,11 @@ def sensor_matrix(name: str, scenario: Scenario, effects: Sequence[Effect]) -> A
 
 
 def observe(
-    scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect] = (), block: int = 1
-) -> Observations:  # fmt: skip
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    known: Sequence[Effect] = (),
+    block: int = 1,
+) -> Observations:
     """The readings of these recordings that the scenario has a model for.
 
     Args:

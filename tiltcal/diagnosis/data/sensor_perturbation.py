@@ -1,7 +1,10 @@
-"""What a small error of one sensor's reading does to all that is redundant in a recording turned by hand.
+"""What a small error of one sensor's reading does to all that is redundant in a recording turned by
+hand.
 
-One pass for all sizes of an effect: what it adds to the reading, at the motion that the calibrated sensors say; force and
-rate in the body then change by minus that through the inverse sensor matrix, and every channel answers to them linearly.
+One pass for all sizes of an effect: what it adds to the reading, at the motion that the calibrated
+    sensors say; force and
+rate in the body then change by minus that through the inverse sensor matrix, and every channel
+answers to them linearly.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,35 +45,51 @@ class Push:
 
     @cached_property
     def resting(self) -> Array:
-        """Change of an accelerometer's predicted reading in its rests, (n, 3, p): its own, and that of up told by it."""
+        """Change of an accelerometer's predicted reading in its rests, (n, 3, p): its own, and that
+        of up told by it.
+        """
         hand = self.hand
         length = np.linalg.norm(hand.mean, axis=1)[:, None, None]
         up = hand.mean[:, :, None] / np.where(length > 0, length, 1.0)
         moved = hand.dwell_means(self.motion) / np.where(length > 0, length, 1.0)
-        lateral = hand.scenario.site.gravity * (moved - up * (up * moved).sum(axis=1, keepdims=True))
-        return np.asarray(self.still + np.einsum("ij,njp->nip", hand.matrices[self.sensor.name], lateral))
+        lateral = hand.scenario.site.gravity * (
+            moved - up * (up * moved).sum(axis=1, keepdims=True)
+        )
+        return np.asarray(
+            self.still + np.einsum("ij,njp->nip", hand.matrices[self.sensor.name], lateral)
+        )
 
     @cached_property
     def turns(self) -> Array:
         """Change of the closures of turns, (m, 3, p)."""
         assert self.hand.carried is not None
         to_force, to_rate = self.hand.carried.slopes
-        return self.hand.carried.answer(to_force if self.sensor.is_accelerometer else to_rate, self.motion)
+        return self.hand.carried.answer(
+            to_force if self.sensor.is_accelerometer else to_rate, self.motion
+        )
 
     def fog(self, fog: Sensor) -> Array | None:
-        """Change of a FOG's prediction, (n, p): by its own errors, or by those of the triad that says the rate."""
+        """Change of a FOG's prediction, (n, p): by its own errors, or by those of the triad that
+        says the rate.
+        """
         if self.sensor.name == fog.name:
             return self.felt[:, 0]
         if self.sensor.kind != "gyro" or self.sensor.name not in self.hand.matrices:
             return None
         effects, time = self.hand.effects, self.hand.recording.time
-        late = [earlier(part, time, effects, fog, self.sensor) for part in np.moveaxis(self.motion, 2, 0)]
-        scale = 1 + sum(e.value("scale_a") for e in effects if e.sensor == fog.name and "scale_a" in e.values)
+        late = [
+            earlier(part, time, effects, fog, self.sensor)
+            for part in np.moveaxis(self.motion, 2, 0)
+        ]
+        scale = 1 + sum(
+            e.value("scale_a") for e in effects if e.sensor == fog.name and "scale_a" in e.values
+        )
         return scale * np.stack([part @ fog.input_vector for part in late], axis=1)
 
 
 class Hand:
-    """A recording's motion as its calibrated sensors say it, and how everything redundant answers to a push.
+    """A recording's motion as its calibrated sensors say it, and how everything redundant answers
+    to a push.
 
     Args:
         scenario: site and sensors.
@@ -82,9 +101,16 @@ class Hand:
     """
 
     def __init__(
-        self, scenario: Scenario, recording: Recording, stop: Index, effects: Sequence[Effect], force: Array, rate: Array,
-        matrices: Mapping[str, Array], carried: Carried | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        scenario: Scenario,
+        recording: Recording,
+        stop: Index,
+        effects: Sequence[Effect],
+        force: Array,
+        rate: Array,
+        matrices: Mapping[str, Array],
+        carried: Carried | None = None,
+    ) -> None:
         self.scenario, self.recording, self.stop, self.effects = scenario, recording, stop, effects
         self.force, self.rate, self.matrices, self.carried = force, rate, matrices, carried
         resting = (stop >= 0) & ~np.isnan(force).any(axis=1)
@@ -99,7 +125,10 @@ class Hand:
         sensor = self.scenario.named(str(effect.sensor))
         felt, still, at = self._sensed(sensor)
         starts = self._start(sensor, effect.order)
-        sides = [_added(effect, names, sense, start) for sense, start in zip((felt, still), starts, strict=True)]
+        sides = [
+            _added(effect, names, sense, start)
+            for sense, start in zip((felt, still), starts, strict=True)
+        ]
         rows = self.recording.sensor(sensor).rows
         return Push(self, sensor, self._everywhere(sides[0], rows), sides[1], at)
 
@@ -110,24 +139,38 @@ class Hand:
         time = self.recording.time
         k = np.clip(np.searchsorted(rows, np.arange(len(time))), 1, max(len(rows) - 1, 1))
         left, right = rows[k - 1], rows[np.minimum(k, len(rows) - 1)]
-        share = np.clip((time - time[left]) / np.maximum(time[right] - time[left], 1e-300), 0, 1)[:, None, None]
-        return np.asarray(values[k - 1] * (1 - share) + values[np.minimum(k, len(rows) - 1)] * share)
+        share = np.clip((time - time[left]) / np.maximum(time[right] - time[left], 1e-300), 0, 1)[
+            :, None, None
+        ]
+        return np.asarray(
+            values[k - 1] * (1 - share) + values[np.minimum(k, len(rows) - 1)] * share
+        )
 
     def _sensed(self, sensor: Sensor) -> tuple[Sense, Sense, Index]:
         """What a sensor senses along the motion and in the rests, and the rows of the latter."""
         if sensor.name not in self._senses:
             rows = self.recording.sensor(sensor).rows
             force, rate = np.where(np.isnan(self.force), 0.0, self.force), self.rate
-            rate = np.zeros_like(rate) if sensor.kind == "accelerometer" else rate  # a lever arm by hand is nobody's
+            rate = (
+                np.zeros_like(rate) if sensor.kind == "accelerometer" else rate
+            )  # a lever arm by hand is nobody's
             length = np.linalg.norm(self.mean, axis=1)[:, None]
             g = self.scenario.site.gravity
             full = np.where(length > 0, self.mean * g / np.where(length > 0, length, 1.0), force)
-            at = np.arange(len(self.recording)) if sensor.kind == "accelerometer" else rows[self.stop[rows] >= 0]
+            at = (
+                np.arange(len(self.recording))
+                if sensor.kind == "accelerometer"
+                else rows[self.stop[rows] >= 0]
+            )
             mean = full if sensor.kind == "accelerometer" else self.mean
             if sensor.kind == "fog":
                 rate = earlier(rate, self.recording.time, self.effects, sensor, self._gyro())
-            felt = sense_of(sensor, self.scenario, self.recording, force[rows], rate[rows], rows=rows)
-            still = sense_of(sensor, self.scenario, self.recording, mean[at], np.zeros((len(at), 3)), rows=at)
+            felt = sense_of(
+                sensor, self.scenario, self.recording, force[rows], rate[rows], rows=rows
+            )
+            still = sense_of(
+                sensor, self.scenario, self.recording, mean[at], np.zeros((len(at), 3)), rows=at
+            )
             self._senses[sensor.name] = felt, still, at
         return self._senses[sensor.name]
 
@@ -135,9 +178,14 @@ class Hand:
         """Readings before an effect of this order acts, along the motion and at rest."""
         key = sensor.name, order
         if key not in self._starts:
-            earlier_ones = [e for e in self.effects if isinstance(e, SignalEffect) and e.order < order]
+            earlier_ones = [
+                e for e in self.effects if isinstance(e, SignalEffect) and e.order < order
+            ]
             felt, still, _ = self._sensed(sensor)
-            self._starts[key] = forward(sensor, earlier_ones, felt), forward(sensor, earlier_ones, still)
+            self._starts[key] = (
+                forward(sensor, earlier_ones, felt),
+                forward(sensor, earlier_ones, still),
+            )
         return self._starts[key]
 
     def _gyro(self) -> Sensor:
@@ -150,7 +198,10 @@ class Hand:
         if len(order):
             numbers = self.stop[order]
             begins = np.flatnonzero(np.diff(numbers, prepend=-1))
-            means = np.add.reduceat(values[order], begins, axis=0) / self._count[numbers[begins], None, None]
+            means = (
+                np.add.reduceat(values[order], begins, axis=0)
+                / self._count[numbers[begins], None, None]
+            )
             place = np.zeros(len(self._count), dtype=np.intp)
             place[numbers[begins]] = np.arange(len(begins))
             there = (self.stop >= 0) & (self._count[np.maximum(self.stop, 0)] > 0)
@@ -163,7 +214,9 @@ def _added(effect: SignalEffect, names: Sequence[str], sense: Sense, start: Arra
     found = np.zeros((*start.shape, len(names)))
     if isinstance(effect, LearnedReading):
         sizes = np.array([effect.values[name] for name in names])
-        found[:, effect.channel(sense)] = effect.columns(sense)[:, [int(name[1:]) for name in names]] * sizes
+        found[:, effect.channel(sense)] = (
+            effect.columns(sense)[:, [int(name[1:]) for name in names]] * sizes
+        )
         return found
     for j, name in enumerate(names):
         if isinstance(effect, TermEffect):
@@ -171,9 +224,13 @@ def _added(effect: SignalEffect, names: Sequence[str], sense: Sense, start: Arra
             if channel >= 0:
                 found[:, channel, j] = effect.values[name] * column
             continue
-        alone = replace(effect, values={n: v for n, v in effect.values.items() if n not in names or n == name})
+        alone = replace(
+            effect, values={n: v for n, v in effect.values.items() if n not in names or n == name}
+        )
         up = np.nan_to_num(alone.apply(start.copy(), sense, None) - start)
         if not one_sided(alone):
-            up = (up - np.nan_to_num(effect_down(alone).apply(start.copy(), sense, None) - start)) / 2
+            up = (
+                up - np.nan_to_num(effect_down(alone).apply(start.copy(), sense, None) - start)
+            ) / 2
         found[:, :, j] = up
     return found

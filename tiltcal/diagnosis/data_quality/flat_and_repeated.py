@@ -1,6 +1,8 @@
-"""Faults of the data, found before any physics: they break every fit. Each is reported, and repaired so that the rest can be seen.
+"""Faults of the data, found before any physics: they break every fit. Each is reported, and
+repaired so that the rest can be seen.
 
-What was repaired: frozen, repeated, clipped and gross values become missing; a wrong unit, sign, permutation or sense of
+What was repaired: frozen, repeated, clipped and gross values become missing; a wrong unit, sign,
+    permutation or sense of
 rotation becomes an effect of the scenario, so that the model reads as the file does.
 """
 
@@ -12,7 +14,14 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_grid, code_width
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
-from tiltcal.diagnosis.data.channels import CHANCE, at_least, changed, column_values, repeat_chance, written
+from tiltcal.diagnosis.data.channels import (
+    CHANCE,
+    at_least,
+    changed,
+    column_values,
+    repeat_chance,
+    written,
+)
 from tiltcal.diagnosis.data_quality.stuck_bit import stuck_bit
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -52,14 +61,25 @@ class Fault:
         cls = CATALOGUE[self.effect.id]
         parameters = {
             f"{name}{p.suffix}": (value / p.factor, self.sigma.get(name, 0.0) / p.factor)
-            for p in cls.parameters for name, value in self.effect.values.items()
+            for p in cls.parameters
+            for name, value in self.effect.values.items()
             if name == p.name or ("{" in p.name and name.startswith(p.name.split("{")[0]))
-        }  # fmt: skip
+        }
         return Finding(
-            self.effect.id, self.names or (self.effect.id,), cls.stage, self.sensors, self.axes,
-            Where("sample", None, self.interval), parameters, CHANCE, 0.0, 0.0, (), self.words,
+            self.effect.id,
+            self.names or (self.effect.id,),
+            cls.stage,
+            self.sensors,
+            self.axes,
+            Where("sample", None, self.interval),
+            parameters,
+            CHANCE,
+            0.0,
+            0.0,
+            (),
+            self.words,
             "look at the file and at what wrote it",
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)
@@ -78,7 +98,9 @@ class Inspected:
 
 
 def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
-    """Look for faults that can be seen in the columns themselves: order of time, frozen, repeated, clipped values, coarse codes."""
+    """Look for faults that can be seen in the columns themselves: order of time, frozen, repeated,
+    clipped values, coarse codes.
+    """
     known = {(e.id, e.sensor) for e in scenario.effects}
     faults: list[Fault] = []
     notes: list[str] = []
@@ -91,14 +113,25 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
             if not recording.has(sensor):
                 continue
             recording, found = _coarse(recording, sensor)
-            faults += [f for f in found if not f.ids & {id for id, name in known if name == sensor.name}]
-            fine = [a for a in sensor.axes if all(a not in f.axes for f in found)]  # a coarse code stands still, and ends flat
+            faults += [
+                f for f in found if not f.ids & {id for id, name in known if name == sensor.name}
+            ]
+            fine = [
+                a for a in sensor.axes if all(a not in f.axes for f in found)
+            ]  # a coarse code stands still, and ends flat
             if ("adc_stuck_bit", sensor.name) not in known:
                 lacking = _lacking_bits(recording, sensor, fine)
-                faults, fine = faults + lacking, [a for a in fine if all(a not in f.axes for f in lacking)]
+                faults, fine = (
+                    faults + lacking,
+                    [a for a in fine if all(a not in f.axes for f in lacking)],
+                )
             for look in (_stuck, _clipped, _repeated):
                 recording, found = look(recording, sensor, fine)
-                faults += [f for f in found if not f.ids & {id for id, name in known if name == sensor.name}]
+                faults += [
+                    f
+                    for f in found
+                    if not f.ids & {id for id, name in known if name == sensor.name}
+                ]
         repaired.append(recording)
     return Inspected(tuple(repaired), tuple(_once(faults)), tuple(notes))
 
@@ -112,7 +145,9 @@ def _once(faults: Sequence[Fault]) -> list[Fault]:
 
 
 def in_order(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording with stamps that increase: rows that go back or repeat a stamp are left out, and it is said."""
+    """The recording with stamps that increase: rows that go back or repeat a stamp are left out,
+    and it is said.
+    """
     time = recording.time
     good = np.isfinite(time)
     highest = np.maximum.accumulate(np.where(good, time, -np.inf))
@@ -121,10 +156,15 @@ def in_order(recording: Recording) -> tuple[Recording, list[str]]:
     if lost == 0:
         return recording, []
     row = int(np.argmin(keep)) + 1
-    words = f"{recording.source}: {lost} row(s) whose time goes back or repeats, the first at data row {row}; they are left out"
+    words = (
+        f"{recording.source}: {lost} row(s) whose time goes back or repeats, the first at data row"
+        f" {row}; they are left out"
+    )
     columns = {name: recording.column(name)[keep] for name in recording.column_names}
     labels = None if recording.labels is None else recording.labels[keep]
-    return Recording.from_columns(time[keep], columns, labels=labels, metadata=recording.metadata, source=recording.source), [words]
+    return Recording.from_columns(
+        time[keep], columns, labels=labels, metadata=recording.metadata, source=recording.source
+    ), [words]
 
 
 def _runs(same: Mask) -> tuple[Index, Index]:
@@ -133,7 +173,9 @@ def _runs(same: Mask) -> tuple[Index, Index]:
     return edges[::2], edges[1::2]
 
 
-def _stuck(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
+def _stuck(
+    recording: Recording, sensor: Sensor, fine: Sequence[str]
+) -> tuple[Recording, list[Fault]]:
     """A channel that repeats one value for longer than chance and its codes allow."""
     found = []
     for axis in fine:
@@ -142,22 +184,34 @@ def _stuck(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[R
             continue
         first, last = _runs(np.diff(values) == 0)
         runs = np.sort(last - first)
-        usual = runs[:-1].sum() / max(len(values) - runs[-1:].sum(), 1)  # how often it repeats outside the longest run
+        usual = runs[:-1].sum() / max(
+            len(values) - runs[-1:].sum(), 1
+        )  # how often it repeats outside the longest run
         p = max(repeat_chance(values), float(usual))
         least = max(5, int(np.ceil(np.log(CHANCE / len(values)) / np.log(np.clip(p, 1e-3, 0.95)))))
-        long = [(a, b + 1) for a, b in zip(first, last, strict=True) if b - a >= least and not _at_end(values, values[a])]
+        long = [
+            (a, b + 1)
+            for a, b in zip(first, last, strict=True)
+            if b - a >= least and not _at_end(values, values[a])
+        ]
         if not long:
             continue
         a, b = max(long, key=lambda run: run[1] - run[0])
         start, length = float(time[a] - recording.time[0]), float(time[b - 1] - time[a])
         effect = CATALOGUE["data_stuck"](
-            {"start": start, "length": length}, sensor.name, axis, "found", seen_in=recording.fingerprint
+            {"start": start, "length": length},
+            sensor.name,
+            axis,
+            "found",
+            seen_in=recording.fingerprint,
         )
         mask = np.zeros(len(values), bool)
         for run in long:
             mask[run[0] + 1 : run[1]] = True
         recording = changed(recording, sensor, axis, rows[mask], np.nan)
-        words = f"{sensor.name} {axis} is frozen at one value from {start:.2f} s for {length:.2f} s."
+        words = (
+            f"{sensor.name} {axis} is frozen at one value from {start:.2f} s for {length:.2f} s."
+        )
         found.append(Fault(effect, (sensor.name,), (axis,), words, (start, start + length)))
     return recording, found
 
@@ -168,7 +222,9 @@ def _at_end(values: Array, value: float) -> bool:
 
 
 def _lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> list[Fault]:
-    """Channels of a sensor with a bit that is never set, in what the file holds, whatever its zero and unit."""
+    """Channels of a sensor with a bit that is never set, in what the file holds, whatever its zero
+    and unit.
+    """
     found = []
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
@@ -180,18 +236,27 @@ def _lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> 
         span = float(np.ptp(values))
         bit *= span / float(np.ptp(codes))
         effect = CATALOGUE["adc_stuck_bit"]({"bit_value": bit}, sensor.name, axis, "found")
-        words = f"In {sensor.name} {axis} the bit worth {bit:.4g} (SI) is never set: half of all codes are missing."
-        found.append(Fault(effect, (sensor.name,), (axis,), words, sigma={"bit_value": bit**2 / span}))
+        words = (
+            f"In {sensor.name} {axis} the bit worth {bit:.4g} (SI) is never set: half of all codes"
+            " are missing."
+        )
+        found.append(
+            Fault(effect, (sensor.name,), (axis,), words, sigma={"bit_value": bit**2 / span})
+        )
     return found
 
 
-def _clipped(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
+def _clipped(
+    recording: Recording, sensor: Sensor, fine: Sequence[str]
+) -> tuple[Recording, list[Fault]]:
     """A channel whose noise ends at its largest or smallest value."""
     found = []
     id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
-        free = values[(values > values.min()) & (values < values.max())]  # most of a recording may be clipped
+        free = values[
+            (values > values.min()) & (values < values.max())
+        ]  # most of a recording may be clipped
         if len(free) < 32 or repeat_chance(free) > FLAT:
             continue
         noise = noise_of(free)
@@ -200,7 +265,13 @@ def _clipped(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple
             top = float((sign * values).max())
             there = sign * values >= top - 1e-9 * max(abs(top), 1e-9)
             near = sign * values > top - 4 * noise
-            if top > 0 and there.sum() >= 6 and there.sum() > 0.3 * near.sum() and _in_runs(there) and top > 20 * noise:
+            if (
+                top > 0
+                and there.sum() >= 6
+                and there.sum() > 0.3 * near.sum()
+                and _in_runs(there)
+                and top > 20 * noise
+            ):
                 limits.append((sign, top, there))
         if not limits:
             continue
@@ -210,8 +281,19 @@ def _clipped(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple
         effect = CATALOGUE[id]({"full_scale": full_scale}, sensor.name, axis, "found")
         recording = changed(recording, sensor, axis, rows[mask], np.nan)
         flat = sum(int(t.sum()) for *_, t in limits)
-        words = f"{sensor.name} {axis} is clipped at {full_scale:.6g} (SI): {flat} samples without noise."
-        found.append(Fault(effect, (sensor.name,), (axis,), words, sigma={"full_scale": noise / np.sqrt(mask.sum())}))
+        words = (
+            f"{sensor.name} {axis} is clipped at {full_scale:.6g} (SI): {flat} samples without"
+            " noise."
+        )
+        found.append(
+            Fault(
+                effect,
+                (sensor.name,),
+                (axis,),
+                words,
+                sigma={"full_scale": noise / np.sqrt(mask.sum())},
+            )
+        )
     return recording, found
 
 
@@ -223,10 +305,16 @@ def _in_runs(mask: Mask) -> bool:
 def noise_of(values: Array) -> float:
     """White noise of a column from its second differences, one code at least."""
     second = values[2:] - 2 * values[1:-1] + values[:-2]
-    return float(max(1.4826 * np.median(np.abs(second)) / np.sqrt(6), code_width(values) / np.sqrt(12), 1e-15))
+    return float(
+        max(
+            1.4826 * np.median(np.abs(second)) / np.sqrt(6), code_width(values) / np.sqrt(12), 1e-15
+        )
+    )
 
 
-def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tuple[Recording, list[Fault]]:
+def _repeated(
+    recording: Recording, sensor: Sensor, fine: Sequence[str]
+) -> tuple[Recording, list[Fault]]:
     """Samples that repeat the one before more often than their codes explain."""
     again, expected, columns = [], [], []
     for axis in fine:
@@ -235,9 +323,12 @@ def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tupl
         again.append(np.concatenate([[False], np.diff(values) == 0]))
         expected.append(min(repeat_chance(values), 1.0))
     hit = [
-        k for k, (a, p) in enumerate(zip(again, expected, strict=True))
-        if len(a) > 64 and at_least(int(a.sum()), len(a), min(1.5 * p, 1.0)) < CHANCE and a.mean() > 1.5 * p + 5e-4
-    ]  # fmt: skip
+        k
+        for k, (a, p) in enumerate(zip(again, expected, strict=True))
+        if len(a) > 64
+        and at_least(int(a.sum()), len(a), min(1.5 * p, 1.0)) < CHANCE
+        and a.mean() > 1.5 * p + 5e-4
+    ]
     if not hit:
         return recording, []
     share = float(np.mean([again[k].mean() - expected[k] for k in hit]))
@@ -247,16 +338,24 @@ def _repeated(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> tupl
     axes = tuple(columns[k][0] for k in hit)
     n = sum(len(again[k]) for k in hit) / len(hit)
     effect = CATALOGUE["data_duplicate"]({"share": share}, sensor.name, None, "found")
-    words = f"{100 * share:.2g} % of the samples of {sensor.name} {', '.join(axes)} repeat the one before exactly."
-    return recording, [Fault(effect, (sensor.name,), axes, words, sigma={"share": float(np.sqrt(share / n))})]
+    words = (
+        f"{100 * share:.2g} % of the samples of {sensor.name} {', '.join(axes)} repeat the one"
+        " before exactly."
+    )
+    return recording, [
+        Fault(effect, (sensor.name,), axes, words, sigma={"share": float(np.sqrt(share / n))})
+    ]
 
 
 FLAT = 0.3  # chance of a repeat above which a coarse code is flat everywhere
-COARSE = 1.5  # code over noise: below it what rounding does is white to exp(-2 (pi / 1.5)^2), a part in 6000
+# code over noise: below it what rounding does is white to exp(-2 (pi / 1.5)^2), a part in 6000
+COARSE = 1.5
 
 
 def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
-    """Codes that are not small beside the noise; raw codes of a converter that the scenario states are no news."""
+    """Codes that are not small beside the noise; raw codes of a converter that the scenario states
+    are no news.
+    """
     if sensor.input is not None:
         return recording, []
     found = []
@@ -265,20 +364,39 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
         width = code_grid(values) if len(values) >= 64 else None
         spread = _spread_at_rest(values)
         if width is not None and width > COARSE * spread:
-            found.append((axis, CATALOGUE["adc_quantisation"]({"lsb": width}, sensor.name, None, "found"), width, spread))
+            found.append(
+                (
+                    axis,
+                    CATALOGUE["adc_quantisation"]({"lsb": width}, sensor.name, None, "found"),
+                    width,
+                    spread,
+                )
+            )
     if not found:
         return recording, []
-    still = [a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3]  # one code all along
+    still = [
+        a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3
+    ]  # one code all along
     axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
     _, effect, width, spread = max(found, key=lambda item: item[2])
-    words = f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside its noise."
+    words = (
+        f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside"
+        " its noise."
+    )
     names: tuple[str, ...] = ("adc_quantisation",)
     if not sensor.is_accelerometer:
-        names, words = (*names, "gyr_quantisation"), f"{words[:-1]}: by its own output or by the converter behind it."
-    return recording, [Fault(effect, (sensor.name,), axes, words, names=names, sigma={"lsb": 1e-3 * width})]
+        names, words = (
+            (*names, "gyr_quantisation"),
+            f"{words[:-1]}: by its own output or by the converter behind it.",
+        )
+    return recording, [
+        Fault(effect, (sensor.name,), axes, words, names=names, sigma={"lsb": 1e-3 * width})
+    ]
 
 
-CUT = 0.002  # deg: no encoder that is worth a calibration has coarser steps, and no noise hides them
+CUT = (
+    0.002  # deg: no encoder that is worth a calibration has coarser steps, and no noise hides them
+)
 
 
 def _cut(recording: Recording, scenario: Scenario) -> list[Fault]:
@@ -297,14 +415,24 @@ def _cut(recording: Recording, scenario: Scenario) -> list[Fault]:
             effect = CATALOGUE["data_truncation"]({"step": step}, None, axis, "found")
             names = tuple(s.name for s in scenario.sensor)
             words = f"The {axis} angle is written in steps of {np.degrees(step):.4g} deg."
-            found.append(Fault(effect, names[:1], tuple(scenario.sensor[0].axes), words, sigma={"step": 1e-3 * step}))
+            found.append(
+                Fault(
+                    effect,
+                    names[:1],
+                    tuple(scenario.sensor[0].axes),
+                    words,
+                    sigma={"step": 1e-3 * step},
+                )
+            )
     return found
 
 
 def _spread_at_rest(values: Array) -> float:
-    """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table rests a fifth of the time.
+    """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table
+    rests a fifth of the time.
 
-    What stands at the largest or smallest value of all may be clipped, the longest stretch of one value frozen: both are left
+    What stands at the largest or smallest value of all may be clipped, the longest stretch of one
+        value frozen: both are left
     out, where anything else is left.
     """
     first, last = _runs(np.diff(values) == 0)

@@ -1,4 +1,6 @@
-"""Samples that were lost while the stamps went on: from an instant on every move comes early, by a whole number of samples."""
+"""Samples that were lost while the stamps went on: from an instant on every move comes early, by a
+whole number of samples.
+"""
 
 from collections.abc import Sequence
 from functools import reduce
@@ -20,17 +22,30 @@ BESIDE = 1.0  # s of rest beside a move
 SURE = 4.0  # sigma, of the instant
 
 
-def lost_samples(observations: Observations, account: Account) -> tuple[list[Fault], tuple[Recording, ...]]:
-    """Losses of two samples and more, sensor by sensor, and the recordings with the rest moved back to its time."""
+def lost_samples(
+    observations: Observations, account: Account
+) -> tuple[list[Fault], tuple[Recording, ...]]:
+    """Losses of two samples and more, sensor by sensor, and the recordings with the rest moved back
+    to its time.
+    """
     repaired = list(observations.recordings)
     faults: list[Fault] = []
     if not isinstance(observations, TableObservations):
         return faults, tuple(repaired)
     predicted = observations.predict(account.effects)
     for number, recording in enumerate(observations.recordings):
-        mine = [(c, p) for c, p in zip(observations.channels, predicted, strict=True) if c.recording == number]
-        channels = {s.name: [(c, p) for c, p in mine if c.sensor == s.name] for s in observations.scenario.sensor}
-        losses = {name: _loss(own) if own and _disturbed(own) else None for name, own in channels.items()}
+        mine = [
+            (c, p)
+            for c, p in zip(observations.channels, predicted, strict=True)
+            if c.recording == number
+        ]
+        channels = {
+            s.name: [(c, p) for c, p in mine if c.sensor == s.name]
+            for s in observations.scenario.sensor
+        }
+        losses = {
+            name: _loss(own) if own and _disturbed(own) else None for name, own in channels.items()
+        }
         told = next((loss for loss in losses.values() if loss is not None), None)
         for sensor in observations.scenario.sensor:
             own, loss = channels[sensor.name], losses[sensor.name]
@@ -42,15 +57,33 @@ def lost_samples(observations: Observations, account: Account) -> tuple[list[Fau
             repaired[number] = shifted(repaired[number], sensor, time, lost)
             start = time - float(recording.time[0])
             effect = CATALOGUE["data_drop"](
-                {"samples": float(lost), "time": start}, sensor.name, None, "found", seen_in=recording.fingerprint
-            )  # fmt: skip
-            words = f"{lost} samples of {sensor.name} are lost at about {start:.1f} s: all later moves come early."
-            faults.append(Fault(effect, (sensor.name,), sensor.axes, words, (start, None), sigma={"samples": 0.3}))
+                {"samples": float(lost), "time": start},
+                sensor.name,
+                None,
+                "found",
+                seen_in=recording.fingerprint,
+            )
+            words = (
+                f"{lost} samples of {sensor.name} are lost at about {start:.1f} s: all later moves"
+                " come early."
+            )
+            faults.append(
+                Fault(
+                    effect,
+                    (sensor.name,),
+                    sensor.axes,
+                    words,
+                    (start, None),
+                    sigma={"samples": 0.3},
+                )
+            )
     return faults, tuple(repaired)
 
 
 def lost_as_another(own: Sequence[tuple[Channel, Array]], time: float, lost: int) -> bool:
-    """Whether a sensor lost what another did: from that instant on most of the misfit goes with the loss."""
+    """Whether a sensor lost what another did: from that instant on most of the misfit goes with the
+    loss.
+    """
     before = after = 0.0
     for channel, p in own:
         rows = np.arange(int(np.searchsorted(channel.time, time)), len(p) - lost)
@@ -70,7 +103,9 @@ def _disturbed(own: Sequence[tuple[Channel, Array]]) -> bool:
 
 
 def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
-    """Instant, s, and number of samples of a loss; None when moves are not late from one of them on."""
+    """Instant, s, and number of samples of a loss; None when moves are not late from one of them
+    on.
+    """
     lags = [found for span in _moves(own[0][0]) if (found := _lag(own, *span)) is not None]
     if len(lags) < 6:
         return None
@@ -78,7 +113,9 @@ def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
     best: tuple[float, int, int] | None = None
     for k in range(2, len(lags) - 1):
         lost = int(np.median(early[k:]))
-        agree = float(np.mean(np.concatenate([np.abs(early[:k]) <= 1, np.abs(early[k:] - lost) <= 1])))
+        agree = float(
+            np.mean(np.concatenate([np.abs(early[:k]) <= 1, np.abs(early[k:] - lost) <= 1]))
+        )
         if lost >= 2 and (best is None or agree > best[0]):
             best = (agree, k, lost)
     if best is None or best[0] < 0.9:
@@ -88,9 +125,11 @@ def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
 
 
 def _instant(own: Sequence[tuple[Channel, Array]], start: float, end: float, lost: int) -> float:
-    """When samples were lost between the last move that is in time and the end of the first that is early, s.
+    """When samples were lost between the last move that is in time and the end of the first that is
+    early, s.
 
-    In the middle of all instants that the readings allow: between two moves any will do, amid a move hardly one. By what they
+    In the middle of all instants that the readings allow: between two moves any will do, amid a
+        move hardly one. By what they
     change from row to row, for the fit has been spoiled by the loss.
     """
     common = reduce(np.intersect1d, [channel.rows for channel, _ in own])
@@ -103,7 +142,9 @@ def _instant(own: Sequence[tuple[Channel, Array]], start: float, end: float, los
         before, after = (channel.values[now] - p[rows] for rows in (now, later))
         steps = np.stack([np.diff(before), after[1:] - before[:-1], np.diff(after)]) ** 2
         whole = np.cumsum(steps, axis=1)
-        misfit += (whole[0] - steps[0] + steps[1] + whole[2][-1] - whole[2]) / (2 * robust_white(channel.values - p) ** 2)
+        misfit += (whole[0] - steps[0] + steps[1] + whole[2][-1] - whole[2]) / (
+            2 * robust_white(channel.values - p) ** 2
+        )
     allowed = np.flatnonzero(misfit < misfit.min() + SURE**2)
     return float((time[there[allowed[0]]] + time[there[allowed[-1] + 1]]) / 2)
 
@@ -113,19 +154,32 @@ def _moves(channel: Channel) -> list[tuple[float, float]]:
     moving = np.concatenate([[False], channel.stop < 0, [False]])
     edges = np.flatnonzero(np.diff(moving.astype(int)))
     time = channel.time
-    return [(float(time[a]), float(time[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 4]
+    return [
+        (float(time[a]), float(time[b - 1]))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        if b - a > 4
+    ]
 
 
-def _lag(own: Sequence[tuple[Channel, Array]], start: float, end: float) -> tuple[float, float, int] | None:
-    """A move and by how many samples the readings come early in it; None where too little is read of it."""
+def _lag(
+    own: Sequence[tuple[Channel, Array]], start: float, end: float
+) -> tuple[float, float, int] | None:
+    """A move and by how many samples the readings come early in it; None where too little is read
+    of it.
+    """
     cost = np.zeros(MOST)
     for channel, p in own:
         step = float(np.median(np.diff(channel.time)))
-        rows = np.flatnonzero((channel.time > start - BESIDE - MOST * step) & (channel.time < end + BESIDE))
+        rows = np.flatnonzero(
+            (channel.time > start - BESIDE - MOST * step) & (channel.time < end + BESIDE)
+        )
         rows = rows[rows + MOST < len(p)]
         if len(rows) < 8:
             return None
         ahead = p[rows[:, None] + np.arange(MOST)]
         off = channel.values[rows, None] - ahead
-        cost += np.nanmean((off - np.nanmedian(off, axis=0)) ** 2, axis=0) / robust_white(channel.values - p) ** 2
+        cost += (
+            np.nanmean((off - np.nanmedian(off, axis=0)) ** 2, axis=0)
+            / robust_white(channel.values - p) ** 2
+        )
     return start, end, int(np.argmin(cost))

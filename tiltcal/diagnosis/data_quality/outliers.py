@@ -1,4 +1,6 @@
-"""Gross errors: single values far off their neighbours, in what the table's motion leaves over or in the columns themselves."""
+"""Gross errors: single values far off their neighbours, in what the table's motion leaves over or
+in the columns themselves.
+"""
 
 from collections.abc import Collection, Iterator, Sequence
 
@@ -23,11 +25,14 @@ ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 def gross_errors(
     observations: Observations, account: Account, coarse: Collection[str] = ()
-) -> tuple[list[Fault], tuple[Recording, ...]]:  # fmt: skip
-    """Values far off their neighbours, more of them than the tail of the others lets expect; and the recordings without them.
+) -> tuple[list[Fault], tuple[Recording, ...]]:
+    """Values far off their neighbours, more of them than the tail of the others lets expect; and
+    the recordings without them.
 
-    On a table a few by themselves are left out too, and no fault: no physics is that quick, but a hand may be. Sensors whose
-    codes, or whose model's angles, are ``coarse`` are left alone: a step of theirs stands off its neighbours.
+    On a table a few by themselves are left out too, and no fault: no physics is that quick, but a
+        hand may be. Sensors whose
+    codes, or whose model's angles, are ``coarse`` are left alone: a step of theirs stands off its
+    neighbours.
     """
     scenario = observations.scenario
     heavy = TAIL if scenario.rig.axes or scenario.sensors("fog") else TOUCHED
@@ -42,14 +47,20 @@ def gross_errors(
         off = np.where(_at_an_end(stops[number], rows), 0.0, anywhere)
         far, tail = off > GROSS, (off > 4) & (off <= GROSS)
         if far.sum() > 3 + heavy * tail.sum() and np.median(off[far]) > GROSS + 2:
-            seen.setdefault(sensor, []).append((axis, float(far.mean()), float(np.median(off[far])), int(far.sum())))
+            seen.setdefault(sensor, []).append(
+                (axis, float(far.mean()), float(np.median(off[far])), int(far.sum()))
+            )
             far = anywhere > GROSS
         elif not scenario.rig.axes:
             continue
         if far.any():
-            repaired[number] = changed(repaired[number], scenario.named(sensor), axis, rows[far], np.nan)
+            repaired[number] = changed(
+                repaired[number], scenario.named(sensor), axis, rows[far], np.nan
+            )
     known = {(e.id, e.sensor) for e in scenario.effects}
-    return [_fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known], tuple(repaired)
+    return [
+        _fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known
+    ], tuple(repaired)
 
 
 def _at_an_end(stop: Index, rows: Index) -> Mask:
@@ -61,13 +72,19 @@ def _at_an_end(stop: Index, rows: Index) -> Mask:
     return near[ENDS:-ENDS][rows]
 
 
-def _signals(observations: Observations, stops: Sequence[Index], account: Account) -> Iterator[tuple[int, str, str, Index, Array]]:
+def _signals(
+    observations: Observations, stops: Sequence[Index], account: Account
+) -> Iterator[tuple[int, str, str, Index, Array]]:
     """Recording, sensor, axis, rows and values of everything that may hold a gross error."""
     if isinstance(observations, TableObservations):
-        for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+        for channel, r in zip(
+            observations.channels, observations.residuals(account.effects), strict=True
+        ):
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r
         return
-    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+    for channel, r in zip(
+        observations.channels, observations.residuals(account.effects), strict=True
+    ):
         if observations.scenario.named(channel.sensor).kind == "fog":
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r
     predicted = {s.name for s in observations.scenario.sensors("fog")}
@@ -76,7 +93,9 @@ def _signals(observations: Observations, stops: Sequence[Index], account: Accoun
             if recording.has(sensor) and sensor.name not in predicted:
                 for axis in sensor.axes:
                     rows, _, values = column_values(recording, sensor, axis)
-                    if sensor.is_accelerometer or not predicted:  # a hand that moves it shakes and knocks it; a FOG tells
+                    if (
+                        sensor.is_accelerometer or not predicted
+                    ):  # a hand that moves it shakes and knocks it; a FOG tells
                         still = inner(recording.time, stops[number])[rows]
                         rows, values = rows[still], values[still]
                     yield number, sensor.name, axis, rows, values
@@ -88,13 +107,18 @@ def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
     share, size = max(f[1] for f in found), max(found, key=lambda f: f[3])[2]
     count = sum(f[3] for f in found)
     effect = CATALOGUE["data_outlier"]({"share": share, "size": size}, sensor, None, "found")
-    words = f"{count} values of {sensor} {', '.join(axes)} lie about {size:.0f} sigma off their neighbours."
+    words = (
+        f"{count} values of {sensor} {', '.join(axes)} lie about {size:.0f} sigma off their"
+        " neighbours."
+    )
     sigma = {"share": share / np.sqrt(count), "size": size / np.sqrt(count)}
     return Fault(effect, (sensor,), axes, words, sigma=sigma)
 
 
 def off_neighbours(values: Array) -> Array:
-    """Distance of each value from the median of its neighbourhood, in local standard deviations; 0 unless it stands alone, (n,)."""
+    """Distance of each value from the median of its neighbourhood, in local standard deviations; 0
+    unless it stands alone, (n,).
+    """
     from scipy.ndimage import median_filter
 
     if len(values) < 64:
@@ -102,12 +126,20 @@ def off_neighbours(values: Array) -> Array:
     off = np.abs(values - median_filter(values, 5, mode="nearest"))
     bent = np.zeros(len(values))  # off the cubic through two neighbours on each side
     bent[2:-2] = values[2:-2] - (4 * (values[1:-3] + values[3:-1]) - (values[:-4] + values[4:])) / 6
-    off[2:-2] = np.minimum(off, np.abs(bent))[2:-2]  # the crest of a quick turn is where its flanks say
+    off[2:-2] = np.minimum(off, np.abs(bent))[
+        2:-2
+    ]  # the crest of a quick turn is where its flanks say
     local = 1.4826 * median_filter(off, 51, mode="nearest")
     beside = np.maximum(np.concatenate([[0.0], off[:-1]]), np.concatenate([off[1:], [0.0]]))
     alone = beside < ISOLATED * off  # the corner of a move drags its neighbours along
-    mended = np.zeros(len(values))  # how far the neighbours are off theirs once a value is put where they say
-    mended[1:-1] = np.maximum(np.abs(bent[:-2] + bent[1:-1] / 1.5), np.abs(bent[2:] + bent[1:-1] / 1.5))
-    alone &= mended < np.maximum(ISOLATED * off, 4 * local)  # a knock is quick, and still some samples wide
+    mended = np.zeros(
+        len(values)
+    )  # how far the neighbours are off theirs once a value is put where they say
+    mended[1:-1] = np.maximum(
+        np.abs(bent[:-2] + bent[1:-1] / 1.5), np.abs(bent[2:] + bent[1:-1] / 1.5)
+    )
+    alone &= mended < np.maximum(
+        ISOLATED * off, 4 * local
+    )  # a knock is quick, and still some samples wide
     least = max(noise_of(values), code_width(values))  # of coarse codes most differences are none
     return np.asarray(np.where(alone, off / np.maximum(local, least), 0.0))

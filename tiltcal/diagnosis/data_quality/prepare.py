@@ -1,4 +1,6 @@
-"""Recordings on the bench: what is wrong with their data mended, layer by layer, and the adjustable terms fitted."""
+"""Recordings on the bench: what is wrong with their data mended, layer by layer, and the adjustable
+terms fitted.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +16,12 @@ from tiltcal.diagnosis.data_quality.lost_samples import lost_samples
 from tiltcal.diagnosis.data_quality.outliers import gross_errors
 from tiltcal.diagnosis.data_quality.quantisation_limit import code_floors
 from tiltcal.diagnosis.data_quality.readout_jumps import jumps
-from tiltcal.diagnosis.data_quality.stop_errors import at_rest_only, random_stamps, stands_alone, wrong_stop
+from tiltcal.diagnosis.data_quality.stop_errors import (
+    at_rest_only,
+    random_stamps,
+    stands_alone,
+    wrong_stop,
+)
 from tiltcal.diagnosis.data_quality.stuck_bit import with_bits
 from tiltcal.diagnosis.data_quality.units_signs_axes import meaning
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
@@ -46,22 +53,34 @@ class Bench:
     floors: Mapping[str, float] = field(default_factory=dict)
 
     def over(self, observations: Observations, *faults: Fault) -> "Bench":
-        """The same over other observations, the adjustable terms fitted again, with further faults."""
+        """The same over other observations, the adjustable terms fitted again, with further
+        faults.
+        """
         ledger = Ledger(observations)
         return replace(
-            self, observations=observations, ledger=ledger, start=calibrated(observations, ledger), faults=(*self.faults, *faults)
-        )  # fmt: skip
+            self,
+            observations=observations,
+            ledger=ledger,
+            start=calibrated(observations, ledger),
+            faults=(*self.faults, *faults),
+        )
 
 
 def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     """Mend what is wrong with the data, layer by layer, and fit the adjustable terms."""
     sound, faults, notes = _sound(scenario, recordings)
-    known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if e.id not in (*MEANINGS, *MASKED)]
+    known = [
+        e
+        for e in (*scenario.effects, *(f.effect for f in faults))
+        if e.id not in (*MEANINGS, *MASKED)
+    ]
     stated = {e.id for e in scenario.effects}
     floors = code_floors(scenario, faults)
     observations = observe(scenario, sound, known)
     ledger = Ledger(observations)
-    bench = Bench(observations, ledger, calibrated(observations, ledger), tuple(faults), tuple(notes), floors)
+    bench = Bench(
+        observations, ledger, calibrated(observations, ledger), tuple(faults), tuple(notes), floors
+    )
     bench = _with_bits(bench, known)
     if not floors:  # first: a jump of the readout is a rate that no sensor had
         slips, level = jumps(bench.observations, bench.start)
@@ -70,7 +89,11 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     if not floors and "data_drop" not in stated:
         losses, moved = lost_samples(bench.observations, bench.start)
         bench = bench.over(observe(scenario, moved, known), *losses) if losses else bench
-    if not floors and "data_jitter" not in stated and (stamps := random_stamps(bench.start, bench.observations)) is not None:
+    if (
+        not floors
+        and "data_jitter" not in stated
+        and (stamps := random_stamps(bench.start, bench.observations)) is not None
+    ):
         quiet = at_rest_only(bench.observations, bench.start, stamps.effect.value("jitter"))
         bench = bench.over(observe(scenario, quiet, known), stamps)
     wild, mended = gross_errors(bench.observations, bench.start, floors)
@@ -80,37 +103,65 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
 
 
 def _with_bits(bench: Bench, known: Sequence[Effect]) -> Bench:
-    """Bits that are never set put back, again and again as long as a better fit, which they spoil, moves some."""
-    bits = {(f.sensors[0], f.axes[0]): f.effect.value("bit_value") for f in bench.faults if f.effect.id == "adc_stuck_bit"}
+    """Bits that are never set put back, again and again as long as a better fit, which they spoil,
+    moves some.
+    """
+    bits = {
+        (f.sensors[0], f.axes[0]): f.effect.value("bit_value")
+        for f in bench.faults
+        if f.effect.id == "adc_stuck_bit"
+    }
     as_came, scenario = bench.observations.sources, bench.observations.scenario
     columns = [(scenario.named(name), axis) for name, axis in bits]
     for _ in range(PASSES if bits else 0):
-        before, whole = bench.observations.sources, with_bits(as_came, bench.observations, bench.start, bits)
-        if all(np.array_equal(written(a, *c), written(b, *c), True) for a, b in zip(before, whole, strict=True) for c in columns):
+        before, whole = (
+            bench.observations.sources,
+            with_bits(as_came, bench.observations, bench.start, bits),
+        )
+        if all(
+            np.array_equal(written(a, *c), written(b, *c), True)
+            for a, b in zip(before, whole, strict=True)
+            for c in columns
+        ):
             break
         bench = bench.over(observe(scenario, whole, known))
     return bench
 
 
 def _with_right_stops(bench: Bench, known: Sequence[Effect], stated: bool) -> Bench:
-    """One stop whose written angle is wrong put right; stated: whether the scenario says so already."""
+    """One stop whose written angle is wrong put right; stated: whether the scenario says so
+    already.
+    """
     slip = wrong_stop(bench.observations, bench.start)
     if slip is None:
         return bench
     mended = bench.over(observe(bench.observations.scenario, slip[1], known))
-    if not stands_alone(bench.observations, mended.observations, mended.start):  # a law that is strongest there
+    if not stands_alone(
+        bench.observations, mended.observations, mended.start
+    ):  # a law that is strongest there
         return bench
-    fault, _ = wrong_stop(bench.observations, mended.start) or slip  # sized again, by a calibration that it has not spoiled
+    fault, _ = (
+        wrong_stop(bench.observations, mended.start) or slip
+    )  # sized again, by a calibration that it has not spoiled
     return mended if stated else replace(mended, faults=(*mended.faults, fault))
 
 
-def _sound(scenario: Scenario, recordings: Sequence[Recording]) -> tuple[tuple[Recording, ...], list[Fault], list[str]]:
+def _sound(
+    scenario: Scenario, recordings: Sequence[Recording]
+) -> tuple[tuple[Recording, ...], list[Fault], list[str]]:
     """The recordings with the faults of their data mended, and those faults."""
     inspected = inspect(scenario, recordings)
     faults = list(inspected.faults)
     meant = meaning(scenario, inspected.recordings[0])
-    other_unit = {f.effect.sensor for f in meant if f.effect.id == "data_unit"}  # its digits were meant for another size
-    faults = [f for f in faults if f.effect.id not in ("adc_quantisation", "gyr_quantisation") or f.effect.sensor not in other_unit]
+    other_unit = {
+        f.effect.sensor for f in meant if f.effect.id == "data_unit"
+    }  # its digits were meant for another size
+    faults = [
+        f
+        for f in faults
+        if f.effect.id not in ("adc_quantisation", "gyr_quantisation")
+        or f.effect.sensor not in other_unit
+    ]
     effects = [*scenario.effects, *(f.effect for f in meant)]
     sound = tuple(as_meant(r, scenario, effects) for r in inspected.recordings)
     return sound, [*meant, *faults], list(inspected.notes)
@@ -119,7 +170,11 @@ def _sound(scenario: Scenario, recordings: Sequence[Recording]) -> tuple[tuple[R
 def thinned(bench: Bench, block: int) -> Bench:
     """The same with so many samples of a long record averaged into one."""
     old = bench.observations
-    return bench.over(old.averaged(block)) if block > 1 and isinstance(old, TableObservations) else bench
+    return (
+        bench.over(old.averaged(block))
+        if block > 1 and isinstance(old, TableObservations)
+        else bench
+    )
 
 
 def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFit, ...]:
@@ -132,12 +187,20 @@ def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFi
     for channel in observations.channels:
         sensor = observations.scenario.named(channel.sensor)
         if channel.white:  # no record at rest holds a turn
-            found.append(NoiseFit.whole(NoiseModel(max(channel.white, robust_white(channel.values)))))
+            found.append(
+                NoiseFit.whole(NoiseModel(max(channel.white, robust_white(channel.values))))
+            )
             continue
         samples = static.sensor(sensor)
-        values = samples.values[:, channel.column] if channel.axis != "norm" else np.linalg.norm(samples.values, axis=1)
+        values = (
+            samples.values[:, channel.column]
+            if channel.axis != "norm"
+            else np.linalg.norm(samples.values, axis=1)
+        )
         values = values[~np.isnan(values)]
-        found.append(estimate_noise(cosines(values - values.mean()), cosines(np.ones(len(values)))[:, None]))
+        found.append(
+            estimate_noise(cosines(values - values.mean()), cosines(np.ones(len(values)))[:, None])
+        )
     return tuple(found)
 
 
@@ -146,8 +209,17 @@ def calibrated(observations: Observations, ledger: Ledger) -> Account:
     scenario = observations.scenario
     terms = [Term.start(s) for s in adjustable(scenario)]
     known: list[Effect] = []
-    for effect in observations.known:  # an amended scenario brings its calibration: go on from there
-        k = next((k for k, t in enumerate(terms) if t.suspect.place == (effect.id, effect.sensor, effect.axis)), None)
+    for (
+        effect
+    ) in observations.known:  # an amended scenario brings its calibration: go on from there
+        k = next(
+            (
+                k
+                for k, t in enumerate(terms)
+                if t.suspect.place == (effect.id, effect.sensor, effect.axis)
+            ),
+            None,
+        )
         if k is None or effect.role != "calibration":
             known.append(effect)
         else:
@@ -175,6 +247,10 @@ def enough(observations: Observations, account: Account) -> bool:
         sensor = observations.scenario.named(channel.sensor)
         samples = recording.sensor(sensor)
         values = samples.values[np.isin(samples.rows, channel.rows)]
-        up += [values[channel.stop == k].mean(axis=0) for k in range(channel.stop.max() + 1) if (channel.stop == k).any()]
+        up += [
+            values[channel.stop == k].mean(axis=0)
+            for k in range(channel.stop.max() + 1)
+            if (channel.stop == k).any()
+        ]
     directions = int(group_directions(np.array(up)).max()) + 1 if up else 0
     return directions > account.basis[0].shape[1]

@@ -17,29 +17,45 @@ BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which 
 
 
 def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]:
-    """Size, SI, below which the codes of a sensor, or of the table's readout, make whatever they like; by sensor."""
+    """Size, SI, below which the codes of a sensor, or of the table's readout, make whatever they
+    like; by sensor.
+    """
     floors: dict[str, float] = {}
     for fault in faults:
         if fault.effect.id in ("adc_quantisation", "gyr_quantisation"):
             for name in fault.sensors:
                 floors[name] = max(floors.get(name, 0.0), fault.effect.value("lsb"))
-        if fault.effect.id == "adc_stuck_bit" and not scenario.rig.axes:  # nothing but a table tells which readings lack it
-            floors[fault.sensors[0]] = max(floors.get(fault.sensors[0], 0.0), fault.effect.value("bit_value"))
+        if (
+            fault.effect.id == "adc_stuck_bit" and not scenario.rig.axes
+        ):  # nothing but a table tells which readings lack it
+            floors[fault.sensors[0]] = max(
+                floors.get(fault.sensors[0], 0.0), fault.effect.value("bit_value")
+            )
         if fault.effect.id == "data_truncation":
             for sensor in scenario.sensor:
                 size = scenario.site.gravity if sensor.kind == "accelerometer" else 1.0
                 size = sensor.rate_hz if sensor.quantity == "rate" else size
-                floors[sensor.name] = max(floors.get(sensor.name, 0.0), size * fault.effect.value("step"))
+                floors[sensor.name] = max(
+                    floors.get(sensor.name, 0.0), size * fault.effect.value("step")
+                )
     return floors
 
 
 def told_by_moves(effect: Effect) -> bool:
-    """Whether only rates, accelerations or the way that a table came by tell an effect: where its angles are cut nothing does."""
-    return effect.needs in BLURRED or getattr(effect, "coordinate", "").split("_")[0] in ("rate", "transverse")
+    """Whether only rates, accelerations or the way that a table came by tell an effect: where its
+    angles are cut nothing does.
+    """
+    return effect.needs in BLURRED or getattr(effect, "coordinate", "").split("_")[0] in (
+        "rate",
+        "transverse",
+    )
 
 
-def above(account: Account, ledger: Ledger, floors: Mapping[str, float], blurred: bool = False) -> Account:
-    """The account without findings that are nowhere larger than what coarse codes do; curves, all in all, beyond what calibration
+def above(
+    account: Account, ledger: Ledger, floors: Mapping[str, float], blurred: bool = False
+) -> Account:
+    """The account without findings that are nowhere larger than what coarse codes do; curves, all
+    in all, beyond what calibration
     takes of them.
 
     Args:
@@ -55,13 +71,17 @@ def above(account: Account, ledger: Ledger, floors: Mapping[str, float], blurred
         for i, change in summed(inside, observations, account.effects).items():
             name = observations.channels[i].sensor
             if curve:
-                Q = column_space(np.column_stack([np.zeros_like(change), *(c[i] for c in calibration if i in c)]))
+                Q = column_space(
+                    np.column_stack([np.zeros_like(change), *(c[i] for c in calibration if i in c)])
+                )
                 size = float(np.sqrt(np.mean((change - Q @ (Q.T @ change)) ** 2)))
             else:
                 size = float(np.abs(change).max())
             largest[name] = max(largest.get(name, 0.0), size)
         smooth = not (blurred and told_by_moves(inside[0].effect))
-        seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(largest) & set(floors)
+        seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(
+            largest
+        ) & set(floors)
         if smooth and seen:
             kept += inside
     return settle(replace(account, terms=tuple(kept)), ledger)

@@ -1,7 +1,10 @@
-"""Stretches whose written angle jumps away from the course and back: the readout did, and no sensor followed.
+"""Stretches whose written angle jumps away from the course and back: the readout did, and no sensor
+followed.
 
-A wrong angle of one stop is far off where gravity tells (``randoms.wrong_stop``). Of an axis that stands upright gravity tells
-nothing, and beside another stop of the same angle the search for stops finds none; but between two samples no table goes far.
+A wrong angle of one stop is far off where gravity tells (``randoms.wrong_stop``). Of an axis that
+stands upright gravity tells
+nothing, and beside another stop of the same angle the search for stops finds none; but between two
+samples no table goes far.
 """
 
 from collections.abc import Sequence
@@ -23,8 +26,12 @@ from tiltcal.statistics.dwell_noise import ARITHMETIC
 from tiltcal.statistics.noise_spectrum import robust_white
 
 GROSS = 8.0  # sigma of the readout's own noise
-AGREE = 0.2  # relative: how equal the jumps there and back are; the end of a move adds its own bend to one of them
-RISE = 9  # samples in which a table would have gone there: quick, and slow enough for a rate to be told from its readout
+# relative: how equal the jumps there and back are; the end of a move adds its own bend to one of
+# them
+AGREE = 0.2
+# samples in which a table would have gone there: quick, and slow enough for a rate to be told from
+# its readout
+RISE = 9
 SURE = 100.0  # fall of the deviance: ten sigma
 SHARE = 0.25  # of the deviance, at most, that may be left where the jump would be seen
 
@@ -46,8 +53,12 @@ class Jump:
     sigma: float
 
 
-def jumps(observations: Observations, account: Account) -> tuple[list[Fault], tuple[Recording, ...]]:
-    """Stretches of wrong written angles that the readout itself shows, and the recordings without their readout."""
+def jumps(
+    observations: Observations, account: Account
+) -> tuple[list[Fault], tuple[Recording, ...]]:
+    """Stretches of wrong written angles that the readout itself shows, and the recordings without
+    their readout.
+    """
     faults: list[Fault] = []
     recordings = list(observations.recordings)
     if not isinstance(observations, TableObservations):
@@ -57,17 +68,27 @@ def jumps(observations: Observations, account: Account) -> tuple[list[Fault], tu
             jump = jump_of(axis, angle, course.known)
             if jump is not None and _unfollowed(observations, account.effects, number, jump):
                 fault, recordings[number] = mistyped(
-                    observations, number, recordings[number], jump.rows, axis, jump.error, jump.sigma
-                )  # fmt: skip
+                    observations,
+                    number,
+                    recordings[number],
+                    jump.rows,
+                    axis,
+                    jump.error,
+                    jump.sigma,
+                )
                 faults.append(fault)
     return faults, tuple(recordings)
 
 
 def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
-    """The two sharpest bends of a readout (rad, (n,)) where it was read, if it jumped there, as far there as back."""
+    """The two sharpest bends of a readout (rad, (n,)) where it was read, if it jumped there, as far
+    there as back.
+    """
     step, read = np.diff(angle), known[1:] & known[:-1]
     bent = np.zeros(len(step))  # a table gathers speed, and loses it, over several samples
-    bent[1:-1] = np.where(read[:-2] & read[1:-1] & read[2:], step[1:-1] - (step[:-2] + step[2:]) / 2, 0.0)
+    bent[1:-1] = np.where(
+        read[:-2] & read[1:-1] & read[2:], step[1:-1] - (step[:-2] + step[2:]) / 2, 0.0
+    )
     noise, sharp = 1.4826 * float(np.median(np.abs(bent))), _sharp(bent)
     first = int(np.argmax(np.abs(sharp)))
     others = np.where(np.abs(np.arange(len(bent)) - first) > 2, sharp, 0.0)
@@ -81,13 +102,17 @@ def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
 
 
 def _sharp(bent: Array) -> Array:
-    """The bends where a course may have jumped, (n,), else 0: a jump bends it back by half on both sides; a steep one bends on."""
+    """The bends where a course may have jumped, (n,), else 0: a jump bends it back by half on both
+    sides; a steep one bends on.
+    """
     around = np.zeros(len(bent))
     around[1:-1] = bent[:-2] + bent[2:]
     return np.where(-around * np.sign(bent) > np.abs(bent) / 2, bent, 0.0)
 
 
-def _unfollowed(observations: TableObservations, effects: Sequence[Effect], number: int, jump: Jump) -> bool:
+def _unfollowed(
+    observations: TableObservations, effects: Sequence[Effect], number: int, jump: Jump
+) -> bool:
     """Whether the sensors, wherever a table that jumps would show in them, say that it did not."""
     course = observations.courses[number]
     angle = course.angles[jump.axis] - jump.error * jump.rows
@@ -95,10 +120,14 @@ def _unfollowed(observations: TableObservations, effects: Sequence[Effect], numb
     own = [c for c in observations.channels if c.recording == number]
     met = as_met(effects, observations.recordings[number].fingerprint)
     times = dict.fromkeys(sorted({c.sensor for c in own}), course.time)
-    gone, stayed = (readings(observations.scenario, c, times, met) for c in (_with_moves(level, jump), level))
+    gone, stayed = (
+        readings(observations.scenario, c, times, met) for c in (_with_moves(level, jump), level)
+    )
     before = after = 0.0
     for c in own:
-        off, without = (np.nan_to_num(c.values - p[c.sensor][c.rows, c.column]) for p in (gone, stayed))
+        off, without = (
+            np.nan_to_num(c.values - p[c.sensor][c.rows, c.column]) for p in (gone, stayed)
+        )
         noise = robust_white(without)
         seen = np.abs(off - without) > noise
         before += float(np.sum(off[seen] ** 2)) / noise**2
@@ -107,7 +136,9 @@ def _unfollowed(observations: TableObservations, effects: Sequence[Effect], numb
 
 
 def _with_moves(level: Replay, jump: Jump) -> Replay:
-    """A course without a jump, with quick moves in place of it: how a table would have gone there and back."""
+    """A course without a jump, with quick moves in place of it: how a table would have gone there
+    and back.
+    """
     rise = np.hanning(RISE + 2)
     share = np.convolve(jump.rows, rise / rise.sum(), "same")
     moving = np.convolve(np.abs(np.diff(share, prepend=share[0])), np.ones(RISE), "same") > 0

@@ -1,4 +1,6 @@
-"""Effects without a fixed signature: a wrong angle of one stop, random setting at every stop, random stamps."""
+"""Effects without a fixed signature: a wrong angle of one stop, random setting at every stop,
+random stamps.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,7 +11,13 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.channels import changed, without_readout
 from tiltcal.diagnosis.data.observations import Columns, Observations, TableObservations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
-from tiltcal.diagnosis.model.fitted_model import Account, models, noise_under, noise_within_stops, settle
+from tiltcal.diagnosis.model.fitted_model import (
+    Account,
+    models,
+    noise_under,
+    noise_within_stops,
+    settle,
+)
 from tiltcal.diagnosis.model.hypothesis_columns import Ledger, basis_of, cosines, project
 from tiltcal.diagnosis.search.forward_selection import ALPHA, findings, log_tail, standing
 from tiltcal.effects import CATALOGUE
@@ -20,8 +28,12 @@ APART = 25.0  # times the misfit of others: five times as far off
 MARGIN = 4  # rows beside a stop that its wrong readout spoils
 
 
-def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tuple[Recording, ...]] | None:
-    """One stop whose written angle is wrong: it is far off where the others are not, and one other angle takes that away."""
+def wrong_stop(
+    observations: Observations, account: Account
+) -> tuple[Fault, tuple[Recording, ...]] | None:
+    """One stop whose written angle is wrong: it is far off where the others are not, and one other
+    angle takes that away.
+    """
     if not isinstance(observations, TableObservations):
         return None
     worst = stop_misfits(observations, account)
@@ -37,7 +49,9 @@ def wrong_stop(observations: Observations, account: Account) -> tuple[Fault, tup
 def stop_misfits(observations: Observations, account: Account) -> dict[tuple[int, int], float]:
     """Misfit of each stop of each recording, in squares of the noise."""
     worst: dict[tuple[int, int], float] = {}
-    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+    for channel, r in zip(
+        observations.channels, observations.residuals(account.effects), strict=True
+    ):
         noise = robust_white(r)
         for stop in range(int(channel.stop.max(initial=-1)) + 1):
             there = channel.stop == stop
@@ -48,14 +62,18 @@ def stop_misfits(observations: Observations, account: Account) -> dict[tuple[int
 
 
 def stands_alone(observations: Observations, mended: Observations, account: Account) -> bool:
-    """Whether a stop is far off what all others are, once one that was wrong no longer spoils the account."""
+    """Whether a stop is far off what all others are, once one that was wrong no longer spoils the
+    account.
+    """
     rest = stop_misfits(mended, account)
-    return max(stop_misfits(observations, account).values()) > APART * max(rest.values(), default=1.0)
+    return max(stop_misfits(observations, account).values()) > APART * max(
+        rest.values(), default=1.0
+    )
 
 
 def _rewritten(
     observations: TableObservations, account: Account, number: int, stop: int
-) -> tuple[Fault, tuple[Recording, ...]] | None:  # fmt: skip
+) -> tuple[Fault, tuple[Recording, ...]] | None:
     """The axis and error that take the misfit of a stop away; None when none does."""
     course = observations.courses[number]
     rows = course.stop == stop
@@ -77,28 +95,51 @@ def _rewritten(
         return None
     _, error, axis = best
     repaired = list(observations.recordings)
-    fault, repaired[number] = mistyped(observations, number, repaired[number], rows, axis, error, 2e-5)
+    fault, repaired[number] = mistyped(
+        observations, number, repaired[number], rows, axis, error, 2e-5
+    )
     return fault, tuple(repaired)
 
 
 def mistyped(
-    observations: TableObservations, number: int, recording: Recording, rows: Mask, axis: str, error: float, sigma: float
-) -> tuple[Fault, Recording]:  # fmt: skip
-    """The fault of a wrong angle (rad) written on some rows, (n,) mask, of one stop, and the recording without its readout."""
-    stop = observations.courses[number].stop[: np.argmax(rows)].max(initial=-1) + 1  # it need not have been found itself
+    observations: TableObservations,
+    number: int,
+    recording: Recording,
+    rows: Mask,
+    axis: str,
+    error: float,
+    sigma: float,
+) -> tuple[Fault, Recording]:
+    """The fault of a wrong angle (rad) written on some rows, (n,) mask, of one stop, and the
+    recording without its readout.
+    """
+    stop = (
+        observations.courses[number].stop[: np.argmax(rows)].max(initial=-1) + 1
+    )  # it need not have been found itself
     time = recording.time[rows] - recording.time[0]
     effect = CATALOGUE["data_pose_label"](
         {"error": error, "stop": float(stop)}, None, axis, "found", seen_in=recording.fingerprint
-    )  # fmt: skip
+    )
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
     interval = (float(time[0]), float(time[-1]))
-    words = f"The {axis} angle written from {interval[0]:.1f} s to {interval[1]:.1f} s is {np.degrees(error):.5g} deg off."
+    words = (
+        f"The {axis} angle written from {interval[0]:.1f} s to {interval[1]:.1f} s is"
+        f" {np.degrees(error):.5g} deg off."
+    )
     spoiled = np.convolve(rows, np.ones(2 * MARGIN + 1), "same") > 0
-    return Fault(effect, names, axes, words, interval, sigma={"error": sigma}), without_readout(recording, np.flatnonzero(spoiled))
+    return Fault(effect, names, axes, words, interval, sigma={"error": sigma}), without_readout(
+        recording, np.flatnonzero(spoiled)
+    )
 
 
-def _misfit(observations: TableObservations, account: Account, number: int, stop: int, angles: dict[str, Array]) -> float:
+def _misfit(
+    observations: TableObservations,
+    account: Account,
+    number: int,
+    stop: int,
+    angles: dict[str, Array],
+) -> float:
     """Misfit of one stop, in squares of the noise, when its angles are these."""
     from tiltcal.forward.signal_chain import readings
 
@@ -106,12 +147,18 @@ def _misfit(observations: TableObservations, account: Account, number: int, stop
     middle = np.flatnonzero(course.stop == stop)
     row = middle[len(middle) // 2 : len(middle) // 2 + 1]
     one = replace(
-        course, time=course.time[row], angles={k: v[row] for k, v in angles.items()}, known=course.known[row],
-        temperature=course.temperature[row], stop=course.stop[row],
-    )  # fmt: skip
+        course,
+        time=course.time[row],
+        angles={k: v[row] for k, v in angles.items()},
+        known=course.known[row],
+        temperature=course.temperature[row],
+        stop=course.stop[row],
+    )
     total = 0.0
     names = sorted({c.sensor for c in observations.channels})
-    predicted = readings(observations.scenario, one, dict.fromkeys(names, one.time), account.effects)
+    predicted = readings(
+        observations.scenario, one, dict.fromkeys(names, one.time), account.effects
+    )
     for c in observations.channels:
         there = c.stop == stop
         if c.recording == number and there.any():
@@ -119,22 +166,32 @@ def _misfit(observations: TableObservations, account: Account, number: int, stop
     return total
 
 
-def setting_error(account: Account, start: Account, ledger: Ledger, total: int) -> tuple[Fault, list[Columns]] | None:
-    """Random setting of an axis: every stop is off by a rotation of its own, and nothing smooth takes half of it away.
+def setting_error(
+    account: Account, start: Account, ledger: Ledger, total: int
+) -> tuple[Fault, list[Columns]] | None:
+    """Random setting of an axis: every stop is off by a rotation of its own, and nothing smooth
+    takes half of it away.
 
     Returns:
-        The fault, and the change of the readings by each stop's own rotation; None when the stops agree.
+        The fault, and the change of the readings by each stop's own rotation; None when the stops
+        agree.
     """
     observations = ledger.observations
     noise = noise_within_stops(account, ledger)
     if not isinstance(observations, TableObservations) or noise is None:
         return None
-    trials = {axis: _stop_columns(observations, axis, account) for axis in observations.scenario.rig.axis_names}
+    trials = {
+        axis: _stop_columns(observations, axis, account)
+        for axis in observations.scenario.rig.axis_names
+    }
     trials = {axis: columns for axis, columns in trials.items() if len(columns) >= 8}
     usual = ledger.roots
     try:
         limit = float(np.log(ALPHA) - np.log(max(total, 1)))
-        chances = {axis: _chance(columns, account, ledger, noise, limit) for axis, columns in trials.items()}
+        chances = {
+            axis: _chance(columns, account, ledger, noise, limit)
+            for axis, columns in trials.items()
+        }
         axis = min(chances, key=lambda a: chances[a], default=None)
         if axis is None or chances[axis] > limit:
             return None
@@ -144,7 +201,9 @@ def setting_error(account: Account, start: Account, ledger: Ledger, total: int) 
         first = _stops(columns, settle(start, ledger), ledger)[0]
     finally:
         ledger.weigh(usual)
-    free = max(len(columns) - sum(len(t.names) for t in account.terms), 1)  # so many sizes take their share of chance as well
+    free = max(
+        len(columns) - sum(len(t.names) for t in account.terms), 1
+    )  # so many sizes take their share of chance as well
     if gain / free < 0.5 * first / len(columns):
         return None
     spread = float(np.mean(values**2 - variances))
@@ -155,18 +214,27 @@ def setting_error(account: Account, start: Account, ledger: Ledger, total: int) 
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
     effect = CATALOGUE["table_index_error"]({"sigma": sigma}, None, axis, "found")
     words = (
-        f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms: each stop is a rotation of its own."
+        f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms:"
+        " each stop is a rotation of its own."
     )
     error = sigma / np.sqrt(2 * len(values))
     return Fault(effect, names, axes, words, sigma={"sigma": error}), columns
 
 
-def _chance(stops: Sequence[Columns], account: Account, ledger: Ledger, noise: Sequence[NoiseFit], limit: float) -> float:
-    """Logarithm of the chance of what the stops' own rotations explain, in the noisiest way that the stops allow.
+def _chance(
+    stops: Sequence[Columns],
+    account: Account,
+    ledger: Ledger,
+    noise: Sequence[NoiseFit],
+    limit: float,
+) -> float:
+    """Logarithm of the chance of what the stops' own rotations explain, in the noisiest way that
+    the stops allow.
 
     Once it is above the limit it is not worked out further.
 
-    What differs from stop to stop but is no rotation about the axis tells how much noise there is that the stops by themselves
+    What differs from stop to stop but is no rotation about the axis tells how much noise there is
+    that the stops by themselves
     do not show: the rotations have to stand out of that too.
     """
     levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
@@ -185,14 +253,18 @@ def _chance(stops: Sequence[Columns], account: Account, ledger: Ledger, noise: S
 
 
 def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
-    """Logarithm of the chance that a ratio of mean squares exceeds that of ``gain`` over ``other``."""
+    """Logarithm of the chance that a ratio of mean squares exceeds that of ``gain`` over
+    ``other``.
+    """
     from scipy.special import fdtrc
 
     return float(np.log(max(float(fdtrc(dof, free, gain / dof / max(other / free, 1.0))), 1e-300)))
 
 
 def lawful_part(account: Account, ledger: Ledger) -> Account:
-    """The account without its nameless curves, where these have as many numbers together as there are stops: each tells its own."""
+    """The account without its nameless curves, where these have as many numbers together as there
+    are stops: each tells its own.
+    """
     named = tuple(t for t in account.terms if (t.host or t.suspect).listed)
     sizes = sum(len(t.names) for t in account.terms) - sum(len(t.names) for t in named)
     few = sizes < sum(int(stop.max(initial=-1)) + 1 for stop in ledger.observations.stops)
@@ -202,54 +274,83 @@ def lawful_part(account: Account, ledger: Ledger) -> Account:
 def beside_stops(account: Account, stops: Sequence[Columns], ledger: Ledger, total: int) -> Account:
     """The account without the findings that rotations of every stop explain as well."""
     lengths = [len(c.values) for c in ledger.observations.channels]
-    extra = {i: np.column_stack([cosines(c.get(i, np.zeros(n))) for c in stops]) for i, n in enumerate(lengths)}
+    extra = {
+        i: np.column_stack([cosines(c.get(i, np.zeros(n))) for c in stops])
+        for i, n in enumerate(lengths)
+    }
     usual = ledger.roots
     ledger.under([fit.model for fit in noise_under(account, ledger, extra)])
     values = standing(account, ledger, total, stops)
     ledger.weigh(usual)
-    kept = [k for places, value in zip(findings(account), values, strict=True) if value < np.log(ALPHA) for k in places]
+    kept = [
+        k
+        for places, value in zip(findings(account), values, strict=True)
+        if value < np.log(ALPHA)
+        for k in places
+    ]
     return settle(replace(account, terms=tuple(account.terms[k] for k in kept)), ledger)
 
 
 def _stop_columns(observations: TableObservations, axis: str, account: Account) -> list[Columns]:
-    """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes over into the next."""
+    """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes
+    over into the next.
+    """
     zero = CATALOGUE["table_encoder_zero"]({f"{axis}_zero": 1e-4}, None, None, "found")
     whole = observations.changes(zero, account.effects)
     found = []
     for number, course in enumerate(observations.courses):
         resting = np.flatnonzero(course.stop >= 0)
         for stop in range(int(course.stop.max(initial=-1)) + 1):
-            weight = np.interp(np.arange(len(course.stop)), resting, (course.stop[resting] == stop).astype(float))
+            weight = np.interp(
+                np.arange(len(course.stop)), resting, (course.stop[resting] == stop).astype(float)
+            )
             part = {
                 i: column * weight[observations.channels[i].rows] / -1e-4
-                for i, column in whole.items() if observations.channels[i].recording == number
-            }  # fmt: skip
+                for i, column in whole.items()
+                if observations.channels[i].recording == number
+            }
             if any(np.any(c) for c in part.values()):
                 found.append(part)
     return found
 
 
-def _stops(columns: Sequence[Columns], account: Account, ledger: Ledger) -> tuple[float, Array, Array]:
+def _stops(
+    columns: Sequence[Columns], account: Account, ledger: Ledger
+) -> tuple[float, Array, Array]:
     """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
     lengths = [len(c.values) for c in ledger.observations.channels]
     residual = ledger.residual(account.effects)
     whitened = [ledger.whitened(c) for c in columns]
     left = project(account.basis, residual)
-    parts = [dict(enumerate(project(account.basis, [w.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))) for w in whitened]
+    parts = [
+        dict(
+            enumerate(
+                project(account.basis, [w.get(i, np.zeros(n)) for i, n in enumerate(lengths)])
+            )
+        )
+        for w in whitened
+    ]
     Q = basis_of(parts, lengths)
     along = np.sum([q.T @ r for q, r in zip(Q, left, strict=True)], axis=0)
     energy = np.array([sum(float(c @ c) for c in w.values()) for w in whitened])
-    values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in whitened]) / np.maximum(energy, 1e-300)
+    values = np.array(
+        [sum(float(c @ left[i]) for i, c in w.items()) for w in whitened]
+    ) / np.maximum(energy, 1e-300)
     return float(along @ along), values, 1 / np.maximum(energy, 1e-300)
 
 
 def random_stamps(account: Account, observations: Observations) -> Fault | None:
-    """Stamps that are wrong by chance: the residual's variance grows with the square of how fast the reading moves."""
+    """Stamps that are wrong by chance: the residual's variance grows with the square of how fast
+    the reading moves.
+    """
     if not isinstance(observations, TableObservations):
         return None
     late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
     slopes = observations.changes(late, account.effects)
-    noises = [_quiet_noise(r, c.stop) for r, c in zip(observations.residuals(account.effects), observations.channels, strict=True)]
+    noises = [
+        _quiet_noise(r, c.stop)
+        for r, c in zip(observations.residuals(account.effects), observations.channels, strict=True)
+    ]
     top = bottom = smooth = 0.0
     energy: dict[tuple[str, str], float] = {}
     for i, r in enumerate(observations.residuals(account.effects)):
@@ -261,21 +362,38 @@ def random_stamps(account: Account, observations: Observations) -> Fault | None:
         excess = np.minimum((r / noise) ** 2, 400.0) - 1
         top += float(excess @ s2)
         next_to = np.sqrt(s2[1:] * s2[:-1])
-        smooth += float(np.clip(r[1:] * r[:-1] / noise**2, -400.0, 400.0) @ next_to)  # a smooth misfit is like its neighbour
+        smooth += float(
+            np.clip(r[1:] * r[:-1] / noise**2, -400.0, 400.0) @ next_to
+        )  # a smooth misfit is like its neighbour
         bottom += float(s2 @ s2)
         energy[channel.sensor, channel.axis] = float(s2.sum())
     if bottom <= 0:
         return None
-    value, sigma = top / bottom, np.sqrt(4.0 / bottom)  # heavier than Gaussian tails double the variance of a square
+    value, sigma = (
+        top / bottom,
+        np.sqrt(4.0 / bottom),
+    )  # heavier than Gaussian tails double the variance of a square
     if value < 8 * sigma or smooth > 0.3 * top:
         return None
-    strong = [k for k, e in sorted(energy.items(), key=lambda item: -item[1]) if e > 0.05 * sum(energy.values())]
-    effect = CATALOGUE["data_jitter"]({"jitter": float(np.sqrt(value))}, strong[0][0], None, "found")
-    words = f"Stamps are wrong by chance, {1e3 * np.sqrt(value):.3g} ms rms: the residual grows with the rate of the reading."
+    strong = [
+        k
+        for k, e in sorted(energy.items(), key=lambda item: -item[1])
+        if e > 0.05 * sum(energy.values())
+    ]
+    effect = CATALOGUE["data_jitter"](
+        {"jitter": float(np.sqrt(value))}, strong[0][0], None, "found"
+    )
+    words = (
+        f"Stamps are wrong by chance, {1e3 * np.sqrt(value):.3g} ms rms: the residual grows with"
+        " the rate of the reading."
+    )
     return Fault(
-        effect, tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong)), words,
+        effect,
+        tuple(dict.fromkeys(s for s, _ in strong)),
+        tuple(dict.fromkeys(a for _, a in strong)),
+        words,
         sigma={"jitter": float(sigma / (2 * np.sqrt(value)))},
-    )  # fmt: skip
+    )
 
 
 def _quiet_noise(residual: Array, stop: Index) -> float:
@@ -287,7 +405,9 @@ def _quiet_noise(residual: Array, stop: Index) -> float:
 SPOILS = 0.3  # of the noise: a sample that a random stamp moves by more is left out
 
 
-def at_rest_only(observations: Observations, account: Account, jitter: float) -> tuple[Recording, ...]:
+def at_rest_only(
+    observations: Observations, account: Account, jitter: float
+) -> tuple[Recording, ...]:
     """The recordings without the samples that random stamps (s, rms) spoil."""
     late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
     recordings = list(observations.recordings)
@@ -298,5 +418,5 @@ def at_rest_only(observations: Observations, account: Account, jitter: float) ->
         sensor = observations.scenario.named(channel.sensor)
         recordings[channel.recording] = changed(
             recordings[channel.recording], sensor, channel.axis, channel.rows[spoiled], np.nan
-        )  # fmt: skip
+        )
     return tuple(recordings)

@@ -1,7 +1,10 @@
-"""A bit that always reads 0: half of all codes never occur, in cycles of twice the bit, wherever the readings go.
+"""A bit that always reads 0: half of all codes never occur, in cycles of twice the bit, wherever
+the readings go.
 
-Which readings lack the bit only a prediction tells: it is put back where that brings a reading nearer to what the table's
-motion says. By hand a FOG predicts a gyro along its axis; where nothing does, the smoothest course that the codes allow is taken.
+Which readings lack the bit only a prediction tells: it is put back where that brings a reading
+    nearer to what the table's
+motion says. By hand a FOG predicts a gyro along its axis; where nothing does, the smoothest course
+that the codes allow is taken.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,10 +22,14 @@ from tiltcal.setup.setup import Sensor
 from tiltcal.statistics.noise_spectrum import robust_white
 
 FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for
-IN_A_BIT = 4  # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
-CODES = 12  # of the file in the smallest bit: what rounds a coarse code to so few looks like half a cycle
+IN_A_BIT = (
+    4  # cells of the histogram in the smallest bit, and codes: a smaller one is lost in noise
+)
+# of the file in the smallest bit: what rounds a coarse code to so few looks like half a cycle
+CODES = 12
 CYCLES = 4  # of the bit in the range of the readings, at least
-LIKE_HALF = 0.5  # mean sine of the phase; 2 / pi where only the lower half of each cycle occurs, 0 by chance
+# mean sine of the phase; 2 / pi where only the lower half of each cycle occurs, 0 by chance
+LIKE_HALF = 0.5
 ZOOMS = 4  # of eight times each
 TRIES = 5  # of the most likely bits
 LEAST = 64  # values
@@ -30,16 +37,22 @@ CLEAR = 4.0  # times the noise of a FOG, at least, of what a bit of a gyro is al
 
 
 def stuck_bit(values: Array) -> float | None:
-    """The bit that is never set in these values, (n,), in their unit: codes in two's complement, or magnitudes with a sign."""
+    """The bit that is never set in these values, (n,), in their unit: codes in two's complement, or
+    magnitudes with a sign.
+    """
     one = np.ones(len(values))
-    for codes, sign in ((values, one), (np.abs(values), np.sign(values))) if values.min() < 0 else ((values, one),):
+    for codes, sign in (
+        ((values, one), (np.abs(values), np.sign(values))) if values.min() < 0 else ((values, one),)
+    ):
         if (bit := _never_set(codes, sign)) is not None:
             return bit
     return None
 
 
 def _never_set(values: Array, sign: Array) -> float | None:
-    """The bit, if a bit of floor(values / bit) is 0 in more cycles, of either sign, than chance allows."""
+    """The bit, if a bit of floor(values / bit) is 0 in more cycles, of either sign, than chance
+    allows.
+    """
     from scipy.fft import next_fast_len, rfft
 
     span, width = float(np.ptp(values)), code_width(values)
@@ -52,7 +65,10 @@ def _never_set(values: Array, sign: Array) -> float | None:
     n = next_fast_len(4 * len(taken), real=True)
     coarsest, finest = CYCLES / span, 1 / (2 * max(IN_A_BIT * cell, CODES * width))
     first = int(np.ceil(coarsest * n * cell))
-    waves, enough = rfft(taken, n)[first : min(int(finest * n * cell), n // 2) + 1], LIKE_HALF * float(taken.sum(dtype=float))
+    waves, enough = (
+        rfft(taken, n)[first : min(int(finest * n * cell), n // 2) + 1],
+        LIKE_HALF * float(taken.sum(dtype=float)),
+    )
     tried = len(waves)
     strong = np.flatnonzero(waves.real**2 + waves.imag**2 >= enough**2)
     frequency = (first + strong) / (n * cell)  # 1 / (2 bit)
@@ -71,13 +87,20 @@ def _never_set(values: Array, sign: Array) -> float | None:
 
 
 def _bunched(values: Array, frequency: float, reach: float) -> bool:
-    """Whether the values stand together within the half that occurs: a grid of coarse codes, not codes that lack one bit."""
+    """Whether the values stand together within the half that occurs: a grid of coarse codes, not
+    codes that lack one bit.
+    """
     single = np.unique(values)
-    return any(abs(np.mean(np.exp(4j * np.pi * f * single))) > LIKE_HALF for f in frequency + np.linspace(-reach, reach, 33))
+    return any(
+        abs(np.mean(np.exp(4j * np.pi * f * single))) > LIKE_HALF
+        for f in frequency + np.linspace(-reach, reach, 33)
+    )
 
 
 def _least_set(values: Array, frequency: float, reach: float, width: float) -> float:
-    """The frequency within reach at which the bit would be set least often, closer and closer: where it never is is narrow."""
+    """The frequency within reach at which the bit would be set least often, closer and closer:
+    where it never is is narrow.
+    """
     for _ in range(ZOOMS):
         near = frequency + np.linspace(-reach, reach, 33)
         often = np.array([np.count_nonzero(_set(values, f, width)) for f in near])
@@ -91,26 +114,39 @@ def _set(values: Array, frequency: float, width: float) -> Mask:
 
 
 def with_bits(
-    recordings: Sequence[Recording], observations: Observations, account: Account, bits: Mapping[tuple[str, str], float]
+    recordings: Sequence[Recording],
+    observations: Observations,
+    account: Account,
+    bits: Mapping[tuple[str, str], float],
 ) -> tuple[Recording, ...]:
-    """The recordings with each missing bit put back where the account, fitted to ``observations`` of them, says that it was set.
+    """The recordings with each missing bit put back where the account, fitted to ``observations``
+    of them, says that it was set.
 
-    The first time it is still missing there, and the account goes between the readings with it and those without.
+    The first time it is still missing there, and the account goes between the readings with it and
+    those without.
 
     Args:
         bits: SI, by sensor and axis.
     """
-    restored = [_smoothest(recording, observations.scenario, bits, observations, k) for k, recording in enumerate(recordings)]
+    restored = [
+        _smoothest(recording, observations.scenario, bits, observations, k)
+        for k, recording in enumerate(recordings)
+    ]
     for number, sensor, axis, rows, r in _predicted(observations, account, bits):
         bit = bits[sensor.name, axis]
-        before, now = written(recordings[number], sensor, axis)[rows], written(observations.sources[number], sensor, axis)[rows]
+        before, now = (
+            written(recordings[number], sensor, axis)[rows],
+            written(observations.sources[number], sensor, axis)[rows],
+        )
         there, _, values = column_values(observations.sources[number], sensor, axis)
         values = values[np.searchsorted(there, rows)]
         unit = float(np.ptp(values) / np.ptp(now))  # SI
         side = np.ones(len(r))
         if _with_sign(before, bit / unit):  # what lacks its bit may read nothing, of either sign
             side = np.sign(np.where(before == 0, values - r, before))
-        lacks = side * (unit * (now - before) - r) / bit  # 0 where the bit was not set, 1 where it was
+        lacks = (
+            side * (unit * (now - before) - r) / bit
+        )  # 0 where the bit was not set, 1 where it was
         between = 0.5 if np.any(now != before) else float(np.quantile(lacks, [0.05, 0.95]).mean())
         whole = before + np.where(lacks > between, side * bit / unit, 0.0)
         restored[number] = changed(restored[number], sensor, axis, rows, whole)
@@ -120,26 +156,41 @@ def with_bits(
 def _predicted(
     observations: Observations, account: Account, bits: Mapping[tuple[str, str], float]
 ) -> Iterator[tuple[int, Sensor, str, Index, Array]]:
-    """Recording, sensor, axis, rows and residual, SI, of the channels with these bits that something predicts.
+    """Recording, sensor, axis, rows and residual, SI, of the channels with these bits that
+    something predicts.
 
     A FOG beside a gyro by hand tells what the gyro should have read along its axis.
     """
     scenario = observations.scenario
-    for channel, r in zip(observations.channels, observations.residuals(account.effects), strict=True):
+    for channel, r in zip(
+        observations.channels, observations.residuals(account.effects), strict=True
+    ):
         if (channel.sensor, channel.axis) in bits:
             yield channel.recording, scenario.named(channel.sensor), channel.axis, channel.rows, r
         elif scenario.named(channel.sensor).kind == "fog" and not scenario.rig.axes:
             for (name, axis), bit in bits.items():
                 along = float(scenario.named(channel.sensor).input_vector["xyz".index(axis)])
-                read, _, _ = column_values(observations.sources[channel.recording], scenario.named(name), axis)
-                quiet = channel.values[channel.stop >= 0]  # of what is left the missing bit makes noise
-                told = scenario.named(name).kind == "gyro" and len(quiet) > 2 and abs(along) * bit > CLEAR * robust_white(quiet)
+                read, _, _ = column_values(
+                    observations.sources[channel.recording], scenario.named(name), axis
+                )
+                quiet = channel.values[
+                    channel.stop >= 0
+                ]  # of what is left the missing bit makes noise
+                told = (
+                    scenario.named(name).kind == "gyro"
+                    and len(quiet) > 2
+                    and abs(along) * bit > CLEAR * robust_white(quiet)
+                )
                 if told and np.isin(channel.rows, read).all():
                     yield channel.recording, scenario.named(name), axis, channel.rows, -r / along
 
 
 def _smoothest(
-    recording: Recording, scenario: Scenario, bits: Mapping[tuple[str, str], float], observations: Observations, number: int
+    recording: Recording,
+    scenario: Scenario,
+    bits: Mapping[tuple[str, str], float],
+    observations: Observations,
+    number: int,
 ) -> Recording:
     """A recording with the bits of those channels put back that no observation predicts."""
     predicted = {(c.sensor, c.axis) for c in observations.channels if c.recording == number}
@@ -151,7 +202,13 @@ def _smoothest(
         codes = written(recording, sensor, axis)[rows]
         bit_in_file = bit * float(np.ptp(codes) / np.ptp(values))
         side = _sign_of_course(codes) if _with_sign(codes, bit_in_file) else np.ones(len(codes))
-        recording = changed(recording, sensor, axis, rows, codes + side * bit_in_file * was_set(codes, side * bit_in_file))
+        recording = changed(
+            recording,
+            sensor,
+            axis,
+            rows,
+            codes + side * bit_in_file * was_set(codes, side * bit_in_file),
+        )
     return recording
 
 
@@ -162,7 +219,8 @@ def _sign_of_course(codes: Array) -> Array:
 
 
 def was_set(codes: Array, bit: Array) -> Mask:
-    """Where a bit was set if the course was the smoothest, the sum of its squared second differences the least, (n,).
+    """Where a bit was set if the course was the smoothest, the sum of its squared second
+    differences the least, (n,).
 
     Args:
         codes: without the bit, (n,), n > 2.
@@ -172,7 +230,11 @@ def was_set(codes: Array, bit: Array) -> Mask:
     cost = np.zeros((2, 2))  # of the last two samples' states
     came = np.zeros((len(codes), 2, 2), np.intp)
     for k in range(2, len(codes)):
-        second = either[:, k][None, None, :] - 2 * either[:, k - 1][None, :, None] + either[:, k - 2][:, None, None]
+        second = (
+            either[:, k][None, None, :]
+            - 2 * either[:, k - 1][None, :, None]
+            + either[:, k - 2][:, None, None]
+        )
         total = cost[:, :, None] + second**2
         came[k] = total.argmin(axis=0)
         cost = total.min(axis=0)
@@ -184,6 +246,10 @@ def was_set(codes: Array, bit: Array) -> Mask:
 
 
 def _with_sign(codes: Array, bit: float) -> bool:
-    """Whether these codes are magnitudes with a sign: their bit is never set, that of a two's complement is."""
+    """Whether these codes are magnitudes with a sign: their bit is never set, that of a two's
+    complement is.
+    """
     width = code_width(codes)
-    return bool(_set(np.abs(codes), 1 / (2 * bit), width).mean() < _set(codes, 1 / (2 * bit), width).mean())
+    return bool(
+        _set(np.abs(codes), 1 / (2 * bit), width).mean() < _set(codes, 1 / (2 * bit), width).mean()
+    )

@@ -1,8 +1,12 @@
-"""Columns that do not mean what they say: units, signs, exchanged axes, a table counted the other way.
+"""Columns that do not mean what they say: units, signs, exchanged axes, a table counted the other
+way.
 
-Every reading of the columns (48 signed permutations of a triad, each axis of the table either way) is compared with the
-model; one that fits far better than the words of the scenario is what the file holds. To gravity an axis that counts the
-other way is often no more than a sign of a column: what the motion adds tells them apart, or nothing does.
+Every reading of the columns (48 signed permutations of a triad, each axis of the table either way)
+is compared with the
+model; one that fits far better than the words of the scenario is what the file holds. To gravity an
+axis that counts the
+other way is often no more than a sign of a column: what the motion adds tells them apart, or
+    nothing does.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +30,15 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.setup.setup import Sensor
 
-FACTORS = (9.80665, 57.29577951308232, 1000.0, 1e6, 3600.0, 206264.806, 60.0)  # between the units that people mix up
+FACTORS = (
+    9.80665,
+    57.29577951308232,
+    1000.0,
+    1e6,
+    3600.0,
+    206264.806,
+    60.0,
+)  # between the units that people mix up
 LIKELY = 0.1  # relative: how near to such a factor
 FAR = 9.0  # times the misfit, at least, that the words have to be worse by
 LEAST = 1e-3  # of the square of the largest reading: below it the columns mean what they say
@@ -42,7 +54,8 @@ class Version:
         faults: what the file does in it, first the axes that count the other way.
         signs: number of axes and columns that are turned round or exchanged in it.
         misfit: what it leaves of all sensors, over the square of the largest prediction.
-        left: mean square that an affine map of each sensor's predictions leaves of its columns, SI, all columns.
+        left: mean square that an affine map of each sensor's predictions leaves of its columns, SI,
+            all columns.
         rows: that each column was compared in.
     """
 
@@ -66,23 +79,32 @@ def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
     if not scenario.rig.axes:
         return _by_hand(scenario, recording)
     try:
-        course = restored(replay(recording, scenario, scenario.climate.reference_degC), scenario.effects)
+        course = restored(
+            replay(recording, scenario, scenario.climate.reference_degC), scenario.effects
+        )
     except TiltcalError:
         return []
     words, *others = _subsets(scenario.rig.axis_names)
     as_written = _version(scenario, recording, course, words)
     if not as_written.faults and as_written.misfit < LEAST:
         return []
-    return _likeliest([as_written, *(_version(scenario, recording, course, axes) for axes in others)])
+    return _likeliest(
+        [as_written, *(_version(scenario, recording, course, axes) for axes in others)]
+    )
 
 
 def _subsets(axes: Sequence[str]) -> list[tuple[str, ...]]:
     """Axes that may count the other way: none first."""
-    return [tuple(a for part in parts for a in part) for parts in product(*[((), (axis,)) for axis in axes])]
+    return [
+        tuple(a for part in parts for a in part)
+        for parts in product(*[((), (axis,)) for axis in axes])
+    ]
 
 
 def _likeliest(versions: Sequence[Version]) -> list[Fault]:
-    """The faults of the plainest of the versions that fit best, with the ids of others as plain that fit as well."""
+    """The faults of the plainest of the versions that fit best, with the ids of others as plain
+    that fit as well.
+    """
     near = [v for v in versions if v.misfit <= FAR * min(v.misfit for v in versions)]
     words = versions[0]
     if not words.faults and words in near:
@@ -96,13 +118,18 @@ def _likeliest(versions: Sequence[Version]) -> list[Fault]:
         theirs, mine = told.others(other), other.others(told)
         if len(theirs) == len(mine) == 1:  # one for one
             k = faults.index(next(f for f in faults if f.effect == mine[0].effect))
-            names = (*(faults[k].names or (faults[k].effect.id,)), *(theirs[0].names or (theirs[0].effect.id,)))
+            names = (
+                *(faults[k].names or (faults[k].effect.id,)),
+                *(theirs[0].names or (theirs[0].effect.id,)),
+            )
             faults[k] = replace(faults[k], names=tuple(dict.fromkeys(names)))
     return faults
 
 
 def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
-    """A FOG against a gyro triad turned together: one factor between them, which should be one, and the triad's columns."""
+    """A FOG against a gyro triad turned together: one factor between them, which should be one, and
+    the triad's columns.
+    """
     faults: list[Fault] = []
     gyros = [s for s in scenario.sensors("gyro") if recording.has(s) and len(s.axes) == 3]
     for fog in scenario.sensors("fog") if gyros else ():
@@ -113,18 +140,26 @@ def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
         there = ~np.isnan(samples.values[:, 0])
         if whole.sum() < 16 or there.sum() < 16:
             continue
-        rate = np.column_stack([np.interp(samples.time[there], triad.time[whole], v[whole]) for v in triad.values.T])
-        rate, y = rate - rate.mean(axis=0), samples.values[there, 0] - samples.values[there, 0].mean()
+        rate = np.column_stack(
+            [np.interp(samples.time[there], triad.time[whole], v[whole]) for v in triad.values.T]
+        )
+        rate, y = (
+            rate - rate.mean(axis=0),
+            samples.values[there, 0] - samples.values[there, 0].mean(),
+        )
         left, k, P = _as_the_fog_says(rate, y, fog.input_vector)
         if left * FAR > float(y @ y):
             continue  # they do not turn together
-        faults += _of_factor(k, fog, gyros[0], float(np.abs(y).max()), float(np.abs(rate @ fog.input_vector).max()))
+        faults += _of_factor(
+            k, fog, gyros[0], float(np.abs(y).max()), float(np.abs(rate @ fog.input_vector).max())
+        )
         faults += _of_permutation(P, gyros[0])
     return faults
 
 
 def _as_the_fog_says(rate: Array, y: Array, input_vector: Array) -> tuple[float, float, Array]:
-    """The factor k and the signed permutation P for which ``y = k rate P input_vector`` fits best, and what that leaves.
+    """The factor k and the signed permutation P for which ``y = k rate P input_vector`` fits best,
+    and what that leaves.
 
     The columns as they are written, unless they fit far worse.
 
@@ -153,11 +188,17 @@ def _signed_permutations(n: int) -> Iterator[Array]:
 
 
 def _of_factor(k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float) -> list[Fault]:
-    """Unit and sign behind a FOG's readings that are k times what the gyros say; largest rates rad/s."""
+    """Unit and sign behind a FOG's readings that are k times what the gyros say; largest rates
+    rad/s.
+    """
     faults = []
-    factor = next((s for c in FACTORS for s in (c, 1 / c) if abs(np.log(abs(k) / s)) < LIKELY), None)
+    factor = next(
+        (s for c in FACTORS for s in (c, 1 / c) if abs(np.log(abs(k) / s)) < LIKELY), None
+    )
     if factor is not None and (abs(k) > 2 or abs(k) < 0.5):
-        wrong = fog if abs(np.log(fastest)) > abs(np.log(gyros)) else gyro  # a hand turns by about a radian a second
+        wrong = (
+            fog if abs(np.log(fastest)) > abs(np.log(gyros)) else gyro
+        )  # a hand turns by about a radian a second
         own = factor if wrong is fog else 1 / factor
         effect = CATALOGUE["data_unit"]({"factor": own}, wrong.name, None, "found")
         words = f"{wrong.name} reads {own:.6g} times what its unit says."
@@ -168,13 +209,17 @@ def _of_factor(k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float
     return faults
 
 
-def _version(scenario: Scenario, recording: Recording, course: "object", reversed_: Sequence[str]) -> Version:
+def _version(
+    scenario: Scenario, recording: Recording, course: "object", reversed_: Sequence[str]
+) -> Version:
     """The columns read with these axes counted the other way."""
     faults: list[Fault] = []
     for axis in reversed_:
         effect = CATALOGUE["data_rotation_sense"]({"reversed": 1.0}, None, axis, "found")
         words = f"The {axis} axis of the table is counted the other way."
-        faults.append(Fault(effect, (scenario.sensor[0].name,), tuple(scenario.sensor[0].axes), words))
+        faults.append(
+            Fault(effect, (scenario.sensor[0].name,), tuple(scenario.sensor[0].axes), words)
+        )
     effects = [*scenario.effects, *(f.effect for f in faults)]
     misfit, left, rows = 0.0, [], []
     for sensor in scenario.sensor:
@@ -183,10 +228,18 @@ def _version(scenario: Scenario, recording: Recording, course: "object", reverse
             own = _of_sensor(y, f, sensor)
             faults += own
             size = max(float(np.abs(f).max(initial=0.0)), 1e-12)
-            misfit += _misfit(_meant(y, own, sensor) / size, f / size, np.eye(f.shape[1])) if len(y) else 0.0
+            misfit += (
+                _misfit(_meant(y, own, sensor) / size, f / size, np.eye(f.shape[1]))
+                if len(y)
+                else 0.0
+            )
             left += [max(float(v), (EXACT * size) ** 2) for v in _affine(y, f)]
             rows += [len(y)] * y.shape[1]
-    signs = sum(len(f.axes) if f.effect.id != "data_rotation_sense" else 1 for f in faults if f.effect.id != "data_unit")
+    signs = sum(
+        len(f.axes) if f.effect.id != "data_rotation_sense" else 1
+        for f in faults
+        if f.effect.id != "data_unit"
+    )
     return Version(tuple(faults), signs, misfit, np.array(left), np.array(rows))
 
 
@@ -200,18 +253,28 @@ def _meant(y: Array, faults: Sequence[Fault], sensor: Sensor) -> Array:
 def _affine(y: Array, f: Array) -> Array:
     """Mean square that an affine map of the predictions leaves of each column, (k,)."""
     X = np.column_stack([np.ones(len(f)), f])
-    return np.asarray(((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2).mean(axis=0)) if len(y) else np.ones(y.shape[1])
+    return (
+        np.asarray(((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2).mean(axis=0))
+        if len(y)
+        else np.ones(y.shape[1])
+    )
 
 
 def _pair(
-    scenario: Scenario, recording: Recording, course: "object", sensor: Sensor, effects: Sequence[Effect]
-) -> tuple[Array, Array]:  # fmt: skip
+    scenario: Scenario,
+    recording: Recording,
+    course: "object",
+    sensor: Sensor,
+    effects: Sequence[Effect],
+) -> tuple[Array, Array]:
     samples = recording.sensor(sensor)
     turned = restored(course, [e for e in effects if e not in scenario.effects])  # type: ignore[arg-type]
     there = np.flatnonzero(~np.isnan(samples.values).any(axis=1) & turned.known[samples.rows])
     some = there[:: max(1, len(there) // ROWS)]
     met = as_met(effects, recording.fingerprint)
-    predicted = readings(scenario, turned, {sensor.name: recording.time[samples.rows[some]]}, met)[sensor.name]
+    predicted = readings(scenario, turned, {sensor.name: recording.time[samples.rows[some]]}, met)[
+        sensor.name
+    ]
     return samples.values[some], predicted
 
 
@@ -222,7 +285,9 @@ def _misfit(y: Array, f: Array, P: Array) -> float:
 
 
 def _of_sensor(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
-    """Unit, exchanged columns and signs of one sensor, by what it read and should have read, (n, k) each."""
+    """Unit, exchanged columns and signs of one sensor, by what it read and should have read, (n, k)
+    each.
+    """
     if len(y) < 16 or float(np.abs(f).max()) == 0:
         return []
     faults = []
@@ -231,7 +296,9 @@ def _of_sensor(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
     if factor is not None and (k > 2 or k < 0.5):
         effect = CATALOGUE["data_unit"]({"factor": factor}, sensor.name, None, "found")
         words = f"{sensor.name} reads {factor:.6g} times what its unit says."
-        faults.append(Fault(effect, (sensor.name,), sensor.axes, words, sigma={"factor": 1e-3 * factor}))
+        faults.append(
+            Fault(effect, (sensor.name,), sensor.axes, words, sigma={"factor": 1e-3 * factor})
+        )
         y = y / factor
     return faults + _permuted(y, f, sensor)
 
@@ -258,15 +325,39 @@ def _of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
         name = f"swap_{'zx' if pair == 'xz' else pair}"
         effect = CATALOGUE["data_axis_swap"]({name: 1.0}, sensor.name, None, "found")
         faults.append(
-            Fault(effect, (sensor.name,), tuple(pair), f"The columns {' and '.join(pair)} of {sensor.name} are exchanged.")
+            Fault(
+                effect,
+                (sensor.name,),
+                tuple(pair),
+                f"The columns {' and '.join(pair)} of {sensor.name} are exchanged.",
+            )
         )
     if len(moved) == 3:
-        first, second = ("swap_xy", "swap_yz") if P[0, 1] or P[0].argmax() == 1 else ("swap_xy", "swap_zx")
+        first, second = (
+            ("swap_xy", "swap_yz") if P[0, 1] or P[0].argmax() == 1 else ("swap_xy", "swap_zx")
+        )
         effect = CATALOGUE["data_axis_swap"]({first: 1.0, second: 1.0}, sensor.name, None, "found")
-        faults.append(Fault(effect, (sensor.name,), sensor.axes, f"The columns of {sensor.name} are exchanged in a ring."))
+        faults.append(
+            Fault(
+                effect,
+                (sensor.name,),
+                sensor.axes,
+                f"The columns of {sensor.name} are exchanged in a ring.",
+            )
+        )
     if flipped:
         axes = tuple(sensor.axes[i] for i in flipped)
-        effect = CATALOGUE["data_sign"]({f"flip_{a}": 1.0 for a in axes}, sensor.name, None, "found")
+        effect = CATALOGUE["data_sign"](
+            {f"flip_{a}": 1.0 for a in axes}, sensor.name, None, "found"
+        )
         names = ("data_sign", "data_hand") if axes == ("y",) and n == 3 else ("data_sign",)
-        faults.append(Fault(effect, (sensor.name,), axes, f"{sensor.name} {', '.join(axes)} has the opposite sign.", names=names))
+        faults.append(
+            Fault(
+                effect,
+                (sensor.name,),
+                axes,
+                f"{sensor.name} {', '.join(axes)} has the opposite sign.",
+                names=names,
+            )
+        )
     return faults

@@ -14,7 +14,8 @@ class Lines:
     """What beats in a residual.
 
     Args:
-        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move; ripples: a turn of an axis.
+        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
+            ripples: a turn of an axis.
     """
 
     tones: tuple[float, ...] = ()
@@ -23,7 +24,9 @@ class Lines:
     ripples: tuple[int, ...] = ()
 
     def beside(self, known: "Lines", width: float) -> "Lines":
-        """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a line."""
+        """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a
+        line.
+        """
 
         def new(mine: Sequence[float], theirs: Sequence[float]) -> tuple[float, ...]:
             return tuple(f for f in mine if all(abs(f - g) > 2 * width for g in theirs))
@@ -39,7 +42,8 @@ class Span:
     Args:
         duration: s; rate_hz: of the fastest sensor.
         lines: that stand out of the residual.
-        ranges: least and largest value of each coordinate, SI; that of a sensor's own input under ``<sensor>_input``.
+        ranges: least and largest value of each coordinate, SI; that of a sensor's own input under
+            ``<sensor>_input``.
     """
 
     duration: float
@@ -53,14 +57,23 @@ def span_of(observations: Observations, lines: Lines) -> Span:
     ranges: dict[str, tuple[float, float]] = {}
     duration = max(float(r.time[-1] - r.time[0]) for r in observations.recordings)
     ranges["time"] = (0.0, duration)
-    temperature = [t - t.mean() for r in observations.recordings if (t := r.temperature()) is not None]
+    temperature = [
+        t - t.mean() for r in observations.recordings if (t := r.temperature()) is not None
+    ]
     if temperature:
         both = np.concatenate(temperature)
         ranges["temperature"] = (float(both.min()), float(both.max()))
-        slopes = np.concatenate([np.gradient(t, r.time) for t, r in zip(temperature, observations.recordings, strict=False)])
+        slopes = np.concatenate(
+            [
+                np.gradient(t, r.time)
+                for t, r in zip(temperature, observations.recordings, strict=False)
+            ]
+        )
         ranges["warming"] = (float(slopes.min()), float(slopes.max()))
     for axis in observations.scenario.rig.axis_names:
-        turned = np.concatenate([a[~np.isnan(a)] for r in observations.recordings if (a := r.table(axis)) is not None])
+        turned = np.concatenate(
+            [a[~np.isnan(a)] for r in observations.recordings if (a := r.table(axis)) is not None]
+        )
         ranges[f"table_{axis}"] = (float(turned.min()), float(turned.max()))
     for channel in observations.channels:
         values = _readings(channel, observations)
@@ -70,7 +83,13 @@ def span_of(observations: Observations, lines: Lines) -> Span:
     g = observations.scenario.site.gravity
     stops = observations.stops
     if any((stop >= 0).any() and (stop < 0).any() for stop in stops):
-        ranges["since_move"] = (0.0, max(_longest_rest(r.time, s) for r, s in zip(observations.recordings, stops, strict=True)))
+        ranges["since_move"] = (
+            0.0,
+            max(
+                _longest_rest(r.time, s)
+                for r, s in zip(observations.recordings, stops, strict=True)
+            ),
+        )
         ranges["moves"] = (0.0, float(max(stop.max() for stop in stops)) + 1)
     ranges |= {f"force_{a}": (-g, g) for a in "xyz"}
     if (top := fastest(observations)) > 0:
@@ -80,22 +99,35 @@ def span_of(observations: Observations, lines: Lines) -> Span:
 
 
 def _readings(channel: Channel, observations: Observations) -> Array:
-    """What the sensor of a channel read; by hand on all rows and axes: the channel holds a part of it only, or its length."""
+    """What the sensor of a channel read; by hand on all rows and axes: the channel holds a part of
+    it only, or its length.
+    """
     if observations.scenario.rig.axes:
         return channel.values
-    return observations.recordings[channel.recording].sensor(observations.scenario.named(channel.sensor)).values
+    return (
+        observations.recordings[channel.recording]
+        .sensor(observations.scenario.named(channel.sensor))
+        .values
+    )
 
 
 def _longest_rest(time: Array, stop: Index) -> float:
     """Duration of the longest stop, s."""
-    return max((float(np.ptp(time[stop == k])) for k in range(int(stop.max(initial=-1)) + 1)), default=0.0)
+    return max(
+        (float(np.ptp(time[stop == k])) for k in range(int(stop.max(initial=-1)) + 1)), default=0.0
+    )
 
 
 def fastest(observations: Observations) -> float:
     """The largest rate, rad/s: as gyros read it, or as the table turned."""
     scenario = observations.scenario
     if not scenario.rig.axes:  # across a FOG's axis a hand turns as quickly as along it
-        sensors = [(r, s) for r in observations.recordings for s in scenario.sensors("gyro", "fog") if r.has(s)]
+        sensors = [
+            (r, s)
+            for r in observations.recordings
+            for s in scenario.sensors("gyro", "fog")
+            if r.has(s)
+        ]
         read = [np.linalg.norm(np.nan_to_num(r.sensor(s).values), axis=1).max() for r, s in sensors]
         return float(max(read, default=0.0))
     rates = [c.values for c in observations.channels if scenario.named(c.sensor).quantity == "rate"]

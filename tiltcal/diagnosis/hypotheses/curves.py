@@ -1,4 +1,6 @@
-"""Curves that no name fits, and names without a form: over every coordinate, at every place of the chain."""
+"""Curves that no name fits, and names without a form: over every coordinate, at every place of the
+chain.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -17,14 +19,23 @@ from tiltcal.setup.setup import Sensor
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SHOWS = 7.0  # times a lag that a recording has to last
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
-POWERS = ((0.5, False), (0.5, True), (1.0, False), (2.0, False), (2.0, True), (3.0, True))  # of a force or a rate; whether odd
+POWERS = (
+    (0.5, False),
+    (0.5, True),
+    (1.0, False),
+    (2.0, False),
+    (2.0, True),
+    (3.0, True),
+)  # of a force or a rate; whether odd
 
 
 def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
     """Curves over every coordinate at every place of the chain: the open world."""
     scenario = observations.scenario
     read = {c.sensor for c in observations.channels}
-    if not scenario.rig.axes:  # the gyros say where the FOG should be: what is wrong with them shows in it
+    if (
+        not scenario.rig.axes
+    ):  # the gyros say where the FOG should be: what is wrong with them shows in it
         read |= {s.name for s in scenario.sensors("gyro")}
     for sensor in scenario.sensor:
         for axis in sensor.axes:
@@ -37,22 +48,42 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
                     continue
                 yield _curve(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
                 for turn in _across(dict(scenario.rig.axes)[axis]):
-                    yield _curve(LearnedTilt, f"table_{other}", basis, slot=f"{axis}_bearing", turn=turn, place="table")
+                    yield _curve(
+                        LearnedTilt,
+                        f"table_{other}",
+                        basis,
+                        slot=f"{axis}_bearing",
+                        turn=turn,
+                        place="table",
+                    )
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature")):
                 if knots := _knots(coordinate, span, 5):
                     place = "environment" if slot == "base" else "mount"
                     tilt = _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
-                    floor = (slot, coordinate) == ("base", "time")  # whatever its course, that is what the name says
+                    floor = (slot, coordinate) == (
+                        "base",
+                        "time",
+                    )  # whatever its course, that is what the name says
                     yield replace(tilt, alias="floor_tilt_drift") if floor else tilt
         for turn, axis in product("xyz", scenario.rig.axis_names):
             for basis in (_waves(4), _knots(f"table_{axis}", span, 10)):
                 if basis:
-                    yield _curve(LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount")
+                    yield _curve(
+                        LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount"
+                    )
         for turn, lag in product("xyz", LAGS):
             if knots := _knots("temperature", span, 3):
-                tilt = _curve(LearnedTilt, "temperature", knots, lag=lag, slot="mount", turn=turn, place="mount")
+                tilt = _curve(
+                    LearnedTilt,
+                    "temperature",
+                    knots,
+                    lag=lag,
+                    slot="mount",
+                    turn=turn,
+                    place="mount",
+                )
                 yield _late(tilt, "mount_thermal_tilt")
                 if lag:  # without, that is the law itself
                     yield _straight(tilt, len(LAGS), "mount_thermal_tilt")
@@ -70,7 +101,9 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
     for coordinate in ("input", "time", "temperature", "warming", *inputs, *across):
         if coordinate == own or (sensor.is_accelerometer and coordinate.startswith("rate")):
             continue
-        if knots := _knots(coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7):
+        if knots := _knots(
+            coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7
+        ):
             yield _curve(LearnedReading, coordinate, knots, **where)
             if coordinate in (*inputs, "transverse"):
                 yield from _powers(coordinate, where)
@@ -81,7 +114,9 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
             if not sensor.is_accelerometer:  # its own law is in the catalogue
                 yield _straight(scale)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
-    if scenario.rig.axes or not sensor.is_accelerometer:  # by hand only the length of its reading is known
+    if (
+        scenario.rig.axes or not sensor.is_accelerometer
+    ):  # by hand only the length of its reading is known
         yield from _histories(sensor, axis, inputs, span)
 
 
@@ -89,14 +124,21 @@ def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Suspect]:
     """Laws with one number: a root, a modulus, a square, a cube."""
     for power, odd in POWERS:
         if not (odd and coordinate == "transverse"):
-            yield _curve(LearnedReading, coordinate, 1, power=power, odd=odd, variants=len(POWERS), **where)
+            yield _curve(
+                LearnedReading, coordinate, 1, power=power, odd=odd, variants=len(POWERS), **where
+            )
 
 
 def _straight(curve: Suspect, variants: int = 1, alias: str | None = None) -> Suspect:
     """What is in proportion to the coordinate of a curve, in its place."""
     effect = curve.effect
     assert isinstance(effect, Learned)
-    return Suspect(replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True), ("c0",), variants, alias)
+    return Suspect(
+        replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True),
+        ("c0",),
+        variants,
+        alias,
+    )
 
 
 def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
@@ -108,13 +150,21 @@ def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> 
             if basis:
                 yield _curve(LearnedReading, f"table_{name}", basis, **where)
     for one, other in combinations(names, 2):
-        yield _curve(LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where)
-    if sensor.is_accelerometer and scenario.rig.table == "placing":  # its form is nobody's law, its place is
-        yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias")
+        yield _curve(
+            LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where
+        )
+    if (
+        sensor.is_accelerometer and scenario.rig.table == "placing"
+    ):  # its form is nobody's law, its place is
+        yield replace(
+            _curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias"
+        )
 
 
 def lags_of(duration: float) -> tuple[float, ...]:
-    """Lags of a temperature that a recording of some duration may show, s: a heavy case is late by many minutes."""
+    """Lags of a temperature that a recording of some duration may show, s: a heavy case is late by
+    many minutes.
+    """
     found = list(LAGS)
     while PACE * found[-1] * SHOWS < duration:
         found.append(PACE * found[-1])
@@ -123,19 +173,25 @@ def lags_of(duration: float) -> tuple[float, ...]:
 
 _ACCELEROMETER = (("acc_temp_bias", "temperature", False), ("acc_temp_scale", "temperature", True))
 _LATE: dict[str, tuple[tuple[str, str, bool], ...]] = {
-    "accelerometer": _ACCELEROMETER, "inclinometer": _ACCELEROMETER, "gyro": (("gyr_temp", "temperature", False),),
+    "accelerometer": _ACCELEROMETER,
+    "inclinometer": _ACCELEROMETER,
+    "gyro": (("gyr_temp", "temperature", False),),
     "fog": (("gyr_temp", "temperature", False), ("fog_shupe", "warming", False)),
-}  # fmt: skip
-"""What a sensor may feel late, by its kind: the law, what it follows, and whether it multiplies the input.
+}
+"""What a sensor may feel late, by its kind: the law, what it follows, and whether it multiplies the
+input.
 
-An accelerometer's late rate is not among them: its temperature is late by minutes, and ``lateness`` says what tells its branches.
+An accelerometer's late rate is not among them: its temperature is late by minutes, and ``lateness``
+says what tells its branches.
 """
 
 
 def _late_laws(sensor: Sensor, axis: str, span: Span, on_table: bool) -> Iterator[Suspect]:
-    """Laws of temperature and of its rate where the thermometer and the sensor are not of one temperature.
+    """Laws of temperature and of its rate where the thermometer and the sensor are not of one
+    temperature.
 
-    A rate that is late by more than a recording shows, (T - late T) / lag, is the temperature itself.
+    A rate that is late by more than a recording shows, (T - late T) / lag, is the temperature
+    itself.
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     for (name, coordinate, per_input), lag in product(_LATE[sensor.kind], lags_of(span.duration)):
@@ -148,7 +204,9 @@ def _late_laws(sensor: Sensor, axis: str, span: Span, on_table: bool) -> Iterato
 
 
 def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> Iterator[Suspect]:
-    """What went before: the number of moves, the time since the last one, forces and rates that leak away."""
+    """What went before: the number of moves, the time since the last one, forces and rates that
+    leak away.
+    """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     if knots := _spread("since_move", span):
         yield _curve(LearnedReading, "since_move", knots, **where)
@@ -156,7 +214,13 @@ def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> 
             yield _curve(LearnedReading, "since_move", _waves(3), period=1 / frequency, **where)
         yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
         for period in (2, 3, 4, 5):
-            yield _curve(LearnedReading, "moves", 2 * (period // 2) - (period % 2 == 0), period=float(period), **where)
+            yield _curve(
+                LearnedReading,
+                "moves",
+                2 * (period // 2) - (period % 2 == 0),
+                period=float(period),
+                **where,
+            )
     for coordinate, lag in product(inputs, MEMORIES):
         if knots := _knots(coordinate, span, 3):
             curve = _curve(LearnedReading, coordinate, knots, lag=lag, **where)
@@ -178,7 +242,9 @@ def _spread(coordinate: str, span: Span) -> tuple[float, ...]:
 
 
 def _late(curve: Suspect, alias: str) -> Suspect:
-    """A law of temperature that is felt late and may bend: nothing at the middle of the range, as the law has nothing at T0."""
+    """A law of temperature that is felt late and may bend: nothing at the middle of the range, as
+    the law has nothing at T0.
+    """
     return replace(_odd(curve), variants=len(LAGS), alias=alias)
 
 
@@ -196,10 +262,19 @@ def _across(axis: str) -> tuple[str, str]:
     return "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]
 
 
-def _curve(cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any) -> Suspect:
+def _curve(
+    cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any
+) -> Suspect:
     knots = () if isinstance(basis, int) else basis
     names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
     variants = where.pop("variants", 1)
-    effect = cls(dict.fromkeys(names, 1e-6), where.pop("sensor", None), where.pop("axis", None), "found",
-                 coordinate=coordinate, knots=knots, **where)  # fmt: skip
+    effect = cls(
+        dict.fromkeys(names, 1e-6),
+        where.pop("sensor", None),
+        where.pop("axis", None),
+        "found",
+        coordinate=coordinate,
+        knots=knots,
+        **where,
+    )
     return Suspect(effect, names, variants)

@@ -1,4 +1,6 @@
-"""Putting suspects on the ledger: all of them at first, then those whose lines stand out once the first findings are away."""
+"""Putting suspects on the ledger: all of them at first, then those whose lines stand out once the
+first findings are away.
+"""
 
 from dataclasses import replace
 from itertools import chain
@@ -24,23 +26,32 @@ def fill(ledger: Ledger, account: Account, lines: Lines, blurred: bool = False) 
     span = span_of(observations, lines)
     nuisance = [t.suspect for t in account.nuisance]
     steps = step_suspects(observations.scenario, instants(observations))
-    for suspect in chain(listed_suspects(observations.scenario, span, nuisance), steps, curves(observations, span)):
+    for suspect in chain(
+        listed_suspects(observations.scenario, span, nuisance), steps, curves(observations, span)
+    ):
         if not (blurred and told_by_moves(suspect.effect)):
             ledger.add(suspect, effects)
 
 
 def refill(ledger: Ledger, account: Account, known: Lines) -> bool:
-    """Put on the ledger what beats in what an account leaves and did not stand out before; whether there is any.
+    """Put on the ledger what beats in what an account leaves and did not stand out before; whether
+    there is any.
 
-    Where nothing was found, lines that wander too: beside a law that is some per cent off its form that scan finds the table's.
+    Where nothing was found, lines that wander too: beside a law that is some per cent off its form
+        that scan finds the table's.
     """
     observations = ledger.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))
     new = lines_of(ledger, account).beside(known, width)
     if not account.terms:
-        new = replace(new, tones=(*new.tones, *Lines(wandering_of(ledger, account)).beside(known, width).tones))
+        new = replace(
+            new,
+            tones=(*new.tones, *Lines(wandering_of(ledger, account)).beside(known, width).tones),
+        )
     before = len(ledger.suspects)
-    for suspect in listed_suspects(observations.scenario, span_of(observations, new), [t.suspect for t in account.nuisance]):
+    for suspect in listed_suspects(
+        observations.scenario, span_of(observations, new), [t.suspect for t in account.nuisance]
+    ):
         lines = suspect.effect.values.get("lines")
         if suspect.id in OF_LINES and (lines is None or lines in new.ripples):
             ledger.add(suspect, account.effects)
@@ -52,7 +63,9 @@ def instants(observations: Observations) -> list[float]:
     first = observations.recordings[0]
     span = float(first.time[-1] - first.time[0])
     channel = observations.channels[0]
-    edges = channel.time[np.flatnonzero(np.diff((channel.stop >= 0).astype(int)) != 0)] - first.time[0]
+    edges = (
+        channel.time[np.flatnonzero(np.diff((channel.stop >= 0).astype(int)) != 0)] - first.time[0]
+    )
     if not 8 <= len(edges) <= MOST_STEPS:
         edges = np.linspace(0, span, 62)[1:-1]
     return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]

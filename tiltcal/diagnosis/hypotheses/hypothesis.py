@@ -15,16 +15,25 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
 
 CALIBRATION = {
-    "accelerometer": ("acc_bias", "acc_scale", "acc_cross_axis"), "inclinometer": ("acc_bias", "acc_scale", "acc_cross_axis"),
-    "gyro": ("gyr_bias", "gyr_scale", "gyr_misalignment"), "fog": ("fog_bias", "fog_scale", ""),
-}  # fmt: skip
+    "accelerometer": ("acc_bias", "acc_scale", "acc_cross_axis"),
+    "inclinometer": ("acc_bias", "acc_scale", "acc_cross_axis"),
+    "gyro": ("gyr_bias", "gyr_scale", "gyr_misalignment"),
+    "fog": ("fog_bias", "fog_scale", ""),
+}
 _TERM = ("bias", "scale", "cross_axis")
 SAME_LAW = {
-    "rate_error": "cable_torque", "servo_droop": "table_sag", "table_unbalance": "table_encoder_eccentricity",
-    "servo_ripple": "table_encoder_sde", "mount_misalignment": "acc_cross_axis", "mount_resonance": "settling_transient",
-    "adc_gain_error": "acc_scale", "adc_offset_drift": "acc_temp_bias", "supply_ratiometric": "reference_drift",
-}  # fmt: skip
-"""Effects whose readings are those of another under any circumstances: the other stands for both."""
+    "rate_error": "cable_torque",
+    "servo_droop": "table_sag",
+    "table_unbalance": "table_encoder_eccentricity",
+    "servo_ripple": "table_encoder_sde",
+    "mount_misalignment": "acc_cross_axis",
+    "mount_resonance": "settling_transient",
+    "adc_gain_error": "acc_scale",
+    "adc_offset_drift": "acc_temp_bias",
+    "supply_ratiometric": "reference_drift",
+}
+"""Effects whose readings are those of another under any circumstances: the other stands for both.
+"""
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,9 @@ class Suspect:
 
     @property
     def textbook(self) -> bool:
-        """Whether its name comes with a form: a name without one is given last, and only where no form fits."""
+        """Whether its name comes with a form: a name without one is given last, and only where no
+        form fits.
+        """
         return self.listed and self.alias not in FORMLESS
 
     @property
@@ -65,7 +76,10 @@ class Suspect:
 
     def at(self, values: Mapping[str, float]) -> Effect:
         """The effect at these sizes, its shape kept."""
-        return with_values(self.effect, {**{k: v for k, v in self.effect.values.items() if k not in self.names}, **values})
+        return with_values(
+            self.effect,
+            {**{k: v for k, v in self.effect.values.items() if k not in self.names}, **values},
+        )
 
     def size(self, name: str) -> float:
         """Plausible size of a parameter, SI."""
@@ -81,13 +95,18 @@ def with_values(effect: Effect, values: Mapping[str, float]) -> Effect:
 
 
 def adjustable(scenario: Scenario) -> list[Suspect]:
-    """The terms that ordinary calibration may re-tune, as effects with role ``calibration``; unknown heading among them."""
+    """The terms that ordinary calibration may re-tune, as effects with role ``calibration``;
+    unknown heading among them.
+    """
     found = []
     for sensor in scenario.sensor:
         for term in sensor.adjustable:
             id = CALIBRATION[sensor.kind][_TERM.index(term)] if term in _TERM else term
             if id:
-                found += [_suspect(id, scenario, sensor, axis, role="calibration") for axis in _axes(id, scenario)]
+                found += [
+                    _suspect(id, scenario, sensor, axis, role="calibration")
+                    for axis in _axes(id, scenario)
+                ]
     return found
 
 
@@ -96,9 +115,14 @@ def _axes(id: str, scenario: Scenario) -> Sequence[str | None]:
 
 
 def _suspect(
-    id: str, scenario: Scenario, sensor: Sensor | None, axis: str | None, shapes: Mapping[str, float] | None = None,
-    variants: int = 1, role: str = "found",
-) -> Suspect:  # fmt: skip
+    id: str,
+    scenario: Scenario,
+    sensor: Sensor | None,
+    axis: str | None,
+    shapes: Mapping[str, float] | None = None,
+    variants: int = 1,
+    role: str = "found",
+) -> Suspect:
     cls = CATALOGUE[id]
     bound = sensor if cls.kinds else None
     axes = bound.axes if bound else tuple(dict.fromkeys(a for s in scenario.sensor for a in s.axes))
@@ -107,7 +131,9 @@ def _suspect(
         names = {n: p for n, p in names.items() if n.split("_")[0] in scenario.rig.axis_names}
     plausible = {n: p.plausible[GRADES.index("mid_mems")] * p.factor for n, p in names.items()}
     if id == "data_drop":
-        plausible = {"samples": 1.0}  # a whole number: no smaller step changes anything, and a larger one is not linear
+        plausible = {
+            "samples": 1.0
+        }  # a whole number: no smaller step changes anything, and a larger one is not linear
     effect = cls({**plausible, **(shapes or {})}, bound.name if bound else None, axis, role)
     return Suspect(effect, tuple(names), variants)
 
@@ -123,14 +149,32 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
     grids: dict[str, Sequence[float]] = {
         "acc_warmup": [span.duration * x for x in (0.03, 0.1, 0.2, 0.5, 1.5)],
         "table_wobble_async": (0.38, 0.4, 0.42, 0.44, 0.46, 0.48),
-        "table_encoder_sde": (20.0, 36.0, 72.0, 90.0, 180.0, 360.0, 720.0, 1024.0, *(float(n) for n in span.lines.ripples)),
+        "table_encoder_sde": (
+            20.0,
+            36.0,
+            72.0,
+            90.0,
+            180.0,
+            360.0,
+            720.0,
+            1024.0,
+            *(float(n) for n in span.lines.ripples),
+        ),
         "base_vibration": span.lines.shakes,
-    }  # fmt: skip
+    }
     grids["gyr_warmup"] = grids["acc_warmup"]
-    key = {"acc_warmup": "tau", "gyr_warmup": "tau", "table_wobble_async": "ratio",
-           "table_encoder_sde": "lines", "base_vibration": "frequency"}  # fmt: skip
+    key = {
+        "acc_warmup": "tau",
+        "gyr_warmup": "tau",
+        "table_wobble_async": "ratio",
+        "table_encoder_sde": "lines",
+        "base_vibration": "frequency",
+    }
     if id == "mains_pickup":
-        return [{"frequency": f, "phase": p} for f, p in product(span.lines.tones, (0.0, np.pi / 3, 2 * np.pi / 3))]
+        return [
+            {"frequency": f, "phase": p}
+            for f, p in product(span.lines.tones, (0.0, np.pi / 3, 2 * np.pi / 3))
+        ]
     if id == "reference_drift":
         return [{"lag": lag} for lag in LAGS]
     if id == "adc_inl":
@@ -143,12 +187,22 @@ def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
         return [{"span": span.duration}]
     if id == "acc_thermal_hysteresis":
         low, high = span.ranges.get("temperature", (0.0, 0.0))
-        return [{"width": share * (high - low)} for share in (0.1, 0.2, 0.35, 0.5, 0.8)] if high > low else [{}]
+        return (
+            [{"width": share * (high - low)} for share in (0.1, 0.2, 0.35, 0.5, 0.8)]
+            if high > low
+            else [{}]
+        )
     if id == "acc_hysteresis":
-        return [{"width": w, "rounded": r} for w, r in product((0.02, 0.1, 0.2, 0.4, 0.8), (0.0, 1.0))]
+        return [
+            {"width": w, "rounded": r} for w, r in product((0.02, 0.1, 0.2, 0.4, 0.8), (0.0, 1.0))
+        ]
     if id == "settling_transient":
         top = 0.45 * span.rate_hz
-        return [{"frequency": f, "tau": t} for f, t in product((1.0, 2.0, 3.0, 5.0, 8.0, 12.0), (0.15, 0.5, 1.5)) if f < top]
+        return [
+            {"frequency": f, "tau": t}
+            for f, t in product((1.0, 2.0, 3.0, 5.0, 8.0, 12.0), (0.15, 0.5, 1.5))
+            if f < top
+        ]
     return [{key[id]: value} for value in grids[id]] if id in grids else [{}]
 
 
@@ -158,8 +212,12 @@ SHIFTS = ("mount_slip", "acc_bias_step", "gyr_bias_step")
 STEPS = (*SHIFTS, "data_drop")
 
 
-def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = ()) -> Iterator[Suspect]:
-    """Every effect of the catalogue that a residual may hold, but steps at unknown times and faults of the data."""
+def listed_suspects(
+    scenario: Scenario, span: Span, taken: Sequence[Suspect] = ()
+) -> Iterator[Suspect]:
+    """Every effect of the catalogue that a residual may hold, but steps at unknown times and faults
+    of the data.
+    """
     nuisance = {s.place for s in taken}
     for id, cls in CATALOGUE.items():
         if not _eligible(id, scenario):
@@ -167,7 +225,9 @@ def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = (
         sensors: Sequence[Sensor | None] = scenario.sensors(*cls.kinds) if cls.kinds else (None,)
         if any(p.unit.split("_")[0] == "ug" for p in cls.parameters):  # sizes of acceleration
             sensors = [s for s in sensors if s is None or s.is_accelerometer]
-        if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":  # the recorder's own: all sensors alike
+        if (
+            issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing"
+        ):  # the recorder's own: all sensors alike
             sensors = (*sensors, None) if scenario.rig.axes else sensors
         for sensor, axis in product(sensors, _axes(id, scenario)):
             shapes = shapes_of(id, span)
@@ -179,9 +239,18 @@ def listed_suspects(scenario: Scenario, span: Span, taken: Sequence[Suspect] = (
 
 def _eligible(id: str, scenario: Scenario) -> bool:
     cls = CATALOGUE[id]
-    if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN or id in SAME_LAW or id in STEPS:
+    if (
+        cls.random
+        or issubclass(cls, WritingEffect)
+        or cls.stage == "data"
+        or id in NO_COLUMN
+        or id in SAME_LAW
+        or id in STEPS
+    ):
         return False
-    if (cls.stage == "table" or cls.on_table or (cls.stage == "mount" and not cls.kinds)) and not scenario.rig.axes:
+    if (
+        cls.stage == "table" or cls.on_table or (cls.stage == "mount" and not cls.kinds)
+    ) and not scenario.rig.axes:
         return False
     if id == "acc_angle_bias":  # no form is its own: a curve over the placing angle stands for it
         return False
@@ -198,16 +267,24 @@ def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Suspec
             continue
         for sensor in scenario.sensors(*cls.kinds) if cls.kinds else (None,):
             for time in times:
-                yield _suspect(id, scenario, sensor, None, {"time": float(time)}, max(len(times), 1))
+                yield _suspect(
+                    id, scenario, sensor, None, {"time": float(time)}, max(len(times), 1)
+                )
 
 
 CREEPS = (0.5, 1.5, 4.0, 10.0, 25.0, 60.0)  # s
 
 
 def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Suspect]:
-    """Every effect that may have begun at an instant, at once or creeping on; tried: how many instants were looked at."""
+    """Every effect that may have begun at an instant, at once or creeping on; tried: how many
+    instants were looked at.
+    """
     for step in step_suspects(scenario, (time,)):
         yield replace(step, variants=tried)
         if step.id != "data_drop":
             for creep in CREEPS:
-                yield Suspect(with_values(step.effect, {**step.effect.values, "creep": creep}), step.names, tried * len(CREEPS))
+                yield Suspect(
+                    with_values(step.effect, {**step.effect.values, "creep": creep}),
+                    step.names,
+                    tried * len(CREEPS),
+                )

@@ -28,19 +28,27 @@ WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line 
 
 def lines_of(ledger: Ledger, account: Account) -> Lines:
     """All that beats in what an account leaves."""
-    return Lines(tones_of(ledger, account), shakes_of(ledger, account), echoes_of(ledger, account), ripples_of(ledger, account))
+    return Lines(
+        tones_of(ledger, account),
+        shakes_of(ledger, account),
+        echoes_of(ledger, account),
+        ripples_of(ledger, account),
+    )
 
 
 def tones_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in what is left, the strongest first."""
     found: list[tuple[float, float]] = []
-    for channel, residual in zip(ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True):
+    for channel, residual in zip(
+        ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True
+    ):
         found += _lines(channel.time, residual)
     return _apart(found, lambda _: 0.02)
 
 
 def wandering_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
-    """Frequencies, Hz, of a line that wanders in what is left: none of its own stands out, together they do, the strongest first.
+    """Frequencies, Hz, of a line that wanders in what is left: none of its own stands out, together
+    they do, the strongest first.
 
     By hand none is looked for: the hand trembles at no steady frequency either.
     """
@@ -49,14 +57,17 @@ def wandering_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
         return ()
     duration = float(np.ptp(observations.recordings[0].time))
     found: list[tuple[float, float]] = []
-    for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
+    for channel, residual in zip(
+        observations.channels, observations.residuals(account.effects), strict=True
+    ):
         if not _lines(channel.time, residual):  # a strong one has skirts
             found += _smeared(channel.time, residual)
     return _apart(found, lambda _: 1 / duration)
 
 
 def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
-    """Frequencies, Hz, of lines in what is left of accelerometers, turned into the world: what shakes the base is one line there.
+    """Frequencies, Hz, of lines in what is left of accelerometers, turned into the world: what
+    shakes the base is one line there.
 
     In the body it is split: the pose modulates it.
     """
@@ -68,7 +79,9 @@ def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     for number, watch in enumerate(observations.watches(account.effects)):
         for sensor in observations.scenario.sensors("accelerometer", "inclinometer"):
             own = [
-                (c, r) for c, r in zip(observations.channels, left, strict=True) if (c.recording, c.sensor) == (number, sensor.name)
+                (c, r)
+                for c, r in zip(observations.channels, left, strict=True)
+                if (c.recording, c.sensor) == (number, sensor.name)
             ]
             if not own:
                 continue
@@ -77,16 +90,22 @@ def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
             for c, r in own:
                 k = "xyz".index(c.axis)
                 rows = np.minimum(c.rows // observations.block, len(up) - 1)
-                world[rows] += r[:, None] * np.column_stack([np.cross(north, up)[rows, k], north[rows, k], up[rows, k]])
+                world[rows] += r[:, None] * np.column_stack(
+                    [np.cross(north, up)[rows, k], north[rows, k], up[rows, k]]
+                )
             for column in world.T:
                 found += _lines(watch.time, column)
     duration = float(np.ptp(observations.recordings[0].time))
-    slowest = max(20 / duration, 4 * fastest(observations) / (2 * np.pi))  # slower than that the table's own turns look like lines
+    slowest = max(
+        20 / duration, 4 * fastest(observations) / (2 * np.pi)
+    )  # slower than that the table's own turns look like lines
     return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
 
 
 def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
-    """Whole numbers of lines a turn, of an error of an axis' readout that stands out of what is left, the strongest first."""
+    """Whole numbers of lines a turn, of an error of an axis' readout that stands out of what is
+    left, the strongest first.
+    """
     observations = ledger.observations
     found: list[tuple[float, int]] = []
     if not isinstance(observations, TableObservations):
@@ -98,24 +117,36 @@ def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
             channel = observations.channels[i]
             angle = observations.courses[channel.recording].angles[axis][channel.rows]
             noise = robust_white(left[i])
-            of_angle, of_rate = turned.real, turned.imag / PROBE  # what n lines do to the readings: of_angle + 1j n of_rate
-            power += _harmonics(angle, of_angle * left[i] / noise**2) + 1j * each * _harmonics(angle, of_rate * left[i] / noise**2)
+            of_angle, of_rate = (
+                turned.real,
+                turned.imag / PROBE,
+            )  # what n lines do to the readings: of_angle + 1j n of_rate
+            power += _harmonics(angle, of_angle * left[i] / noise**2) + 1j * each * _harmonics(
+                angle, of_rate * left[i] / noise**2
+            )
             weight += (of_angle @ of_angle + each**2 * (of_rate @ of_rate)) / noise**2
         if weight.any():
             gain = 2 * np.abs(power) ** 2 / np.maximum(weight, np.finfo(float).tiny)
             floor = max(float(np.median(gain[FIRST:])) / np.log(2), 1.0)
             peak = [n for n in range(FIRST, LINES - 1) if gain[n] >= max(gain[n - 1], gain[n + 1])]
-            found += [(float(gain[n]), n) for n in peak if gain[n] > 2 * floor * np.log(LINES / CHANCE)]
+            found += [
+                (float(gain[n]), n) for n in peak if gain[n] > 2 * floor * np.log(LINES / CHANCE)
+            ]
     return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
 
 
 def _of_one_line(observations: TableObservations, axis: str, account: Account) -> dict[int, Waves]:
-    """What an error of a readout does to each channel: of the angle, plus 1j PROBE times of its rate, which a gyro sees.
+    """What an error of a readout does to each channel: of the angle, plus 1j PROBE times of its
+    rate, which a gyro sees.
 
-    Of PROBE lines a turn the cosine changes a channel by the real part of that times exp(1j PROBE angle), the sine by the other.
+    Of PROBE lines a turn the cosine changes a channel by the real part of that times exp(1j PROBE
+    angle), the sine by the other.
     """
     cos, sin = (
-        observations.changes(CATALOGUE["table_encoder_sde"]({name: SMALL, "lines": PROBE}, None, axis, "found"), account.effects)
+        observations.changes(
+            CATALOGUE["table_encoder_sde"]({name: SMALL, "lines": PROBE}, None, axis, "found"),
+            account.effects,
+        )
         for name in ("cos", "sin")
     )
     found: dict[int, Waves] = {}
@@ -127,29 +158,40 @@ def _of_one_line(observations: TableObservations, axis: str, account: Account) -
 
 
 def _harmonics(angle: Array, signal: Array) -> Waves:
-    """sum signal exp(i n angle) for n = 0 .. LINES - 1 by one FFT: each angle shared by its neighbours on a grid.
+    """sum signal exp(i n angle) for n = 0 .. LINES - 1 by one FFT: each angle shared by its
+    neighbours on a grid.
 
-    What is between two of them is a chord of the wave: of the finest line that is 0.4 % short on average.
+    What is between two of them is a chord of the wave: of the finest line that is 0.4 % short on
+        average.
     """
     place = angle / (2 * np.pi) * CIRCLE
     below = np.floor(place)
     above, before = place - below, below.astype(np.int64) % CIRCLE
-    shared = np.bincount(before, signal * (1 - above), CIRCLE) + np.bincount((before + 1) % CIRCLE, signal * above, CIRCLE)
+    shared = np.bincount(before, signal * (1 - above), CIRCLE) + np.bincount(
+        (before + 1) % CIRCLE, signal * above, CIRCLE
+    )
     return np.fft.rfft(shared)[:LINES].conj()
 
 
 def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
-    """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the move, over all rests."""
+    """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the
+    move, over all rests.
+    """
     observations = ledger.observations
     found: list[tuple[float, float]] = []
-    for channel, residual in zip(observations.channels, observations.residuals(account.effects), strict=True):
+    for channel, residual in zip(
+        observations.channels, observations.residuals(account.effects), strict=True
+    ):
         stops = range(int(channel.stop.max(initial=-1)) + 1)
         rests = [rows for k in stops if len(rows := np.flatnonzero(channel.stop == k)) >= 32]
         if len(rests) < 4:
             continue
         level = np.concatenate([residual[rows] - residual[rows].mean() for rows in rests])
         since = np.concatenate([channel.time[rows] - channel.time[rows[0]] for rows in rests])
-        cell, length = float(np.median(np.diff(channel.time))) / FINER, float(np.median([np.ptp(channel.time[r]) for r in rests]))
+        cell, length = (
+            float(np.median(np.diff(channel.time))) / FINER,
+            float(np.median([np.ptp(channel.time[r]) for r in rests])),
+        )
         summed = np.bincount(np.rint(since / cell).astype(np.intp), level)
         size = 2 * FINER * len(summed)
         power, frequency = np.abs(np.fft.rfft(summed, size)) ** 2, np.fft.rfftfreq(size, cell)
@@ -161,7 +203,9 @@ def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     return _apart(found, lambda f: 0.03 * f)
 
 
-def _apart(found: Sequence[tuple[float, float]], width: Callable[[float], float]) -> tuple[float, ...]:
+def _apart(
+    found: Sequence[tuple[float, float]], width: Callable[[float], float]
+) -> tuple[float, ...]:
     """The strongest of (power, frequency) that are further apart than the width of a line."""
     kept: list[float] = []
     for _, f in sorted(found, reverse=True):
@@ -191,9 +235,11 @@ def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
 
 
 def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
-    """(power over its surroundings, frequency) of the peaks in bands of the periodogram that hold more than noise does.
+    """(power over its surroundings, frequency) of the peaks in bands of the periodogram that hold
+    more than noise does.
 
-    Of white noise the powers at whole numbers of periods are independent, so their sum is gamma distributed.
+    Of white noise the powers at whole numbers of periods are independent, so their sum is gamma
+    distributed.
     """
     from scipy.special import gammaincc
 
@@ -214,7 +260,9 @@ def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
 
 
 def _evenly(time: Array, values: Array) -> tuple[Array, float]:
-    """The values on an even grid, nothing where a row was lost, (m,), and its rate, Hz: a lost row shifts the phase of the rest."""
+    """The values on an even grid, nothing where a row was lost, (m,), and its rate, Hz: a lost row
+    shifts the phase of the rest.
+    """
     step = float(np.median(np.diff(time)))
     place = np.rint((time - time[0]) / step).astype(np.intp)
     if place[-1] > 2 * len(time):  # long gaps, or stamps of no rate

@@ -1,4 +1,6 @@
-"""Recordings so far with one more beside them: what they changed is worked out once, whatever is put beside them."""
+"""Recordings so far with one more beside them: what they changed is worked out once, whatever is
+put beside them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -62,4 +64,6 @@ class Joined(Observations):
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect."""
         first = len(self.old.channels)
-        return self.old.changes(effect, around) | {first + i: c for i, c in self.new.changes(effect, around).items()}
+        return self.old.changes(effect, around) | {
+            first + i: c for i, c in self.new.changes(effect, around).items()
+        }

@@ -30,9 +30,16 @@ class CommandLaboratory:
         try:
             words = tuple(shlex.split(text))
         except ValueError as error:
-            raise TiltcalError("--lab", found=f"{text!r} ({error})", need="a command", do="close the quotes") from error
+            raise TiltcalError(
+                "--lab", found=f"{text!r} ({error})", need="a command", do="close the quotes"
+            ) from error
         if not words:
-            raise TiltcalError("--lab", found="nothing", need="a command", do="name the program that records a sequence")
+            raise TiltcalError(
+                "--lab",
+                found="nothing",
+                need="a command",
+                do="name the program that records a sequence",
+            )
         return cls(words)
 
     def record(self, sequence: Path, recording: Path) -> Recording:
@@ -47,15 +54,31 @@ class CommandLaboratory:
         again = "put it right and run again with --resume: what is recorded is kept"
         try:
             try:
-                done = subprocess.run([*self.words, str(sequence), str(part)], capture_output=True, check=False)
+                done = subprocess.run(
+                    [*self.words, str(sequence), str(part)], capture_output=True, check=False
+                )
             except OSError as error:
                 reason = (error.strerror or str(error)).lower()
-                raise TiltcalError(subject, found=reason, need="a program that can be run", do=again) from error
+                raise TiltcalError(
+                    subject, found=reason, need="a program that can be run", do=again
+                ) from error
             if done.returncode != 0:
-                said = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["nothing said"]
-                raise TiltcalError(subject, found=f"exit status {done.returncode} ({said[0]})", need="exit status 0", do=again)
+                said = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or [
+                    "nothing said"
+                ]
+                raise TiltcalError(
+                    subject,
+                    found=f"exit status {done.returncode} ({said[0]})",
+                    need="exit status 0",
+                    do=again,
+                )
             if not part.is_file() or part.stat().st_size == 0:
-                raise TiltcalError(subject, found="no recording written", need=f"the file {recording.name}", do=again)
+                raise TiltcalError(
+                    subject,
+                    found="no recording written",
+                    need=f"the file {recording.name}",
+                    do=again,
+                )
             read_recording(part)
             part.replace(recording)
         finally:

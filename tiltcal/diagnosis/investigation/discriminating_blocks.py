@@ -1,10 +1,15 @@
-"""The block that tells rivals apart: the largest least separated non-centrality a minute of table time (T-optimal design).
+"""The block that tells rivals apart: the largest least separated non-centrality a minute of table
+time (T-optimal design).
 
-For a block, the recordings so far and an imagined recording of it are put together. Each rival in turn is taken for the truth, at
-the size that the recordings give it; every other one is fitted to what it would read, with the adjustable terms and the other
-findings, at the noise and by the threshold of `diagnose`. What is left is the separated non-centrality of the pair; the
+For a block, the recordings so far and an imagined recording of it are put together. Each rival in
+turn is taken for the truth, at
+the size that the recordings give it; every other one is fitted to what it would read, with the
+adjustable terms and the other
+findings, at the noise and by the threshold of `diagnose`. What is left is the separated
+non-centrality of the pair; the
 difference of their deviances is then N(lambda, 4 lambda).
-Source: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62 (1975).
+Source: Atkinson and Fedorov, "The design of experiments for discriminating between two rival
+    models", Biometrika 62 (1975).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,7 +37,9 @@ from tiltcal.setup.sequence import Step
 
 ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
 READOUT = 0.05 * ARCSEC / DEG  # deg, noise of an imagined readout
-HOPELESS = 0.2  # best chance of any block below which a pair is said to be out of this table's reach
+HOPELESS = (
+    0.2  # best chance of any block below which a pair is said to be out of this table's reach
+)
 COMING = 5.0  # deg before the first pose of an imagined block
 MOVED = 0.1  # of the largest step between samples: what is no noise of the readout
 SHORT_LIST = 3  # blocks that are tried together when none is enough by itself
@@ -44,7 +51,8 @@ class Pair:
 
     Args:
         truth, rival: ids.
-        separation: what is left of the truth's signal, non-centrality; needed: at which the diagnosis calls them apart.
+        separation: what is left of the truth's signal, non-centrality; needed: at which the
+            diagnosis calls them apart.
     """
 
     truth: str
@@ -57,7 +65,9 @@ class Pair:
         """Of being told apart: the log-likelihood ratio is N(separation, 4 separation)."""
         if self.separation <= 0:
             return 0.0
-        return 0.5 * (1 + erf((self.separation - self.needed) / (2 * sqrt(self.separation)) / sqrt(2)))
+        return 0.5 * (
+            1 + erf((self.separation - self.needed) / (2 * sqrt(self.separation)) / sqrt(2))
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +75,8 @@ class Proposal:
     """A block with what it should bring.
 
     Args:
-        block: what to record; minutes: of table time; pairs: that some block can tell apart, the hardest first.
+        block: what to record; minutes: of table time; pairs: that some block can tell apart, the
+            hardest first.
     """
 
     block: Block
@@ -89,7 +100,8 @@ class Proposal:
 
     @property
     def worth(self) -> tuple[int, float]:
-        """Blocks that are enough first, by non-centrality a minute; then the others by the chances of all pairs.
+        """Blocks that are enough first, by non-centrality a minute; then the others by the chances
+        of all pairs.
 
         A remounted instrument does not sit as it did: only where nothing else is enough.
         """
@@ -117,9 +129,15 @@ class Design:
 
 
 def propose(
-    asked: Sequence[Question], blocks: Iterable[Block], scenario: Scenario, most_minutes: float, progress: Progress
-) -> Design:  # fmt: skip
-    """Blocks no longer than ``most_minutes``, the best first; two after one another too where none is enough by itself."""
+    asked: Sequence[Question],
+    blocks: Iterable[Block],
+    scenario: Scenario,
+    most_minutes: float,
+    progress: Progress,
+) -> Design:
+    """Blocks no longer than ``most_minutes``, the best first; two after one another too where none
+    is enough by itself.
+    """
     tried: dict[str, tuple[Block, list[Pair]]] = {}
 
     def attempt(block: Block) -> None:
@@ -168,7 +186,9 @@ def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
     age = np.minimum(recording.time - recording.time[0], last.time[-1] - last.time[0])
     columns = {n: recording.column(n) for n in recording.column_names}
     columns["temperature_degC"] = np.interp(last.time[-1] - age, last.time, temperature)
-    return Recording.from_columns(recording.time, columns, metadata=recording.metadata, source="imagined block")
+    return Recording.from_columns(
+        recording.time, columns, metadata=recording.metadata, source="imagined block"
+    )
 
 
 def last_sides(recording: Recording, scenario: Scenario) -> dict[str, float]:
@@ -185,7 +205,8 @@ def last_sides(recording: Recording, scenario: Scenario) -> dict[str, float]:
 def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Recording:
     """What a block would read without effects, its first pose come to as the table moved last.
 
-    From which side a table will come to it nobody has said: a block must not promise what it would tell if that were new.
+    From which side a table will come to it nobody has said: a block must not promise what it would
+        tell if that were new.
     After remounting the table has moved anyhow.
     """
     if block.remounts or not sides:
@@ -193,23 +214,36 @@ def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Rec
     first = {f"{axis}_deg": 0.0 for axis in sides}
     for step in reversed(block.steps):
         first |= {key: angle for key in first if (angle := getattr(step, key)) is not None}
-    away = Step(action="move", **{f"{axis}_deg": first[f"{axis}_deg"] - side * COMING for axis, side in sides.items()})
+    away = Step(
+        action="move",
+        **{f"{axis}_deg": first[f"{axis}_deg"] - side * COMING for axis, side in sides.items()},
+    )
     steps = (away, Step(action="move", **first, dwell_s=1.0), *block.steps)
     recording = blank(replace(block, steps=steps), scenario)
-    known = recording.time >= build_schedule((away,), scenario.rig).times[1]  # how it got away is no part of the block
+    known = (
+        recording.time >= build_schedule((away,), scenario.rig).times[1]
+    )  # how it got away is no part of the block
     columns = {n: recording.column(n)[known] for n in recording.column_names}
-    return Recording.from_columns(recording.time[known], columns, metadata=recording.metadata, source=recording.source)
+    return Recording.from_columns(
+        recording.time[known], columns, metadata=recording.metadata, source=recording.source
+    )
 
 
 def blank(block: Block, scenario: Scenario) -> Recording:
-    """A recording of a block without effects or noise, but for that of the readout: what rests is told by it."""
-    recording = SimulatedLaboratory().record(fresh(scenario, sequence=block.steps, effect=(), grade=None, dynamics=None))
+    """A recording of a block without effects or noise, but for that of the readout: what rests is
+    told by it.
+    """
+    recording = SimulatedLaboratory().record(
+        fresh(scenario, sequence=block.steps, effect=(), grade=None, dynamics=None)
+    )
     rng = np.random.default_rng(0)
     columns = {n: recording.column(n) for n in recording.column_names}
     for name in columns:
         if name.startswith("table_"):
             columns[name] = columns[name] + READOUT * rng.standard_normal(len(recording))
-    return Recording.from_columns(recording.time, columns, metadata=recording.metadata, source=f"block {block.name}")
+    return Recording.from_columns(
+        recording.time, columns, metadata=recording.metadata, source=f"block {block.name}"
+    )
 
 
 def separations(question: Question, more: Recording) -> list[Pair]:
@@ -230,7 +264,13 @@ def separations(question: Question, more: Recording) -> list[Pair]:
     return found
 
 
-def _signal(truth: Rival, both: Observations, ledger: Ledger, effects: Sequence[Effect], lengths: Sequence[int]) -> list[Array]:
+def _signal(
+    truth: Rival,
+    both: Observations,
+    ledger: Ledger,
+    effects: Sequence[Effect],
+    lengths: Sequence[int],
+) -> list[Array]:
     """What a rival, at its own form only, would put into all readings, whitened."""
     total = [np.zeros(n) for n in lengths]
     for term in truth.terms[:1]:
@@ -248,4 +288,8 @@ def _against(truth: Rival, case: Case, ledger: Ledger, question: Question) -> li
     for score in ledger.scores(case.basis, case.target):
         best[score.suspect.id] = max(best.get(score.suspect.id, 0.0), score.gain()[0])
     id = truth.suspect.id
-    return [Pair(id, name, max(energy - best.get(name, 0.0), 0.0), needed) for name in question.names if name != id]
+    return [
+        Pair(id, name, max(energy - best.get(name, 0.0), 0.0), needed)
+        for name in question.names
+        if name != id
+    ]

@@ -1,4 +1,6 @@
-"""The loop: diagnose, design the block that splits what is ambiguous, have it recorded, diagnose together, until explained."""
+"""The loop: diagnose, design the block that splits what is ambiguous, have it recorded, diagnose
+together, until explained.
+"""
 
 import json
 import tomllib
@@ -35,7 +37,8 @@ class Entry:
     """One block that was recorded.
 
     Args:
-        block: its name; words: why; minutes: of table time; confidence: that it splits the hardest pair.
+        block: its name; words: why; minutes: of table time; confidence: that it splits the hardest
+            pair.
         sequence, recording: file names.
     """
 
@@ -52,7 +55,8 @@ class Investigation:
     """How far it is.
 
     Args:
-        given: recordings that it began with; entries: blocks recorded since; verdicts: after each diagnosis.
+        given: recordings that it began with; entries: blocks recorded since; verdicts: after each
+            diagnosis.
         statement: where it stands, in words.
     """
 
@@ -79,9 +83,14 @@ class Investigation:
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
         return {
-            "schema": 1, "explained": self.explained, "statement": self.statement, "given": list(self.given),
-            "verdicts": list(self.verdicts), "blocks": [asdict(e) for e in self.entries], "table_minutes": self.minutes,
-        }  # fmt: skip
+            "schema": 1,
+            "explained": self.explained,
+            "statement": self.statement,
+            "given": list(self.given),
+            "verdicts": list(self.verdicts),
+            "blocks": [asdict(e) for e in self.entries],
+            "table_minutes": self.minutes,
+        }
 
     @classmethod
     def from_json(cls, table: Mapping[str, Any]) -> "Investigation":
@@ -109,7 +118,9 @@ class Bench:
     minutes: float
 
 
-def investigate(bench: Bench, given: Sequence[str], progress: Progress, resume: bool = False) -> Investigation:
+def investigate(
+    bench: Bench, given: Sequence[str], progress: Progress, resume: bool = False
+) -> Investigation:
     """Run until explained, or nothing more can be recorded; kept in the folder after every step.
 
     Raises:
@@ -124,12 +135,20 @@ def investigate(bench: Bench, given: Sequence[str], progress: Progress, resume: 
         if state.explained:
             return _kept(bench, replace(state, statement=answer["statement"]))
         if state.designed >= bench.blocks:
-            return _kept(bench, replace(state, statement=f"Not explained within {bench.blocks} blocks. {answer['statement']}"))
+            return _kept(
+                bench,
+                replace(
+                    state,
+                    statement=f"Not explained within {bench.blocks} blocks. {answer['statement']}",
+                ),
+            )
         plan = _plan(bench, state, answer, progress)
         if plan.proposal is None:
             return _kept(bench, replace(state, statement=plan.statement))
         if state.minutes + plan.proposal.minutes > bench.minutes:
-            words = f"The budget of {bench.minutes:g} min does not hold another block. {plan.statement}"
+            words = (
+                f"The budget of {bench.minutes:g} min does not hold another block. {plan.statement}"
+            )
             return _kept(bench, replace(state, statement=words))
         state = _recorded(bench, state, plan, progress)
 
@@ -141,17 +160,27 @@ def _begun(bench: Bench, given: tuple[str, ...], resume: bool) -> Investigation:
         return Investigation(given)
     if not resume:
         raise TiltcalError(
-            f"output {bench.folder}", found="an investigation", need="an empty folder", do="choose another, or go on with --resume"
+            f"output {bench.folder}",
+            found="an investigation",
+            need="an empty folder",
+            do="choose another, or go on with --resume",
         )
     try:
         state = Investigation.from_json(json.loads(file.read_text(encoding="utf-8")))
     except (ValueError, KeyError, TypeError) as error:
-        raise TiltcalError(f"{file}", found=f"no investigation ({error})", need="the file it wrote", do="begin anew") from error
+        raise TiltcalError(
+            f"{file}",
+            found=f"no investigation ({error})",
+            need="the file it wrote",
+            do="begin anew",
+        ) from error
     if given and given != state.given:
         raise TiltcalError(
-            f"output {bench.folder}", found=f"an investigation of {', '.join(state.given) or 'no recordings'}",
-            need="the same recordings", do="choose another folder, or leave the recordings out",
-        )  # fmt: skip
+            f"output {bench.folder}",
+            found=f"an investigation of {', '.join(state.given) or 'no recordings'}",
+            need="the same recordings",
+            do="choose another folder, or leave the recordings out",
+        )
     return replace(state, verdicts=state.verdicts[: len(state.entries) + 1])
 
 
@@ -164,14 +193,24 @@ def _kept(bench: Bench, state: Investigation) -> Investigation:
 
 def log_of(state: Investigation) -> str:
     """The story in words."""
-    lines = ["# Investigation", "", f"Began with: {', '.join(state.given) or 'nothing recorded'}.", ""]
+    lines = [
+        "# Investigation",
+        "",
+        f"Began with: {', '.join(state.given) or 'nothing recorded'}.",
+        "",
+    ]
     verdicts = list(state.verdicts)
     if state.given and verdicts:
         lines.append(f"- Diagnosed: **{verdicts.pop(0)}**.")
     for entry in state.entries:
-        sure = f", a chance of {100 * entry.confidence:.0f} % to tell the hardest pair apart" if entry.confidence else ""
+        sure = (
+            f", a chance of {100 * entry.confidence:.0f} % to tell the hardest pair apart"
+            if entry.confidence
+            else ""
+        )
         lines.append(
-            f"- Recorded '{entry.block}' as {entry.recording} ({entry.minutes:.1f} min of table time{sure}): {entry.words}."
+            f"- Recorded '{entry.block}' as {entry.recording} ({entry.minutes:.1f} min of table"
+            f" time{sure}): {entry.words}."
         )
         if verdicts:
             lines.append(f"  Diagnosed with all that was recorded before: **{verdicts.pop(0)}**.")
@@ -184,26 +223,45 @@ def _first(bench: Bench, state: Investigation, progress: Progress) -> Investigat
     steps = bench.scenario.sequence
     if not steps:
         raise TiltcalError(
-            f"scenario {bench.scenario.name}", found="no recording given and no [[sequence]]", need="something to begin with",
+            f"scenario {bench.scenario.name}",
+            found="no recording given and no [[sequence]]",
+            need="something to begin with",
             do="give a recording, or a sequence to record first",
-        )  # fmt: skip
+        )
     start, end = build_schedule(steps, bench.scenario.rig).times
-    return _run(bench, state, steps, ("first sequence", "the scenario's own sequence", (end - start) / 60, 0.0), progress)
+    return _run(
+        bench,
+        state,
+        steps,
+        ("first sequence", "the scenario's own sequence", (end - start) / 60, 0.0),
+        progress,
+    )
 
 
-def _recorded(bench: Bench, state: Investigation, plan: NextBlock, progress: Progress) -> Investigation:
+def _recorded(
+    bench: Bench, state: Investigation, plan: NextBlock, progress: Progress
+) -> Investigation:
     """The state with one more block recorded."""
     assert plan.proposal is not None
     p = plan.proposal
-    return _run(bench, state, p.block.steps, (p.block.name, p.block.words, p.minutes, p.chance), progress)
+    return _run(
+        bench, state, p.block.steps, (p.block.name, p.block.words, p.minutes, p.chance), progress
+    )
 
 
 def _run(
-    bench: Bench, state: Investigation, steps: Sequence[Step], said: tuple[str, str, float, float], progress: Progress
-) -> Investigation:  # fmt: skip
+    bench: Bench,
+    state: Investigation,
+    steps: Sequence[Step],
+    said: tuple[str, str, float, float],
+    progress: Progress,
+) -> Investigation:
     """Write the sequence, have it recorded, and keep both."""
     number = len(state.entries) + 1
-    sequence, recording = bench.folder / f"sequence_{number}.csv", bench.folder / f"recording_{number}.csv"
+    sequence, recording = (
+        bench.folder / f"sequence_{number}.csv",
+        bench.folder / f"recording_{number}.csv",
+    )
     write_text(sequence, sequence_text(steps, bench.scenario.rig))
     progress(f"recording {said[0]}")
     bench.laboratory.record(sequence, recording)
@@ -212,7 +270,9 @@ def _run(
 
 
 def _diagnosed(bench: Bench, state: Investigation, progress: Progress) -> Investigation:
-    """The state with a diagnosis of everything recorded so far; one that is there already is kept."""
+    """The state with a diagnosis of everything recorded so far; one that is there already is
+    kept.
+    """
     folder = bench.folder / f"diagnosis_{len(state.entries)}"
     if not (folder / "diagnosis.json").exists():
         progress("diagnosing")
@@ -232,7 +292,9 @@ def _answer(bench: Bench, number: int) -> dict[str, Any]:
     return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
-def _plan(bench: Bench, state: Investigation, answer: Mapping[str, Any], progress: Progress) -> NextBlock:
+def _plan(
+    bench: Bench, state: Investigation, answer: Mapping[str, Any], progress: Progress
+) -> NextBlock:
     """What to record next, kept beside the diagnosis."""
     folder = bench.folder / f"diagnosis_{len(state.entries)}"
     amended = tomllib.loads((folder / "amended.toml").read_text(encoding="utf-8"))

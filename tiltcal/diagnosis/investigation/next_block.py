@@ -30,7 +30,8 @@ class Limits:
     """What the user allows.
 
     Args:
-        minutes: of one block; rate: deg/s of moves; dwell: s; angles: (least, largest) of an axis, deg.
+        minutes: of one block; rate: deg/s of moves; dwell: s; angles: (least, largest) of an axis,
+            deg.
     """
 
     minutes: float = 3.0
@@ -54,24 +55,42 @@ class NextBlock:
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
-        table: dict[str, Any] = {"schema": 1, "statement": self.statement, "out_of_reach": list(self.twins), "block": None}
+        table: dict[str, Any] = {
+            "schema": 1,
+            "statement": self.statement,
+            "out_of_reach": list(self.twins),
+            "block": None,
+        }
         if self.proposal is not None:
             p = self.proposal
             table |= {
-                "block": p.block.name, "words": p.block.words, "minutes": p.minutes, "confidence": p.chance,
+                "block": p.block.name,
+                "words": p.block.words,
+                "minutes": p.minutes,
+                "confidence": p.chance,
                 "nc_per_minute": p.rate,
                 "pairs": [
-                    {"truth": q.truth, "rival": q.rival, "separation": q.separation, "needed": q.needed, "power": q.chance}
+                    {
+                        "truth": q.truth,
+                        "rival": q.rival,
+                        "separation": q.separation,
+                        "needed": q.needed,
+                        "power": q.chance,
+                    }
                     for q in p.pairs
                 ],
-            }  # fmt: skip
+            }
         return table
 
 
 def next_block(
-    scenario: Scenario, recordings: Sequence[Recording], diagnosis: Mapping[str, Any], amended: Mapping[str, Any],
-    limits: Limits, progress: Progress,
-) -> NextBlock:  # fmt: skip
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    diagnosis: Mapping[str, Any],
+    amended: Mapping[str, Any],
+    limits: Limits,
+    progress: Progress,
+) -> NextBlock:
     """The block that tells the rivals of an ambiguous diagnosis apart.
 
     Raises:
@@ -83,15 +102,21 @@ def next_block(
         return _more_poses(table, scenario, OPEN[diagnosis["verdict"]])
     if not rivals:
         raise TiltcalError(
-            "diagnosis", found=f"verdict {diagnosis['verdict']}, nothing with more than one name", need="rivals to tell apart",
+            "diagnosis",
+            found=f"verdict {diagnosis['verdict']}, nothing with more than one name",
+            need="rivals to tell apart",
             do="there is nothing to split",
-        )  # fmt: skip
+        )
     if not scenario.rig.axes:
-        return NextBlock(None, "No sequence file can say how to turn by hand: " + _by_hand(diagnosis))
+        return NextBlock(
+            None, "No sequence file can say how to turn by hand: " + _by_hand(diagnosis)
+        )
     asked = [q for q in questions(scenario, recordings, diagnosis, amended) if len(q.rivals) > 1]
     if not asked:
         return NextBlock(
-            None, "What is ambiguous is the meaning of the data, not physics: no motion splits it. " + _by_hand(diagnosis)
+            None,
+            "What is ambiguous is the meaning of the data, not physics: no motion splits it. "
+            + _by_hand(diagnosis),
         )
     blocks = [b for b in candidates(table) if within(b, table)]
     design = propose(asked, blocks, scenario, limits.minutes, progress)
@@ -99,7 +124,9 @@ def next_block(
 
 
 def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> Table:
-    """What the table may do: the whole circle, unless the user or an inclinometer's range says otherwise."""
+    """What the table may do: the whole circle, unless the user or an inclinometer's range says
+    otherwise.
+    """
     given = dict(limits.angles or {})
     flat = any(s.kind == "inclinometer" for s in scenario.sensor)
     reach = {}
@@ -107,14 +134,27 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
         seen = [a[~np.isnan(a)] / DEG for r in recordings if (a := r.table(name)) is not None]
         upright = turns_about == "z" and name == scenario.rig.axis_names[0]
         if flat and not upright and seen:
-            given.setdefault(name, (float(np.floor(min(a.min() for a in seen))), float(np.ceil(max(a.max() for a in seen)))))
+            given.setdefault(
+                name,
+                (
+                    float(np.floor(min(a.min() for a in seen))),
+                    float(np.ceil(max(a.max() for a in seen))),
+                ),
+            )
         reach[name] = given.get(name, CIRCLE)
     for name in given:
         if name not in reach:
             have = ", ".join(reach) or "none"
-            raise TiltcalError("--angles", found=f"axis {name}", need=f"an axis of this table: {have}", do="correct it")
+            raise TiltcalError(
+                "--angles",
+                found=f"axis {name}",
+                need=f"an axis of this table: {have}",
+                do="correct it",
+            )
     visited = poses_of(recordings[0], scenario) if recordings else ()
-    return Table(scenario.rig, reach, limits.rate, limits.dwell, visited, () if flat else Table.mounts)
+    return Table(
+        scenario.rig, reach, limits.rate, limits.dwell, visited, () if flat else Table.mounts
+    )
 
 
 def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...], ...]:
@@ -128,20 +168,33 @@ def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...
     time = recording.time[~np.isnan(np.column_stack(read)).any(axis=1)]
     rest = resting_rows(time, angles)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
-    middles = [np.median(angles[a:b], axis=0) / DEG for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    middles = [
+        np.median(angles[a:b], axis=0) / DEG for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
     return tuple(tuple(round(float(x), 2) for x in m) for m in middles)
 
 
 def _more_poses(table: Table, scenario: Scenario, why: str) -> NextBlock:
     """Something of everything, for want of rivals."""
-    block = next(b for b in candidates(table) if b.name.startswith("tumble" if len(table.reach) > 1 else "reverse"))
+    block = next(
+        b
+        for b in candidates(table)
+        if b.name.startswith("tumble" if len(table.reach) > 1 else "reverse")
+    )
     minutes = block.seconds(scenario.rig) / 60
     words = f"{why}: {block.words} ({minutes:.1f} min of table time)."
     return NextBlock(Proposal(block, minutes, ()), words)
 
 
 def _by_hand(diagnosis: Mapping[str, Any]) -> str:
-    return "; ".join(dict.fromkeys(f["next_measurement"] for f in diagnosis["findings"] if len(f["class"]) > 1)) + "."
+    return (
+        "; ".join(
+            dict.fromkeys(
+                f["next_measurement"] for f in diagnosis["findings"] if len(f["class"]) > 1
+            )
+        )
+        + "."
+    )
 
 
 def _statement(design: Design) -> str:
@@ -151,11 +204,14 @@ def _statement(design: Design) -> str:
     if best is None or hardest is None:
         return "No block of this table can split them: " + "; ".join(_twins(design)) + "."
     words = (
-        f"Record the block '{best.block.name}' ({best.block.words}): {best.minutes:.1f} min of table time. "
-        f"It should tell {hardest.truth} from {hardest.rival}, the hardest pair, with a chance of {100 * best.chance:.0f} % "
-        f"(separated non-centrality {hardest.separation:.0f}, {hardest.needed:.0f} needed)."
+        f"Record the block '{best.block.name}' ({best.block.words}): {best.minutes:.1f} min of"
+        f" table time. It should tell {hardest.truth} from {hardest.rival}, the hardest pair, with"
+        f" a chance of {100 * best.chance:.0f} % (separated non-centrality"
+        f" {hardest.separation:.0f}, {hardest.needed:.0f} needed)."
     )
-    return words + ("" if not design.twins else " Out of this table's reach: " + "; ".join(_twins(design)) + ".")
+    return words + (
+        "" if not design.twins else " Out of this table's reach: " + "; ".join(_twins(design)) + "."
+    )
 
 
 def _twins(design: Design) -> tuple[str, ...]:
@@ -167,5 +223,8 @@ def _twins(design: Design) -> tuple[str, ...]:
 def _needs(a: str, b: str) -> str:
     follows = {CATALOGUE[x].needs for x in (a, b) if x in CATALOGUE}
     if follows & THERMAL:
-        return "it would take a course of temperature of its own, and no heater can be commanded: " + tie_breaker(a, b)
+        return (
+            "it would take a course of temperature of its own, and no heater can be commanded: "
+            + tie_breaker(a, b)
+        )
     return tie_breaker(a, b)

@@ -1,4 +1,6 @@
-"""What has to be told apart: the explanations that a diagnosis could not choose between, at the sizes the recordings give them."""
+"""What has to be told apart: the explanations that a diagnosis could not choose between, at the
+sizes the recordings give them.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -58,7 +60,10 @@ class Question:
 
 
 def questions(
-    scenario: Scenario, recordings: Sequence[Recording], diagnosis: Mapping[str, Any], amended: Mapping[str, Any]
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    diagnosis: Mapping[str, Any],
+    amended: Mapping[str, Any],
 ) -> list[Question]:
     """One question for each finding with more than one name that a model can speak for.
 
@@ -78,7 +83,11 @@ def questions(
     thin = observe(scenario, old.recordings, old.known, block)
     terms = [_term(e) for e in found]
     stated = {(e.id, e.sensor, e.axis) for e in old.known}
-    terms = [t for t in terms if (t.suspect.effect.id, t.suspect.effect.sensor, t.suspect.effect.axis) not in stated]
+    terms = [
+        t
+        for t in terms
+        if (t.suspect.effect.id, t.suspect.effect.sensor, t.suspect.effect.axis) not in stated
+    ]
     asked = []
     for finding in open_:
         names = tuple(finding["class"])
@@ -90,7 +99,12 @@ def questions(
 
 def _term(effect: Effect) -> Term:
     """A found effect as a fitted term of a suspect of plausible size."""
-    sizes = {n: p.plausible[1] * p.factor for p in effect.parameters if not p.is_shape for n in p.expand(tuple("xyza")) or [p.name]}
+    sizes = {
+        n: p.plausible[1] * p.factor
+        for p in effect.parameters
+        if not p.is_shape
+        for n in p.expand(tuple("xyza")) or [p.name]
+    }
     names = tuple(n for n, v in effect.sizes.items() if v)
     plausible = {n: CURVE if isinstance(effect, Learned) else sizes[n] for n in names}
     plain = replace(effect, values={**effect.values, **plausible}, sigmas={}, seen_in=None)
@@ -98,19 +112,33 @@ def _term(effect: Effect) -> Term:
 
 
 def _own(terms: Sequence[Term], id: str, diagnosis: Mapping[str, Any]) -> list[int]:
-    """Places of the terms of a finding: its effect with what completes it, or the curves of a law without a form."""
+    """Places of the terms of a finding: its effect with what completes it, or the curves of a law
+    without a form.
+    """
     hosts = [k for k, t in enumerate(terms) if t.suspect.id == id]
     if not hosts:
         others = {f["effect"] for f in diagnosis["findings"]}
-        return [k for k, t in enumerate(terms) if isinstance(t.suspect.effect, Learned) and id in others - set(CATALOGUE)] or [
-            k for k, t in enumerate(terms) if isinstance(t.suspect.effect, Learned)
-        ]
-    return [k for k, t in enumerate(terms) if k in hosts or any(completes(t.suspect, terms[h].suspect) for h in hosts)]
+        return [
+            k
+            for k, t in enumerate(terms)
+            if isinstance(t.suspect.effect, Learned) and id in others - set(CATALOGUE)
+        ] or [k for k, t in enumerate(terms) if isinstance(t.suspect.effect, Learned)]
+    return [
+        k
+        for k, t in enumerate(terms)
+        if k in hosts or any(completes(t.suspect, terms[h].suspect) for h in hosts)
+    ]
 
 
 def _question(
-    names: tuple[str, ...], terms: Sequence[Term], own: Sequence[int], old: Remembering, start: Account, block: int, lines: Lines
-) -> Question:  # fmt: skip
+    names: tuple[str, ...],
+    terms: Sequence[Term],
+    own: Sequence[int],
+    old: Remembering,
+    start: Account,
+    block: int,
+    lines: Lines,
+) -> Question:
     ledger = Ledger(old)
     account = replace(start, terms=tuple(terms))
     noise = noise_under(account, ledger)
@@ -124,17 +152,33 @@ def _question(
     rivals: dict[str, Rival] = {}
     for r in found:
         rivals.setdefault(r.suspect.id, r)
-    rest = settle(replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in own)), ledger, rounds=0)
+    rest = settle(
+        replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in own)),
+        ledger,
+        rounds=0,
+    )
     by_axis = {(c.sensor, c.axis): f.model for c, f in zip(old.channels, noise, strict=True)}
     ordered = tuple(rivals[n] for n in names if n in rivals)
     reference = old.inner.courses[0].reference if isinstance(old.inner, TableObservations) else 0.0
     return Question(names, rest, ordered, tuple(suspects), old, by_axis, block, reference)
 
 
-def _suspects(names: Sequence[str], observations: Observations, own: Sequence[Suspect], lines: Lines) -> list[Suspect]:
-    """The class at all its shapes; a name without a textbook form only where the finding itself has it."""
+def _suspects(
+    names: Sequence[str], observations: Observations, own: Sequence[Suspect], lines: Lines
+) -> list[Suspect]:
+    """The class at all its shapes; a name without a textbook form only where the finding itself has
+    it.
+    """
     scenario = observations.scenario
     span = span_of(observations, lines)
-    times = sorted({s.effect.values["time"] for s in own if "time" in s.effect.values}) or instants(observations)[::4]
-    every = chain(own, listed_suspects(scenario, span), step_suspects(scenario, times), curves(observations, span))
+    times = (
+        sorted({s.effect.values["time"] for s in own if "time" in s.effect.values})
+        or instants(observations)[::4]
+    )
+    every = chain(
+        own,
+        listed_suspects(scenario, span),
+        step_suspects(scenario, times),
+        curves(observations, span),
+    )
     return [s for s in every if s.id in names and (s.textbook or s.id == names[0])]

@@ -1,1 +1,3 @@
-"""The linear model of a recording: columns of hypotheses, the fit, its noise, its cross-validation."""
+"""The linear model of a recording: columns of hypotheses, the fit, its noise, its
+cross-validation.
+"""

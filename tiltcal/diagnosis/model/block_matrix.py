@@ -1,4 +1,5 @@
-"""Columns of a least-squares design by the channels that they change: a term of calibration changes one of them, most of a
+"""Columns of a least-squares design by the channels that they change: a term of calibration changes
+one of them, most of a
 dense matrix would be zeros.
 """
 
@@ -44,7 +45,8 @@ class Design:
     def basis(self) -> list[Array]:
         """An orthonormal basis of the columns' space, by channel, (n, q) each.
 
-        Channel by channel of the columns that change no other, then of what the rest have beside these.
+        Channel by channel of the columns that change no other, then of what the rest have beside
+        these.
         """
         channels = np.bincount([k for numbers in self.where for k in numbers], minlength=self.count)
         own, rest, shared = [], [], []
@@ -62,8 +64,12 @@ class Design:
             whole[:, ends[-1] :] = other
         return found
 
-    def _joint(self, own: Sequence[Array], rest: Sequence[Array], shared: Sequence[Sequence[int]]) -> list[Array]:
-        """An orthonormal basis of what columns of several channels have beside the channels' own, (n, q) each."""
+    def _joint(
+        self, own: Sequence[Array], rest: Sequence[Array], shared: Sequence[Sequence[int]]
+    ) -> list[Array]:
+        """An orthonormal basis of what columns of several channels have beside the channels' own,
+        (n, q) each.
+        """
         names = sorted({k for numbers in shared for k in numbers})
         if not names:
             return [np.zeros((n, 0)) for n in self.lengths]
@@ -77,8 +83,13 @@ class Design:
         values, vectors = np.linalg.eigh(gram / np.outer(size, size))
         keep = values > DISTINCT * np.isfinite(size).sum()
         turn = vectors[:, keep] / np.sqrt(values[keep]) / size[:, None]
-        found = [_without(block @ turn[numbers], Q) for numbers, block, Q in zip(index, rest, own, strict=True)]
-        values, vectors = np.linalg.eigh(sum((B.T @ B for B in found), np.zeros((int(keep.sum()),) * 2)))  # rounding, once more
+        found = [
+            _without(block @ turn[numbers], Q)
+            for numbers, block, Q in zip(index, rest, own, strict=True)
+        ]
+        values, vectors = np.linalg.eigh(
+            sum((B.T @ B for B in found), np.zeros((int(keep.sum()),) * 2))
+        )  # rounding, once more
         return [B @ (vectors / np.sqrt(values)) for B in found]
 
 

@@ -1,6 +1,8 @@
-"""Where a ledger keeps the columns of its suspects: cosine coefficients, in single precision, a shelf for some hundred of them.
+"""Where a ledger keeps the columns of its suspects: cosine coefficients, in single precision, a
+shelf for some hundred of them.
 
-A column is written where it stays and is read as it lies. Forms and curves stand on shelves of their own, as do channels:
+A column is written where it stays and is read as it lies. Forms and curves stand on shelves of
+their own, as do channels:
 most questions are about one kind, and pass the shelves of the other by.
 """
 
@@ -14,7 +16,9 @@ from tiltcal.core.arrays import Index, Mask
 
 Waves = npt.NDArray[np.float32]
 Energies = tuple[npt.NDArray[np.float64], list[tuple[int, Index, Waves]]]
-"""Of each column alone, (used,), 0 where its suspect has several here; of these the owner, the numbers and the products."""
+"""Of each column alone, (used,), 0 where its suspect has several here; of these the owner, the
+numbers and the products.
+"""
 ROOM = 256  # columns on a shelf, unless one suspect needs more
 AT_ONCE = 4  # columns that are squared and weighed while they are at hand
 
@@ -25,7 +29,8 @@ class Shelf:
 
     Args:
         channel: its number.
-        waves: cosine coefficients, (room, n); numbers: of the columns, (room,); owners: of their suspects, (room,).
+        waves: cosine coefficients, (room, n); numbers: of the columns, (room,); owners: of their
+            suspects, (room,).
         used: how many stand on it.
     """
 
@@ -38,7 +43,12 @@ class Shelf:
     @classmethod
     def empty(cls, channel: int, room: int, n: int) -> "Shelf":
         """Room for so many columns of n coefficients."""
-        return cls(channel, np.empty((room, n), np.float32), np.zeros(room, np.intp), np.zeros(room, np.intp))
+        return cls(
+            channel,
+            np.empty((room, n), np.float32),
+            np.zeros(room, np.intp),
+            np.zeros(room, np.intp),
+        )
 
     @property
     def columns(self) -> Waves:
@@ -71,7 +81,9 @@ class Shelves:
     _open: dict[tuple[int, bool], Shelf] = field(default_factory=dict)
     _places: dict[int, list[tuple[Shelf, int]]] = field(default_factory=dict)
 
-    def put(self, channel: int, curve: bool, owner: int, numbers: Sequence[int], waves: Waves) -> None:
+    def put(
+        self, channel: int, curve: bool, owner: int, numbers: Sequence[int], waves: Waves
+    ) -> None:
         """Keep columns of a suspect in a channel; all of them stand on one shelf.
 
         Args:
@@ -80,7 +92,9 @@ class Shelves:
         """
         shelf = self._open.get((channel, curve))
         if shelf is None or shelf.used + len(numbers) > len(shelf.numbers):
-            shelf = self._open[channel, curve] = Shelf.empty(channel, max(ROOM, len(numbers)), waves.shape[1])
+            shelf = self._open[channel, curve] = Shelf.empty(
+                channel, max(ROOM, len(numbers)), waves.shape[1]
+            )
             self.all.append(shelf)
         rows = slice(shelf.used, shelf.used + len(numbers))
         shelf.waves[rows], shelf.numbers[rows], shelf.owners[rows] = waves, numbers, owner

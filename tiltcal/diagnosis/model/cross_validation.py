@@ -1,4 +1,6 @@
-"""Does it help on what it was not fitted to? Blocks of stops and the moves before them are left out in turn."""
+"""Does it help on what it was not fitted to? Blocks of stops and the moves before them are left out
+in turn.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,17 +23,25 @@ def heldout_gain(account: Account, ledger: Ledger, places: Sequence[int]) -> flo
 
 
 def borne_out(account: Account, ledger: Ledger) -> Account:
-    """The account without names that predict left-out blocks worse than nothing does, by more than their numbers cost.
+    """The account without names that predict left-out blocks worse than nothing does, by more than
+    their numbers cost.
 
-    A law holds where it was not fitted to. A nameless curve only says where: a bump that one block saw tells nothing of the others.
+    A law holds where it was not fitted to. A nameless curve only says where: a bump that one block
+    saw tells nothing of the others.
     """
     while True:
         named = [places for places in findings(account) if account.terms[places[0]].suspect.listed]
-        worth = [heldout_gain(account, ledger, p) + sum(len(account.terms[k].names) for k in p) for p in named]
+        worth = [
+            heldout_gain(account, ledger, p) + sum(len(account.terms[k].names) for k in p)
+            for p in named
+        ]
         if not named or min(worth) >= 0:
             return account
         worst = named[worth.index(min(worth))]
-        account = settle(replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in worst)), ledger)
+        account = settle(
+            replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in worst)),
+            ledger,
+        )
 
 
 def heldout_misfit(account: Account, ledger: Ledger) -> float:
@@ -42,7 +52,8 @@ def heldout_misfit(account: Account, ledger: Ledger) -> float:
 def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
     """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in time.
 
-    What the other blocks do not tell of a size stays near nothing: it is expected to be as large as it was found, not larger.
+    What the other blocks do not tell of a size stays near nothing: it is expected to be as large as
+        it was found, not larger.
     """
     from scipy.fft import idct
 
@@ -50,11 +61,15 @@ def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
     used = [*account.nuisance, *terms]
     names = [(t, n) for t in used for n in t.names]
     columns = whitened_of(ledger, used, account.effects)
-    values = np.array([v / t.suspect.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)])
+    values = np.array(
+        [v / t.suspect.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)]
+    )
     residual = ledger.residual(account.effects)
     gone = [t for t in account.terms if t not in terms]
     for t in gone:
-        for column, n, v in zip(whitened_of(ledger, [t], account.effects), t.names, t.values, strict=True):
+        for column, n, v in zip(
+            whitened_of(ledger, [t], account.effects), t.names, t.values, strict=True
+        ):
             for i, part in column.items():
                 residual[i] = residual[i] + part * (v / t.suspect.size(n))
     total = 0.0
@@ -70,7 +85,9 @@ def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
             grams[f][np.ix_(index, index)] += part @ part.T
     whole = grams.sum(axis=0)
     free = sum(len(t.names) for t in account.nuisance)
-    expected = np.array([0.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]])
+    expected = np.array(
+        [0.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]]
+    )
     for f in range(FOLDS):
         b = _solve(whole - grams[f], expected)
         G = grams[f]
@@ -79,7 +96,9 @@ def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
 
 
 def _solve(G: Array, prior: Array) -> Array:
-    """Least squares from a Gram matrix whose last row is the target, and the information that there is beforehand, (p,)."""
+    """Least squares from a Gram matrix whose last row is the target, and the information that there
+    is beforehand, (p,).
+    """
     A, y = G[:-1, :-1] + np.diag(prior), G[:-1, -1]
     if not len(A):
         return y
@@ -90,7 +109,9 @@ def _solve(G: Array, prior: Array) -> Array:
 
 
 def _folds(stop: Index) -> Array:
-    """A fold for each row: a stop and the move before it, dealt out in turn; blocks of equal length without stops, (n,)."""
+    """A fold for each row: a stop and the move before it, dealt out in turn; blocks of equal length
+    without stops, (n,).
+    """
     starts = np.concatenate([[True], (stop[1:] >= 0) & (stop[:-1] < 0)])
     number = np.cumsum(starts) - 1
     if number[-1] < 2 * FOLDS:

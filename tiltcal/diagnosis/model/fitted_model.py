@@ -1,4 +1,6 @@
-"""An account of a recording: calibration terms and suspects at fitted sizes, with what is left over."""
+"""An account of a recording: calibration terms and suspects at fitted sizes, with what is left
+over.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,9 +13,16 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
 from tiltcal.diagnosis.model.block_matrix import Design
 from tiltcal.diagnosis.model.hypothesis_columns import Ledger, cosines
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import DISTINCT, NoiseFit, NoiseModel, column_space, estimate_noise
+from tiltcal.statistics.noise_spectrum import (
+    DISTINCT,
+    NoiseFit,
+    NoiseModel,
+    column_space,
+    estimate_noise,
+)
 
-PRIOR = 5.0  # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
+# plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
+PRIOR = 5.0
 RUNAWAY = 4.0  # times the least deviance so far
 ENOUGH = 100  # coefficients to fit three variances to
 ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
@@ -51,7 +60,8 @@ class Account:
 
     Args:
         known: effects at stated values; nuisance: the adjustable terms; terms: what was found.
-        residual: whitened cosine coefficients of what is left, by channel; basis: of all fitted columns.
+        residual: whitened cosine coefficients of what is left, by channel; basis: of all fitted
+            columns.
         covariance: of all values in order, nuisance first, SI.
     """
 
@@ -82,11 +92,17 @@ class Account:
 
 
 def whitened_of(ledger: Ledger, terms: Sequence[Term], effects: Sequence[Effect]) -> list[Columns]:
-    """Change of the readings per plausible size of each fitted value, as whitened cosine coefficients."""
-    return [ledger.weighed(ledger.waves(t.suspect, name, effects)) for t in terms for name in t.names]
+    """Change of the readings per plausible size of each fitted value, as whitened cosine
+    coefficients.
+    """
+    return [
+        ledger.weighed(ledger.waves(t.suspect, name, effects)) for t in terms for name in t.names
+    ]
 
 
-def columns_of(observations: Observations, terms: Sequence[Term], effects: Sequence[Effect]) -> list[Columns]:
+def columns_of(
+    observations: Observations, terms: Sequence[Term], effects: Sequence[Effect]
+) -> list[Columns]:
     """Change of the readings per plausible size of each fitted value, SI."""
     return [observations.changes(t.suspect.alone(name), effects) for t in terms for name in t.names]
 
@@ -115,26 +131,41 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     gram = design.gram()
     size = np.sqrt(np.diag(gram))
     size[size == 0] = 1.0
-    prior = np.array([1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names])
+    prior = np.array(
+        [1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names]
+    )
     inverse = _pseudo_inverse(gram / np.outer(size, size) + np.diag(prior / size**2))
     terms, residual = _descended(account.known, terms, ledger, design, inverse, prior, size, rounds)
     basis = design.basis()
-    along = sum((Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1]))
+    along = sum(
+        (Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1])
+    )
     residual = [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
     covariance = inverse / np.outer(size, size) * np.outer(units, units)
     return replace(
-        account, nuisance=tuple(terms[:split]), terms=tuple(terms[split:]), residual=tuple(residual), basis=tuple(basis),
+        account,
+        nuisance=tuple(terms[:split]),
+        terms=tuple(terms[split:]),
+        residual=tuple(residual),
+        basis=tuple(basis),
         covariance=covariance,
-    )  # fmt: skip
+    )
 
 
 def _descended(
-    known: Sequence[Effect], terms: list[Term], ledger: Ledger, design: Design, inverse: Array, prior: Array, size: Array,
+    known: Sequence[Effect],
+    terms: list[Term],
+    ledger: Ledger,
+    design: Design,
+    inverse: Array,
+    prior: Array,
+    size: Array,
     rounds: int,
-) -> tuple[list[Term], list[Array]]:  # fmt: skip
+) -> tuple[list[Term], list[Array]]:
     """Gauss-Newton steps with the columns kept, and the whitened residual where they end.
 
-    A step to where the model has no reading, or leaves far more than before, is taken back, and is the last.
+    A step to where the model has no reading, or leaves far more than before, is taken back, and is
+    the last.
     """
     units = np.array([t.suspect.size(n) for t in terms for n in t.names])
     residual = ledger.residual([*known, *(t.effect for t in terms)])
@@ -156,7 +187,9 @@ def _descended(
 
 
 def _pseudo_inverse(gram: Array) -> Array:
-    """Of the inner products of columns of unit length; what is left undetermined stays where it is."""
+    """Of the inner products of columns of unit length; what is left undetermined stays where it
+    is.
+    """
     values, vectors = np.linalg.eigh(gram)
     keep = values > DISTINCT * len(values)
     return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T)
@@ -166,23 +199,38 @@ def _moved(terms: Sequence[Term], step: Array) -> list[Term]:
     found, start = [], 0
     for t in terms:
         end = start + len(t.names)
-        found.append(replace(t, values=tuple(float(v + s) for v, s in zip(t.values, step[start:end], strict=True))))
+        found.append(
+            replace(
+                t,
+                values=tuple(float(v + s) for v, s in zip(t.values, step[start:end], strict=True)),
+            )
+        )
         start = end
     return found
 
 
-def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | None = None) -> list[NoiseFit]:
-    """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may hold any size in it."""
+def noise_under(
+    account: Account, ledger: Ledger, extra: Mapping[int, Array] | None = None
+) -> list[NoiseFit]:
+    """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may
+    hold any size in it.
+    """
     observations = ledger.observations
     effects = account.effects
-    waves = [ledger.waves(t.suspect, name, effects) for t in (*account.nuisance, *account.terms) for name in t.names]
+    waves = [
+        ledger.waves(t.suspect, name, effects)
+        for t in (*account.nuisance, *account.terms)
+        for name in t.names
+    ]
     found = []
     for i, r in enumerate(observations.residuals(effects)):
         mine = [w[i] for w in waves if i in w]
         if least := observations.channels[i].white:
             found.append(NoiseFit.whole(NoiseModel(max(least, _spread(cosines(r), mine)))))
             continue
-        mean = np.column_stack([*mine, *(cosines(c) for c in observations.saturating(i))] or [np.zeros((len(r), 0))])
+        mean = np.column_stack(
+            [*mine, *(cosines(c) for c in observations.saturating(i))] or [np.zeros((len(r), 0))]
+        )
         if extra is not None and i in extra:
             mean = np.column_stack([mean, extra[i]])
         found.append(observations.as_unsteady(i, r, mean, estimate_noise(cosines(r), mean)))
@@ -190,18 +238,28 @@ def noise_under(account: Account, ledger: Ledger, extra: Mapping[int, Array] | N
 
 
 def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseFit] | None:
-    """The noise of each channel from what is left within its stops, each at a level of its own; None where one has no stops.
+    """The noise of each channel from what is left within its stops, each at a level of its own;
+    None where one has no stops.
 
-    By hand this is known of a FOG beside a gyro triad only: of all else a stop is what makes a level.
+    By hand this is known of a FOG beside a gyro triad only: of all else a stop is what makes a
+        level.
     """
     observations = ledger.observations
     by_hand = None if isinstance(observations, TableObservations) else noise_under(account, ledger)
     found = []
-    for i, (channel, r) in enumerate(zip(observations.channels, observations.residuals(account.effects), strict=True)):
+    for i, (channel, r) in enumerate(
+        zip(observations.channels, observations.residuals(account.effects), strict=True)
+    ):
         cuts = np.flatnonzero(np.diff(channel.stop)) + 1
-        parts = [cosines(r[rows]) for rows in np.split(np.arange(len(r)), cuts) if channel.stop[rows[0]] >= 0 and len(rows) > 2]
+        parts = [
+            cosines(r[rows])
+            for rows in np.split(np.arange(len(r)), cuts)
+            if channel.stop[rows[0]] >= 0 and len(rows) > 2
+        ]
         few = sum(len(part) - 1 for part in parts) < ENOUGH
-        if by_hand is not None and (few or observations.scenario.named(channel.sensor).kind != "fog"):
+        if by_hand is not None and (
+            few or observations.scenario.named(channel.sensor).kind != "fog"
+        ):
             found.append(by_hand[i])
         elif few:
             return None
@@ -211,7 +269,9 @@ def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseFit] | Non
 
 
 def _spread(residual: Array, columns: Sequence[Array]) -> float:
-    """Standard deviation of white noise behind a residual with these columns in its mean; of all there is where they take it."""
+    """Standard deviation of white noise behind a residual with these columns in its mean; of all
+    there is where they take it.
+    """
     Q = column_space(np.column_stack(columns)) if columns else np.zeros((len(residual), 0))
     left = residual - Q @ (Q.T @ residual)
     dof = len(residual) - Q.shape[1]
@@ -221,8 +281,10 @@ def _spread(residual: Array, columns: Sequence[Array]) -> float:
 def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> Account:
     """The account with the biases that the first recording began with.
 
-    A random walk starts anew with each recording; the fit has its mean over the record, a new recording begins where this
-    one did. The walk in what is left, told from flicker and white noise by the spectrum that the channels of a sensor share,
+    A random walk starts anew with each recording; the fit has its mean over the record, a new
+    recording begins where this
+    one did. The walk in what is left, told from flicker and white noise by the spectrum that the
+    channels of a sensor share,
     says by how much they differ.
     """
     from scipy.fft import idct
@@ -230,19 +292,28 @@ def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> A
     observations = ledger.observations
     first = [
         (channel, r, fit)
-        for channel, r, fit in zip(observations.channels, observations.residuals(account.effects), fits, strict=True)
+        for channel, r, fit in zip(
+            observations.channels, observations.residuals(account.effects), fits, strict=True
+        )
         if channel.recording == 0 and not channel.derived
     ]
-    shared = {name: NoiseFit.alike([f for c, _, f in first if c.sensor == name]) for name in {c.sensor for c, *_ in first}}
+    shared = {
+        name: NoiseFit.alike([f for c, _, f in first if c.sensor == name])
+        for name in {c.sensor for c, *_ in first}
+    }
     shift: dict[tuple[str, str], float] = {}
     for channel, r, _ in first:
         model = shared[channel.sensor].model
         level = idct(cosines(r) * model.walked(len(r)) / model.spectrum(len(r)), norm="ortho")
         shift.setdefault((channel.sensor, channel.axis), float(level[0]))
-    return replace(account, nuisance=tuple(_shifted(t, shift, observations, account) for t in account.nuisance))
+    return replace(
+        account, nuisance=tuple(_shifted(t, shift, observations, account) for t in account.nuisance)
+    )
 
 
-def _shifted(term: Term, shift: Mapping[tuple[str, str], float], observations: Observations, account: Account) -> Term:
+def _shifted(
+    term: Term, shift: Mapping[tuple[str, str], float], observations: Observations, account: Account
+) -> Term:
     """A bias term moved by a shift of its channel's reading."""
     values = list(term.values)
     for k, name in enumerate(term.names):
@@ -250,7 +321,9 @@ def _shifted(term: Term, shift: Mapping[tuple[str, str], float], observations: O
         by = shift.get((str(term.suspect.effect.sensor), axis), 0.0)
         if stem == "bias" and by:
             columns = observations.changes(term.suspect.alone(name), account.effects)
-            first = next((c[0] for i, c in columns.items() if observations.channels[i].axis == axis), 0.0)
+            first = next(
+                (c[0] for i, c in columns.items() if observations.channels[i].axis == axis), 0.0
+            )
             values[k] += by * term.suspect.size(name) / first if first else 0.0
     return replace(term, values=tuple(values))
 

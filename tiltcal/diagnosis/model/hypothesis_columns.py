@@ -1,7 +1,10 @@
-"""The score of every suspect at an operating point, with the adjustable terms projected out, in units of the noise.
+"""The score of every suspect at an operating point, with the adjustable terms projected out, in
+units of the noise.
 
-For columns U of a suspect, whitened, and an orthonormal basis Q of what is re-tuned anyway, A = U'(I - QQ')r and
-B = U'(I - QQ')U hold all: the gain in deviance A'B^-1 A ~ chi2(rank, lambda), the expected values B^-1 A, the absorbed share.
+For columns U of a suspect, whitened, and an orthonormal basis Q of what is re-tuned anyway, A =
+U'(I - QQ')r and
+B = U'(I - QQ')U hold all: the gain in deviance A'B^-1 A ~ chi2(rank, lambda), the expected values
+B^-1 A, the absorbed share.
 Everything lives in the cosine basis, where whitening is a division.
 """
 
@@ -19,7 +22,8 @@ from tiltcal.diagnosis.model.column_store import Shelf, Shelves, Waves
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.noise_spectrum import NoiseModel
 
-SURVIVES = 1e-3  # share of a direction's energy below which nothing is left of it after the nuisance parameters
+# share of a direction's energy below which nothing is left of it after the nuisance parameters
+SURVIVES = 1e-3
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ class Score:
 
 
 class Ledger:
-    """Cosine coefficients of the columns of all suspects, kept; scored against any noise and operating point.
+    """Cosine coefficients of the columns of all suspects, kept; scored against any noise and
+    operating point.
 
     Args:
         observations: what was read.
@@ -124,12 +129,24 @@ class Ledger:
         self.starts.append(self._width)
         for i, (which, block) in parts.items():
             numbers = [self._width + k for k in which]
-            self._shelves.put(i, not suspect.textbook, owner, numbers, np.asarray(cosines(block.astype(np.float32)), np.float32))
+            self._shelves.put(
+                i,
+                not suspect.textbook,
+                owner,
+                numbers,
+                np.asarray(cosines(block.astype(np.float32)), np.float32),
+            )
         self._width += len(suspect.names)
 
     def near(self, suspect: Suspect) -> list[int]:
-        """Numbers of those who may be of the family of a suspect: of its name, its kin, or nameless at its place, in order."""
-        names = [suspect.id, *(other for other, host in KIN if host == suspect.id)] if suspect.listed else []
+        """Numbers of those who may be of the family of a suspect: of its name, its kin, or nameless
+        at its place, in order.
+        """
+        names = (
+            [suspect.id, *(other for other, host in KIN if host == suspect.id)]
+            if suspect.listed
+            else []
+        )
         keys = [*((n, None) for n in names), ("", suspect.effect.sensor), ("", None)]
         return sorted({k for key in keys for k in self._places.get(key, [])})
 
@@ -139,7 +156,12 @@ class Ledger:
 
     def under(self, noise: Sequence[NoiseModel]) -> None:
         """Weigh by this noise from now on."""
-        self.weigh([np.sqrt(m.spectrum(len(c.values))) for m, c in zip(noise, self.observations.channels, strict=True)])
+        self.weigh(
+            [
+                np.sqrt(m.spectrum(len(c.values)))
+                for m, c in zip(noise, self.observations.channels, strict=True)
+            ]
+        )
 
     def weigh(self, roots: Sequence[Array]) -> None:
         """Weigh by these square roots of spectra from now on, (n,) each."""
@@ -156,28 +178,45 @@ class Ledger:
     def waves(self, suspect: Suspect, name: str, around: Sequence[Effect]) -> Columns:
         """Cosine coefficients of the change by one plausible size, these effects being there, SI.
 
-        Those of calibration are asked for again and again, and kept as long as nothing changes them.
+        Those of calibration are asked for again and again, and kept as long as nothing changes
+        them.
         """
-        depends = self.observations.depends_on(around) if suspect.effect.role == "calibration" else None
+        depends = (
+            self.observations.depends_on(around) if suspect.effect.role == "calibration" else None
+        )
         kept = self._kept.get((suspect.place, name))
         if kept is not None and kept[0] == depends:
             return kept[1]
-        found = {i: cosines(column) for i, column in self.observations.changes(suspect.alone(name), around).items()}
+        found = {
+            i: cosines(column)
+            for i, column in self.observations.changes(suspect.alone(name), around).items()
+        }
         if depends is not None:
             self._kept[suspect.place, name] = (depends, found)
         return found
 
     def residual(self, effects: Sequence[Effect]) -> list[Array]:
         """Whitened residual of each channel."""
-        return [cosines(r) / root for r, root in zip(self.observations.residuals(effects), self.roots, strict=True)]
+        return [
+            cosines(r) / root
+            for r, root in zip(self.observations.residuals(effects), self.roots, strict=True)
+        ]
 
     def scores(
-        self, basis: Sequence[Array], residual: Sequence[Array], wanted: Callable[[Suspect], bool] | None = None
-    ) -> list[Score]:  # fmt: skip
-        """The score of every suspect, or of those wanted. basis: Q by channel, (n, q); residual: whitened, by channel, (n,)."""
+        self,
+        basis: Sequence[Array],
+        residual: Sequence[Array],
+        wanted: Callable[[Suspect], bool] | None = None,
+    ) -> list[Score]:
+        """The score of every suspect, or of those wanted. basis: Q by channel, (n, q); residual:
+        whitened, by channel, (n,).
+        """
         asked = np.array([wanted is None or wanted(s) for s in self.suspects], dtype=bool)
         shelves = self._shelves.of(asked)
-        both = self._inner([np.column_stack([r, Q]) for r, Q in zip(project(basis, residual), basis, strict=True)], shelves)
+        both = self._inner(
+            [np.column_stack([r, Q]) for r, Q in zip(project(basis, residual), basis, strict=True)],
+            shelves,
+        )
         A, UQ = both[:, 0], both[:, 1:]
         own = self._own(shelves)
         found = []
@@ -185,16 +224,27 @@ class Ledger:
             suspect, start = self.suspects[k], self.starts[k]
             part = slice(start, start + len(suspect.names))
             inner = own.get(int(k), np.zeros((len(suspect.names),) * 2))
-            found.append(Score(suspect, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy()))
+            found.append(
+                Score(suspect, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy())
+            )
         return found
 
     def _inner(self, vectors: Sequence[Array], shelves: Sequence[Shelf]) -> Array:
-        """U'V of the columns on some shelves with some whitened vectors, given by channel, (n, q): (P, q)."""
+        """U'V of the columns on some shelves with some whitened vectors, given by channel, (n, q):
+        (P, q).
+        """
         total = np.zeros((self._width, vectors[0].shape[1]))
-        there = [np.flatnonzero(v.any(axis=0)) for v in vectors]  # most columns of a basis are of one channel
-        weighed = [(v[:, k] / root[:, None]).astype(np.float32) for v, k, root in zip(vectors, there, self.roots, strict=True)]
+        there = [
+            np.flatnonzero(v.any(axis=0)) for v in vectors
+        ]  # most columns of a basis are of one channel
+        weighed = [
+            (v[:, k] / root[:, None]).astype(np.float32)
+            for v, k, root in zip(vectors, there, self.roots, strict=True)
+        ]
         for shelf in shelves:
-            total[np.ix_(shelf.numbers[: shelf.used], there[shelf.channel])] += shelf.columns @ weighed[shelf.channel]
+            total[np.ix_(shelf.numbers[: shelf.used], there[shelf.channel])] += (
+                shelf.columns @ weighed[shelf.channel]
+            )
         return total
 
     def _own(self, shelves: Sequence[Shelf]) -> dict[int, Array]:
@@ -208,7 +258,10 @@ class Ledger:
             energies[shelf.numbers[: shelf.used]] += single
             owners.update(shelf.owners[: shelf.used].tolist())
             said += several
-        found = {k: np.diag(energies[self.starts[k] : self.starts[k] + len(self.suspects[k].names)]) for k in owners}
+        found = {
+            k: np.diag(energies[self.starts[k] : self.starts[k] + len(self.suspects[k].names)])
+            for k in owners
+        }
         for k, numbers, gram in said:
             place = numbers - self.starts[k]
             found[k][np.ix_(place, place)] += gram
@@ -239,4 +292,6 @@ def project(basis: Sequence[Array], vectors: Sequence[Array]) -> list[Array]:
 
 def projected(basis: Sequence[Array], column: Columns, lengths: Sequence[int]) -> Columns:
     """What is left of one whitened column without its part in the basis, in every channel."""
-    return dict(enumerate(project(basis, [column.get(i, np.zeros(n)) for i, n in enumerate(lengths)])))
+    return dict(
+        enumerate(project(basis, [column.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))
+    )

@@ -1,4 +1,6 @@
-"""Normal equations of a few suspects' columns in a finding's place: all that choosing among them asks of the samples."""
+"""Normal equations of a few suspects' columns in a finding's place: all that choosing among them
+asks of the samples.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -18,7 +20,8 @@ class Normal:
     """Inner products of projected whitened columns, (p,) or (p, p).
 
     Args:
-        gram: of the columns with each other; target, signal: with what has to be explained, and with the finding's signal.
+        gram: of the columns with each other; target, signal: with what has to be explained, and
+            with the finding's signal.
         owner: number of the suspect of each column; names: of its size.
     """
 
@@ -29,7 +32,9 @@ class Normal:
     names: list[str]
 
     def gain(self, along: Array, chosen: Sequence[int]) -> float:
-        """Energy of the part of a vector in the space of some columns, given its products with them, (p,)."""
+        """Energy of the part of a vector in the space of some columns, given its products with
+        them, (p,).
+        """
         b = along[list(chosen)]
         return float(b @ self.solve(along, chosen))
 
@@ -44,7 +49,9 @@ class Normal:
         size = np.where(size > 0, size, np.inf)
         values, vectors = np.linalg.eigh(part / np.outer(size, size))
         keep = values > DISTINCT * max(len(values), 1)
-        return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T / np.outer(size, size))
+        return np.asarray(
+            (vectors[:, keep] / values[keep]) @ vectors[:, keep].T / np.outer(size, size)
+        )
 
     def greedy(self, allowed: Iterable[int], price: float, start: Sequence[int] = ()) -> list[int]:
         """Columns added one by one to a start while each brings more than its price."""
@@ -71,13 +78,18 @@ class Normal:
 
 
 def normal_equations(
-    members: Sequence[int], basis: Sequence[Array], target: Sequence[Array], signal: Sequence[Array], ledger: Ledger
-) -> Normal:  # fmt: skip
+    members: Sequence[int],
+    basis: Sequence[Array],
+    target: Sequence[Array],
+    signal: Sequence[Array],
+    ledger: Ledger,
+) -> Normal:
     """Of all columns of some suspects, the basis projected out.
 
     Args:
         members: numbers of the suspects on the ledger.
-        basis: orthonormal, by channel, (n, q); target, signal: free of it, whitened, by channel, (n,).
+        basis: orthonormal, by channel, (n, q); target, signal: free of it, whitened, by channel,
+            (n,).
         ledger: holds the columns.
     """
     places = [ledger.starts[m] + j for m in members for j in range(len(ledger.suspects[m].names))]

@@ -18,11 +18,14 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Parameter
 from tiltcal.effects.learned import Learned
 
-FAIR = 10.0  # times the largest plausible size of any grade: beyond it an explanation is no explanation, and no rival
+# times the largest plausible size of any grade: beyond it an explanation is no explanation, and no
+# rival
+FAIR = 10.0
 OWN = 0.9  # least share of the gain that a name's own form brings; below it the name does not fit
 NEAR = 0.5  # least cosine with a finding's signal to be looked at
 LOOKED_AT = 14  # places that are worked out with their families
-LOOSE = 0.002  # share of a gain by which a law may miss: no real law has its textbook form to a thousandth
+# share of a gain by which a law may miss: no real law has its textbook form to a thousandth
+LOOSE = 0.002
 EQUAL = 2.0  # worth: nearer together two explanations are equally good
 ONE_CHANNEL = 0.9  # share of the energy
 
@@ -38,7 +41,8 @@ class Rival:
 
     Args:
         terms: the suspect and what completes its form, at expected values.
-        gain: fall of the deviance; worth: less the price of its sizes; own: share of its own form in the gain.
+        gain: fall of the deviance; worth: less the price of its sizes; own: share of its own form
+            in the gain.
         cosine: with the finding's signal; separation: energy of that signal which it leaves.
         fair: whether its sizes are plausible.
         form: share of its own form, of a free one too.
@@ -69,7 +73,8 @@ class Case:
     """A finding taken out of its account: what has to be explained.
 
     Args:
-        basis: of nuisance and all other findings, by channel; target: what is left without the finding, whitened.
+        basis: of nuisance and all other findings, by channel; target: what is left without the
+            finding, whitened.
         signal: the finding's fitted signal without its part in the basis.
     """
 
@@ -78,12 +83,18 @@ class Case:
     signal: list[Array]
 
 
-def case_of(account: Account, ledger: Ledger, places: Sequence[int], beside: Sequence[Columns] = ()) -> Case:
-    """What the terms at these places explain, and the account without them; ``beside``: further columns of any size."""
+def case_of(
+    account: Account, ledger: Ledger, places: Sequence[int], beside: Sequence[Columns] = ()
+) -> Case:
+    """What the terms at these places explain, and the account without them; ``beside``: further
+    columns of any size.
+    """
     effects, lengths = account.effects, [len(c.values) for c in ledger.observations.channels]
     inside = [account.terms[k] for k in places]
     others = [*account.nuisance, *(t for k, t in enumerate(account.terms) if k not in places)]
-    basis = basis_of([*whitened_of(ledger, others, effects), *(ledger.whitened(c) for c in beside)], lengths)
+    basis = basis_of(
+        [*whitened_of(ledger, others, effects), *(ledger.whitened(c) for c in beside)], lengths
+    )
     signal = [np.zeros(n) for n in lengths]
     values = [v / t.suspect.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)]
     for value, column in zip(values, whitened_of(ledger, inside, effects), strict=True):
@@ -95,8 +106,12 @@ def case_of(account: Account, ledger: Ledger, places: Sequence[int], beside: Seq
     return Case(basis, target, signal)
 
 
-def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], alone: bool = False) -> list[Rival]:
-    """Every wanted suspect near the signal, each at its best shape with its family (or alone), the worthiest first."""
+def explanations(
+    case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], alone: bool = False
+) -> list[Rival]:
+    """Every wanted suspect near the signal, each at its best shape with its family (or alone), the
+    worthiest first.
+    """
     energy = sum(float(s @ s) for s in case.signal)
     seen: dict[Any, tuple[float, Suspect]] = {}
     price = price_of(ledger)
@@ -104,7 +119,11 @@ def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], 
         if energy > 0 and score.gain()[0] < NEAR**2 * energy:
             continue
         worth = score.best(price)[0] - 2 * np.log(score.suspect.variants)
-        key = (score.suspect.place, score.suspect.alias) if score.suspect.listed else id(score.suspect)  # felt late: another form
+        key = (
+            (score.suspect.place, score.suspect.alias)
+            if score.suspect.listed
+            else id(score.suspect)
+        )  # felt late: another form
         if key not in seen or worth > seen[key][0]:
             seen[key] = (worth, score.suspect)
     best = sorted(seen.values(), key=lambda item: -item[0])[:LOOKED_AT]
@@ -115,13 +134,21 @@ def explanations(case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], 
 def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -> Rival | None:
     """A suspect with the curves that complete it (unless alone), built up column by column."""
     near = [] if alone else ledger.near(suspect)
-    family = [k for k in near if ledger.suspects[k] is not suspect and completes(ledger.suspects[k], suspect)]
+    family = [
+        k
+        for k in near
+        if ledger.suspects[k] is not suspect and completes(ledger.suspects[k], suspect)
+    ]
     members = [ledger.suspects.index(suspect), *family]
     normal = normal_equations(members, case.basis, case.target, case.signal, ledger)
     owner = normal.owner
     price = price_of(ledger)
     own = [i for i, who in enumerate(owner) if who == members[0]]
-    lawful = [i for i, who in enumerate(owner) if who == members[0] or _same_kind(ledger.suspects[who], suspect)]
+    lawful = [
+        i
+        for i, who in enumerate(owner)
+        if who == members[0] or _same_kind(ledger.suspects[who], suspect)
+    ]
     chosen = normal.greedy(own, price)
     if not chosen:
         return None
@@ -136,38 +163,69 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -
     form = lawful_gain / gain
     share = form if suspect.id not in FREE_FORM else 1.0
     return Rival(
-        terms, gain, gain - price * len(whole) - 2 * np.log(suspect.variants), share,
-        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))), energy - explained,
-        all(fair(t) for t in terms if t.host is None or t.suspect.alias is not None), form,
-    )  # fmt: skip
+        terms,
+        gain,
+        gain - price * len(whole) - 2 * np.log(suspect.variants),
+        share,
+        float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))),
+        energy - explained,
+        all(fair(t) for t in terms if t.host is None or t.suspect.alias is not None),
+        form,
+    )
 
 
 def _same_kind(other: Suspect, suspect: Suspect) -> bool:
-    """Whether what completes a form is of the form itself: a law beside a law, a late curve beside the same on another axis."""
+    """Whether what completes a form is of the form itself: a law beside a law, a late curve beside
+    the same on another axis.
+    """
     return other.listed and (other.alias is None) == (suspect.alias is None)
 
 
-def _terms(normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect) -> tuple[Term, ...]:
+def _terms(
+    normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect
+) -> tuple[Term, ...]:
     values = normal.solve(normal.target, chosen)
     owner, names = normal.owner, normal.names
     found = []
     for member in dict.fromkeys(owner[i] for i in chosen):
         suspect = ledger.suspects[member]
-        mine = [(names[i], float(v) * suspect.size(names[i])) for i, v in zip(chosen, values, strict=True) if owner[i] == member]
-        found.append(Term(suspect, tuple(n for n, _ in mine), tuple(v for _, v in mine), None if suspect is host else host))
+        mine = [
+            (names[i], float(v) * suspect.size(names[i]))
+            for i, v in zip(chosen, values, strict=True)
+            if owner[i] == member
+        ]
+        found.append(
+            Term(
+                suspect,
+                tuple(n for n, _ in mine),
+                tuple(v for _, v in mine),
+                None if suspect is host else host,
+            )
+        )
     return tuple(found)
 
 
 def fair(term: Term) -> bool:
-    """Whether the sizes are ones that an instrument of some grade may have: of what comes in ones no small part of one."""
+    """Whether the sizes are ones that an instrument of some grade may have: of what comes in ones
+    no small part of one.
+    """
     if not _gentle(term) or _plausible_sizes(term) > FAIR:
         return False
-    return not any((p.positive and value < 0) or (p.whole and abs(value) < 0.5) for p, value in _sizes(term))
+    return not any(
+        (p.positive and value < 0) or (p.whole and abs(value) < 0.5) for p, value in _sizes(term)
+    )
 
 
 def _plausible_sizes(term: Term) -> float:
     """How many times the largest plausible size of any grade the largest size is."""
-    return max((abs(value) / (max(p.plausible) * p.factor) for p, value in _sizes(term) if max(p.plausible)), default=0.0)
+    return max(
+        (
+            abs(value) / (max(p.plausible) * p.factor)
+            for p, value in _sizes(term)
+            if max(p.plausible)
+        ),
+        default=0.0,
+    )
 
 
 def _sizes(term: Term) -> Iterator[tuple[Parameter, float]]:
@@ -180,9 +238,15 @@ def _sizes(term: Term) -> Iterator[tuple[Parameter, float]]:
 
 
 def _gentle(term: Term) -> bool:
-    """Whether a law that follows temperature as a curve is nowhere steeper than its straight form may be."""
+    """Whether a law that follows temperature as a curve is nowhere steeper than its straight form
+    may be.
+    """
     effect, alias = term.suspect.effect, term.suspect.alias
-    if not isinstance(effect, Learned) or alias is None or effect.coordinate not in ("temperature", "warming"):
+    if (
+        not isinstance(effect, Learned)
+        or alias is None
+        or effect.coordinate not in ("temperature", "warming")
+    ):
         return True
     parameter = CATALOGUE[alias].parameters[0]
     limit = FAIR * max(parameter.plausible) * parameter.factor
@@ -193,9 +257,12 @@ def _gentle(term: Term) -> bool:
 def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) -> Rival:
     """The worthiest; among equals the likelier kind.
 
-    What shows in one channel only is likelier of that channel's sensor; what shows in several moves them all: table or mount.
-    A converter's transfer curve is the last thing to blame for what a sensor does as well. A form that is as worthy without
-    what completes it is as plain as any. A size that some grade of instrument has is likelier than one that none has.
+    What shows in one channel only is likelier of that channel's sensor; what shows in several moves
+    them all: table or mount.
+    A converter's transfer curve is the last thing to blame for what a sensor does as well. A form
+    that is as worthy without
+    what completes it is as plain as any. A size that some grade of instrument has is likelier than
+    one that none has.
     """
     top = max(r.worth for r in rivals)
     level = {id(r): top - EQUAL - LOOSE * r.gain for r in rivals}
@@ -212,7 +279,15 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
         sizes = len(r.terms[0].names) if alone else r.sizes
         usual = -r.worth * (1 - (pose == single))
         beyond = _plausible_sizes(r.terms[0]) > 1
-        return (r.suspect.alias is not None, not alone, beyond, sizes, r.sizes, stage == "electronics", usual)
+        return (
+            r.suspect.alias is not None,
+            not alone,
+            beyond,
+            sizes,
+            r.sizes,
+            stage == "electronics",
+            usual,
+        )
 
     return min(equal, key=rank)
 
@@ -220,13 +295,19 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
 def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:
     """Those who could take the place of the best: nothing in the data tells them apart."""
     limit = SEPARABLE + LOOSE * best.gain
-    return [r for r in rivals if r.suspect is best.suspect or (r.fair and r.form >= OWN and _gap(best, r) < limit)]
+    return [
+        r
+        for r in rivals
+        if r.suspect is best.suspect or (r.fair and r.form >= OWN and _gap(best, r) < limit)
+    ]
 
 
 def _gap(best: Rival, r: Rival) -> float:
-    """What tells a rival from the best: where the best needs no curve to complete it, the rival's own curves do not count.
+    """What tells a rival from the best: where the best needs no curve to complete it, the rival's
+    own curves do not count.
 
-    A free curve makes many laws of one law: where a textbook form fits to the noise, a form that needs a curve for it is told
+    A free curve makes many laws of one law: where a textbook form fits to the noise, a form that
+        needs a curve for it is told
     apart by what it leaves by itself.
     """
     if len(best.terms) == 1 and len(r.terms) > 1:

@@ -1,4 +1,6 @@
-"""Forms that a grid of curves is slow to say: over an angle bumps, steps and saws; over the time since a move an echo's period."""
+"""Forms that a grid of curves is slow to say: over an angle bumps, steps and saws; over the time
+since a move an echo's period.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,10 +19,13 @@ TURNS = 1.2  # periods that have to be seen
 FINEST = 0.3  # rad, of a period
 BETWEEN = 4  # periods tried for each that could be told apart
 RAMP = 0.5  # share of the worth of any curve of the angle that they have to have
-JUMPS = 32  # places of the jump that are tried, from the middle of the range: there the period says nothing about it
+# places of the jump that are tried, from the middle of the range: there the period says nothing
+# about it
+JUMPS = 32
 NEAR = (-2, -1, 0, 1, 2)  # steps to both sides
 CLOSER = 5  # halvings of them
-TOLD = 8  # frequencies of an echo tried in the width of a line over one rest, before its period is halved in
+# frequencies of an echo tried in the width of a line over one rest, before its period is halved in
+TOLD = 8
 
 
 @dataclass(frozen=True)
@@ -38,10 +43,14 @@ class Shape:
 
 
 def local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """Bumps, steps and saws over the coordinate of a curve, in its place, on all the axes that it may act on."""
+    """Bumps, steps and saws over the coordinate of a curve, in its place, on all the axes that it
+    may act on.
+    """
     coordinate = angle_of(rival)
     assert coordinate is not None
-    angles = [a for r in ledger.observations.recordings if (a := r.table(ANGLES[coordinate])) is not None]
+    angles = [
+        a for r in ledger.observations.recordings if (a := r.table(ANGLES[coordinate])) is not None
+    ]
     low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
     found = _best_of(_bumps(low, high), rival, case, ledger)
     steps = _steps(low, high, rival, case, ledger)
@@ -49,15 +58,35 @@ def local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
 
 
 def echo(rival: Rival, case: Case, ledger: Ledger) -> Rival:
-    """An echo after each move at its best period: a peak over the time since the move tells it to a part of its width only."""
-    stops = [(r.time, stop) for r, stop in zip(ledger.observations.recordings, ledger.observations.stops, strict=True)]
-    rest = float(np.median([np.ptp(time[stop == k]) for time, stop in stops for k in range(int(stop.max(initial=-1)) + 1)]))
+    """An echo after each move at its best period: a peak over the time since the move tells it to a
+    part of its width only.
+    """
+    stops = [
+        (r.time, stop)
+        for r, stop in zip(ledger.observations.recordings, ledger.observations.stops, strict=True)
+    ]
+    rest = float(
+        np.median(
+            [
+                np.ptp(time[stop == k])
+                for time, stop in stops
+                for k in range(int(stop.max(initial=-1)) + 1)
+            ]
+        )
+    )
     apart, best = 1 / (TOLD * rest), rival
     for k in range(CLOSER + 1):
         middle = 1 / _shape_of(best.suspect).period
         tones = [middle + apart * m for m in (range(-TOLD, TOLD + 1) if k == 0 else NEAR)]
-        found = _best_of([Shape((), tuple(range(WAVES)), float(1 / f)) for f in tones if f > 0], rival, case, ledger)
-        found = [replace(r, worth=r.gain - price_of(ledger) * r.sizes) for r in found]  # it beats once, wherever it was looked for
+        found = _best_of(
+            [Shape((), tuple(range(WAVES)), float(1 / f)) for f in tones if f > 0],
+            rival,
+            case,
+            ledger,
+        )
+        found = [
+            replace(r, worth=r.gain - price_of(ledger) * r.sizes) for r in found
+        ]  # it beats once, wherever it was looked for
         best, apart = max([best, *found], key=lambda r: r.worth), apart / 2
     return best
 
@@ -71,7 +100,11 @@ def is_echo(rival: Rival) -> bool:
 def angle_of(rival: Rival) -> str | None:
     """The one table angle that a curve goes over."""
     effect = rival.suspect.effect
-    return effect.coordinate if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside else None
+    return (
+        effect.coordinate
+        if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside
+        else None
+    )
 
 
 def _bumps(low: float, high: float) -> list[Shape]:
@@ -85,60 +118,99 @@ def _bumps(low: float, high: float) -> list[Shape]:
 
 def _steps(low: float, high: float, rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
     """The best step, as sharp as it is crossed."""
-    steps = _best_of([step_at(m, 1.5 * w) for w in WIDTHS for m in np.arange(low, high, w)], rival, case, ledger)
+    steps = _best_of(
+        [step_at(m, 1.5 * w) for w in WIDTHS for m in np.arange(low, high, w)], rival, case, ledger
+    )
     for _ in range(SHARPER if steps else 0):
         left, middle, right = _shape_of(steps[0].suspect).knots
         reach = (right - left) / 2
         near = [step_at(middle + reach * k / 4, reach / 3) for k in range(-4, 5)]
-        steps = max(steps, _best_of(near, rival, case, ledger), key=lambda f: f[0].worth if f else -np.inf)
+        steps = max(
+            steps, _best_of(near, rival, case, ledger), key=lambda f: f[0].worth if f else -np.inf
+        )
         if _shape_of(steps[0].suspect).knots == (left, middle, right):
             break
     return steps[:1]
 
 
 def step_at(middle: float, reach: float) -> Shape:
-    """From one level to another within ``reach`` to both sides of an angle: two numbers, one of them an offset."""
+    """From one level to another within ``reach`` to both sides of an angle: two numbers, one of
+    them an offset.
+    """
     return Shape(tuple(float(middle + reach * k) for k in (-1, 0, 1)), (0, 2))
 
 
-def _saws(low: float, high: float, steps: Sequence[Rival], rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """The best ramp that begins anew every so many radians: its period from its first harmonics, then the place of its jump.
+def _saws(
+    low: float, high: float, steps: Sequence[Rival], rival: Rival, case: Case, ledger: Ledger
+) -> list[Rival]:
+    """The best ramp that begins anew every so many radians: its period from its first harmonics,
+    then the place of its jump.
 
-    Where no more than one jump is seen, the best of ``steps`` says where, and the ramps beside it how far to the next.
+    Where no more than one jump is seen, the best of ``steps`` says where, and the ramps beside it
+    how far to the next.
     """
     middle, reach = (low + high) / 2, high - low
     teeth = np.arange(TURNS, reach / FINEST, 1 / BETWEEN)
-    waves = _best_of([Shape((), tuple(range(WAVES)), float(reach / n)) for n in teeth], rival, case, ledger)[:1]
+    waves = _best_of(
+        [Shape((), tuple(range(WAVES)), float(reach / n)) for n in teeth], rival, case, ledger
+    )[:1]
     starts = []
     if waves and waves[0].worth > RAMP * rival.worth:
         period = _shape_of(waves[0].suspect).period
         apart, far = period / JUMPS, period**2 / (2 * BETWEEN * reach)
-        starts.append(([saw_at(middle + apart * k, period + far * m) for k in range(JUMPS) for m in NEAR], apart, far))
+        starts.append(
+            (
+                [saw_at(middle + apart * k, period + far * m) for k in range(JUMPS) for m in NEAR],
+                apart,
+                far,
+            )
+        )
     if steps and steps[0].worth > RAMP * rival.worth:
         knots = _shape_of(steps[0].suspect).knots
         periods = np.linspace(reach / (2 * TURNS), 2 * reach, JUMPS)
-        starts.append(([saw_at(knots[1], p) for p in periods], knots[2] - knots[1], float(periods[1] - periods[0])))
-    found = [saw for start in starts if (saw := _sharpened(*start, rival, case, ledger)) is not None]
+        starts.append(
+            (
+                [saw_at(knots[1], p) for p in periods],
+                knots[2] - knots[1],
+                float(periods[1] - periods[0]),
+            )
+        )
+    found = [
+        saw for start in starts if (saw := _sharpened(*start, rival, case, ledger)) is not None
+    ]
     return [max(found, key=lambda r: r.worth)] if found else []
 
 
-def _sharpened(shapes: Sequence[Shape], apart: float, far: float, rival: Rival, case: Case, ledger: Ledger) -> Rival | None:
-    """The best of some saws with its jump brought to its place, known to ``apart``, and its period, known to ``far``, rad."""
+def _sharpened(
+    shapes: Sequence[Shape], apart: float, far: float, rival: Rival, case: Case, ledger: Ledger
+) -> Rival | None:
+    """The best of some saws with its jump brought to its place, known to ``apart``, and its period,
+    known to ``far``, rad.
+    """
     saws = _best_of(shapes, rival, case, ledger)
     for _ in range(CLOSER if saws else 0):
         apart, far = apart / 2, far / 2
         begin, period = _shape_of(saws[0].suspect).knots[0], _shape_of(saws[0].suspect).period
-        saws = _best_of([saw_at(begin + apart * k, period + far * m) for k in NEAR for m in NEAR], rival, case, ledger)
+        saws = _best_of(
+            [saw_at(begin + apart * k, period + far * m) for k in NEAR for m in NEAR],
+            rival,
+            case,
+            ledger,
+        )
     return saws[0] if saws else None
 
 
 def saw_at(begin: float, period: float) -> Shape:
-    """A ramp from a place to a period behind it, again and again: two numbers, one of them an offset."""
+    """A ramp from a place to a period behind it, again and again: two numbers, one of them an
+    offset.
+    """
     return Shape((float(begin), float(begin + period)), (0, 1), float(period))
 
 
 def _best_of(shapes: Sequence[Shape], rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """The best two of some shapes, each on all axes that the rival acts on; all that were tried are paid for."""
+    """The best two of some shapes, each on all axes that the rival acts on; all that were tried are
+    paid for.
+    """
     own = Ledger(ledger.observations)
     for suspect in _shaped(rival, shapes):
         own.add(suspect, ())
@@ -168,5 +240,7 @@ def _shaped(rival: Rival, shapes: Sequence[Shape]) -> Iterator[Suspect]:
         values = {f"c{k}": 1e-6 for k in shape.free}
         for term in rival.terms:
             if isinstance(term.suspect.effect, Learned):
-                effect = replace(term.suspect.effect, values=values, knots=shape.knots, period=shape.period)
+                effect = replace(
+                    term.suspect.effect, values=values, knots=shape.knots, period=shape.period
+                )
                 yield Suspect(effect, tuple(values))

@@ -1,4 +1,6 @@
-"""Which sizes of a finding are in use once it is accepted: those that make a prediction better, not only those that stand out."""
+"""Which sizes of a finding are in use once it is accepted: those that make a prediction better, not
+only those that stand out.
+"""
 
 from dataclasses import replace
 
@@ -7,15 +9,23 @@ from tiltcal.diagnosis.model.hypothesis_columns import Ledger
 from tiltcal.diagnosis.model.normal_equations import normal_equations
 from tiltcal.diagnosis.search.alternatives import case_of
 
-BETTER = 2.0  # deviance: a further size costs a prediction the variance of one; what brings twice that pays (Akaike)
+# deviance: a further size costs a prediction the variance of one; what brings twice that pays
+# (Akaike)
+BETTER = 2.0
 
 
 def in_full(account: Account, ledger: Ledger) -> Account:
-    """The account with all sizes of its findings that a prediction is better with, whether or not each stands out by itself."""
+    """The account with all sizes of its findings that a prediction is better with, whether or not
+    each stands out by itself.
+    """
     terms = list(account.terms)
     for k in range(len(terms)):
         terms[k] = _in_full(replace(account, terms=tuple(terms)), k, ledger)
-    return account if terms == list(account.terms) else settle(replace(account, terms=tuple(terms)), ledger)
+    return (
+        account
+        if terms == list(account.terms)
+        else settle(replace(account, terms=tuple(terms)), ledger)
+    )
 
 
 def _in_full(account: Account, place: int, ledger: Ledger) -> Term:

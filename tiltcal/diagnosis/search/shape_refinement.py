@@ -1,4 +1,6 @@
-"""What an effect has beside its sizes, a time constant, a width, a lag, an instant, brought to where it explains most."""
+"""What an effect has beside its sizes, a time constant, a width, a lag, an instant, brought to
+where it explains most.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,16 +19,26 @@ FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundr
 INSTANTS = 3  # times that an instant is looked for with what creeps on after it
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {
-    "time": 4.0, "tau": np.log(1.6), "width": np.log(1.5), "ratio": np.log(1.02), "frequency": np.log(1.3), "lag": np.log(1.5),
-    "phase": np.pi / 6, "period": np.log(1.05), "creep": np.log(1.6), "crossing": np.log(1.5),
-}  # fmt: skip
+    "time": 4.0,
+    "tau": np.log(1.6),
+    "width": np.log(1.5),
+    "ratio": np.log(1.02),
+    "frequency": np.log(1.3),
+    "lag": np.log(1.5),
+    "phase": np.pi / 6,
+    "period": np.log(1.05),
+    "creep": np.log(1.6),
+    "crossing": np.log(1.5),
+}
 """From one shape to the next: s for an instant, rad for a phase, else relative."""
 SHIFTED = ("time", "phase")  # by steps that are added
 PROMPT = ("creep", "lag")  # at nothing there is none, and nothing to refine
 
 
 def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
-    """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved row by row."""
+    """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved
+    row by row.
+    """
     first = terms[0].suspect
     duration = float(np.ptp(ledger.observations.recordings[0].time))
     for name in _shapes_of(terms):
@@ -37,7 +49,10 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
         added = line or name in SHIFTED
         for last in reversed(range(FINE if added else GRAIN)):
             x = _shapes_of(terms)[name]
-            trials = [_shaped(terms, name, x + d if added else x * np.exp(d), duration) for d in (-step, 0.0, step)]
+            trials = [
+                _shaped(terms, name, x + d if added else x * np.exp(d), duration)
+                for d in (-step, 0.0, step)
+            ]
             gains = [_gain(trial, account, ledger) for trial in trials]
             terms = trials[int(np.argmax(gains))]
             if last == 0 and not added and (top := _top(*gains)):
@@ -47,41 +62,62 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
 
 
 def _told_by_its_bend(suspect: Suspect, observations: Observations) -> bool:
-    """Whether a lag keeps that of its grid: by hand, in few poses, nothing but its bend tells one late temperature from another."""
-    return getattr(suspect.effect, "coordinate", "") == "temperature" and not isinstance(observations, TableObservations)
+    """Whether a lag keeps that of its grid: by hand, in few poses, nothing but its bend tells one
+    late temperature from another.
+    """
+    return getattr(suspect.effect, "coordinate", "") == "temperature" and not isinstance(
+        observations, TableObservations
+    )
 
 
 def _top(before: float, here: float, after: float) -> float:
-    """Where the parabola through three gains has its top, in steps from the middle one; 0 where it has none between them."""
+    """Where the parabola through three gains has its top, in steps from the middle one; 0 where it
+    has none between them.
+    """
     bend = 2 * here - before - after
     top = (after - before) / (2 * bend) if bend > 0 else 0.0
     return top if abs(top) < 1 else 0.0
 
 
 def shapes(suspect: Suspect) -> dict[str, float]:
-    """The continuous shapes of a suspect; of a curve its lag, and its period where it begins anew with each move."""
+    """The continuous shapes of a suspect; of a curve its lag, and its period where it begins anew
+    with each move.
+    """
     effect = suspect.effect
     if isinstance(effect, Learned):
-        echo = {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
+        echo = (
+            {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
+        )
         return ({"lag": effect.lag} if effect.lag else {}) | echo
-    return {n: v for n, v in effect.values.items() if n not in suspect.names and n in STEP and (n not in PROMPT or v > 0)}
+    return {
+        n: v
+        for n, v in effect.values.items()
+        if n not in suspect.names and n in STEP and (n not in PROMPT or v > 0)
+    }
 
 
 def _shapes_of(terms: Sequence[Term]) -> dict[str, float]:
-    """The continuous shapes of an explanation: those of its first term, and how slowly one that completes it creeps on."""
+    """The continuous shapes of an explanation: those of its first term, and how slowly one that
+    completes it creeps on.
+    """
     creeps = {c for t in terms if t.suspect.id in STEPS and (c := shapes(t.suspect).get("creep"))}
     return shapes(terms[0].suspect) | ({"creep": creeps.pop()} if len(creeps) == 1 else {})
 
 
 def upright(account: Account, observations: Observations) -> Account:
-    """The account with tones of a positive amplitude, the largest of their channels: a negative one is half a turn of the phase.
+    """The account with tones of a positive amplitude, the largest of their channels: a negative one
+    is half a turn of the phase.
 
     By hand one sensor that is early is the other one that is late.
     """
     turned: dict[int, Suspect] = {}
     terms = []
     for t in account.terms:
-        other = _other_way(t.suspect, observations) if t.values[int(np.argmax(np.abs(t.values)))] < 0 else None
+        other = (
+            _other_way(t.suspect, observations)
+            if t.values[int(np.argmax(np.abs(t.values)))] < 0
+            else None
+        )
         if other is not None:
             turned[id(t.suspect)] = other
             t = replace(t, suspect=other, values=tuple(-v for v in t.values))
@@ -95,14 +131,19 @@ def _other_way(suspect: Suspect, observations: Observations) -> Suspect | None:
     if phase is not None and "phase" not in suspect.names:
         return _at(suspect, "phase", float(np.angle(-np.exp(1j * phase))))
     if suspect.id == "data_latency" and not isinstance(observations, TableObservations):
-        others = [s.name for s in scenario.sensors("gyro", "fog") if s.name != suspect.effect.sensor]
+        others = [
+            s.name for s in scenario.sensors("gyro", "fog") if s.name != suspect.effect.sensor
+        ]
         if len(others) == 1:
             return replace(suspect, effect=replace(suspect.effect, sensor=others[0]))
     return None
 
 
-def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger, alone: bool = False) -> tuple[Term, ...]:
-    """What began at an instant, with what creeps on after it; all others that may have begun then come onto the ledger.
+def at_its_instant(
+    terms: tuple[Term, ...], account: Account, ledger: Ledger, alone: bool = False
+) -> tuple[Term, ...]:
+    """What began at an instant, with what creeps on after it; all others that may have begun then
+    come onto the ledger.
 
     With what creeps on the instant is another, and at another instant other creeps are.
 
@@ -110,7 +151,8 @@ def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger, al
         terms: an explanation.
         account: without it.
         ledger: of all that is looked at.
-        alone: at once, or creeping, but not both, and with no curve: these follow a drift that has nothing to do with the step.
+        alone: at once, or creeping, but not both, and with no curve: these follow a drift that has
+            nothing to do with the step.
     """
     if terms[0].suspect.id not in STEPS:
         return terms
@@ -121,7 +163,11 @@ def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger, al
         for step in steps_at(ledger.observations.scenario, time, suspect.variants):
             if not any(s.effect == step.effect for s in ledger.suspects):
                 ledger.add(step, account.effects)
-        same = [s for s in ledger.suspects if s.place == suspect.place and s.effect.values.get("time") == time]
+        same = [
+            s
+            for s in ledger.suspects
+            if s.place == suspect.place and s.effect.values.get("time") == time
+        ]
         found = [r for s in same if (r := explain(s, case, ledger, alone)) is not None]
         if not found:
             return terms
@@ -135,34 +181,54 @@ def at_its_instant(terms: tuple[Term, ...], account: Account, ledger: Ledger, al
 
 
 def _with_one_creep(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
-    """A step with one creep at its best time constant where that says as much as with several of a grid."""
+    """A step with one creep at its best time constant where that says as much as with several of a
+    grid.
+    """
     creeping = [t for t in terms[1:] if "creep" in shapes(t.suspect)]
     if len(creeping) < 2:
         return terms
     pairs = [(terms[0], t) for t in creeping]
     one = refined(max(pairs, key=lambda pair: _gain(pair, account, ledger)), account, ledger)
     whole = _gain(terms, account, ledger)
-    return one if _gain(one, account, ledger) > (1 - LOOSE) * whole - price_of(ledger) * (len(terms) - 2) else terms
+    return (
+        one
+        if _gain(one, account, ledger) > (1 - LOOSE) * whole - price_of(ledger) * (len(terms) - 2)
+        else terms
+    )
 
 
 def _shaped(terms: Sequence[Term], name: str, value: float, duration: float) -> tuple[Term, ...]:
-    """An explanation at another shape: one lag or period for all its curves, one instant for all that began then.
+    """An explanation at another shape: one lag or period for all its curves, one instant for all
+    that began then.
 
     A tone keeps its phase amid the recording.
     """
-    first = _at(terms[0].suspect, name, value) if name in shapes(terms[0].suspect) else terms[0].suspect
+    first = (
+        _at(terms[0].suspect, name, value) if name in shapes(terms[0].suspect) else terms[0].suspect
+    )
     before = terms[0].suspect.effect.values
     if name == "frequency" and "phase" in before:
-        first = _at(first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration)
+        first = _at(
+            first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration
+        )
     whole = isinstance(terms[0].suspect.effect, Learned) or name in ("time", "creep")
-    family = [replace(t, suspect=_at(t.suspect, name, value)) if whole and name in shapes(t.suspect) else t for t in terms[1:]]
+    family = [
+        replace(t, suspect=_at(t.suspect, name, value))
+        if whole and name in shapes(t.suspect)
+        else t
+        for t in terms[1:]
+    ]
     return (replace(terms[0], suspect=first), *(replace(t, host=first) for t in family))
 
 
 def _at(suspect: Suspect, name: str, value: float) -> Suspect:
     effect = suspect.effect
     if isinstance(effect, Learned):
-        changed = replace(effect, lag=float(value)) if name == "lag" else replace(effect, period=float(value))
+        changed = (
+            replace(effect, lag=float(value))
+            if name == "lag"
+            else replace(effect, period=float(value))
+        )
         return replace(suspect, effect=changed)
     return replace(suspect, effect=replace(effect, values={**effect.values, name: float(value)}))
 
@@ -174,5 +240,7 @@ def _gain(terms: Sequence[Term], account: Account, ledger: Ledger) -> float:
     own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.suspect))]
     columns = whitened_of(ledger, own, account.effects)
     mine = basis_of([projected(account.basis, c, lengths) for c in columns], lengths)
-    along = sum((U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1]))
+    along = sum(
+        (U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1])
+    )
     return float(along @ along)

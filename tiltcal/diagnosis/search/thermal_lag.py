@@ -1,4 +1,6 @@
-"""Whether a law of temperature is felt late: no curve over temperature alone has a branch for warming and one for cooling."""
+"""Whether a law of temperature is felt late: no curve over temperature alone has a branch for
+warming and one for cooling.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -19,17 +21,27 @@ BRANCHES = ("acc_thermal_gradient", "acc_thermal_hysteresis")
 """Laws in which warming and cooling differ."""
 
 
-def lateness(inside: Sequence[Term], case: Case, account: Account, ledger: Ledger) -> tuple[str, tuple[str, ...]]:
-    """What is to be said of a finding that follows temperature late, and the named laws that do as well where no one lag does.
+def lateness(
+    inside: Sequence[Term], case: Case, account: Account, ledger: Ledger
+) -> tuple[str, tuple[str, ...]]:
+    """What is to be said of a finding that follows temperature late, and the named laws that do as
+    well where no one lag does.
 
-    Curves over temperature without lag are fitted in its place first; what it explains beyond them is the difference between
+    Curves over temperature without lag are fitted in its place first; what it explains beyond them
+    is the difference between
     warming and cooling. Each law of such a difference is then given those curves too.
 
     Args:
         inside: the terms of the finding.
         case: the finding taken out of its account.
     """
-    late = [e for t in inside if isinstance(e := t.suspect.effect, LearnedReading) and e.coordinate == "temperature" and e.lag]
+    late = [
+        e
+        for t in inside
+        if isinstance(e := t.suspect.effect, LearnedReading)
+        and e.coordinate == "temperature"
+        and e.lag
+    ]
     if not late:
         return "", ()
     target = np.concatenate(case.target)
@@ -42,37 +54,67 @@ def lateness(inside: Sequence[Term], case: Case, account: Account, ledger: Ledge
     shares: dict[str, float] = {}
     for suspect in ledger.suspects:
         if suspect.id in BRANCHES and suspect.effect.sensor == late[0].sensor:
-            both = np.column_stack([still, _block([(suspect.effect, suspect.names)], case, account, ledger)])
-            shares[suspect.id] = max(shares.get(suspect.id, 0.0), (_gain(both, target) - _gain(still, target)) / beyond)
-    told = ", ".join(f"{id} {min(share, 1.0):.0%}" for id, share in sorted(shares.items(), key=lambda item: -item[1]))
-    words = " No curve over temperature alone does that: warming and cooling differ, as of a thermal lag or hysteresis"
+            both = np.column_stack(
+                [still, _block([(suspect.effect, suspect.names)], case, account, ledger)]
+            )
+            shares[suspect.id] = max(
+                shares.get(suspect.id, 0.0), (_gain(both, target) - _gain(still, target)) / beyond
+            )
+    told = ", ".join(
+        f"{id} {min(share, 1.0):.0%}"
+        for id, share in sorted(shares.items(), key=lambda item: -item[1])
+    )
+    words = (
+        " No curve over temperature alone does that: warming and cooling differ, as of a thermal"
+        " lag or hysteresis"
+    )
     words += f" (beside such a curve, {told} of the difference)." if told else "."
     if all(getattr(t.suspect.effect, "lag", 0.0) == late[0].lag for t in inside):
         return words, ()  # one lag says it all: no need of another law
-    return words, tuple(id for id, share in sorted(shares.items()) if (1 - share) * beyond < SEPARABLE + LOOSE * gain)
+    return words, tuple(
+        id
+        for id, share in sorted(shares.items())
+        if (1 - share) * beyond < SEPARABLE + LOOSE * gain
+    )
 
 
 def _curves(late: LearnedReading, ledger: Ledger) -> Iterator[tuple[Effect, Sequence[str]]]:
     """Curves over temperature without lag, on all axes of the sensor."""
-    curves = (s.effect for s in ledger.suspects if isinstance(s.effect, LearnedReading) and s.effect.knots)
-    over = next(e.knots for e in curves if e.coordinate == late.coordinate)  # a law with one number has no knots of its own
+    curves = (
+        s.effect for s in ledger.suspects if isinstance(s.effect, LearnedReading) and s.effect.knots
+    )
+    over = next(
+        e.knots for e in curves if e.coordinate == late.coordinate
+    )  # a law with one number has no knots of its own
     names = [f"c{k}" for k in range(KNOTS)]
     still = replace(
-        late, lag=0.0, per_input=False, power=0.0, odd=False, knots=tuple(map(float, np.linspace(over[0], over[-1], KNOTS))),
+        late,
+        lag=0.0,
+        per_input=False,
+        power=0.0,
+        odd=False,
+        knots=tuple(map(float, np.linspace(over[0], over[-1], KNOTS))),
         values=dict.fromkeys(names, 1e-6),
-    )  # fmt: skip
+    )
     for axis in ledger.observations.scenario.named(str(late.sensor)).axes:
         yield replace(still, axis=axis), names
 
 
-def _block(effects: Iterable[tuple[Effect, Sequence[str]]], case: Case, account: Account, ledger: Ledger) -> Array:
+def _block(
+    effects: Iterable[tuple[Effect, Sequence[str]]], case: Case, account: Account, ledger: Ledger
+) -> Array:
     """Whitened columns of some sizes without their part in the basis, (n, p)."""
     found = []
     for effect, names in effects:
         total = [np.zeros((len(names), len(s))) for s in case.signal]
-        for i, (which, block) in ledger.observations.columns(effect, names, account.effects).items():
+        for i, (which, block) in ledger.observations.columns(
+            effect, names, account.effects
+        ).items():
             total[i][which] = cosines(block) / ledger.roots[i]
-        found += [np.concatenate(project(case.basis, [part[k] for part in total])) for k in range(len(names))]
+        found += [
+            np.concatenate(project(case.basis, [part[k] for part in total]))
+            for k in range(len(names))
+        ]
     return np.column_stack(found)
 
 

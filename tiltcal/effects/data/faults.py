@@ -21,7 +21,9 @@ class DataOutlier(SignalEffect):
         Parameter("size", "sigma", (20, 20, 50), positive=True, default=20.0),
     )
     physics = "Transmission errors and shocks throw single samples far off."
-    equation = "with probability p a channel's sample gains +- size sigma (of its sample-to-sample noise)"
+    equation = (
+        "with probability p a channel's sample gains +- size sigma (of its sample-to-sample noise)"
+    )
     source = "PHYSICS 3.7"
     excited_by = "any recording"
     look = "isolated values beyond 8 sigma"
@@ -100,7 +102,10 @@ class DataStuck(SignalEffect):
         Parameter("length", "s", (100, 100, 100), positive=True),
     )
     physics = "An interface hangs and repeats its last value."
-    equation = "reading(t) = reading(start) for start <= t < start + length, on one axis where one is named"
+    equation = (
+        "reading(t) = reading(start) for start <= t < start + length, on one axis where one is"
+        " named"
+    )
     source = "effects list; PHYSICS 3.7"
     excited_by = "any recording"
     look = "a flat stretch without noise"
@@ -109,7 +114,9 @@ class DataStuck(SignalEffect):
         start, length = self.value("start"), self.value("length")
         frozen = (sense.elapsed >= start) & (sense.elapsed < start + length)
         if frozen.any():
-            channels = slice(None) if self.axis is None else [TermEffect.channel_of(self.axis, sense)]
+            channels = (
+                slice(None) if self.axis is None else [TermEffect.channel_of(self.axis, sense)]
+            )
             reading[frozen, channels] = reading[int(np.argmax(frozen)), channels]
         return reading
 
@@ -136,7 +143,10 @@ class DataGap(SignalEffect):
     kinds = ANALOG
     order = 94
     title = "stretch missing"
-    parameters = (Parameter("start", "s", (1e5, 1e5, 1e5), shape=True), Parameter("length", "s", (100, 100, 100), positive=True))
+    parameters = (
+        Parameter("start", "s", (1e5, 1e5, 1e5), shape=True),
+        Parameter("length", "s", (100, 100, 100), positive=True),
+    )
     physics = "The link was down: cells are empty, the stamps go on."
     equation = "no reading for start <= t < start + length"
     source = "PHYSICS 3.7"

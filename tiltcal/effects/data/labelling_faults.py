@@ -51,7 +51,10 @@ class DataAxisSwap(SignalEffect):
     kinds = ANALOG
     order = 98
     title = "axes permuted"
-    parameters = tuple(Parameter(f"swap_{pair}", "unitless", (1, 1, 1), positive=True) for pair in ("xy", "yz", "zx"))
+    parameters = tuple(
+        Parameter(f"swap_{pair}", "unitless", (1, 1, 1), positive=True)
+        for pair in ("xy", "yz", "zx")
+    )
     physics = "Two columns are exchanged."
     equation = "the two channels of a pair change places where its swap is 1"
     source = "PHYSICS 3.7"
@@ -122,7 +125,9 @@ class DataPoseLabel(WritingEffect):
     def written(self, axis: str, drive: Drive) -> Array | None:
         if axis != (self.axis or next(iter(drive.axes))):
             return None
-        return np.asarray(drive.axes[axis].x) + self.value("error") * (drive.stop == int(self.value("stop")))
+        return np.asarray(drive.axes[axis].x) + self.value("error") * (
+            drive.stop == int(self.value("stop"))
+        )
 
 
 class DataRotationSense(WritingEffect):
@@ -159,7 +164,9 @@ class DataTransitionSamples(WritingEffect):
     look = "the first samples of each dwell still move"
 
     def written(self, axis: str, drive: Drive) -> Array | None:
-        return np.interp(drive.time + self.value("lead"), drive.time, np.asarray(drive.axes[axis].x))
+        return np.interp(
+            drive.time + self.value("lead"), drive.time, np.asarray(drive.axes[axis].x)
+        )
 
     def restored(self, axis: str, time: Array, written: Array) -> Array:
         return np.interp(time - self.value("lead"), time, written)

@@ -54,8 +54,13 @@ class AdcInl(PerChannel):
         Parameter("inl_{axis}", "ug", (60, 300, 3000)),
         Parameter("odd", "unitless", (1, 1, 1), positive=True, shape=True),
     )
-    physics = "The converter's transfer curve bows; it follows the voltage, so it changes with the gain."
-    equation = "reading_i += e_i (1 - v^2), v = reading / full scale (1.2 g unless stated); odd = 1: e_i 2.6 (v - v^3)"
+    physics = (
+        "The converter's transfer curve bows; it follows the voltage, so it changes with the gain."
+    )
+    equation = (
+        "reading_i += e_i (1 - v^2), v = reading / full scale (1.2 g unless stated); odd = 1: e_i"
+        " 2.6 (v - v^3)"
+    )
     source = "PHYSICS 3.6; AD7705 (0.003 % of full scale)"
     excited_by = "the whole input range"
     look = "as K2, but tied to the voltage"
@@ -121,7 +126,9 @@ class AdcStuckBit(SignalEffect):
         bit = self.value("bit_value")
         if bit > 0:
             reading = reading.copy()
-            channels = slice(None) if self.axis is None else [TermEffect.channel_of(self.axis, sense)]
+            channels = (
+                slice(None) if self.axis is None else [TermEffect.channel_of(self.axis, sense)]
+            )
             reading[:, channels] -= bit * np.mod(np.floor(reading[:, channels] / bit), 2.0)
         return reading
 

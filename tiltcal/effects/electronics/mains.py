@@ -27,4 +27,6 @@ class MainsPickup(TermEffect):
     linear = False
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), np.sin(2 * np.pi * self.value("frequency") * sense.elapsed + self.value("phase"))
+        return self.channel_of(name[-1], sense), np.sin(
+            2 * np.pi * self.value("frequency") * sense.elapsed + self.value("phase")
+        )

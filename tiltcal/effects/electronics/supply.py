@@ -20,7 +20,10 @@ class ReferenceDrift(SignalEffect):
         Parameter("gain", "ppm_degC", (10, 50, 100)),
         Parameter("lag", "s", (30, 30, 30), positive=True, shape=True),
     )
-    physics = "The converter's voltage reference drifts with temperature, its own: it may come after the thermometer's."
+    physics = (
+        "The converter's voltage reference drifts with temperature, its own: it may come after the"
+        " thermometer's."
+    )
     equation = "all channels (1 + k (T_ref - T0)), lag dT_ref/dt = T - T_ref"
     source = "effects list; PHYSICS 3.6"
     excited_by = "a temperature change on loaded channels"
@@ -48,7 +51,12 @@ class SupplyRatiometric(SignalEffect):
     linear = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        return reading * (1 + self.value("gain") * sense.elapsed / max(float(sense.elapsed[-1]), 1e-12))[:, None]
+        return (
+            reading
+            * (1 + self.value("gain") * sense.elapsed / max(float(sense.elapsed[-1]), 1e-12))[
+                :, None
+            ]
+        )
 
 
 class AdcOffsetDrift(FollowsState):

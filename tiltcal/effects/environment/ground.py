@@ -26,8 +26,14 @@ class FloorTiltDrift(FrameEffect):
         Parameter("tilt_north", "arcsec", (10, 50, 200)),
         Parameter("span", "s", (3600, 3600, 3600), positive=True, shape=True),
     )
-    physics = "Sun, load and water table tilt a building; the vector stays in the world while the table turns."
-    equation = "R_base gains Rx(east x(t)) Ry(north x(t)), x = 0..1 over the recording, or over span_s and then held"
+    physics = (
+        "Sun, load and water table tilt a building; the vector stays in the world while the table"
+        " turns."
+    )
+    equation = (
+        "R_base gains Rx(east x(t)) Ry(north x(t)), x = 0..1 over the recording, or over span_s and"
+        " then held"
+    )
     source = "effects list; PHYSICS 3.1"
     excited_by = "time, in several headings"
     look = "a ramp of both channels that turns with the table's heading"
@@ -39,7 +45,9 @@ class FloorTiltDrift(FrameEffect):
         span = self.value("span") or max(float(elapsed[-1]), 1e-12)
         inside = elapsed <= span
         ramp = Jet(np.minimum(elapsed / span, 1.0), inside / span, np.zeros_like(elapsed))
-        return base_tilt_turns(slot, ramp.scaled(self.value("tilt_east")), ramp.scaled(self.value("tilt_north")))
+        return base_tilt_turns(
+            slot, ramp.scaled(self.value("tilt_east")), ramp.scaled(self.value("tilt_north"))
+        )
 
 
 class WindGust(FrameEffect):
@@ -80,7 +88,10 @@ class MagneticField(TermEffect):
     order = 15
     title = "bias that follows the Earth's field"
     parameters = tuple(Parameter(f"bias_{d}", "deg_h", (0.1, 2, 5)) for d in "enu")
-    physics = "The Faraday effect in the coil makes a bias proportional to the field along the input axis."
+    physics = (
+        "The Faraday effect in the coil makes a bias proportional to the field along the input"
+        " axis."
+    )
     equation = "FOG rate += b . a, b fixed in the world"
     source = "effects list; PHYSICS 3.1"
     excited_by = "heading and attitude changes of the FOG"

@@ -13,7 +13,10 @@ class GravityMagnitude(WorldEffect):
     stage = "environment"
     title = "local gravity differs from the assumed"
     parameters = (Parameter("gravity_error", "ppm", (5, 100, 2700)),)
-    physics = "Gravity varies with latitude, height and geology; a textbook value in the scenario scales every reading."
+    physics = (
+        "Gravity varies with latitude, height and geology; a textbook value in the scenario scales"
+        " every reading."
+    )
     equation = "g = g_stated (1 + e)"
     source = "PHYSICS 3.1; Somigliana's formula for g(latitude)"
     excited_by = "any pose"
@@ -29,7 +32,10 @@ class EarthRate(WorldEffect):
     stage = "environment"
     title = "Earth's rotation left out of the gyro model"
     parameters = (Parameter("rate_error", "unitless", (1, 1, 1)),)
-    physics = "Gyros sense rotation against inertial space; the nominal model holds Earth's rate, this is a deviation from it."
+    physics = (
+        "Gyros sense rotation against inertial space; the nominal model holds Earth's rate, this is"
+        " a deviation from it."
+    )
     equation = "w = w_table + (1 + e) R_bw W_e"
     source = "WGS 84 rate 7.292115e-5 rad/s"
     excited_by = "heading and attitude changes of a gyro"
@@ -46,7 +52,10 @@ class EarthCoriolis(WorldEffect):
     stage = "environment"
     title = "Coriolis acceleration of a moving lever arm"
     parameters = (Parameter("coriolis_error", "unitless", (1, 1, 1)),)
-    physics = "A sensor that moves on the rotating Earth senses 2 W x v; the nominal model holds it, this is a deviation."
+    physics = (
+        "A sensor that moves on the rotating Earth senses 2 W x v; the nominal model holds it, this"
+        " is a deviation."
+    )
     equation = "f += e R_bw (2 W_e x v + W_e x (W_e x r))"
     source = "PHYSICS 3.1"
     excited_by = "turning with a lever arm"
@@ -66,7 +75,10 @@ class BaseVibration(WorldEffect):
         *(Parameter(n, "ug", (30, 2000, 50000)) for n in ("ec", "es", "nc", "ns", "uc", "us")),
         Parameter("frequency", "hz", (60, 60, 60), positive=True, shape=True),
     )
-    physics = "Motors, pumps and traffic shake the pier; the acceleration is fixed in the world and turns with the pose."
+    physics = (
+        "Motors, pumps and traffic shake the pier; the acceleration is fixed in the world and turns"
+        " with the pose."
+    )
     equation = "a_base = (E, N, U) (c cos 2 pi f t + s sin 2 pi f t)"
     source = "PHYSICS 3.1"
     excited_by = "any recording; a change of pose shows that it is fixed in the world"

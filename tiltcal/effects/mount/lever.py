@@ -14,7 +14,10 @@ class LeverArm(WorldEffect):
     stage = "mount"
     title = "sensor is off the rotation axes"
     parameters = tuple(Parameter(f"lever_{a}", "mm", (5, 50, 100)) for a in "xyz")
-    physics = "Off the axes a turning sensor feels centripetal and tangential acceleration, beyond lever_arm_m."
+    physics = (
+        "Off the axes a turning sensor feels centripetal and tangential acceleration, beyond"
+        " lever_arm_m."
+    )
     equation = "f += dw x r + w x (w x r)"
     source = "PHYSICS 3.3"
     excited_by = "turning"
@@ -22,4 +25,6 @@ class LeverArm(WorldEffect):
     linear = True
 
     def world(self, world: World) -> World:
-        return replace(world, lever=world.lever + np.array([self.value(f"lever_{a}") for a in "xyz"]))
+        return replace(
+            world, lever=world.lever + np.array([self.value(f"lever_{a}") for a in "xyz"])
+        )

@@ -18,7 +18,9 @@ class MountMisalignment(FrameEffect):
     stage = "mount"
     title = "instrument not aligned to the faceplate"
     parameters = tuple(Parameter(f"tilt_{a}", "arcsec", (60, 1000, 7200)) for a in "xyz")
-    physics = "The body's axes are turned against the faceplate by the mounting surface and the screws."
+    physics = (
+        "The body's axes are turned against the faceplate by the mounting surface and the screws."
+    )
     equation = "R_mount gains Rx(x) Ry(y) Rz(z)"
     source = "PHYSICS 3.3; NIST jres.122.032"
     excited_by = "any two poses"
@@ -26,7 +28,9 @@ class MountMisalignment(FrameEffect):
     linear = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
-        return tuple(Turn(a, Jet(self.value(f"tilt_{a}"))) for a in "xyz") if slot == "mount" else ()
+        return (
+            tuple(Turn(a, Jet(self.value(f"tilt_{a}"))) for a in "xyz") if slot == "mount" else ()
+        )
 
 
 class MountSlip(FrameEffect):
@@ -52,7 +56,9 @@ class MountSlip(FrameEffect):
         on = onset(elapsed, start, creep)
         rate = np.where(elapsed >= start, (1 - on) / creep, 0.0) if creep > 0 else np.zeros_like(on)
         acceleration = -rate / creep if creep > 0 else rate
-        return tuple(Turn(a, Jet(on, rate, acceleration).scaled(self.value(f"slip_{a}"))) for a in "xyz")
+        return tuple(
+            Turn(a, Jet(on, rate, acceleration).scaled(self.value(f"slip_{a}"))) for a in "xyz"
+        )
 
 
 class MountThermalTilt(FrameEffect):
@@ -71,7 +77,9 @@ class MountThermalTilt(FrameEffect):
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
             return ()
-        warm = sampled_jet(context.drive.time, context.drive.temperature - context.drive.reference_temperature)
+        warm = sampled_jet(
+            context.drive.time, context.drive.temperature - context.drive.reference_temperature
+        )
         return tuple(Turn(a, warm.scaled(self.value(f"tilt_{a}"))) for a in "xyz")
 
 
@@ -83,11 +91,17 @@ class MountCompliance(FrameEffect):
         Parameter("bend_x", "arcsec_g", (0.5, 30, 300)),
         Parameter("bend_y", "arcsec_g", (0.5, 30, 300)),
     )
-    physics = "The instrument's weight bends its bracket; the bend turns with the specific force in the body frame."
+    physics = (
+        "The instrument's weight bends its bracket; the bend turns with the specific force in the"
+        " body frame."
+    )
     equation = "small rotation of the mount (-c_x f_y, c_y f_x, 0) / g"
     source = "effects list; PHYSICS 3.3"
     excited_by = "tilting about two axes"
-    look = "products of two force components on all channels, norm unchanged; follows the body at a remount"
+    look = (
+        "products of two force components on all channels, norm unchanged; follows the body at a"
+        " remount"
+    )
     on_table = True
     linear = True
     mechanised = True
@@ -102,11 +116,15 @@ class MountCompliance(FrameEffect):
         )
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        """Two hinges in series, x then y, each with its ballast; a positive bend hangs the ballast below (-z)."""
+        """Two hinges in series, x then y, each with its ballast; a positive bend hangs the ballast
+        below (-z).
+        """
         cx, cy = self.value("bend_x"), self.value("bend_y")
         mass, length = 0.5, 0.05  # the instrument's own
         arm_y = float(-np.copysign(length, cy)) if cy else 0.0
-        arm_x = float(-np.copysign(length, cx)) - arm_y if cx else 0.0  # hinge x carries both ballasts
+        arm_x = (
+            float(-np.copysign(length, cx)) - arm_y if cx else 0.0
+        )  # hinge x carries both ballasts
         load = mass * G0 * length
         springs = []
         if cx:
@@ -141,7 +159,11 @@ class MountResonance(FrameEffect):
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         sizes = {a: self.value(f"ring_{a}") for a in "xy"}
-        return tuple(Ring("mount", a, size, self.value("frequency"), self.value("tau")) for a, size in sizes.items() if size)
+        return tuple(
+            Ring("mount", a, size, self.value("frequency"), self.value("tau"))
+            for a, size in sizes.items()
+            if size
+        )
 
 
 class RemountRepeatability(FrameEffect):

@@ -16,8 +16,13 @@ class TriadSizeEffect(TermEffect):
     order = 5
     title = "the three accelerometers sit at different points"
     parameters = (Parameter("offset_{axis}", "mm", (30, 10, 1)),)
-    physics = "Each accelerometer of a triad feels the centripetal and tangential acceleration of its own place."
-    equation = "f_i at r_i: x displaced along y, y along z, z along x; f_i += (dw x r_i + w x (w x r_i))_i"
+    physics = (
+        "Each accelerometer of a triad feels the centripetal and tangential acceleration of its own"
+        " place."
+    )
+    equation = (
+        "f_i at r_i: x displaced along y, y along z, z along x; f_i += (dw x r_i + w x (w x r_i))_i"
+    )
     source = "effects list; PHYSICS 3.3"
     excited_by = "turning"
     look = "a lever arm that differs between the axes"

@@ -1,6 +1,8 @@
-"""Errors of an accelerometer triad or inclinometer that follow the specific force (IEEE 1293 model equation).
+"""Errors of an accelerometer triad or inclinometer that follow the specific force (IEEE 1293 model
+equation).
 
-Axis i is the input axis, the next two cyclically are pendulous (p) and output (o). Coefficients act on f in g.
+Axis i is the input axis, the next two cyclically are pendulous (p) and output (o). Coefficients act
+on f in g.
 """
 
 from abc import abstractmethod
@@ -27,11 +29,15 @@ class AccTerm(TermEffect):
         axis = name[-1]
         i = "xyz".index(axis)
         f = sense.force
-        return self.channel_of(axis, sense), self.column(f[:, i], f[:, (i + 1) % 3], f[:, (i + 2) % 3])
+        return self.channel_of(axis, sense), self.column(
+            f[:, i], f[:, (i + 1) % 3], f[:, (i + 2) % 3]
+        )
 
     @abstractmethod
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
-        """Reading per unit coefficient, from the force along input, pendulous and output axis, m/s2."""
+        """Reading per unit coefficient, from the force along input, pendulous and output axis,
+        m/s2.
+        """
 
 
 class AccBias(AccTerm):
@@ -81,7 +87,9 @@ class AccK2(AccTerm):
     id = "acc_K2"
     title = "second-order non-linearity"
     parameters = (Parameter("k2_{axis}", "ug_g2", (30, 500, 5000)),)
-    physics = "Electrostatic or pendulum stiffness that changes with deflection; rectifies vibration."
+    physics = (
+        "Electrostatic or pendulum stiffness that changes with deflection; rectifies vibration."
+    )
     equation = "reading_i += K2_i f_i^2 (g)"
     excited_by = "both signs of its own force"
     look = "constant and second harmonic; the norm gains first and third"

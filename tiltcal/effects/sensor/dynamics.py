@@ -1,4 +1,6 @@
-"""Sensor effects that are no sum of terms: bandwidth, saturation, angle-dependent bias, rectification, conversion."""
+"""Sensor effects that are no sum of terms: bandwidth, saturation, angle-dependent bias,
+rectification, conversion.
+"""
 
 import numpy as np
 
@@ -26,7 +28,9 @@ class AccBandwidth(SignalEffect):
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         tau = self.value("tau")
-        return np.column_stack([smooth_lag(sense.time, reading[:, i], tau) for i in range(reading.shape[1])])
+        return np.column_stack(
+            [smooth_lag(sense.time, reading[:, i], tau) for i in range(reading.shape[1])]
+        )
 
 
 class GyrBandwidth(AccBandwidth):
@@ -74,9 +78,16 @@ class AccAngleBias(TermEffect):
     kinds = ACCELEROMETERS
     order = 25
     title = "zero bias that depends on the placing angle"
-    parameters = tuple(Parameter(f"{part}{n}_{{axis}}", "ug", (300, 1000, 3000)) for n in (1, 2, 3, 4) for part in ("cos", "sin"))
+    parameters = tuple(
+        Parameter(f"{part}{n}_{{axis}}", "ug", (300, 1000, 3000))
+        for n in (1, 2, 3, 4)
+        for part in ("cos", "sin")
+    )
     physics = "A quartz flexure's zero shifts with its rotation about its own sensitive axis."
-    equation = "reading_i += sum_n c_n cos(n beta_i) + s_n sin(n beta_i); beta_i: turn about axis i from level"
+    equation = (
+        "reading_i += sum_n c_n cos(n beta_i) + s_n sin(n beta_i); beta_i: turn about axis i from"
+        " level"
+    )
     source = "seed S0; PHYSICS 3.4"
     excited_by = "turning about the sensitive axis"
     look = "the cross channel's bias as a function of the placing angle"
@@ -85,12 +96,18 @@ class AccAngleBias(TermEffect):
         axis, n = name[-1], int(name[3])
         beta = placing_angle(axis, sense.force)
         across = (sense.force**2).sum(axis=1) - sense.force[:, "xyz".index(axis)] ** 2
-        meaning = across / (across + (1e-7 * G0) ** 2)  # with the axis exactly vertical the angle has none
-        return self.channel_of(axis, sense), meaning * (np.cos(n * beta) if name.startswith("cos") else np.sin(n * beta))
+        meaning = across / (
+            across + (1e-7 * G0) ** 2
+        )  # with the axis exactly vertical the angle has none
+        return self.channel_of(axis, sense), meaning * (
+            np.cos(n * beta) if name.startswith("cos") else np.sin(n * beta)
+        )
 
 
 def placing_angle(axis: str, force: Array) -> Array:
-    """Turn about a body axis from the level pose, rad, (n,): atan2(f_y, f_z) for x, atan2(-f_x, f_z) for y."""
+    """Turn about a body axis from the level pose, rad, (n,): atan2(f_y, f_z) for x, atan2(-f_x,
+    f_z) for y.
+    """
     x, y, z = force[:, 0], force[:, 1], force[:, 2]
     pairs = {"x": (y, z), "y": (-x, z), "z": (x, y)}
     return np.asarray(np.arctan2(*pairs[axis]))
@@ -105,7 +122,9 @@ class AccVre(TermEffect):
     title = "vibration rectification error"
     parameters = (Parameter("vre_{axis}", "ug_g2", (60, 5000, 1e5)),)
     physics = "Even non-linearity turns vibration into a bias shift."
-    equation = "reading_i += k_i <a_i^2> (g), the mean square over 1 s of what is faster than 0.25 s"
+    equation = (
+        "reading_i += k_i <a_i^2> (g), the mean square over 1 s of what is faster than 0.25 s"
+    )
     source = "PHYSICS 3.4; analog.com on vibration rectification"
     excited_by = "vibration of changing size"
     look = "the bias follows the square of the vibration"

@@ -30,7 +30,11 @@ class FollowsState(TermEffect):
 
 def warming_rate(sense: Sense) -> Array:
     """dT/dt, K/s, (n,)."""
-    return np.gradient(sense.temperature, sense.time) if len(sense.time) > 2 else np.zeros(len(sense.time))
+    return (
+        np.gradient(sense.temperature, sense.time)
+        if len(sense.time) > 2
+        else np.zeros(len(sense.time))
+    )
 
 
 class AccTempBias(FollowsState):
@@ -63,7 +67,10 @@ class AccTempScale(TermEffect):
     look = "temperature times its own force"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), sense.temperature * sense.force[:, "xyz".index(name[-1])]
+        return (
+            self.channel_of(name[-1], sense),
+            sense.temperature * sense.force[:, "xyz".index(name[-1])],
+        )
 
 
 class AccThermalGradient(FollowsState):
@@ -91,7 +98,10 @@ class AccThermalHysteresis(FollowsState):
         Parameter("width", "degC", (5, 5, 5), positive=True, shape=True),
     )
     physics = "Adhesives and solder creep: the bias depends on where the temperature came from."
-    equation = "reading_i += h_i z(T), z the play state of the temperature; its width, where none is given, half of the span"
+    equation = (
+        "reading_i += h_i z(T), z the play state of the temperature; its width, where none is"
+        " given, half of the span"
+    )
     excited_by = "a temperature cycle"
     look = "a loop over temperature"
 
@@ -150,7 +160,9 @@ class BiasStep(TermEffect):
     look = "a step on one axis only, its neighbours unchanged"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), onset(sense.elapsed, self.value("time"), self.value("creep"))
+        return self.channel_of(name[-1], sense), onset(
+            sense.elapsed, self.value("time"), self.value("creep")
+        )
 
 
 class AccBiasStep(BiasStep):
@@ -207,7 +219,10 @@ class AccTempMisalign(TermEffect):
     look = "temperature times the force of another axis"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-2], sense), sense.temperature * sense.force[:, "xyz".index(name[-1])]
+        return (
+            self.channel_of(name[-2], sense),
+            sense.temperature * sense.force[:, "xyz".index(name[-1])],
+        )
 
 
 class AccTurnOn(SignalEffect):
@@ -226,7 +241,11 @@ class AccTurnOn(SignalEffect):
     random = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        return reading if rng is None else reading + rng.normal(0.0, self.value("sigma"), reading.shape[1])
+        return (
+            reading
+            if rng is None
+            else reading + rng.normal(0.0, self.value("sigma"), reading.shape[1])
+        )
 
 
 class AccAngularTerms(TermEffect):
@@ -237,7 +256,10 @@ class AccAngularTerms(TermEffect):
     order = 12
     title = "angular rate and acceleration terms"
     parameters = (Parameter("kang_{axis}", "ug_s2_rad", (10, 100, 1000)),)
-    physics = "A pendulum that is not balanced about its hinge feels angular acceleration about the output axis."
+    physics = (
+        "A pendulum that is not balanced about its hinge feels angular acceleration about the"
+        " output axis."
+    )
     equation = "reading_i += k_i dw_o/dt, o the output axis"
     source = "IEEE 1293 (Kang); effects list"
     excited_by = "starting and stopping a turn about the output axis"
@@ -245,7 +267,10 @@ class AccAngularTerms(TermEffect):
     linear = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), sense.angular_acceleration[:, ("xyz".index(name[-1]) + 2) % 3]
+        return (
+            self.channel_of(name[-1], sense),
+            sense.angular_acceleration[:, ("xyz".index(name[-1]) + 2) % 3],
+        )
 
 
 class AccHysteresis(SignalEffect):
@@ -260,8 +285,14 @@ class AccHysteresis(SignalEffect):
         Parameter("width", "unitless", (0.2, 0.2, 0.2), positive=True, default=0.2),
         Parameter("rounded", "unitless", (1, 1, 1), positive=True, shape=True),
     )
-    physics = "The suspension remembers the force it came from; the norm changes, unlike a table's lost motion."
-    equation = "reading_i += h_i z(f_i), z in [-1, 1] the play state (width in g, 0.2 unless given); rounded = 1: Dahl's"
+    physics = (
+        "The suspension remembers the force it came from; the norm changes, unlike a table's lost"
+        " motion."
+    )
+    equation = (
+        "reading_i += h_i z(f_i), z in [-1, 1] the play state (width in g, 0.2 unless given);"
+        " rounded = 1: Dahl's"
+    )
     source = "PHYSICS 3.4"
     excited_by = "approaching the same force from both sides"
     look = "a loop over the axis' own force"
@@ -273,5 +304,7 @@ class AccHysteresis(SignalEffect):
             if value:
                 channel = TermEffect.channel_of(name[-1], sense)
                 if channel >= 0:
-                    reading[:, channel] += value * law(sense.force[:, "xyz".index(name[-1])], self.value("width") * G0)
+                    reading[:, channel] += value * law(
+                        sense.force[:, "xyz".index(name[-1])], self.value("width") * G0
+                    )
         return reading

@@ -160,14 +160,20 @@ class GyrVre(TermEffect):
     title = "vibration rectification"
     parameters = (Parameter("vre_{axis}", "deg_h_g2", (10, 300, 3000)),)
     physics = "Vibration at the sense mode is rectified into a rate."
-    equation = "reading_i += k_i <a^2> (g), the mean square over 1 s of what is faster than 0.25 s, all axes"
+    equation = (
+        "reading_i += k_i <a^2> (g), the mean square over 1 s of what is faster than 0.25 s, all"
+        " axes"
+    )
     source = "PHYSICS 3.5"
     excited_by = "vibration of changing size"
     look = "the bias follows the square of the vibration"
     linear = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        total = sum((vibration_power(sense.force[:, j], sense.rate_hz) for j in range(3)), np.zeros(len(sense.time)))
+        total = sum(
+            (vibration_power(sense.force[:, j], sense.rate_hz) for j in range(3)),
+            np.zeros(len(sense.time)),
+        )
         return self.channel_of(name[-1], sense), total
 
 

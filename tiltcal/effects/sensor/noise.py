@@ -1,4 +1,6 @@
-"""Noise as effects: white, flicker, random walk; drawn by the laboratory, whitened by the fit, from the same numbers."""
+"""Noise as effects: white, flicker, random walk; drawn by the laboratory, whitened by the fit, from
+the same numbers.
+"""
 
 from math import log, pi
 
@@ -13,14 +15,18 @@ from tiltcal.effects.sensor.environmental import GYROS
 FLICKER_TAUS = tuple(4.0**k for k in range(6))  # s: 1, 4, ... 1024
 
 
-def draw_noise(n: int, rate_hz: float, white: float, flicker: float, walk: float, rng: np.random.Generator) -> Array:
+def draw_noise(
+    n: int, rate_hz: float, white: float, flicker: float, walk: float, rng: np.random.Generator
+) -> Array:
     """One channel of noise, (n,).
 
     Args:
         n: samples, at ``rate_hz``.
         white: N; the standard deviation of a sample is N sqrt(rate).
-        flicker: B, bias instability: the Allan floor is sqrt(2 ln 2 / pi) B. A sum of first-order processes with time
-            constants 1, 4, ... 1024 s, each of variance B^2 ln(4)/pi, has the density B^2/(pi f) between their corners.
+        flicker: B, bias instability: the Allan floor is sqrt(2 ln 2 / pi) B. A sum of first-order
+            processes with time
+            constants 1, 4, ... 1024 s, each of variance B^2 ln(4)/pi, has the density B^2/(pi f)
+            between their corners.
         walk: K, per square root of a second.
         rng: the channel's own stream.
     """
@@ -62,7 +68,9 @@ class Noise(SignalEffect):
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if rng is None:
             return reading
-        size = 1 / G0 if sense.kind == "inclinometer" else 1.0  # on an inclinometer it acts on the angle: 1 ug = 1 urad
+        size = (
+            1 / G0 if sense.kind == "inclinometer" else 1.0
+        )  # on an inclinometer it acts on the angle: 1 ug = 1 urad
         white, flicker, walk = (self.value(name) * size for name in ("white", "flicker", "walk"))
         for i, stream in enumerate(rng.spawn(reading.shape[1])):
             reading[:, i] += draw_noise(len(reading), sense.rate_hz, white, flicker, walk, stream)

@@ -1,9 +1,20 @@
-"""The drive: where the axis stands against what was asked of it, at rest, while moving and just after."""
+"""The drive: where the axis stands against what was asked of it, at rest, while moving and just
+after.
+"""
 
 import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
-from tiltcal.effects.mechanisms import Ballast, Cable, Cogging, Friction, Lag, Mechanism, Ring, Spring
+from tiltcal.effects.mechanisms import (
+    Ballast,
+    Cable,
+    Cogging,
+    Friction,
+    Lag,
+    Mechanism,
+    Ring,
+    Spring,
+)
 from tiltcal.effects.table.readout import CROSSING, ReadoutError, TableSag, lost_motion
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Drive, Jet, Rests
@@ -13,14 +24,21 @@ class ServoDroop(TableSag):
     id = "servo_droop"
     title = "finite static stiffness of the drive"
     parameters = (Parameter("droop", "arcsec", (0.05, 5, 60)),)
-    physics = "A proportional loop gives way to gravity's torque: true minus command = tau_g / kp. The encoder sees it."
+    physics = (
+        "A proportional loop gives way to gravity's torque: true minus command = tau_g / kp. The"
+        " encoder sees it."
+    )
     equation = "true = command + d sin(angle), on the axis that gravity loads (readout = command)"
     look = "as sag, but visible in the encoder"
     size = "droop"
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         axis = self.LOADED.get(rig.table)
-        return (Ballast(axis, self.value("droop")),) if axis is not None and self.acts_on(axis, rig) else ()
+        return (
+            (Ballast(axis, self.value("droop")),)
+            if axis is not None and self.acts_on(axis, rig)
+            else ()
+        )
 
 
 class TableUnbalance(AngleEffect):
@@ -54,7 +72,15 @@ class TableUnbalance(AngleEffect):
         arm[2] = 0.1 * np.cos(phase)
         arm[3 - 2 - i] = 0.1 * np.sin(phase) * (1 if i == 1 else -1)
         mass = 0.5
-        return (Spring(axis, "xyz"[i], mass * gravity * 0.1 / size, mass, (float(arm[0]), float(arm[1]), float(arm[2]))),)
+        return (
+            Spring(
+                axis,
+                "xyz"[i],
+                mass * gravity * 0.1 / size,
+                mass,
+                (float(arm[0]), float(arm[1]), float(arm[2])),
+            ),
+        )
 
 
 class CableTorque(AngleEffect):
@@ -63,7 +89,8 @@ class CableTorque(AngleEffect):
     title = "cables pull the table"
     parameters = (Parameter("pull", "arcsec_rad", (0.3, 3, 20)),)
     physics = (
-        "A cable wound up by the turn pulls the axis back or on, in proportion to the angle; it does not repeat after 360 deg."
+        "A cable wound up by the turn pulls the axis back or on, in proportion to the angle; it"
+        " does not repeat after 360 deg."
     )
     equation = "true = readout + k readout"
     source = "effects list; PHYSICS 3.2"
@@ -101,10 +128,13 @@ class ServoFrictionDeadband(AngleEffect):
     stage = "table"
     title = "rests short of the command by friction"
     parameters = (Parameter("width", "arcsec", (2, 20, 60), positive=True), CROSSING)
-    physics = "Below the friction torque the loop does not pull any more: the axis rests tau_f / kp short."
+    physics = (
+        "Below the friction torque the loop does not pull any more: the axis rests tau_f / kp"
+        " short."
+    )
     equation = (
-        "true rests width/2 short of the command, in the direction of the last motion (readout = command); with a crossing, the"
-        " play state of the command in place of the sign"
+        "true rests width/2 short of the command, in the direction of the last motion (readout ="
+        " command); with a crossing, the play state of the command in place of the sign"
     )
     source = "effects list; PHYSICS 3.2"
     excited_by = "approaching the same angle from both sides"
@@ -196,7 +226,9 @@ def ringing(drive: Drive, amplitude: float, frequency: float, tau: float) -> Jet
     t, rings = rests.since(drive.time), rests.holds(drive.time) & (np.cumsum(drive.stop < 0) > 0)
     rate = -1 / tau + 2j * np.pi * frequency
     wave = amplitude * np.exp(rate * np.where(rings, t, 0.0)) * rings
-    return Jet(*(np.asarray(part.real, dtype=float) for part in (wave, rate * wave, rate * rate * wave)))
+    return Jet(
+        *(np.asarray(part.real, dtype=float) for part in (wave, rate * wave, rate * rate * wave))
+    )
 
 
 class EncoderSde(ReadoutError):
@@ -207,7 +239,10 @@ class EncoderSde(ReadoutError):
         Parameter("sin", "arcsec", (0.3, 3, 10)),
         Parameter("lines", "", (360, 360, 36), positive=True, default=360.0),
     )
-    physics = "Two sine tracks of unequal size or phase make the interpolation between lines err, once a line."
+    physics = (
+        "Two sine tracks of unequal size or phase make the interpolation between lines err, once a"
+        " line."
+    )
     equation = "readout = true + c cos(n a) + s sin(n a), n the number of lines"
     source = "effects list; PHYSICS 3.2"
     excited_by = "angles that are no multiple of the line pitch"

@@ -23,7 +23,10 @@ class TableLevelling(FrameEffect):
     equation = "R_base = Rx(east) Ry(north)"
     source = "PHYSICS 3.2"
     excited_by = "a turn about a vertical axis"
-    look = "on a vertical axis once per turn in both channels; on a horizontal one a constant and the encoder's zero"
+    look = (
+        "on a vertical axis once per turn in both channels; on a horizontal one a constant and the"
+        " encoder's zero"
+    )
     linear = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
@@ -36,7 +39,10 @@ class AxisNonorthogonality(FrameEffect):
     id = "axis_nonorthogonality"
     stage = "table"
     title = "table axes are not perpendicular"
-    parameters = tuple(Parameter(n, "arcsec", (5, 60, 1800)) for n in ("outer_inner", "outer_middle", "middle_inner"))
+    parameters = tuple(
+        Parameter(n, "arcsec", (5, 60, 1800))
+        for n in ("outer_inner", "outer_middle", "middle_inner")
+    )
     physics = "Successive axes were bored a little off square."
     equation = "dual: Ry(e) between the axes; three: Rx(e1) after outer, Rz(e2) after middle"
     source = "effects list; PHYSICS 3.2"
@@ -57,13 +63,21 @@ class AxisWobble(FrameEffect):
     id = "table_axis_wobble"
     stage = "table"
     title = "synchronous tilt of the rotation axis"
-    parameters = tuple(Parameter(n, "arcsec", (1, 10, 100)) for n in ("m1c", "m1s", "p2c", "p2s", "m2c", "m2s"))
+    parameters = tuple(
+        Parameter(n, "arcsec", (1, 10, 100)) for n in ("m1c", "m1s", "p2c", "p2s", "m2c", "m2s")
+    )
     axis_wise = True
     physics = "Bearing races that are not round tilt the axis as it turns, the same way every turn."
-    equation = "stator-frame rotation vector (c + i s) exp(i n a), n = -1, +2, -2, along the next two axes cyclically"
+    equation = (
+        "stator-frame rotation vector (c + i s) exp(i n a), n = -1, +2, -2, along the next two axes"
+        " cyclically"
+    )
     source = "PHYSICS 1, 1.2"
     excited_by = "a full turn"
-    look = "on a vertical axis the sensor sees orders -2, +1, -3; n = +1 would be the mounting and is left out"
+    look = (
+        "on a vertical axis the sensor sees orders -2, +1, -3; n = +1 would be the mounting and is"
+        " left out"
+    )
     linear = True
     ORDERS = (("m1", -1), ("p2", 2), ("m2", -2))
 
@@ -92,8 +106,13 @@ class WobbleAsync(FrameEffect):
         Parameter("ratio", "unitless", (0.43, 0.43, 0.43), positive=True, default=0.43),
     )
     axis_wise = True
-    physics = "The ball cage turns at less than half the axis' rate: the tilt of the axis does not close after a turn."
-    equation = "stator-frame rotation vector (c + i s) exp(i r a), r turns of the cage a turn of the axis"
+    physics = (
+        "The ball cage turns at less than half the axis' rate: the tilt of the axis does not close"
+        " after a turn."
+    )
+    equation = (
+        "stator-frame rotation vector (c + i s) exp(i r a), r turns of the cage a turn of the axis"
+    )
     source = "PHYSICS 3.2"
     excited_by = "several turns"
     look = "a wobble that differs from turn to turn and repeats with the cage"
@@ -102,9 +121,16 @@ class WobbleAsync(FrameEffect):
         axis = self.axis or context.rig.axis_names[0]
         if slot != f"{axis}_bearing":
             return ()
-        angle, r, c, s = context.axes[axis], self.value("ratio"), self.value("cos"), self.value("sin")
+        angle, r, c, s = (
+            context.axes[axis],
+            self.value("ratio"),
+            self.value("cos"),
+            self.value("sin"),
+        )
         i = "xyz".index(dict(context.rig.axes)[axis])
-        return Turn("xyz"[(i + 1) % 3], angle.harmonic(r, c, -s)), Turn("xyz"[(i + 2) % 3], angle.harmonic(r, s, c))
+        return Turn("xyz"[(i + 1) % 3], angle.harmonic(r, c, -s)), Turn(
+            "xyz"[(i + 2) % 3], angle.harmonic(r, s, c)
+        )
 
 
 class AxisNonintersection(LinkEffect):
@@ -113,7 +139,9 @@ class AxisNonintersection(LinkEffect):
     stage = "table"
     title = "table axes do not intersect"
     parameters = (Parameter("offset", "mm", (0.5, 5, 5)),)
-    physics = "The inner axes pass beside the outer one: a lever arm that depends on which axis turns."
+    physics = (
+        "The inner axes pass beside the outer one: a lever arm that depends on which axis turns."
+    )
     equation = "inner axes displaced: dual along y, three along x, of the outer stage"
     source = "effects list; PHYSICS 3.2"
     excited_by = "turning the outer axis"

@@ -33,7 +33,9 @@ class ReadoutError(AngleEffect):
 class EncoderZero(ReadoutError):
     id = "table_encoder_zero"
     title = "zero of the angle readout"
-    parameters = tuple(Parameter(f"{axis}_zero", "arcsec", (3, 60, 1800)) for axis in ("outer", "middle", "inner"))
+    parameters = tuple(
+        Parameter(f"{axis}_zero", "arcsec", (3, 60, 1800)) for axis in ("outer", "middle", "inner")
+    )
     axis_wise = False
     physics = "The readout's zero is not where the scenario's frame has it."
     equation = "readout = true + zero, each axis its own"
@@ -52,8 +54,14 @@ class EncoderZero(ReadoutError):
 class EncoderEccentricity(ReadoutError):
     id = "table_encoder_eccentricity"
     title = "once-per-revolution readout error"
-    parameters = (Parameter("cos", "arcsec", (3, 40, 400)), Parameter("sin", "arcsec", (3, 40, 400)))
-    physics = "A graduated disc off centre by e on a diameter D reads 412.5 arcsec e[um]/D[mm] wrong, once a turn."
+    parameters = (
+        Parameter("cos", "arcsec", (3, 40, 400)),
+        Parameter("sin", "arcsec", (3, 40, 400)),
+    )
+    physics = (
+        "A graduated disc off centre by e on a diameter D reads 412.5 arcsec e[um]/D[mm] wrong,"
+        " once a turn."
+    )
     equation = "readout = true + c cos a + s sin a"
     source = "PHYSICS 3.2, 1.2; celeramotion application note"
     excited_by = "a full turn of a tilting axis"
@@ -68,7 +76,10 @@ class EncoderEccentricity(ReadoutError):
 class Encoder2Rev(EncoderEccentricity):
     id = "table_encoder_2rev"
     title = "twice-per-revolution readout error"
-    parameters = (Parameter("cos", "arcsec", (1, 15, 150)), Parameter("sin", "arcsec", (1, 15, 150)))
+    parameters = (
+        Parameter("cos", "arcsec", (1, 15, 150)),
+        Parameter("sin", "arcsec", (1, 15, 150)),
+    )
     physics = "An elliptic disc, or the residue of two opposed reading heads."
     equation = "readout = true + c cos 2a + s sin 2a"
     look = "first and third harmonics on both channels; norm unchanged"
@@ -91,7 +102,9 @@ class IndexError_(AngleEffect):
         zero = np.zeros(len(drive.time))
         if rng is None or len(drive.stop) == 0:
             return Jet(zero, zero, zero)
-        drawn = rng.normal(0.0, self.value("sigma"), int(drive.stop.max()) + 1 if drive.stop.max() >= 0 else 1)
+        drawn = rng.normal(
+            0.0, self.value("sigma"), int(drive.stop.max()) + 1 if drive.stop.max() >= 0 else 1
+        )
         resting = drive.stop >= 0
         knots = np.flatnonzero(resting)
         if len(knots) == 0:
@@ -105,7 +118,10 @@ class TableSag(AngleEffect):
     stage = "table"
     title = "the structure bends under gravity"
     parameters = (Parameter("sag", "arcsec", (2, 20, 60)),)
-    physics = "An unbalanced platform on a compliant structure bends by m g l sin(angle) / k, unseen by the encoder."
+    physics = (
+        "An unbalanced platform on a compliant structure bends by m g l sin(angle) / k, unseen by"
+        " the encoder."
+    )
     equation = "true = readout + d sin(angle), on the axis that gravity loads"
     source = "PHYSICS 3.2"
     excited_by = "a turn of a horizontal axis"
@@ -126,7 +142,15 @@ class TableSag(AngleEffect):
         if sag == 0 or axis is None or not self.acts_on(axis, rig):
             return ()
         mass, arm = 0.5, np.copysign(0.1, sag)  # only m g l / k = d matters
-        return (Spring(axis, dict(rig.axes)[axis], mass * gravity * abs(arm / sag), mass, (0.0, 0.0, float(arm))),)
+        return (
+            Spring(
+                axis,
+                dict(rig.axes)[axis],
+                mass * gravity * abs(arm / sag),
+                mass,
+                (0.0, 0.0, float(arm)),
+            ),
+        )
 
 
 CROSSING = Parameter("crossing", "deg", (0.01, 1, 5), positive=True, shape=True)
@@ -134,7 +158,9 @@ CROSSING = Parameter("crossing", "deg", (0.01, 1, 5), positive=True, shape=True)
 
 
 def lost_motion(readout: Jet, width: float, crossing: float) -> Jet:
-    """Half the width behind the readout, in the direction of its last motion, once it has crossed over, rad, (n,)."""
+    """Half the width behind the readout, in the direction of its last motion, once it has crossed
+    over, rad, (n,).
+    """
     return crossed(readout, crossing).scaled(-0.5 * width)
 
 
@@ -144,8 +170,13 @@ class TableBacklash(AngleEffect):
     stage = "table"
     title = "lost motion on reversal"
     parameters = (Parameter("width", "arcsec", (0.5, 60, 1800), positive=True), CROSSING)
-    physics = "Gears and couplings have play; the load rests against the side it was last pushed from."
-    equation = "true = readout - width/2 sign(last motion); with a crossing, the play state of the readout in place of the sign"
+    physics = (
+        "Gears and couplings have play; the load rests against the side it was last pushed from."
+    )
+    equation = (
+        "true = readout - width/2 sign(last motion); with a crossing, the play state of the readout"
+        " in place of the sign"
+    )
     source = "PHYSICS 3.2"
     excited_by = "approaching the same angle from both sides"
     look = "a rotation that changes sign with the direction of approach; norm unchanged"
@@ -159,4 +190,6 @@ class TableBacklash(AngleEffect):
         return (Gap(self.axis or rig.axis_names[0], self.value("width")),)
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        return self.mechanisms(rig, gravity) if self.value("crossing") == 0 else ()  # a gap is crossed over its own width
+        return (
+            self.mechanisms(rig, gravity) if self.value("crossing") == 0 else ()
+        )  # a gap is crossed over its own width

@@ -13,11 +13,15 @@ from tiltcal.setup.setup import Sensor, Setup
 from tiltcal.validation.online.filters import Complementary, Kalman
 
 Sample = Mapping[str, Any]
-"""One instant: ``time_s``, and for each sensor sampled then its readings in SI, a tuple in the order of its axes."""
+"""One instant: ``time_s``, and for each sensor sampled then its readings in SI, a tuple in the
+order of its axes.
+"""
 
 
 class Estimator(Protocol):
-    """What is judged: fed once a sample, it answers with the elevations of the body axes x and y."""
+    """What is judged: fed once a sample, it answers with the elevations of the body axes x and
+    y.
+    """
 
     def update(self, sample: Sample) -> tuple[float, float]:
         """Tilt of x and y, rad; NaN where it has none to give."""
@@ -28,7 +32,8 @@ LEVELS = ("accelerometer", "inclinometer")
 
 
 class Level:
-    """The plain level: the arcsine of each accelerometer over g, corrected where a calibration is given.
+    """The plain level: the arcsine of each accelerometer over g, corrected where a calibration is
+    given.
 
     An inclinometer's tilts are taken back to ``g sin(tilt)`` first: its calibration acts there.
     """
@@ -52,10 +57,14 @@ class Level:
 class Placing:
     """The corrector of placing-angle tables, fed with the samples of its sensor."""
 
-    def __init__(self, sensor: Sensor, gravity: float, calibration: Calibration, lookup: str | None) -> None:
+    def __init__(
+        self, sensor: Sensor, gravity: float, calibration: Calibration, lookup: str | None
+    ) -> None:
         corrector = calibration.placing(sensor, gravity, lookup)
         if corrector is None:
-            raise _unfit("placing", "a calibration without placing-angle tables", "one by placing_table")
+            raise _unfit(
+                "placing", "a calibration without placing-angle tables", "one by placing_table"
+            )
         self.name, self.corrector = sensor.name, corrector
         self.gravity = gravity if sensor.kind == "inclinometer" else None
         self.axes = [sensor.axes.index(a) for a in "xyz" if a in sensor.axes]
@@ -68,13 +77,19 @@ class Placing:
         return self.corrector.update([self.gravity * sin(read[i]) for i in self.axes])
 
 
-def accelerometer(setup: Setup, *, calibration: Calibration | None = None, sensor: str | None = None) -> Estimator:
+def accelerometer(
+    setup: Setup, *, calibration: Calibration | None = None, sensor: str | None = None
+) -> Estimator:
     """The accelerometer or inclinometer alone: exact at rest, wrong by a/g in motion."""
     return Level(_sensor(setup, LEVELS, sensor, 2), setup.site.gravity, calibration)
 
 
 def placing(
-    setup: Setup, *, calibration: Calibration | None = None, sensor: str | None = None, lookup: str | None = None
+    setup: Setup,
+    *,
+    calibration: Calibration | None = None,
+    sensor: str | None = None,
+    lookup: str | None = None,
 ) -> Estimator:
     """The on-line corrector of S0; its tables come from ``calibrate = "placing_table"``."""
     if calibration is None:
@@ -82,51 +97,79 @@ def placing(
     return Placing(_sensor(setup, LEVELS, sensor, 2), setup.site.gravity, calibration, lookup)
 
 
-def complementary(setup: Setup, *, calibration: Calibration | None = None, tau_s: float = 1.0) -> Estimator:
-    """The gyro carries the direction of gravity, the accelerometer pulls it back with a time constant."""
+def complementary(
+    setup: Setup, *, calibration: Calibration | None = None, tau_s: float = 1.0
+) -> Estimator:
+    """The gyro carries the direction of gravity, the accelerometer pulls it back with a time
+    constant.
+    """
     return Complementary(*_pair(setup), setup.site.gravity, calibration, tau_s)
 
 
 def kalman(
-    setup: Setup, *, calibration: Calibration | None = None, accel_sigma: float = 1e-3, gyro_sigma: float = 1e-4,
-    bias_walk: float = 1e-6, trust: float = 1.0,
-) -> Estimator:  # fmt: skip
+    setup: Setup,
+    *,
+    calibration: Calibration | None = None,
+    accel_sigma: float = 1e-3,
+    gyro_sigma: float = 1e-4,
+    bias_walk: float = 1e-6,
+    trust: float = 1.0,
+) -> Estimator:
     """Kalman filter of gravity's direction and the gyro's bias (filterpy)."""
-    return Kalman(*_pair(setup), setup.site.gravity, calibration, (accel_sigma, gyro_sigma, bias_walk, trust))
+    return Kalman(
+        *_pair(setup), setup.site.gravity, calibration, (accel_sigma, gyro_sigma, bias_walk, trust)
+    )
 
 
 ESTIMATORS: dict[str, Factory] = {
-    "accelerometer": accelerometer, "placing": placing, "complementary": complementary, "kalman": kalman
-}  # fmt: skip
+    "accelerometer": accelerometer,
+    "placing": placing,
+    "complementary": complementary,
+    "kalman": kalman,
+}
 
 
-def make_estimator(name: str, setup: Setup, calibration: Calibration | None, options: Mapping[str, Any]) -> Estimator:
-    """An estimator by the name of its factory: built in, or ``package.module:factory``, called with the Setup.
+def make_estimator(
+    name: str, setup: Setup, calibration: Calibration | None, options: Mapping[str, Any]
+) -> Estimator:
+    """An estimator by the name of its factory: built in, or ``package.module:factory``, called with
+    the Setup.
 
     Raises:
         TiltcalError: the name or an option is unknown, or what it makes has no ``update``.
     """
     if name not in ESTIMATORS and ":" not in name:
         raise TiltcalError(
-            f"estimator '{name}'", found="no such estimator", need="a built-in, or package.module:factory",
+            f"estimator '{name}'",
+            found="no such estimator",
+            need="a built-in, or package.module:factory",
             do=nearest(name, list(ESTIMATORS)),
-        )  # fmt: skip
+        )
     factory: Factory = ESTIMATORS[name] if name in ESTIMATORS else import_named(name)
     accepted = inspect.signature(factory).parameters
     given = dict(options) | ({} if calibration is None else {"calibration": calibration})
-    unknown = [k for k in given if k not in accepted and not any(p.kind is p.VAR_KEYWORD for p in accepted.values())]
+    unknown = [
+        k
+        for k in given
+        if k not in accepted and not any(p.kind is p.VAR_KEYWORD for p in accepted.values())
+    ]
     if unknown:
         valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
         raise TiltcalError(
-            f"estimator {name}", found=f"option '{unknown[0]}'", need="one of it", do=nearest(unknown[0], valid or ["none"])
+            f"estimator {name}",
+            found=f"option '{unknown[0]}'",
+            need="one of it",
+            do=nearest(unknown[0], valid or ["none"]),
         )
     bare = Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
     made = factory(bare, **given)
     if not callable(getattr(made, "update", None)):
         raise TiltcalError(
-            f"estimator {name}", found=f"a {type(made).__name__}", need="an object with update(sample) -> (tilt_x, tilt_y)",
+            f"estimator {name}",
+            found=f"a {type(made).__name__}",
+            need="an object with update(sample) -> (tilt_x, tilt_y)",
             do="return one",
-        )  # fmt: skip
+        )
     return made
 
 
@@ -135,12 +178,23 @@ def _pair(setup: Setup) -> tuple[Sensor, Sensor]:
 
 
 def _sensor(setup: Setup, kinds: tuple[str, ...], name: str | None, axes: int) -> Sensor:
-    fitting = [s for s in setup.sensors(*kinds) if len(s.axes) >= axes and {"x", "y"} <= set(s.axes) and name in (None, s.name)]
+    fitting = [
+        s
+        for s in setup.sensors(*kinds)
+        if len(s.axes) >= axes and {"x", "y"} <= set(s.axes) and name in (None, s.name)
+    ]
     if not fitting:
         kind = " or ".join(kinds)
-        raise _unfit(kinds[0], "no such sensor in the scenario", f"a sensor of kind {kind} with {axes} axes")
+        raise _unfit(
+            kinds[0], "no such sensor in the scenario", f"a sensor of kind {kind} with {axes} axes"
+        )
     return fitting[0]
 
 
 def _unfit(name: str, found: str, need: str) -> TiltcalError:
-    return TiltcalError(f"estimator {name}", found=found, need=need, do="correct the [[estimator]] or the [[sensor]] tables")
+    return TiltcalError(
+        f"estimator {name}",
+        found=found,
+        need=need,
+        do="correct the [[estimator]] or the [[sensor]] tables",
+    )

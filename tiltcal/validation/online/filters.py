@@ -1,4 +1,6 @@
-"""Tilt filters to compare with: complementary, and Kalman by filterpy. Both carry gravity's direction in the body frame."""
+"""Tilt filters to compare with: complementary, and Kalman by filterpy. Both carry gravity's
+direction in the body frame.
+"""
 
 from collections.abc import Mapping
 from math import asin, exp, hypot, sqrt
@@ -15,16 +17,25 @@ Vector = tuple[float, float, float]
 
 
 class Complementary:
-    """Up is carried by the gyro, ``du/dt = u x w``, and pulled towards f/|f| with time constant tau: plain floats.
+    """Up is carried by the gyro, ``du/dt = u x w``, and pulled towards f/|f| with time constant
+    tau: plain floats.
 
     Args:
         accel, gyro: triads; gravity: m/s2; calibration: of the accelerometer, or None; tau_s: s.
 
     Errors:
-        A gyro bias b leaves a tilt of b tau; an acceleration a that lasts t << tau leaves a t / (g tau).
+        A gyro bias b leaves a tilt of b tau; an acceleration a that lasts t << tau leaves a t / (g
+        tau).
     """
 
-    def __init__(self, accel: Sensor, gyro: Sensor, gravity: float, calibration: Calibration | None, tau_s: float) -> None:
+    def __init__(
+        self,
+        accel: Sensor,
+        gyro: Sensor,
+        gravity: float,
+        calibration: Calibration | None,
+        tau_s: float,
+    ) -> None:
         self.accel, self.gyro, self.tau = accel, gyro, tau_s
         self.read = _Reader(accel, gravity, calibration)
         self.time: float | None = None
@@ -54,16 +65,23 @@ class Complementary:
 class Kalman:
     """Up and the gyro's bias as the state of a filterpy Kalman filter, linear in the last state.
 
-    ``u' = u - (w - b) x u dt``, b a slow random walk; measured: f/g = u, trusted less the further |f| is from g.
+    ``u' = u - (w - b) x u dt``, b a slow random walk; measured: f/g = u, trusted less the further
+    |f| is from g.
 
     Args:
         accel, gyro: triads; gravity: m/s2; calibration: of the accelerometer, or None.
-        noise: accelerometer, g a sample; gyro, rad/s a sample; walk of its bias, rad/s a sample; how much of ||f|/g - 1|
+        noise: accelerometer, g a sample; gyro, rad/s a sample; walk of its bias, rad/s a sample;
+            how much of ||f|/g - 1|
             counts as noise.
     """
 
     def __init__(
-        self, accel: Sensor, gyro: Sensor, gravity: float, calibration: Calibration | None, noise: tuple[float, ...]
+        self,
+        accel: Sensor,
+        gyro: Sensor,
+        gravity: float,
+        calibration: Calibration | None,
+        noise: tuple[float, ...],
     ) -> None:
         from filterpy.kalman import KalmanFilter
 
@@ -110,7 +128,9 @@ class Kalman:
 
 
 class _Reader:
-    """Direction of the specific force of a sample, and its length in g; None where the triad was not sampled."""
+    """Direction of the specific force of a sample, and its length in g; None where the triad was
+    not sampled.
+    """
 
     def __init__(self, accel: Sensor, gravity: float, calibration: Calibration | None) -> None:
         self.accel, self.gravity, self.calibration, self.length = accel, gravity, calibration, 1.0

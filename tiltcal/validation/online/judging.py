@@ -1,4 +1,6 @@
-"""Running an estimator over a recording sample by sample, and its tilt error by section of the motion."""
+"""Running an estimator over a recording sample by sample, and its tilt error by section of the
+motion.
+"""
 
 import os
 import time
@@ -29,7 +31,8 @@ class Section:
     """A stretch of the motion: at rest, a move or a swing.
 
     Args:
-        kind: rest, move or swing; start, end: s; rms, worst: tilt error over its answered samples, rad.
+        kind: rest, move or swing; start, end: s; rms, worst: tilt error over its answered samples,
+            rad.
     """
 
     kind: str
@@ -44,7 +47,8 @@ class OnlineResult:
     """An estimator's tilt error.
 
     Args:
-        time: s, (n,); error: angle between the true and the found up, rad, (n,), NaN where it gave no answer.
+        time: s, (n,); error: angle between the true and the found up, rad, (n,), NaN where it gave
+            no answer.
         sections: of the motion, in order; kinds: of each sample, (n,).
         seconds: mean time a sample.
     """
@@ -72,7 +76,9 @@ class OnlineResult:
         return float(np.nanmax(self.error)) if self.answered else float("nan")
 
     def settling(self, band: float) -> float:
-        """Longest time from the end of a move until the error stays within a band (rad) for the rest of the dwell, s."""
+        """Longest time from the end of a move until the error stays within a band (rad) for the
+        rest of the dwell, s.
+        """
         longest = 0.0
         for before, s in zip(self.sections[:-1], self.sections[1:], strict=True):
             if s.kind == "rest" and before.kind != "rest":
@@ -84,13 +90,24 @@ class OnlineResult:
 
     def limits(self, accept: AcceptOnline) -> Iterator[tuple[str, float, str, bool]]:
         """Name, reached, allowed and whether it holds, of each limit."""
-        yield "samples answered", self.answered, f">= {accept.answered:g}", self.answered >= accept.answered
+        yield (
+            "samples answered",
+            self.answered,
+            f">= {accept.answered:g}",
+            self.answered >= accept.answered,
+        )
         reached = {
             "tilt error, arcsec rms": (self.rms() / ARCSEC, accept.rms_arcsec),
             "tilt error, arcsec worst": (self.worst / ARCSEC, accept.worst_arcsec),
             "tilt error at rest, arcsec rms": (self.rms("rest") / ARCSEC, accept.rest_arcsec),
-            "tilt error in motion, arcsec rms": (self.rms("move", "swing") / ARCSEC, accept.moving_arcsec),
-            f"settling to {accept.settled_arcsec:g} arcsec, s": (self.settling(accept.settled_arcsec * ARCSEC), accept.settling_s),
+            "tilt error in motion, arcsec rms": (
+                self.rms("move", "swing") / ARCSEC,
+                accept.moving_arcsec,
+            ),
+            f"settling to {accept.settled_arcsec:g} arcsec, s": (
+                self.settling(accept.settled_arcsec * ARCSEC),
+                accept.settling_s,
+            ),
             "time a sample, us": (self.seconds * 1e6, accept.sample_us),
         }
         for name, (value, allowed) in reached.items():
@@ -100,38 +117,62 @@ class OnlineResult:
     @property
     def statement(self) -> str:
         """In words."""
-        parts = ", ".join(f"{k} {self.rms(k) / ARCSEC:.4g}" for k in ("rest", "move", "swing") if np.any(self.kinds == k))
+        parts = ", ".join(
+            f"{k} {self.rms(k) / ARCSEC:.4g}"
+            for k in ("rest", "move", "swing")
+            if np.any(self.kinds == k)
+        )
         return (
-            f"tilt error {self.rms() / ARCSEC:.4g} arcsec rms ({parts}), {self.worst / ARCSEC:.4g} worst, over {len(self.time)} "
-            f"samples, {100 * self.answered:.4g} % answered; {self.seconds * 1e6:.3g} us a sample"
+            f"tilt error {self.rms() / ARCSEC:.4g} arcsec rms ({parts}), {self.worst / ARCSEC:.4g}"
+            f" worst, over {len(self.time)} samples, {100 * self.answered:.4g} % answered;"
+            f" {self.seconds * 1e6:.3g} us a sample"
         )
 
     def to_json(self) -> dict[str, Any]:
         """For machines."""
         return {
-            "samples": len(self.time), "answered": self.answered, "rms_arcsec": self.rms() / ARCSEC,
-            "worst_arcsec": self.worst / ARCSEC, "sample_us": self.seconds * 1e6,
+            "samples": len(self.time),
+            "answered": self.answered,
+            "rms_arcsec": self.rms() / ARCSEC,
+            "worst_arcsec": self.worst / ARCSEC,
+            "sample_us": self.seconds * 1e6,
             "sections": [
-                {"kind": s.kind, "start_s": s.start, "end_s": s.end, "rms_arcsec": s.rms / ARCSEC, "worst_arcsec": s.worst / ARCSEC}
+                {
+                    "kind": s.kind,
+                    "start_s": s.start,
+                    "end_s": s.end,
+                    "rms_arcsec": s.rms / ARCSEC,
+                    "worst_arcsec": s.worst / ARCSEC,
+                }
                 for s in self.sections
             ],
-        }  # fmt: skip
+        }
 
 
-def run_estimator(scenario: Scenario, table: EstimatorTable, recording: Recording, laboratory: Laboratory) -> OnlineResult:
+def run_estimator(
+    scenario: Scenario, table: EstimatorTable, recording: Recording, laboratory: Laboratory
+) -> OnlineResult:
     """Feed a recording to an estimator and judge its tilt against the laboratory's truth.
 
     Raises:
-        TiltcalError: the laboratory knows no truth, nothing is left to judge, or the estimator fails.
+        TiltcalError: the laboratory knows no truth, nothing is left to judge, or the estimator
+            fails.
     """
     if not isinstance(laboratory, TruthfulLaboratory):
-        raise TiltcalError(f"estimator {table.title}", found="a laboratory without truth", need="a simulated one", do="simulate it")
+        raise TiltcalError(
+            f"estimator {table.title}",
+            found="a laboratory without truth",
+            need="a simulated one",
+            do="simulate it",
+        )
     live = recording.time >= recording.time[0] + table.from_s
     if not live.any():
         raise TiltcalError(
-            f"estimator {table.title}", found=f"from_s = {table.from_s:g} beyond the recording", need="samples to judge",
+            f"estimator {table.title}",
+            found=f"from_s = {table.from_s:g} beyond the recording",
+            need="samples to judge",
             do=f"choose less than {np.ptp(recording.time):.6g} s",
-        )  # fmt: skip
+        )
     found = None
     if table.calibrate is not None:
         options = table.calibrate_options
@@ -142,7 +183,9 @@ def run_estimator(scenario: Scenario, table: EstimatorTable, recording: Recordin
     finally:
         getattr(estimator, "close", lambda: None)()
     stamps = recording.time[live]
-    return judge(stamps, tilt, laboratory.true_up(scenario, scenario.seed, stamps), scenario, seconds)
+    return judge(
+        stamps, tilt, laboratory.true_up(scenario, scenario.seed, stamps), scenario, seconds
+    )
 
 
 def _made(table: EstimatorTable, scenario: Scenario, found: Calibration | None) -> Estimator:
@@ -158,16 +201,27 @@ def part_of(recording: Recording, rows: "np.ndarray[tuple[int], np.dtype[np.bool
         TiltcalError: there are none.
     """
     if not rows.any():
-        raise TiltcalError(recording.source, found="no sample before from_s", need="some to calibrate on", do="raise from_s")
+        raise TiltcalError(
+            recording.source,
+            found="no sample before from_s",
+            need="some to calibrate on",
+            do="raise from_s",
+        )
     labels = None if recording.labels is None else recording.labels[rows]
     columns = {n: recording.column(n)[rows] for n in recording.column_names}
     return Recording.from_columns(
-        recording.time[rows], columns, labels=labels, metadata=recording.metadata, source=recording.source
+        recording.time[rows],
+        columns,
+        labels=labels,
+        metadata=recording.metadata,
+        source=recording.source,
     )
 
 
 def samples_of(recording: Recording, scenario: Scenario) -> Iterator[list[Sample]]:
-    """The samples of a recording in SI, in lists of some thousand; a sensor that was not sampled then is left out."""
+    """The samples of a recording in SI, in lists of some thousand; a sensor that was not sampled
+    then is left out.
+    """
     sensed = []
     for sensor in scenario.sensor:
         samples = recording.sensor(sensor)
@@ -179,7 +233,9 @@ def samples_of(recording: Recording, scenario: Scenario) -> Iterator[list[Sample
         chunk: list[Sample] = [{"time_s": t} for t in recording.time[part].tolist()]
         for name, values in sensed:
             taken = ~np.isnan(values[part]).all(axis=1)
-            for sample, value, known in zip(chunk, map(tuple, values[part].tolist()), taken.tolist(), strict=True):
+            for sample, value, known in zip(
+                chunk, map(tuple, values[part].tolist()), taken.tolist(), strict=True
+            ):
                 if known:
                     sample[name] = value  # type: ignore[index]
         yield chunk
@@ -205,18 +261,24 @@ def feed(estimator: Estimator, chunks: Iterable[list[Sample]], title: str) -> tu
         if os.environ.get("TILTCAL_TRACEBACK"):
             raise
         raise TiltcalError(
-            f"estimator {title}, sample {len(answers) + 1}", found=f"an error in it ({type(error).__name__}: {error})",
-            need="update(sample) -> (tilt_x, tilt_y)", do="mend it; TILTCAL_TRACEBACK=1 shows where",
-        ) from error  # fmt: skip
+            f"estimator {title}, sample {len(answers) + 1}",
+            found=f"an error in it ({type(error).__name__}: {error})",
+            need="update(sample) -> (tilt_x, tilt_y)",
+            do="mend it; TILTCAL_TRACEBACK=1 shows where",
+        ) from error
     if tilt.ndim != 2 or tilt.shape[1] != 2:
         raise TiltcalError(
-            f"estimator {title}", found=f"answers of shape {tilt.shape[1:]}", need="two numbers, tilt_x and tilt_y in rad",
+            f"estimator {title}",
+            found=f"answers of shape {tilt.shape[1:]}",
+            need="two numbers, tilt_x and tilt_y in rad",
             do="return (tilt_x, tilt_y)",
-        )  # fmt: skip
+        )
     return tilt, took / len(tilt)
 
 
-def judge(stamps: Array, tilt: Array, up: Array, scenario: Scenario, seconds: float) -> OnlineResult:
+def judge(
+    stamps: Array, tilt: Array, up: Array, scenario: Scenario, seconds: float
+) -> OnlineResult:
     """Tilt error of each sample and section. tilt: (n, 2), rad; up: true, (n, 3)."""
     sine = np.sin(tilt)
     third = np.sqrt(np.maximum(1 - (sine**2).sum(axis=1), 0.0)) * np.where(up[:, 2] < 0, -1.0, 1.0)
@@ -228,6 +290,12 @@ def judge(stamps: Array, tilt: Array, up: Array, scenario: Scenario, seconds: fl
     for k in np.unique(which):
         e = error[which == k]
         e = e[~np.isnan(e)]
-        rms, worst = (float(np.sqrt(np.mean(e**2))), float(e.max())) if len(e) else (float("nan"), float("nan"))
-        sections.append(Section(str(kinds[k]), max(legs[k].t0, float(stamps[0])), legs[k].t1, rms, worst))
+        rms, worst = (
+            (float(np.sqrt(np.mean(e**2))), float(e.max()))
+            if len(e)
+            else (float("nan"), float("nan"))
+        )
+        sections.append(
+            Section(str(kinds[k]), max(legs[k].t0, float(stamps[0])), legs[k].t1, rms, worst)
+        )
     return OnlineResult(stamps, error, tuple(sections), kinds[which], seconds)

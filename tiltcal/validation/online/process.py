@@ -1,4 +1,6 @@
-"""A program as an estimator: a line a sample on its standard input, a line a tilt on its standard output."""
+"""A program as an estimator: a line a sample on its standard input, a line a tilt on its standard
+output.
+"""
 
 import os
 import select
@@ -14,9 +16,11 @@ PATIENCE = 10.0  # s for one answer
 
 
 class Process:
-    """Feeds ``time_s,<readings of each sensor in SI, in the scenario's order>`` and reads ``tilt_x,tilt_y``, rad.
+    """Feeds ``time_s,<readings of each sensor in SI, in the scenario's order>`` and reads
+    ``tilt_x,tilt_y``, rad.
 
-    Cells of a sensor that was not sampled are empty. The next sample is written only after the answer to the last: a
+    Cells of a sensor that was not sampled are empty. The next sample is written only after the
+    answer to the last: a
     program cannot look ahead, and has to flush every line.
 
     Args:
@@ -24,16 +28,24 @@ class Process:
         setup: whose sensors are fed.
 
     Raises:
-        TiltcalError: it does not start, ends early, does not answer in time, or answers with something else.
+        TiltcalError: it does not start, ends early, does not answer in time, or answers with
+            something else.
     """
 
     def __init__(self, command: Sequence[str], setup: Setup) -> None:
         self.name, self.rest = command[0], b""
         self.sensors = [(s.name, len(s.axes)) for s in setup.sensor]
         try:
-            self.process = subprocess.Popen(list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+            self.process = subprocess.Popen(
+                list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+            )
         except OSError as error:
-            raise TiltcalError(f"command {self.name}", found=str(error), need="a program that runs", do="check the path") from error
+            raise TiltcalError(
+                f"command {self.name}",
+                found=str(error),
+                need="a program that runs",
+                do="check the path",
+            ) from error
 
     def update(self, sample: Mapping[str, Any]) -> tuple[float, float]:
         """Tilt of x and y, rad."""
@@ -71,9 +83,11 @@ class Process:
     def _broken(self, found: str) -> TiltcalError:
         self.close()
         return TiltcalError(
-            f"command {self.name}", found=found, need="a line 'tilt_x,tilt_y' in rad for every sample",
+            f"command {self.name}",
+            found=found,
+            need="a line 'tilt_x,tilt_y' in rad for every sample",
             do="flush standard output after each line",
-        )  # fmt: skip
+        )
 
     def close(self) -> None:
         """End the program."""

@@ -1,4 +1,5 @@
-"""Fitting and pruning an account: steps that run away, what belongs to a larger finding, what codes
+"""Fitting and pruning a fitted model: steps that run away, what belongs to a larger finding, what
+codes
 hide, plainer words.
 """
 
@@ -13,26 +14,26 @@ from dossier import bench, honest, recorded, rewritten
 from tiltcal.core.units import G0
 from tiltcal.diagnosis.conclusions.concluding import findings_of
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.quantisation_limit import above
+from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
 from tiltcal.diagnosis.data_quality.stop_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, Span
-from tiltcal.diagnosis.hypotheses.dictionary import fill
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect, listed_suspects, step_suspects
-from tiltcal.diagnosis.model.cross_validation import borne_out
-from tiltcal.diagnosis.model.fitted_model import Term, settle
-from tiltcal.diagnosis.search.alternatives import Rival, preferred
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import CoordinateRanges, SpectralLines
+from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
+from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.search.alternatives import Alternative, preferred
 from tiltcal.diagnosis.search.forward_selection import (
-    Gate,
-    absorbed,
+    NoiseGate,
+    drop_below_bic,
+    drop_implausible_sizes,
     findings,
-    plausible,
-    select,
-    worth_their_numbers,
+    forward_selection,
+    merge_small_findings,
 )
-from tiltcal.diagnosis.search.predictive_parameters import in_full
-from tiltcal.diagnosis.search.swap_search import burden, plainer, plainly
-from tiltcal.diagnosis.search.unlisted_curves import causes, nameless
+from tiltcal.diagnosis.search.predictive_parameters import add_predictive_parameters
+from tiltcal.diagnosis.search.swap_search import description_length, plainly, swap_search
+from tiltcal.diagnosis.search.unlisted_curves import causes, prefer_unlisted_curve
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading, LearnedTilt
 from tiltcal.laboratory.handheld import earlier
@@ -45,19 +46,21 @@ def prepared(*left_out, seed=8, **how):
     return prepare(honest(truth), [recorded(truth, seed)])
 
 
-def suspect(id, names, sensor="accel", axis=None, **values):
-    return Suspect(CATALOGUE[id](dict.fromkeys(names, 1e-4) | values, sensor, axis), names)
+def hypothesis(id, names, sensor="accel", axis=None, **values):
+    return Hypothesis(CATALOGUE[id](dict.fromkeys(names, 1e-4) | values, sensor, axis), names)
 
 
-def with_terms(found, *suspects):
-    return settle(replace(found.start, terms=tuple(Term.start(s) for s in suspects)), found.ledger)
+def with_terms(found, *hypotheses):
+    return refit(
+        replace(found.start, terms=tuple(FittedTerm.start(s) for s in hypotheses)), found.whitened
+    )
 
 
 def test_sizes_are_fitted_to_what_was_left_out():
     found = prepared(K2)
-    account = with_terms(found, suspect("acc_K2", ("k2_x",)))
-    (term,) = account.terms
-    (sigma,) = account.sigmas(0)
+    fitted = with_terms(found, hypothesis("acc_K2", ("k2_x",)))
+    (term,) = fitted.terms
+    (sigma,) = fitted.sigmas(0)
     assert abs(term.values[0] - 800e-6) < 4 * sigma
 
 
@@ -69,16 +72,17 @@ def test_sizes_that_a_prediction_is_better_with_are_used_too(seed):
     found = prepared({**K2, "k2_y_ug_g2": 22.0}, seed=seed)
     names = ("k2_x", "k2_y", "k2_z")
     first = replace(
-        with_terms(found, suspect("acc_K2", ("k2_x",))).terms[0], suspect=suspect("acc_K2", names)
+        with_terms(found, hypothesis("acc_K2", ("k2_x",))).terms[0],
+        hypothesis=hypothesis("acc_K2", names),
     )
-    account = settle(replace(found.start, terms=(first,)), found.ledger)
-    whole = with_terms(found, suspect("acc_K2", names))
+    fitted = refit(replace(found.start, terms=(first,)), found.whitened)
+    whole = with_terms(found, hypothesis("acc_K2", names))
     told = [
         n
         for n, v, s in zip(names, whole.terms[0].values, whole.sigmas(0), strict=True)
         if (v / s) ** 2 > 2
     ]
-    (term,) = in_full(account, found.ledger).terms
+    (term,) = add_predictive_parameters(fitted, found.whitened).terms
     assert sorted(term.names) == told
     assert "k2_x" in told
 
@@ -89,19 +93,20 @@ def test_a_step_to_where_the_model_has_no_reading_is_taken_back(monkeypatch):
     """
     found = prepared(K2)
     sane = found.start.deviance
-    usual, calls = found.ledger.residual, []
+    usual, calls = found.whitened.residual, []
 
     def absurd(effects):
         calls.append(1)
         left = usual(effects)
         return left if len(calls) == 1 else [np.full_like(r, np.nan) for r in left]
 
-    monkeypatch.setattr(found.ledger, "residual", absurd)
-    account = settle(
-        replace(found.start, terms=(Term.start(suspect("acc_K2", ("k2_x",))),)), found.ledger
+    monkeypatch.setattr(found.whitened, "residual", absurd)
+    fitted = refit(
+        replace(found.start, terms=(FittedTerm.start(hypothesis("acc_K2", ("k2_x",))),)),
+        found.whitened,
     )
-    assert account.terms[0].values == (0.0,)
-    assert account.deviance <= sane * 1.001
+    assert fitted.terms[0].values == (0.0,)
+    assert fitted.deviance <= sane * 1.001
 
 
 def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
@@ -115,20 +120,21 @@ def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
         }
     )
     ring = {"frequency": 1.5, "tau": 2.0}
-    large = suspect("settling_transient", ("amplitude",), None, "outer", **ring)
-    small = suspect("settling_transient", ("amplitude",), None, "inner", **ring)
+    large = hypothesis("settling_transient", ("amplitude",), None, "outer", **ring)
+    small = hypothesis("settling_transient", ("amplitude",), None, "inner", **ring)
     both = with_terms(found, large, small)
     assert len(findings(both)) == 2
-    assert [len(places) for places in findings(absorbed(both, found.ledger))] == [2]
-    other = with_terms(found, large, suspect("acc_K2", ("k2_y",)))
+    assert [len(places) for places in findings(merge_small_findings(both, found.whitened))] == [2]
+    other = with_terms(found, large, hypothesis("acc_K2", ("k2_y",)))
     assert (
-        len(findings(absorbed(other, found.ledger))) == 2
+        len(findings(merge_small_findings(other, found.whitened))) == 2
     )  # a pose does not excite what a move does
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_random_walk_is_not_worth_five_warm_ups(seed):
-    """Each account under the noise that it leaves: under that of the warm-ups, which take the walk,
+    """Each fitted model under the noise that it leaves: under that of the warm-ups, which take the
+    walk,
     the other pays for it.
     """
     truth, rng = bench(K2), np.random.default_rng(seed)
@@ -138,12 +144,12 @@ def test_a_random_walk_is_not_worth_five_warm_ups(seed):
         honest(truth), [rewritten(whole, accel_x_m_s2=whole.column("accel_x_m_s2") + walk)]
     )
     taus = (np.array([0.03, 0.1, 0.2, 0.5, 1.5]) * whole.time[-1]).tolist()
-    first, *others = (suspect("acc_warmup", ("warmup_x",), tau=tau) for tau in taus)
-    plain = with_terms(found, suspect("acc_K2", ("k2_x",)))
-    beside = (Term.start(first), *(replace(Term.start(s), host=first) for s in others))
-    gate = Gate(None, 100)
-    assert burden(plain, found.ledger, gate) < burden(
-        replace(plain, terms=plain.terms + beside), found.ledger, gate
+    first, *others = (hypothesis("acc_warmup", ("warmup_x",), tau=tau) for tau in taus)
+    plain = with_terms(found, hypothesis("acc_K2", ("k2_x",)))
+    beside = (FittedTerm.start(first), *(replace(FittedTerm.start(s), host=first) for s in others))
+    gate = NoiseGate(None, 100)
+    assert description_length(plain, found.whitened, gate) < description_length(
+        replace(plain, terms=plain.terms + beside), found.whitened, gate
     )
 
 
@@ -157,9 +163,9 @@ def test_a_law_that_one_stop_alone_speaks_for_is_not_borne_out():
     x = whole.column("accel_x_m_s2").copy()
     x[stop == stop[np.argmax(np.where(stop >= 0, x, 0.0))]] += 0.05
     found = prepare(honest(truth), [rewritten(whole, accel_x_m_s2=x)])
-    both = with_terms(found, suspect("acc_K2", ("k2_x",)), suspect("acc_K3", ("k3_x",)))
-    assert both.deviance < with_terms(found, suspect("acc_K2", ("k2_x",))).deviance - 100
-    assert [t.suspect.id for t in borne_out(both, found.ledger).terms] == ["acc_K2"]
+    both = with_terms(found, hypothesis("acc_K2", ("k2_x",)), hypothesis("acc_K3", ("k3_x",)))
+    assert both.deviance < with_terms(found, hypothesis("acc_K2", ("k2_x",))).deviance - 100
+    assert [t.hypothesis.id for t in drop_unpredictive(both, found.whitened).terms] == ["acc_K2"]
 
 
 @pytest.mark.parametrize(("frequency", "parts"), [(2.03, [2]), (2.2, [1, 1])])
@@ -172,11 +178,11 @@ def test_lines_nearer_together_than_the_mains_wander_are_one(frequency, parts):
             for s, f in lines
         )
     )
-    mains = suspect("mains_pickup", ("pickup_x",), frequency=2.0)
+    mains = hypothesis("mains_pickup", ("pickup_x",), frequency=2.0)
     both = with_terms(
-        found, mains, suspect("base_vibration", ("ec", "es"), None, frequency=frequency)
+        found, mains, hypothesis("base_vibration", ("ec", "es"), None, frequency=frequency)
     )
-    assert [len(places) for places in findings(absorbed(both, found.ledger))] == parts
+    assert [len(places) for places in findings(merge_small_findings(both, found.whitened))] == parts
 
 
 @pytest.mark.parametrize(("axis", "parts"), [("outer", [2]), ("inner", [1, 1])])
@@ -188,18 +194,20 @@ def test_a_small_ripple_of_an_encoder_is_a_part_of_its_curve(axis, parts):
         {"id": "table_encoder_2rev", "axis": "outer", "cos_arcsec": 40.0},
         {"id": "table_encoder_sde", "axis": axis, "cos_arcsec": 4.0, "lines": 36.0},
     )
-    large = suspect("table_encoder_2rev", ("cos",), None, "outer")
-    both = with_terms(found, large, suspect("table_encoder_sde", ("cos",), None, axis, lines=36.0))
-    assert [len(places) for places in findings(absorbed(both, found.ledger))] == parts
+    large = hypothesis("table_encoder_2rev", ("cos",), None, "outer")
+    both = with_terms(
+        found, large, hypothesis("table_encoder_sde", ("cos",), None, axis, lines=36.0)
+    )
+    assert [len(places) for places in findings(merge_small_findings(both, found.whitened))] == parts
 
 
 @pytest.mark.parametrize(("code", "kept"), [(1e-3, 1), (0.1, 0)])
 def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     found = prepared(K2)
-    account = with_terms(found, suspect("acc_K2", ("k2_x",)))  # 800 ug at 1 g: 8e-3 m/s2
-    assert len(above(account, found.ledger, {"accel": code}).terms) == kept
+    fitted = with_terms(found, hypothesis("acc_K2", ("k2_x",)))  # 800 ug at 1 g: 8e-3 m/s2
+    assert len(drop_below_code(fitted, found.whitened, {"accel": code}).terms) == kept
     assert (
-        len(above(account, found.ledger, {"gyro": code}).terms) == 1
+        len(drop_below_code(fitted, found.whitened, {"gyro": code}).terms) == 1
     )  # another sensor's codes hide nothing here
 
 
@@ -211,22 +219,25 @@ def test_of_a_curve_what_calibration_takes_is_not_larger_than_a_code(bend, kept)
     curve = LearnedReading(
         dict.fromkeys(names, 0.1), "accel", "x", coordinate="input", knots=(-9.8, 0.0, 9.8)
     )
-    account = replace(found.start, terms=(Term(Suspect(curve, names), names, values),))
-    assert len(above(account, found.ledger, {"accel": 0.01}).terms) == kept
+    fitted = replace(found.start, terms=(FittedTerm(Hypothesis(curve, names), names, values),))
+    assert len(drop_below_code(fitted, found.whitened, {"accel": 0.01}).terms) == kept
 
 
 @pytest.mark.parametrize(("count", "kept"), [(30, 2), (31, 1)])
 def test_a_curve_with_as_many_numbers_as_there_are_stops_is_no_law(count, kept):
     found = prepared(K2)  # 31 stops
     names = tuple(f"c{k}" for k in range(count))
-    curve = Suspect(
+    curve = Hypothesis(
         LearnedReading(dict.fromkeys(names, 0.1), "accel", "x", coordinate="table_outer"), names
     )
-    account = replace(
+    fitted = replace(
         found.start,
-        terms=(Term.start(suspect("acc_K2", ("k2_x",))), Term(curve, names, (1e-4,) * count)),
+        terms=(
+            FittedTerm.start(hypothesis("acc_K2", ("k2_x",))),
+            FittedTerm(curve, names, (1e-4,) * count),
+        ),
     )
-    assert [t.suspect.id for t in lawful_part(account, found.ledger).terms] == [
+    assert [t.hypothesis.id for t in lawful_part(fitted, found.whitened).terms] == [
         "acc_K2",
         "learned",
     ][:kept]
@@ -236,12 +247,19 @@ def test_a_curve_with_as_many_numbers_as_there_are_stops_is_no_law(count, kept):
 def test_what_completes_a_form_has_a_size_that_a_file_may_give_it(width, kept, monkeypatch):
     """A width below nothing would round the corners of the other, and no scenario holds it."""
     found = prepared()
-    plays = [suspect("table_backlash", ("width",), None, "outer", crossing=c) for c in (0.0, 0.3)]
-    terms = (Term(plays[0], ("width",), (5e-4,)), Term(plays[1], ("width",), (width,), plays[0]))
-    monkeypatch.setattr(
-        "tiltcal.diagnosis.search.forward_selection.settle", lambda account, _: account
+    plays = [
+        hypothesis("table_backlash", ("width",), None, "outer", crossing=c) for c in (0.0, 0.3)
+    ]
+    terms = (
+        FittedTerm(plays[0], ("width",), (5e-4,)),
+        FittedTerm(plays[1], ("width",), (width,), plays[0]),
     )
-    assert len(plausible(replace(found.start, terms=terms), found.ledger).terms) == kept
+    monkeypatch.setattr(
+        "tiltcal.diagnosis.search.forward_selection.settle", lambda fitted, _: fitted
+    )
+    assert (
+        len(drop_implausible_sizes(replace(found.start, terms=terms), found.whitened).terms) == kept
+    )
 
 
 def test_where_every_reading_is_at_fault_nothing_is_said_of_the_physics():
@@ -262,35 +280,40 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
             "tau_s": 2.0,
         }
     )
-    ring = suspect("settling_transient", ("amplitude",), None, "outer", frequency=1.5, tau=2.0)
-    account = with_terms(found, ring)
-    assert len(above(account, found.ledger, {"accel": 1e-6}).terms) == 1
-    assert above(account, found.ledger, {"accel": 1e-6}, blurred=True).terms == ()
-    fill(found.ledger, found.start, Lines(), blurred=True)
+    ring = hypothesis("settling_transient", ("amplitude",), None, "outer", frequency=1.5, tau=2.0)
+    fitted = with_terms(found, ring)
+    assert len(drop_below_code(fitted, found.whitened, {"accel": 1e-6}).terms) == 1
+    assert drop_below_code(fitted, found.whitened, {"accel": 1e-6}, blurred=True).terms == ()
+    build_dictionary(found.whitened, found.start, SpectralLines(), blurred=True)
     assert not {"settling_transient", "table_backlash", "lever_arm"} & {
-        s.id for s in found.ledger.suspects
+        s.id for s in found.whitened.hypotheses
     }
 
 
 def test_an_account_with_many_numbers_gives_way_to_a_plain_one():
     """A K2 that two wrong laws with curves stand for is exchanged for itself."""
     found = prepared(K2)
-    fill(found.ledger, found.start, Lines())
-    gate = Gate(None, len(found.ledger.suspects))
-    wrong = with_terms(found, suspect("acc_scale_asym", ("asym_x",)), suspect("acc_K3", ("k3_x",)))
-    found_again = plainer(wrong, found.start, found.ledger, gate, lambda s: s.textbook)
-    assert [t.suspect.id for t in found_again.terms] == ["acc_K2"]
+    build_dictionary(found.whitened, found.start, SpectralLines())
+    gate = NoiseGate(None, len(found.whitened.hypotheses))
+    wrong = with_terms(
+        found, hypothesis("acc_scale_asym", ("asym_x",)), hypothesis("acc_K3", ("k3_x",))
+    )
+    found_again = swap_search(wrong, found.start, found.whitened, gate, lambda s: s.textbook)
+    assert [t.hypothesis.id for t in found_again.terms] == ["acc_K2"]
 
 
 def test_where_no_form_by_itself_stands_out_several_are_tried_together():
     found = prepared(K2, {"id": "acc_K3", "sensor": "accel", "k3_y_ug_g3": 800.0})
-    fill(found.ledger, found.start, Lines())
-    gate = Gate(None, len(found.ledger.suspects))
-    several = plainer(found.start, found.start, found.ledger, gate, lambda s: s.textbook)
-    assert {t.suspect.id for t in several.terms} == {"acc_K2", "acc_K3"}
+    build_dictionary(found.whitened, found.start, SpectralLines())
+    gate = NoiseGate(None, len(found.whitened.hypotheses))
+    several = swap_search(found.start, found.start, found.whitened, gate, lambda s: s.textbook)
+    assert {t.hypothesis.id for t in several.terms} == {"acc_K2", "acc_K3"}
     sound = prepared()
-    fill(sound.ledger, sound.start, Lines())
-    assert plainer(sound.start, sound.start, sound.ledger, gate, lambda s: s.textbook).terms == ()
+    build_dictionary(sound.whitened, sound.start, SpectralLines())
+    assert (
+        swap_search(sound.start, sound.start, sound.whitened, gate, lambda s: s.textbook).terms
+        == ()
+    )
 
 
 @pytest.mark.parametrize(
@@ -308,10 +331,10 @@ def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_s
         table=table,
         sensor=sensor,
     )
-    fill(found.ledger, found.start, Lines())
-    gate = Gate(None, len(found.ledger.suspects))
-    account = plainly(found.start, found.ledger, gate, lambda s: s.textbook)
-    for told in (account, nameless(account, found.ledger, gate)):
+    build_dictionary(found.whitened, found.start, SpectralLines())
+    gate = NoiseGate(None, len(found.whitened.hypotheses))
+    fitted = plainly(found.start, found.whitened, gate, lambda s: s.textbook)
+    for told in (fitted, prefer_unlisted_curve(fitted, found.whitened, gate)):
         assert {t.names for t in told.terms} == {(f"drift_{drift}",), ("bias_step_x",)}
 
 
@@ -324,36 +347,36 @@ def test_a_delay_that_a_skew_explains_most_of_is_a_part_of_it(latency_ms, parts)
         {"id": "clock_skew", "sensor": "accel", "skew_ppm": 40.0},
         {"id": "data_latency", "sensor": "accel", "latency_ms": latency_ms},
     )
-    account = with_terms(
-        found, suspect("clock_skew", ("skew",)), suspect("data_latency", ("latency",))
+    fitted = with_terms(
+        found, hypothesis("clock_skew", ("skew",)), hypothesis("data_latency", ("latency",))
     )
-    assert [len(places) for places in findings(absorbed(account, found.ledger))] == parts
+    assert [
+        len(places) for places in findings(merge_small_findings(fitted, found.whitened))
+    ] == parts
 
 
 def test_a_finding_that_does_not_pay_for_its_numbers_is_not_stated():
     found = prepared(K2)
-    gate = Gate(None, 100)
+    gate = NoiseGate(None, 100)
     for others, kept in (
         ((), {"acc_K2"}),
-        ((suspect("acc_K3", ("k3_x", "k3_y", "k3_z")),), {"acc_K2"}),
+        ((hypothesis("acc_K3", ("k3_x", "k3_y", "k3_z")),), {"acc_K2"}),
     ):
-        account = with_terms(found, suspect("acc_K2", ("k2_x",)), *others)
-        assert {
-            t.suspect.id for t in worth_their_numbers(account, found.ledger, gate).terms
-        } == kept
-    assert worth_their_numbers(found.start, found.ledger, gate).terms == ()
+        fitted = with_terms(found, hypothesis("acc_K2", ("k2_x",)), *others)
+        assert {t.hypothesis.id for t in drop_below_bic(fitted, found.whitened, gate).terms} == kept
+    assert drop_below_bic(found.start, found.whitened, gate).terms == ()
 
 
 def rival(of, value, worth):
-    return Rival((Term(of, of.names, (value,)),), 1000.0, worth, 1.0, 1.0, 0.0, True)
+    return Alternative((FittedTerm(of, of.names, (value,)),), 1000.0, worth, 1.0, 1.0, 0.0, True)
 
 
 def test_among_equals_a_size_that_some_instrument_has_is_preferred():
     """A thermal tilt of 27 arcsec/degC and a bias of 130 ug/degC read the same: the bias is of this
     world.
     """
-    tilt = rival(suspect("mount_thermal_tilt", ("tilt_x",), None), 130e-6, 991.0)
-    bias = rival(suspect("acc_temp_bias", ("temp_bias_y",)), 130e-6 * G0, 990.0)
+    tilt = rival(hypothesis("mount_thermal_tilt", ("tilt_x",), None), 130e-6, 991.0)
+    bias = rival(hypothesis("acc_temp_bias", ("temp_bias_y",)), 130e-6 * G0, 990.0)
     assert preferred([tilt, bias]) is bias
     small = replace(tilt, terms=(replace(tilt.terms[0], values=(10e-6,)),))
     assert preferred([small, bias], [np.ones(3), np.ones(3)]) is small  # it moves both channels
@@ -364,7 +387,9 @@ def test_curves_of_two_readings_are_two_causes_those_of_one_are_one():
     x, y = (LearnedReading({"c0": 1e-6}, "accel", axis, coordinate="table_outer") for axis in "xy")
     tilt = LearnedTilt({"c0": 1e-6}, coordinate="table_outer", slot="mount", turn="x")
     for effects, count in (((x, y), 2), ((x, x), 1), ((tilt, tilt), 1), ((tilt, y), 2)):
-        curve = SimpleNamespace(terms=[Term.start(Suspect(effect, ("c0",))) for effect in effects])
+        curve = SimpleNamespace(
+            terms=[FittedTerm.start(Hypothesis(effect, ("c0",))) for effect in effects]
+        )
         assert causes(curve) == count
 
 
@@ -377,7 +402,7 @@ def test_a_loss_is_weighed_by_one_sample():
 def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_through(
     range_degC, widths
 ):
-    span = Span(100.0, 10.0, ranges={"temperature": range_degC})
+    span = CoordinateRanges(100.0, 10.0, ranges={"temperature": range_degC})
     found = [s for s in listed_suspects(honest(bench()), span) if s.id == "acc_thermal_hysteresis"]
     assert len({s.effect.values.get("width", 0.0) for s in found}) == widths
 
@@ -395,15 +420,15 @@ def test_a_reference_that_is_felt_late_is_named_before_scale_factors():
         felt, sound.time
     )  # what the reference feels is this, 16 s late
     found = prepare(honest(truth), [rewritten(sound, temperature_degC=ahead)])
-    fill(found.ledger, found.start, Lines())
-    gate = Gate(None, len(found.ledger.suspects))
-    account = select(found.start, found.ledger, gate, lambda s: s.textbook)
-    first = findings_of(account, found.ledger, gate)[0]
+    build_dictionary(found.whitened, found.start, SpectralLines())
+    gate = NoiseGate(None, len(found.whitened.hypotheses))
+    fitted = forward_selection(found.start, found.whitened, gate, lambda s: s.textbook)
+    first = findings_of(fitted, found.whitened, gate)[0]
     assert (first.effect, first.parameters["gain_ppm_degC"][0]) == (
         "reference_drift",
         pytest.approx(60.0, rel=0.05),
     )
-    assert account.terms[0].effect.value("lag") == pytest.approx(16.0, rel=0.15)
+    assert fitted.terms[0].effect.value("lag") == pytest.approx(16.0, rel=0.15)
 
 
 @pytest.mark.parametrize(("late", "ahead"), [(0.02, 0.0), (0.0, 0.03)])

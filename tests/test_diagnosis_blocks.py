@@ -8,7 +8,7 @@ from builders import ACCEL, GYRO, setup_of
 
 from tiltcal.diagnosis.data.block_averaging import MOST_ROWS, ROWS, block_of
 from tiltcal.diagnosis.data.observations import TableObservations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines
 from tiltcal.effects import make_effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
@@ -84,17 +84,17 @@ class Long:
 
 
 def test_a_short_record_is_not_averaged():
-    assert block_of(Long(MOST_ROWS), Lines()) == 1
+    assert block_of(Long(MOST_ROWS), SpectralLines()) == 1
 
 
 def test_a_long_record_keeps_as_many_rows_however_long_it_is():
     for rows in (30000, 60000, 240000):
-        assert 0.85 * ROWS <= rows / block_of(Long(rows), Lines()) <= ROWS
+        assert 0.85 * ROWS <= rows / block_of(Long(rows), SpectralLines()) <= ROWS
 
 
 def test_a_line_keeps_its_power_where_the_rows_allow_it():
-    assert block_of(Long(60000), Lines()) == 10
-    assert block_of(Long(60000), Lines(tones=(4.5,))) == 5
+    assert block_of(Long(60000), SpectralLines()) == 10
+    assert block_of(Long(60000), SpectralLines(tones=(4.5,))) == 5
     assert (
-        block_of(Long(60000), Lines(tones=(30.0,))) == 5
+        block_of(Long(60000), SpectralLines(tones=(30.0,))) == 5
     )  # a mean over ten samples would hold three whole periods, and nothing

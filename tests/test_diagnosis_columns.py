@@ -1,4 +1,5 @@
-"""The algebra beneath a diagnosis: sparse designs and shelves of columns say what dense matrices
+"""The algebra beneath a diagnosis: sparse designs and column store of columns say what dense
+matrices
 say, and noise is fitted best.
 """
 
@@ -10,9 +11,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import one_thread
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, span_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects
-from tiltcal.diagnosis.model.block_matrix import Design
+from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 
 LENGTHS = (40, 30, 50)
@@ -40,7 +41,7 @@ def drawn(rng, *channels):
 def test_a_design_says_what_its_dense_matrix_says(shape, rank, rng):
     columns = [drawn(rng, *channels) for channels in shape]
     design, J, vector = (
-        Design(columns, LENGTHS),
+        BlockDesignMatrix(columns, LENGTHS),
         dense(columns),
         [rng.normal(size=n) for n in LENGTHS],
     )
@@ -58,34 +59,40 @@ def test_a_column_that_others_make_up_is_no_direction_of_its_own(rng):
     one, other, both = drawn(rng, 0), drawn(rng, 1), drawn(rng, 0, 1)
     within = {0: 2 * one[0], 1: -3 * other[1]}
     nearly = {i: part + 1e-7 * both[i] for i, part in within.items()}
-    assert np.vstack(Design([one, other, within, nearly, both], LENGTHS).basis()).shape[1] == 3
-    assert np.vstack(Design([], LENGTHS).basis()).shape == (sum(LENGTHS), 0)
+    assert (
+        np.vstack(BlockDesignMatrix([one, other, within, nearly, both], LENGTHS).basis()).shape[1]
+        == 3
+    )
+    assert np.vstack(BlockDesignMatrix([], LENGTHS).basis()).shape == (sum(LENGTHS), 0)
 
 
 def test_scores_are_those_of_the_columns_themselves_under_each_noise_in_turn(rng):
     truth = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 300.0})
     found = prepare(honest(truth), [recorded(truth, 5)])
-    ledger, account = found.ledger, found.start
-    suspects = list(
-        listed_suspects(found.observations.scenario, span_of(found.observations, Lines()))
+    whitened, fitted = found.whitened, found.start
+    hypotheses = list(
+        listed_suspects(found.observations.scenario, ranges_of(found.observations, SpectralLines()))
     )[:40]
-    for suspect in suspects:
-        ledger.add(suspect, account.effects)
+    for hypothesis in hypotheses:
+        whitened.add(hypothesis, fitted.effects)
     lengths = [len(c.values) for c in found.observations.channels]
-    asked = {id(s) for s in ledger.suspects[::3]}
-    quiet, noisy = ledger.roots, [root * rng.uniform(1.0, 3.0, len(root)) for root in ledger.roots]
+    asked = {id(s) for s in whitened.hypotheses[::3]}
+    quiet, noisy = (
+        whitened.roots,
+        [root * rng.uniform(1.0, 3.0, len(root)) for root in whitened.roots],
+    )
     for roots in (quiet, noisy, quiet):  # what was said under one noise is not said under another
-        ledger.weigh(roots)
-        basis = Design(
-            [ledger.whitened({i: rng.normal(size=n)}) for i, n in enumerate(lengths)], lengths
+        whitened.weigh(roots)
+        basis = BlockDesignMatrix(
+            [whitened.whiten({i: rng.normal(size=n)}) for i, n in enumerate(lengths)], lengths
         ).basis()
         residual = [rng.normal(size=n) for n in lengths]
-        scores = ledger.scores(basis, residual, lambda s: id(s) in asked)
-        assert {id(s.suspect) for s in scores} == asked
+        scores = whitened.scores(basis, residual, lambda s: id(s) in asked)
+        assert {id(s.hypothesis) for s in scores} == asked
         Q, r = np.vstack(basis), np.concatenate(residual)
         for score in scores:
             columns = [
-                ledger.weighed(ledger.waves(score.suspect, name, account.effects))
+                whitened.weighed(whitened.waves(score.hypothesis, name, fitted.effects))
                 for name in score.names
             ]
             U = np.column_stack(

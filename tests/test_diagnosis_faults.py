@@ -10,7 +10,7 @@ from tiltcal.diagnosis.data_quality.flat_and_repeated import inspect
 from tiltcal.diagnosis.data_quality.lost_samples import lost_as_another
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.readout_jumps import jump_of
-from tiltcal.diagnosis.data_quality.units_signs_axes import meaning
+from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -201,7 +201,7 @@ def test_a_fog_turned_by_hand_with_a_gyro_tells_its_unit_and_its_sign(factor, id
         for a, r in zip("xyz", rate.T, strict=True)
     }
     columns["fog_a_rad_s"] = factor * (rate @ [0.6, 0.0, 0.8]) + rng.normal(0, 1e-5, len(time))
-    found = meaning(BY_HAND, Recording.from_columns(time, columns))
+    found = find_labelling_faults(BY_HAND, Recording.from_columns(time, columns))
     assert [f.effect.id for f in found] == ([] if id is None else [id])
     for fault in found:
         assert fault.effect.sensor == "fog"
@@ -224,7 +224,7 @@ def test_a_gyro_turned_by_hand_with_a_fog_tells_a_sign_or_an_exchange_of_its_col
     }
     written = {f"gyro_{a}_rad_s": read[a] + rng.normal(0, 1e-3, len(time)) for a in "xyz"}
     written["fog_a_rad_s"] = rate @ [0.6, 0.0, 0.8] + rng.normal(0, 1e-5, len(time))
-    (fault,) = meaning(BY_HAND, Recording.from_columns(time, written))
+    (fault,) = find_labelling_faults(BY_HAND, Recording.from_columns(time, written))
     assert (fault.effect.id, fault.effect.sensor, fault.axes) == (id, "gyro", axes)
 
 
@@ -397,7 +397,7 @@ def test_a_sign_that_gravity_cannot_tell_from_a_sense_of_rotation(lever, names):
         update={"rig": truth.rig.model_copy(update={"lever_arm_m": (lever, 0.0, lever)})}
     )
     sound = recorded(stated, 5)
-    (fault,) = meaning(honest(stated), rewritten(sound, accel_x_m_s2=-x_of(sound)))
+    (fault,) = find_labelling_faults(honest(stated), rewritten(sound, accel_x_m_s2=-x_of(sound)))
     assert fault.effect.id == "data_sign"
     assert set(fault.names) == names
 

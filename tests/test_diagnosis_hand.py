@@ -14,10 +14,10 @@ from tiltcal.core.assets import folder
 from tiltcal.diagnosis.data.handheld_rests import (
     KEPT_AT_REST,
     condensed,
+    direction_polynomials,
     inner,
     known_stops,
     no_less,
-    of_direction,
     rest_steps,
     undisturbed,
 )
@@ -26,13 +26,13 @@ from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.curves import lags_of
-from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Suspect
-from tiltcal.diagnosis.model.fitted_model import Account, Term
-from tiltcal.diagnosis.search.shape_refinement import upright
+from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Hypothesis
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.effects import make_effect
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.learned import LearnedReading
-from tiltcal.forward.gravity_transport import Carried, Windows, turns_between
+from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_between
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -153,9 +153,9 @@ def test_a_late_fog_is_a_gyro_that_is_early(fog):
         for s in ("fog", "gyro")
     )
     assert np.linalg.norm(late + early) < 0.02 * np.linalg.norm(late)
-    gyro = Suspect(one(observations, "data_latency", {"latency_ms": 5.0}, "gyro"), ("latency",))
-    (told,) = upright(
-        Account((), (), (replace(Term.start(gyro), values=(-2e-3,)),)), observations
+    gyro = Hypothesis(one(observations, "data_latency", {"latency_ms": 5.0}, "gyro"), ("latency",))
+    (told,) = normalise_tone_phase(
+        FittedModel((), (), (replace(FittedTerm.start(gyro), values=(-2e-3,)),)), observations
     ).terms
     assert (told.effect.sensor, told.values) == ("fog", (2e-3,))
 
@@ -215,12 +215,12 @@ def test_gravity_is_carried_across_a_turn_as_rotations_compose():
         step = (rate[k] + rate[min(k + 1, 299)]) / 2 / 100
         attitude = attitude * Rotation.from_rotvec(step)
     windows = Windows.around(time, [(90, 210)])
-    assert np.abs(Carried(windows, force, rate).errors).max() < 1e-12
+    assert np.abs(GravityTransport(windows, force, rate).errors).max() < 1e-12
     late = np.vstack([rate[3:], rate[:3]])  # a gyro that runs ahead turns it somewhere else
     assert (
-        np.abs(Carried(windows, force, late).errors).max() < 1e-12
+        np.abs(GravityTransport(windows, force, late).errors).max() < 1e-12
     )  # ... but not from rest to rest
-    assert np.abs(Carried(windows, force, 1.01 * rate).errors).max() > 0.01
+    assert np.abs(GravityTransport(windows, force, 1.01 * rate).errors).max() > 0.01
 
 
 def test_turns_lie_between_rests_that_are_long_enough():
@@ -329,7 +329,7 @@ def test_what_may_follow_the_pose_is_as_rich_as_the_poses_allow():
     rng = rng_of("poses")
     few, many = rng.normal(size=(6, 3)), rng.normal(size=(60, 3))
     columns = {
-        n: of_direction(np.repeat(f, 10, axis=0), np.repeat(np.arange(n), 10))
+        n: direction_polynomials(np.repeat(f, 10, axis=0), np.repeat(np.arange(n), 10))
         for n, f in ((6, few), (60, many))
     }
     assert len(columns[6]) == 0

@@ -1,15 +1,15 @@
 """Who may take the place of the best explanation."""
 
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.fitted_model import Term
-from tiltcal.diagnosis.search.alternatives import Rival, inseparable, preferred
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.search.alternatives import Alternative, inseparable, preferred
 from tiltcal.effects import CATALOGUE
 
 
-def rival(id: str, gain: float, separation: float, curves: int = 0) -> Rival:
-    suspect = Suspect(CATALOGUE[id]({"k2_x": 1e-4}, "accel"), ("k2_x",))
-    terms = (Term(suspect, ("k2_x",), (1e-4,)),) * (1 + curves)
-    return Rival(terms, gain, gain, 0.95, 0.98, separation, True, 0.95)
+def rival(id: str, gain: float, separation: float, curves: int = 0) -> Alternative:
+    hypothesis = Hypothesis(CATALOGUE[id]({"k2_x": 1e-4}, "accel"), ("k2_x",))
+    terms = (FittedTerm(hypothesis, ("k2_x",), (1e-4,)),) * (1 + curves)
+    return Alternative(terms, gain, gain, 0.95, 0.98, separation, True, 0.95)
 
 
 def test_a_curve_does_not_bring_a_rival_back_where_a_textbook_form_fits() -> None:
@@ -18,7 +18,8 @@ def test_a_curve_does_not_bring_a_rival_back_where_a_textbook_form_fits() -> Non
     """
     best = rival("acc_Koq", 53_000.0, 0.0)
     assert [
-        r.suspect.id for r in inseparable(best, [best, rival("acc_K3", 52_990.0, 1680.0, curves=3)])
+        r.hypothesis.id
+        for r in inseparable(best, [best, rival("acc_K3", 52_990.0, 1680.0, curves=3)])
     ] == ["acc_Koq"]
     assert len(inseparable(best, [best, rival("acc_K3", 52_990.0, 10.0, curves=3)])) == 2
 
@@ -30,11 +31,11 @@ def test_where_the_best_needs_curves_itself_those_of_a_rival_count_too() -> None
 
 def of(
     id: str, names: tuple[str, ...], worth: float, *, curves: int = 0, form: float = 1.0
-) -> Rival:
+) -> Alternative:
     sensor = "accel" if CATALOGUE[id].kinds else None
-    suspect = Suspect(CATALOGUE[id](dict.fromkeys(names, 1e-4), sensor), names)
-    terms = (Term(suspect, names, (1e-4,) * len(names)),) * (1 + curves)
-    return Rival(terms, worth, worth, form, 0.98, 0.0, True, form)
+    hypothesis = Hypothesis(CATALOGUE[id](dict.fromkeys(names, 1e-4), sensor), names)
+    terms = (FittedTerm(hypothesis, names, (1e-4,) * len(names)),) * (1 + curves)
+    return Alternative(terms, worth, worth, form, 0.98, 0.0, True, form)
 
 
 def test_a_form_that_is_as_worthy_without_what_completes_it_is_as_plain_as_any() -> None:

@@ -1,4 +1,4 @@
-"""What belongs to one finding, and which suspects are looked at for a set-up."""
+"""What belongs to one finding, and which hypotheses are looked at for a set-up."""
 
 from dataclasses import replace
 
@@ -8,25 +8,33 @@ from dossier import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, Span
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import CoordinateRanges, SpectralLines
 from tiltcal.diagnosis.hypotheses.hypothesis import (
     CREEPS,
-    Suspect,
+    Hypothesis,
     listed_suspects,
     step_suspects,
     steps_at,
 )
-from tiltcal.diagnosis.model.fitted_model import Account, Term, noise_under, settle
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, noise_under, refit
 from tiltcal.diagnosis.search.alternatives import fair
-from tiltcal.diagnosis.search.forward_selection import ALPHA, _grown, findings, joined, standing
+from tiltcal.diagnosis.search.forward_selection import (
+    ALPHA,
+    _grown,
+    finding_log_p_values,
+    findings,
+    merge_same_cause,
+)
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 
-SPAN = Span(200.0, 10.0, Lines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)})
+SPAN = CoordinateRanges(
+    200.0, 10.0, SpectralLines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)}
+)
 
 
 def term(id, values, names, sensor="accel", sizes=(1e-4,)):
-    return Term(Suspect(CATALOGUE[id](values, sensor), names), names, sizes)
+    return FittedTerm(Hypothesis(CATALOGUE[id](values, sensor), names), names, sizes)
 
 
 def shake(frequency):
@@ -39,15 +47,15 @@ def step(time):
 
 def test_one_name_at_one_place_is_one_finding():
     k2 = term("acc_K2", {"k2_x": 1e-4}, ("k2_x",))
-    account = joined(Account((), (), (shake(3.40), k2, shake(3.41))))
-    assert [[account.terms[k].suspect.id for k in places] for places in findings(account)] == [
+    fitted = merge_same_cause(FittedModel((), (), (shake(3.40), k2, shake(3.41))))
+    assert [[fitted.terms[k].hypothesis.id for k in places] for places in findings(fitted)] == [
         ["base_vibration", "base_vibration"],
         ["acc_K2"],
     ]
 
 
 def test_two_steps_at_two_instants_are_two_findings():
-    assert len(findings(joined(Account((), (), (step(20.0), step(90.0)))))) == 2
+    assert len(findings(merge_same_cause(FittedModel((), (), (step(20.0), step(90.0)))))) == 2
 
 
 @pytest.mark.parametrize(("value", "good"), [(5e-3, True), (-5e-3, False), (700.0, False)])
@@ -68,23 +76,25 @@ def test_what_shakes_the_base_is_a_suspect_at_the_lines_of_the_world():
 
 
 def test_ripples_and_widths_come_from_the_recording():
-    suspects = list(listed_suspects(honest(bench()), SPAN))
-    assert any(s.id == "table_encoder_sde" and s.effect.values["lines"] == 12 for s in suspects)
-    widths = [s.effect.values["width"] for s in suspects if s.id == "acc_thermal_hysteresis"]
+    hypotheses = list(listed_suspects(honest(bench()), SPAN))
+    assert any(s.id == "table_encoder_sde" and s.effect.values["lines"] == 12 for s in hypotheses)
+    widths = [s.effect.values["width"] for s in hypotheses if s.id == "acc_thermal_hysteresis"]
     np.testing.assert_allclose(sorted(widths), [0.5, 1.0, 1.75, 2.5, 4.0])
 
 
 def test_known_lines_are_not_looked_at_again():
-    new = Lines(tones=(1.0, 5.0), ripples=(12, 36)).beside(
-        Lines(tones=(5.001,), ripples=(36,)), 0.005
+    new = SpectralLines(tones=(1.0, 5.0), ripples=(12, 36)).beside(
+        SpectralLines(tones=(5.001,), ripples=(36,)), 0.005
     )
-    assert new == Lines(tones=(1.0,), ripples=(12,))
+    assert new == SpectralLines(tones=(1.0,), ripples=(12,))
 
 
 @pytest.mark.parametrize(("samples", "good"), [(0.02, False), (0.9, True), (3.0, True)])
 def test_a_small_part_of_a_sample_is_not_lost(samples, good):
     effect = CATALOGUE["data_drop"]({"samples": 1.0, "time": 5.0}, "accel", None, "found")
-    assert fair(replace(Term.start(Suspect(effect, ("samples",))), values=(samples,))) is good
+    assert (
+        fair(replace(FittedTerm.start(Hypothesis(effect, ("samples",))), values=(samples,))) is good
+    )
 
 
 def test_a_slow_effect_that_stood_in_the_noise_of_a_larger_one_is_found_after_it():
@@ -130,16 +140,16 @@ def test_a_step_has_to_show_without_the_samples_next_to_it(rows, ends, good):
     steps = [
         s for s in step_suspects(found.observations.scenario, times) if s.id == "acc_bias_step"
     ]
-    account = settle(
-        replace(found.start, terms=tuple(Term.start(s, ("bias_step_x",)) for s in steps)),
-        found.ledger,
+    fitted = refit(
+        replace(found.start, terms=tuple(FittedTerm.start(s, ("bias_step_x",)) for s in steps)),
+        found.whitened,
     )
-    found.ledger.under([f.model for f in noise_under(account, found.ledger)])
-    account = settle(account, found.ledger)
-    assert len(account.terms) == len(ends)
-    assert [bool(log_p < np.log(ALPHA)) for log_p in standing(account, found.ledger, 1000)] == [
-        good
-    ] * len(ends)
+    found.whitened.under([f.model for f in noise_under(fitted, found.whitened)])
+    fitted = refit(fitted, found.whitened)
+    assert len(fitted.terms) == len(ends)
+    assert [
+        bool(log_p < np.log(ALPHA)) for log_p in finding_log_p_values(fitted, found.whitened, 1000)
+    ] == [good] * len(ends)
 
 
 def test_one_value_far_off_is_no_finding():
@@ -166,8 +176,8 @@ def test_a_law_that_follows_temperature_as_a_curve_is_no_steeper_than_its_straig
         knots=(-30.0, 0.0, 30.0),
         per_input=True,
     )
-    late = Suspect(curve, ("c0",), 1, "acc_temp_scale")
-    assert fair(Term(late, ("c0",), (size * 0.09,))) is good
+    late = Hypothesis(curve, ("c0",), 1, "acc_temp_scale")
+    assert fair(FittedTerm(late, ("c0",), (size * 0.09,))) is good
 
 
 def test_a_further_shape_of_a_finding_that_brings_nothing_ends_the_search():
@@ -176,8 +186,8 @@ def test_a_further_shape_of_a_finding_that_brings_nothing_ends_the_search():
     """
     truth = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0})
     found = prepare(honest(truth), [recorded(truth, 8)])
-    k2 = Suspect(CATALOGUE["acc_K2"]({"k2_x": 1e-4}, "accel"), ("k2_x",))
-    before = settle(replace(found.start, terms=(Term.start(k2),)), found.ledger)
-    again = settle(replace(before, terms=(*before.terms, Term.start(k2))), found.ledger)
-    assert _grown(again, before, found.ledger) is None
-    assert _grown(before, found.start, found.ledger) is not None
+    k2 = Hypothesis(CATALOGUE["acc_K2"]({"k2_x": 1e-4}, "accel"), ("k2_x",))
+    before = refit(replace(found.start, terms=(FittedTerm.start(k2),)), found.whitened)
+    again = refit(replace(before, terms=(*before.terms, FittedTerm.start(k2))), found.whitened)
+    assert _grown(again, before, found.whitened) is None
+    assert _grown(before, found.start, found.whitened) is not None

@@ -11,12 +11,12 @@ from statistics_helpers import rng_of
 from tiltcal.diagnosis.data.observations import observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, span_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
-from tiltcal.diagnosis.hypotheses.dictionary import fill
-from tiltcal.diagnosis.model.fitted_model import Term, settle
+from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.search.shape_refinement import refined
-from tiltcal.diagnosis.search.swap_search import reshaped
+from tiltcal.diagnosis.search.swap_search import refine_all_shapes
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -88,22 +88,26 @@ def test_a_time_constant_is_found_again_beside_another_law():
     constant of its own.
     """
     found = prepare(BESIDE, [turned("warm-up", 2e-3 * RATE, -3e-3 * np.exp(-TIME / 20.0))])
-    fill(found.ledger, found.start, Lines())
+    build_dictionary(found.whitened, found.start, SpectralLines())
     warm_up = next(
-        s for s in found.ledger.suspects if s.id == "gyr_warmup" and s.effect.sensor == "gyro"
+        s for s in found.whitened.hypotheses if s.id == "gyr_warmup" and s.effect.sensor == "gyro"
     )
-    shupe = next(s for s in found.ledger.suspects if s.id == "fog_shupe" and s.alias is None)
-    (alone,) = refined((Term.start(warm_up),), settle(found.start, found.ledger), found.ledger)
-    both = settle(replace(found.start, terms=(alone, Term.start(shupe))), found.ledger)
-    again = reshaped(both, found.ledger)
-    assert abs(alone.suspect.effect.value("tau") - 20.0) > 8.0
-    assert again.terms[0].suspect.effect.value("tau") == pytest.approx(20.0, rel=0.1)
+    shupe = next(s for s in found.whitened.hypotheses if s.id == "fog_shupe" and s.alias is None)
+    (alone,) = refined(
+        (FittedTerm.start(warm_up),), refit(found.start, found.whitened), found.whitened
+    )
+    both = refit(replace(found.start, terms=(alone, FittedTerm.start(shupe))), found.whitened)
+    again = refine_all_shapes(both, found.whitened)
+    assert abs(alone.hypothesis.effect.value("tau") - 20.0) > 8.0
+    assert again.terms[0].hypothesis.effect.value("tau") == pytest.approx(20.0, rel=0.1)
     assert again.deviance < both.deviance - 100
 
 
 def test_a_rate_is_late_by_what_the_recording_shows_at_most():
     observations = observe(BESIDE, [turned("spans", 0.0)], [])
     found = [
-        s for s in curves(observations, span_of(observations, Lines())) if s.alias == "fog_shupe"
+        s
+        for s in curves(observations, ranges_of(observations, SpectralLines()))
+        if s.alias == "fog_shupe"
     ]
     assert sorted({s.effect.lag for s in found}) == [0.0, 8.0]

@@ -10,10 +10,10 @@ from dossier import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, setting_error
+from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, find_setting_error
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.fitted_model import Term, noise_under, noise_within_stops, settle
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, noise_under, noise_within_stops, refit
 from tiltcal.diagnosis.model.hypothesis_columns import cosines
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import NoiseFit
@@ -48,8 +48,8 @@ def test_noise_within_parts_of_a_record_is_that_of_the_record(walk, rng):
 
 def test_levels_of_stops_are_a_walk_to_the_whole_record_and_nothing_within_them():
     found = prepared(bench(INDEX))
-    whole = noise_under(found.start, found.ledger)
-    within = noise_within_stops(found.start, found.ledger)
+    whole = noise_under(found.start, found.whitened)
+    within = noise_within_stops(found.start, found.whitened)
     assert within is not None
     slow, rest = (max(fit.model.walk for fit in fits) for fits in (whole, within))
     assert slow > 5 * rest  # within 4 s a walk hides below white noise up to a few 1e-5 a sample
@@ -58,36 +58,36 @@ def test_levels_of_stops_are_a_walk_to_the_whole_record_and_nothing_within_them(
 def test_a_setting_error_is_told_beside_what_else_is_there():
     found = prepared(bench(INDEX, HYSTERESIS))
     names = ("hysteresis_z",)
-    suspect = Suspect(
+    hypothesis = Hypothesis(
         CATALOGUE["acc_hysteresis"]({"hysteresis_z": 1e-4, "width": 0.2}, "accel"), names
     )
-    account = settle(replace(found.start, terms=(Term.start(suspect),)), found.ledger)
-    setting = setting_error(account, found.start, found.ledger, 300)
+    fitted = refit(replace(found.start, terms=(FittedTerm.start(hypothesis),)), found.whitened)
+    setting = find_setting_error(fitted, found.start, found.whitened, 300)
     assert setting is not None
     fault, stops = setting
     assert fault.effect.axis == "outer"
     assert fault.effect.value("sigma") == pytest.approx(
         np.radians(60 / 3600), rel=0.5
     )  # 31 draws: 13 %, four times that
-    kept = beside_stops(account, stops, found.ledger, 300)
-    assert [t.suspect.id for t in kept.terms] == ["acc_hysteresis"]
+    kept = beside_stops(fitted, stops, found.whitened, 300)
+    assert [t.hypothesis.id for t in kept.terms] == ["acc_hysteresis"]
 
 
 def test_a_finding_that_the_stops_explain_as_well_falls():
     found = prepared(bench(INDEX))
-    suspect = Suspect(
+    hypothesis = Hypothesis(
         CATALOGUE["table_encoder_2rev"]({"cos2": 1e-4, "sin2": 1e-4}, None, "outer"),
         ("cos2", "sin2"),
     )
-    account = settle(replace(found.start, terms=(Term.start(suspect),)), found.ledger)
-    setting = setting_error(account, found.start, found.ledger, 300)
+    fitted = refit(replace(found.start, terms=(FittedTerm.start(hypothesis),)), found.whitened)
+    setting = find_setting_error(fitted, found.start, found.whitened, 300)
     assert setting is not None
-    assert beside_stops(account, setting[1], found.ledger, 300).terms == ()
+    assert beside_stops(fitted, setting[1], found.whitened, 300).terms == ()
 
 
 def test_stops_that_agree_have_no_setting_error():
     found = prepared(bench())
-    assert setting_error(found.start, found.start, found.ledger, 300) is None
+    assert find_setting_error(found.start, found.start, found.whitened, 300) is None
 
 
 @pytest.mark.parametrize(("power", "alone"), [(9, False), (400, True)])

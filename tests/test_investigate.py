@@ -15,7 +15,7 @@ from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.investigation import investigate as room
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
-from tiltcal.diagnosis.investigation.investigate import Bench, Investigation, investigate
+from tiltcal.diagnosis.investigation.investigate import Investigation, PreparedData, investigate
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -88,9 +88,9 @@ def _always_the_same_block(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "next_block", lambda *_: plan)
 
 
-def bench_of(folder: Path, doctor: Doctor, recorder: Recorder, **more: Any) -> Bench:
+def bench_of(folder: Path, doctor: Doctor, recorder: Recorder, **more: Any) -> PreparedData:
     scenario: Scenario = parse_scenario(PLACING | more.pop("table", {}))
-    return Bench(
+    return PreparedData(
         scenario,
         folder,
         doctor,

@@ -1,4 +1,5 @@
-"""Blocks that tell rivals apart: what they should bring is what they bring, and what none can bring
+"""Blocks that tell alternatives apart: what they should bring is what they bring, and what none can
+bring
 is said.
 """
 
@@ -127,7 +128,8 @@ def test_the_separation_is_what_least_squares_leaves(cubic: tuple[Scenario, Ques
 
 
 def test_the_chance_is_how_often_the_likelihoods_tell_apart() -> None:
-    """Two rivals by hand: how often the deviances differ by enough, against the normal law of their
+    """Two alternatives by hand: how often the deviances differ by enough, against the normal law of
+    their
     difference.
     """
     rng = np.random.default_rng(seed_of("the chance is how often"))

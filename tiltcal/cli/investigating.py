@@ -16,7 +16,11 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, require_file, write_json, write_text
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
-from tiltcal.diagnosis.investigation.investigate import Bench, Investigation, investigate
+from tiltcal.diagnosis.investigation.investigate import (
+    Investigation,
+    InvestigationSetup,
+    investigate,
+)
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
 from tiltcal.effects import to_file
 from tiltcal.laboratory.scenario import EffectTable, fresh, load_scenario
@@ -40,7 +44,7 @@ def investigate_(args: argparse.Namespace) -> int:
             )
             write_answer(found, place, [str(path) for path in files])
 
-        bench = Bench(
+        bench = InvestigationSetup(
             scenario, folder, explain, laboratory, limits_of(args), args.blocks, args.budget_min
         )
         state = investigate(

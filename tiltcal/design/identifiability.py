@@ -55,7 +55,7 @@ STAGE_BREAKERS = {
 
 
 @dataclass(frozen=True)
-class Sight:
+class ParameterVisibility:
     """What a recording sees of one parameter.
 
     Args:
@@ -86,7 +86,7 @@ class Confusion:
         samples: rows it stands for.
     """
 
-    sights: tuple[Sight, ...]
+    sights: tuple[ParameterVisibility, ...]
     rank: int
     visible: int
     samples: float
@@ -143,7 +143,9 @@ def confusion(
         rivals = _rivals(columns, P, norms, seen, i) if visible else ()
         absorbed = float(1 - left[i]) if norms[i] > 1e-3 else 0.0
         sights.append(
-            Sight(c, absorbed, energy if visible else 0.0, detectable, float(uniqueness[i]), rivals)
+            ParameterVisibility(
+                c, absorbed, energy if visible else 0.0, detectable, float(uniqueness[i]), rivals
+            )
         )
     visible_C = C[np.ix_(norms > 1e-3, norms > 1e-3)]
     rank = (

@@ -10,7 +10,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import Effect, Sense, SignalEffect, TermEffect
-from tiltcal.forward.jacobian import Watch
+from tiltcal.forward.jacobian import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
 from tiltcal.setup.trajectory import Drive, Jet
@@ -99,9 +99,9 @@ class Poses:
         return self.still.drive(self.angles, time)
 
 
-def watch(still: Still, angles: Array) -> Watch:
+def watch(still: Still, angles: Array) -> NominalMotion:
     """What effects change at poses, each a second after the other."""
-    return Watch(still.scenario, Poses(still, angles), np.arange(len(angles), dtype=float))
+    return NominalMotion(still.scenario, Poses(still, angles), np.arange(len(angles), dtype=float))
 
 
 def still_sense(still: Still, sensor: Sensor, angles: Array, time: Array) -> Sense:

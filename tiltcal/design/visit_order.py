@@ -11,7 +11,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.design.signatures import Signatures, name_of
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.time_budget import Clock, unwound
-from tiltcal.forward.jacobian import Watch
+from tiltcal.forward.jacobian import NominalMotion
 from tiltcal.setup.trajectory import Drive
 
 Order = npt.NDArray[np.intp]
@@ -23,7 +23,7 @@ ON_THE_WAY = 6  # instants of each move
 
 
 @dataclass(frozen=True)
-class Way:
+class PosePath:
     """A Course along poses: the table at rest at each, and at some instants of each move."""
 
     still: Still
@@ -153,8 +153,8 @@ def _wrapped(turn: Array) -> Array:
 
 def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[str, float]:
     """Energy of each such effect that the ordinary terms leave."""
-    way = Way(seen.still, ordered, clock)
-    watch = Watch(seen.still.scenario, way, way.time)
+    way = PosePath(seen.still, ordered, clock)
+    watch = NominalMotion(seen.still.scenario, way, way.time)
     Q = [np.linalg.qr(F)[0] for F in seen.linear(ordered).transpose(1, 0, 2)]
     found: dict[str, float] = {}
     for effect in seen.ordered:

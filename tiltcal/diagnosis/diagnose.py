@@ -22,27 +22,38 @@ from tiltcal.diagnosis.data.block_averaging import block_of
 from tiltcal.diagnosis.data.channels import MASKED, MEANINGS
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
-from tiltcal.diagnosis.data_quality.prepare import Bench, enough, prepare, static_noise, thinned
-from tiltcal.diagnosis.data_quality.quantisation_limit import above
-from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, lawful_part, setting_error
-from tiltcal.diagnosis.hypotheses.dictionary import fill, refill
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.hypotheses.spectral_lines import lines_of
-from tiltcal.diagnosis.model.cross_validation import borne_out
-from tiltcal.diagnosis.model.fitted_model import Account, as_it_began, noise_under, settle
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
-from tiltcal.diagnosis.search.forward_selection import (
-    Gate,
-    absorbed,
-    backward,
-    plausible,
-    select,
-    worth_their_numbers,
+from tiltcal.diagnosis.data_quality.prepare import (
+    PreparedData,
+    averaged_blocks,
+    has_enough_samples,
+    prepare,
+    static_noise,
 )
-from tiltcal.diagnosis.search.predictive_parameters import in_full
-from tiltcal.diagnosis.search.shape_refinement import upright
-from tiltcal.diagnosis.search.swap_search import plainer, reshaped
-from tiltcal.diagnosis.search.unlisted_curves import nameless, without_a_form
+from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
+from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, find_setting_error, lawful_part
+from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary, extend_dictionary
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of
+from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
+from tiltcal.diagnosis.model.fitted_model import (
+    FittedModel,
+    noise_under,
+    refit,
+    shift_bias_to_start,
+)
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.search.forward_selection import (
+    NoiseGate,
+    backward_elimination,
+    drop_below_bic,
+    drop_implausible_sizes,
+    forward_selection,
+    merge_small_findings,
+)
+from tiltcal.diagnosis.search.predictive_parameters import add_predictive_parameters
+from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
+from tiltcal.diagnosis.search.swap_search import refine_all_shapes, swap_search
+from tiltcal.diagnosis.search.unlisted_curves import drop_formless_names, prefer_unlisted_curve
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -83,95 +94,101 @@ def diagnose(
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
     progress("reading")
-    bench = prepare(scenario, recordings)
-    if not enough(bench.observations, bench.start):
-        return _answer(bench, bench.start, (), (), False)
+    prepared = prepare(scenario, recordings)
+    if not has_enough_samples(prepared.observations, prepared.start):
+        return _answer(prepared, prepared.start, (), (), False)
     progress("what every effect would do")
-    lines = lines_of(bench.ledger, bench.start)
-    full, bench = bench.observations, thinned(bench, block_of(bench.observations, lines))
-    ledger = bench.ledger
-    blurred = any(f.effect.id == "data_truncation" for f in bench.faults)
-    fill(ledger, bench.start, lines, blurred)
-    gate = Gate(
-        None if static is None else static_noise(bench.observations, static), len(ledger.suspects)
+    lines = spectral_lines_of(prepared.whitened, prepared.start)
+    full, prepared = (
+        prepared.observations,
+        averaged_blocks(prepared, block_of(prepared.observations, lines)),
+    )
+    whitened = prepared.whitened
+    blurred = any(f.effect.id == "data_truncation" for f in prepared.faults)
+    build_dictionary(whitened, prepared.start, lines, blurred)
+    gate = NoiseGate(
+        None if static is None else static_noise(prepared.observations, static),
+        len(whitened.hypotheses),
     )
     progress("who is to blame")
-    account = select(bench.start, ledger, gate, _textbook)
-    account = plainer(account, bench.start, ledger, gate, _textbook)
-    if refill(ledger, account, lines):
-        account = select(account, ledger, gate, _textbook)
-    account = absorbed(account, ledger)
+    fitted = forward_selection(prepared.start, whitened, gate, _textbook)
+    fitted = swap_search(fitted, prepared.start, whitened, gate, _textbook)
+    if extend_dictionary(whitened, fitted, lines):
+        fitted = forward_selection(fitted, whitened, gate, _textbook)
+    fitted = merge_small_findings(fitted, whitened)
     progress("what no name fits")
-    account = backward(nameless(account, ledger, gate), ledger, gate)
-    account = in_full(reshaped(account, ledger), ledger)  # in the noise that is left now
+    fitted = backward_elimination(prefer_unlisted_curve(fitted, whitened, gate), whitened, gate)
+    fitted = add_predictive_parameters(
+        refine_all_shapes(fitted, whitened), whitened
+    )  # in the noise that is left now
     progress("rivals")
     chance: list[Fault] = []
-    if bench.floors:
-        account = above(account, ledger, bench.floors, blurred)
+    if prepared.floors:
+        fitted = drop_below_code(fitted, whitened, prepared.floors, blurred)
     else:
-        account, chance = _by_chance(account, bench.start, ledger, gate)
-    account = borne_out(
-        plausible(without_a_form(account, ledger), ledger), ledger
+        fitted, chance = _by_chance(fitted, prepared.start, whitened, gate)
+    fitted = drop_unpredictive(
+        drop_implausible_sizes(drop_formless_names(fitted, whitened), whitened), whitened
     )  # its sizes have been fitted again since
-    account = worth_their_numbers(account, ledger, gate)
-    if bench.floors:  # in the noise that is left now its sizes are others
-        account = above(account, ledger, bench.floors, blurred)
-    account = upright(account, bench.observations)
+    fitted = drop_below_bic(fitted, whitened, gate)
+    if prepared.floors:  # in the noise that is left now its sizes are others
+        fitted = drop_below_code(fitted, whitened, prepared.floors, blurred)
+    fitted = normalise_tone_phase(fitted, prepared.observations)
     progress("re-simulating")
     answer = _answer(
-        bench, account, findings_of(account, ledger, gate), chance, True, static is not None
+        prepared, fitted, findings_of(fitted, whitened, gate), chance, True, static is not None
     )
-    return answer if laboratory is None else _simulated(answer, laboratory, full, account)
+    return answer if laboratory is None else _simulated(answer, laboratory, full, fitted)
 
 
-def _textbook(suspect: Suspect) -> bool:
-    return suspect.textbook
+def _textbook(hypothesis: Hypothesis) -> bool:
+    return hypothesis.textbook
 
 
 def _by_chance(
-    account: Account, start: Account, ledger: Ledger, gate: Gate
-) -> tuple[Account, list[Fault]]:
+    fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, gate: NoiseGate
+) -> tuple[FittedModel, list[Fault]]:
     """A random effect last: it explains anything that varies from stop to stop; what else was found
     stands beside it, or falls.
 
     Nameless curves with as many numbers as there are stops are no law: it is asked without them.
     """
-    if "table_index_error" in {e.id for e in ledger.observations.scenario.effects}:
-        return account, []
-    lawful = lawful_part(account, ledger)
-    setting = setting_error(lawful, start, ledger, gate.total)
+    if "table_index_error" in {e.id for e in whitened.observations.scenario.effects}:
+        return fitted, []
+    lawful = lawful_part(fitted, whitened)
+    setting = find_setting_error(lawful, start, whitened, gate.total)
     if setting is None:
-        return account, []
-    return beside_stops(lawful, setting[1], ledger, gate.total), [setting[0]]
+        return fitted, []
+    return beside_stops(lawful, setting[1], whitened, gate.total), [setting[0]]
 
 
 def _answer(
-    bench: Bench,
-    account: Account,
+    prepared: PreparedData,
+    fitted: FittedModel,
     found: Sequence[Finding],
     chance: Sequence[Fault],
     told: bool,
     static: bool = False,
 ) -> Diagnosis:
     """Verdict and figures."""
-    ledger, observations = bench.ledger, bench.observations
-    before = settle(bench.start, ledger)
-    first, last = fitness_of(before, ledger), fitness_of(account, ledger)
-    faults = [*bench.faults, *chance]
+    whitened, observations = prepared.whitened, prepared.observations
+    before = refit(prepared.start, whitened)
+    first, last = fitness_of(before, whitened), fitness_of(fitted, whitened)
+    faults = [*prepared.faults, *chance]
     answer = (*(f.finding() for f in faults), *sorted(found, key=lambda f: f.delta_bic))
     verdict = verdict_of(answer, told)
     source = "taken from the static record" if static else "taken from the recording itself"
     statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, source)
-    began = as_it_began(account, ledger, noise_under(account, ledger)) if told else account
+    began = shift_bias_to_start(fitted, whitened, noise_under(fitted, whitened)) if told else fitted
     amended = amended_of(began, observations, faults)
-    notes = [*bench.notes, f"the noise was {source}"]
-    left = observations.residuals(account.effects)
+    notes = [*prepared.notes, f"the noise was {source}"]
+    left = observations.residuals(fitted.effects)
     return Diagnosis(
         verdict,
         statement,
         answer,
         tuple(notes),
-        undetectable_of(account, ledger) if told else (),
+        undetectable_of(fitted, whitened) if told else (),
         first,
         last,
         amended,
@@ -180,14 +197,14 @@ def _answer(
 
 
 def _simulated(
-    answer: Diagnosis, laboratory: Laboratory, full: Observations, account: Account
+    answer: Diagnosis, laboratory: Laboratory, full: Observations, fitted: FittedModel
 ) -> Diagnosis:
     """The answer with the simulator's word on it."""
     lost = any(
-        e.id == "data_drop" for e in account.effects
+        e.id == "data_drop" for e in fitted.effects
     )  # found by the scan, not mended in the columns
     amended = _as_read(answer.amended, full.scenario, () if lost else ("data_drop",))
-    again = resimulate(laboratory, amended, full, full.predict(account.effects))
+    again = resimulate(laboratory, amended, full, full.predict(fitted.effects))
     return answer if again is None else replace(answer, notes=(*answer.notes, again.words))
 
 

@@ -62,7 +62,7 @@ class Windows:
         return cls(rows, np.diff(time[rows], axis=1), share[0], share[1], middle)
 
 
-class Carried:
+class GravityTransport:
     """Directions of the force around turns, in the frame before each, as the gyro carries them.
 
     Every sample at the edges of the rests is carried: a hand never holds quite still there.

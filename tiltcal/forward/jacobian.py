@@ -157,7 +157,7 @@ def sensitivity(
         only: ids to keep.
     """
     one_of(grade, GRADES, "grade")
-    watch = Watch(setup, course, rows.time)
+    watch = NominalMotion(setup, course, rows.time)
     weight = {s.name: np.sqrt(rows.weight) / white_noise(s, known) for s in setup.sensor}
     middle = (course.times[1] - course.times[0]) / 2
     found = []
@@ -187,7 +187,7 @@ Some = TypeVar("Some", bound=Effect)
 Channels = dict[tuple[str, int], "np.ndarray[tuple[int], np.dtype[np.float32]]"]
 
 
-class Watch:
+class NominalMotion:
     """The nominal motion at some rows, and what an effect changes against it.
 
     Args:
@@ -211,7 +211,7 @@ class Watch:
         self.responses = Responses(setup, self.drive)
         self._slopes: tuple[Array, Array] | None = None
 
-    def through(self, matrices: Mapping[str, Array]) -> "Watch":
+    def through(self, matrices: Mapping[str, Array]) -> "NominalMotion":
         """The same motion through other sensor matrices."""
         other = copy(self)
         other.matrices = matrices

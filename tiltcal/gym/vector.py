@@ -1,6 +1,6 @@
 """Many calibrations as one Gymnasium vector environment, stepped together by array operations."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -22,10 +22,7 @@ class CalibrationVector(VectorEnv[Any, Any, Any]):
         task: keywords of ``Task``.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": [],
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }  # type: ignore[misc]
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(self, num_envs: int = 1, render_mode: str | None = None, **task: Any) -> None:
         self.num_envs, self.render_mode = num_envs, render_mode

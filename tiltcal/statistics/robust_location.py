@@ -70,7 +70,7 @@ def locations(chunks: Sequence[Array], estimator: str, codes: Array) -> Location
         [_m_estimate(c, m, scale, estimator) for c, m in zip(chunks, medians, strict=True)]
     )
     residuals = _residuals(chunks, values, scale)
-    psi = [PSI[estimator](r) for r in residuals]
+    psi = [influence(estimator, r) for r in residuals]
     slope = np.maximum(_slope(np.concatenate(residuals), estimator), LEAST_SLOPE)
     covariance, inflation = pooled_noise([p * scale for p in psi])
     rejected = np.mean(np.concatenate(psi) == 0, axis=0) - np.mean(
@@ -137,6 +137,8 @@ WEIGHT: dict[str, Callable[[Array], Array]] = {
     "tukey": _tukey_weight,
     "inliers": lambda r: (np.abs(r) <= REJECT).astype(float),
 }
-PSI: dict[str, Callable[[Array], Array]] = {
-    name: (lambda r, w=w: r * w(r)) for name, w in WEIGHT.items()
-}  # type: ignore[misc]
+
+
+def influence(name: str, r: Array) -> Array:
+    """The influence function of an M-estimator: residual times weight."""
+    return np.asarray(r * WEIGHT[name](r))

@@ -24,21 +24,21 @@ from tiltcal.diagnosis.conclusions.statements import (
 from tiltcal.diagnosis.data.channels import MASKED, MEANINGS
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cross_validation import heldout_gain, heldout_misfit
-from tiltcal.diagnosis.model.fitted_model import Account, Term
-from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, Ledger
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     OWN,
-    Case,
-    Rival,
-    case_of,
-    explanations,
+    Alternative,
+    RemovedFinding,
     inseparable,
     price_of,
+    rank_alternatives,
+    remove_finding,
 )
-from tiltcal.diagnosis.search.forward_selection import Gate, findings
-from tiltcal.diagnosis.search.thermal_lag import lateness
+from tiltcal.diagnosis.search.forward_selection import NoiseGate, findings
+from tiltcal.diagnosis.search.thermal_lag import thermal_lag_findings
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect, Parameter
 from tiltcal.effects.learned import Learned
@@ -46,30 +46,32 @@ from tiltcal.effects.learned import Learned
 SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
 
 
-def findings_of(account: Account, ledger: Ledger, gate: Gate) -> list[Finding]:
+def findings_of(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> list[Finding]:
     """The findings of an account, each with its class and its place."""
-    values = gate.log_p(account, ledger) if account.terms else []
+    values = gate.log_p(fitted, whitened) if fitted.terms else []
     return [
-        _finding(account, ledger, places, values[k]) for k, places in enumerate(findings(account))
+        _finding(fitted, whitened, places, values[k]) for k, places in enumerate(findings(fitted))
     ]
 
 
-def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: float) -> Finding:
+def _finding(
+    fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int], log_p: float
+) -> Finding:
     """One finding, with its class and its place."""
-    observations = ledger.observations
-    term = account.terms[places[0]]
-    case = case_of(account, ledger, places)
+    observations = whitened.observations
+    term = fitted.terms[places[0]]
+    removed = remove_finding(fitted, whitened, places)
     effect = term.effect
-    sensors, axes = _shown(case.signal, observations)
-    sizes = sum(len(account.terms[k].names) for k in places)
-    gain = sum(float(t @ t) for t in case.target) - account.deviance
-    held = heldout_gain(account, ledger, places)
+    sensors, axes = _shown(removed.signal, observations)
+    sizes = sum(len(fitted.terms[k].names) for k in places)
+    gain = sum(float(t @ t) for t in removed.target) - fitted.deviance
+    held = heldout_gain(fitted, whitened, places)
     where = Where(
         coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect)
     )
-    if not term.suspect.listed and isinstance(effect, Learned):
-        named = explanations(case, ledger, lambda s: s.listed)
-        rivals = tuple((r.suspect.id, r.cosine, r.separation) for r in named[:5])
+    if not term.hypothesis.listed and isinstance(effect, Learned):
+        named = rank_alternatives(removed, whitened, lambda s: s.listed)
+        rivals = tuple((r.hypothesis.id, r.cosine, r.separation) for r in named[:5])
         words = f"{learned_name(effect).capitalize()}: no named effect has this form."
         return Finding(
             None,
@@ -80,17 +82,17 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
             where,
             {},
             float(np.exp(log_p)),
-            price_of(ledger) * sizes - gain,
+            price_of(whitened) * sizes - gain,
             held,
             rivals,
             words,
             next_step((), effect),
         )
-    rivals_, names = _class_of(term, case, ledger)
-    id = term.suspect.id
-    late, same = lateness([account.terms[k] for k in places], case, account, ledger)
+    rivals_, names = _class_of(term, removed, whitened)
+    id = term.hypothesis.id
+    late, same = thermal_lag_findings([fitted.terms[k] for k in places], removed, fitted, whitened)
     names = (*names, *(n for n in same if n not in names))
-    parameters = {} if isinstance(effect, Learned) else _parameters(term, account.sigmas(places[0]))
+    parameters = {} if isinstance(effect, Learned) else _parameters(term, fitted.sigmas(places[0]))
     cls = CATALOGUE[id]
     other = (
         f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)"
@@ -111,7 +113,7 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
         where,
         parameters,
         float(np.exp(log_p)),
-        price_of(ledger) * sizes - gain,
+        price_of(whitened) * sizes - gain,
         held,
         rivals_,
         words,
@@ -120,20 +122,20 @@ def _finding(account: Account, ledger: Ledger, places: Sequence[int], log_p: flo
 
 
 def _class_of(
-    term: Term, case: Case, ledger: Ledger
+    term: FittedTerm, removed: RemovedFinding, whitened: WhitenedModel
 ) -> tuple[tuple[tuple[str, float, float], ...], tuple[str, ...]]:
-    found = explanations(case, ledger, lambda s: s.textbook or s.id == term.suspect.id)
-    mine = next((r for r in found if r.suspect.place == term.suspect.place), None)
+    found = rank_alternatives(removed, whitened, lambda s: s.textbook or s.id == term.hypothesis.id)
+    mine = next((r for r in found if r.hypothesis.place == term.hypothesis.place), None)
     nearest: dict[str, tuple[str, float, float]] = {}
     for r in found:
-        if r.suspect.id != term.suspect.id:
-            nearest.setdefault(r.suspect.id, (r.suspect.id, r.cosine, r.separation))
+        if r.hypothesis.id != term.hypothesis.id:
+            nearest.setdefault(r.hypothesis.id, (r.hypothesis.id, r.cosine, r.separation))
     rivals = tuple(nearest.values())
     best = max((r for r in found if r.fair and r.own >= OWN), key=lambda r: r.worth, default=mine)
     if best is None:
-        return rivals[:8], (term.suspect.id,)
-    members: list[Rival] = inseparable(best, found)
-    ids = dict.fromkeys([term.suspect.id, *(r.suspect.id for r in members)])
+        return rivals[:8], (term.hypothesis.id,)
+    members: list[Alternative] = inseparable(best, found)
+    ids = dict.fromkeys([term.hypothesis.id, *(r.hypothesis.id for r in members)])
     return rivals[:8], tuple(ids)
 
 
@@ -157,65 +159,65 @@ def _interval(effect: Effect) -> tuple[float, float | None] | None:
     return (float(effect.values["time"]), None) if "time" in effect.values else None
 
 
-def _parameters(term: Term, sigmas: Array) -> dict[str, tuple[float, float]]:
+def _parameters(term: FittedTerm, sigmas: Array) -> dict[str, tuple[float, float]]:
     """Values by name with unit, as files have them."""
     found = {}
     for name, value, sigma in zip(term.names, term.values, sigmas, strict=True):
-        p = _parameter_of(term.suspect, name)
+        p = _parameter_of(term.hypothesis, name)
         found[f"{name}{p.suffix}"] = (value / p.factor, float(sigma) / p.factor)
     return found
 
 
-def _parameter_of(suspect: Suspect, name: str) -> Parameter:
-    for p in suspect.effect.parameters:
+def _parameter_of(hypothesis: Hypothesis, name: str) -> Parameter:
+    for p in hypothesis.effect.parameters:
         if name in p.expand(tuple("xyza")) or name == p.name:
             return p
     raise KeyError(name)
 
 
-def fitness_of(account: Account, ledger: Ledger) -> Fitness:
-    observations = ledger.observations
-    used = account.basis[0].shape[1] if account.basis else 0
+def fitness_of(fitted: FittedModel, whitened: WhitenedModel) -> Fitness:
+    observations = whitened.observations
+    used = fitted.basis[0].shape[1] if fitted.basis else 0
     rms: dict[str, float] = {}
     for channel, r in zip(
-        observations.channels, observations.residuals(account.effects), strict=True
+        observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         rms.setdefault(
             f"{channel.sensor}_{channel.axis}_{unit_of(channel, observations)}",
             float(np.sqrt(np.mean(r * r))),
         )
     return Fitness(
-        account.deviance / max(observations.samples - used, 1), rms, heldout_misfit(account, ledger)
+        fitted.deviance / max(observations.samples - used, 1), rms, heldout_misfit(fitted, whitened)
     )
 
 
-def undetectable_of(account: Account, ledger: Ledger) -> tuple[Undetectable, ...]:
+def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undetectable, ...]:
     """What could not have been seen, or only at which size."""
     found: dict[str, Undetectable] = {}
-    blamed = {t.suspect.id for t in account.terms}
-    for score in ledger.scores(
-        account.basis,
-        account.residual,
+    blamed = {t.hypothesis.id for t in fitted.terms}
+    for score in whitened.scores(
+        fitted.basis,
+        fitted.residual,
         lambda s: not isinstance(s.effect, Learned) and s.id not in blamed,
     ):
-        suspect = score.suspect
+        hypothesis = score.hypothesis
         sizes = {}
-        for i, name in enumerate(suspect.names):
-            p = _parameter_of(suspect, name)
+        for i, name in enumerate(hypothesis.names):
+            p = _parameter_of(hypothesis, name)
             if score.B[i, i] > SURVIVES * score.raw[i] > 0:
                 sizes[f"{name}{p.suffix}"] = float(
-                    np.sqrt(POWER / score.B[i, i]) * suspect.size(name) / p.factor
+                    np.sqrt(POWER / score.B[i, i]) * hypothesis.size(name) / p.factor
                 )
-        old = found.get(suspect.id)
+        old = found.get(hypothesis.id)
         if old is None or (not old.size and sizes):
-            found[suspect.id] = Undetectable(
-                suspect.id, sizes, float(np.clip(score.absorbed, 0, 1))
+            found[hypothesis.id] = Undetectable(
+                hypothesis.id, sizes, float(np.clip(score.absorbed, 0, 1))
             )
     return tuple(found.values())
 
 
 def amended_of(
-    account: Account, observations: Observations, faults: Sequence[Fault]
+    fitted: FittedModel, observations: Observations, faults: Sequence[Fault]
 ) -> dict[str, Any]:
     """The scenario with calibration and findings in it."""
     first = observations.recordings[0]
@@ -224,14 +226,14 @@ def amended_of(
     if reference is None and temperature is not None:
         reference = float(np.mean(temperature))
     meanings = [e for e in observations.scenario.effects if e.id in (*MEANINGS, *MASKED)]
-    effects: list[Effect] = [*account.known, *meanings, *(t.effect for t in account.nuisance)]
+    effects: list[Effect] = [*fitted.known, *meanings, *(t.effect for t in fitted.nuisance)]
     effects += [f.effect for f in faults if f.effect not in effects]
-    for k, term in enumerate(account.terms):
+    for k, term in enumerate(fitted.terms):
         effect = term.effect
         event = any(
             "time" in e.values or "frequency" in e.values
             for e in (effect, *([term.host.effect] if term.host else []))
         )
-        sigmas = dict(zip(term.names, (float(s) for s in account.sigmas(k)), strict=True))
+        sigmas = dict(zip(term.names, (float(s) for s in fitted.sigmas(k)), strict=True))
         effects.append(replace(effect, sigmas=sigmas, seen_in=first.fingerprint if event else None))
     return amended_table(observations.scenario, effects, reference)

@@ -5,7 +5,7 @@ holds.
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, fastest
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, fastest
 
 MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 ROWS = 6500  # what is left of them
@@ -15,7 +15,7 @@ SURVIVES = (
 HALF = 0.5  # period
 
 
-def block_of(observations: Observations, lines: Lines) -> int:
+def block_of(observations: Observations, lines: SpectralLines) -> int:
     """Samples in a block: as few as a line asks for, as long as MOST_ROWS are not exceeded."""
     longest = max(len(c.values) for c in observations.channels)
     if longest <= MOST_ROWS:

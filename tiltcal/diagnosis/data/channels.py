@@ -121,7 +121,9 @@ MASKED = (
 """What is taken out of the recording sample by sample: the model need not hold it."""
 
 
-def as_meant(recording: Recording, setup: Setup, effects: Sequence[Effect]) -> Recording:
+def undo_labelling_faults(
+    recording: Recording, setup: Setup, effects: Sequence[Effect]
+) -> Recording:
     """A copy whose columns mean what they say: units, signs and exchanged axes of these effects
     undone.
     """

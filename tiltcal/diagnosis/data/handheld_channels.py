@@ -14,18 +14,18 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.handheld_rests import (
     condensed,
+    direction_polynomials,
     inner,
     known_stops,
     no_less,
-    of_direction,
     rest_steps,
     undisturbed,
 )
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations, sensor_matrix
-from tiltcal.diagnosis.data.sensor_perturbation import Hand, Push
+from tiltcal.diagnosis.data.sensor_perturbation import HandheldMotion, SensorPerturbation
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
 from tiltcal.effects.events import as_met
-from tiltcal.forward.gravity_transport import Carried, Windows, turns_between
+from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_between
 from tiltcal.laboratory.handheld import (
     at_rest,
     bridged,
@@ -56,7 +56,7 @@ FEW = 12  # turns: fewer are no channel
 STEP = 0.01
 LONG = 60.0  # s: a rest that long tells drifts from noise
 Predictor = Callable[["_State"], Array]
-Answer = Callable[[Push], Array | None]
+Answer = Callable[[SensorPerturbation], Array | None]
 """Change of a channel by each size of a push, (p, n); None where it does not see that sensor."""
 Part = tuple[Channel, Predictor, Answer]
 
@@ -72,7 +72,7 @@ class _State:
     rate: Array
 
 
-class HandObservations(Observations):
+class HandheldObservations(Observations):
     """Recordings turned by hand."""
 
     def __init__(
@@ -93,7 +93,7 @@ class HandObservations(Observations):
         self._answers = tuple(answer for _, _, answer in parts)
         self._steps: dict[int, Array] = {}
         self._last: tuple[tuple[Effect, ...] | None, list[Array]] = (None, [])
-        self._hands: tuple[tuple[Effect, ...] | None, list[Hand]] = (None, [])
+        self._hands: tuple[tuple[Effect, ...] | None, list[HandheldMotion]] = (None, [])
 
     @property
     def sources(self) -> tuple[Recording, ...]:
@@ -140,7 +140,7 @@ class HandObservations(Observations):
         ):
             return {}
         found: dict[int, tuple[list[int], Array]] = {}
-        pushes: list[Push | None] = [
+        pushes: list[SensorPerturbation | None] = [
             hand.push(effect, names)
             if hand.recording.has(self.scenario.named(effect.sensor))
             else None
@@ -165,7 +165,7 @@ class HandObservations(Observations):
         channel = self.channels[number]
         if channel.axis == "turn" or channel.stop.min() < 0:
             return []
-        return of_direction(self._read[channel.recording][channel.rows], channel.stop)
+        return direction_polynomials(self._read[channel.recording][channel.rows], channel.stop)
 
     def as_unsteady(self, number: int, residual: Array, mean: Array, fit: NoiseFit) -> NoiseFit:
         """The noise of what is read at rest, no less than the rests are apart: biases that wander
@@ -197,7 +197,7 @@ class HandObservations(Observations):
                     found[i] = ([*numbers, k], np.vstack([rows, (new - old) / STEP]))
         return found
 
-    def _hands_under(self, effects: tuple[Effect, ...]) -> list[Hand]:
+    def _hands_under(self, effects: tuple[Effect, ...]) -> list[HandheldMotion]:
         """The motion of each recording as its sensors say it under these effects."""
         if self._hands[0] != effects:
             self._hands = (
@@ -209,7 +209,7 @@ class HandObservations(Observations):
             )
         return self._hands[1]
 
-    def _hand(self, number: int, effects: Sequence[Effect]) -> Hand:
+    def _hand(self, number: int, effects: Sequence[Effect]) -> HandheldMotion:
         recording, windows, state = (
             self.recordings[number],
             self._windows[number],
@@ -217,8 +217,8 @@ class HandObservations(Observations):
         )
         triads = [*self._triads(recording, "accelerometer"), *self._triads(recording, "gyro")]
         matrices = {s.name: sensor_matrix(s.name, self.scenario, effects) for s in triads}
-        carried = None if windows is None else Carried(windows, state.force, state.rate)
-        return Hand(
+        carried = None if windows is None else GravityTransport(windows, state.force, state.rate)
+        return HandheldMotion(
             self.scenario,
             recording,
             self.stops[number],
@@ -354,7 +354,7 @@ class HandObservations(Observations):
                 + rough
             )
 
-        def answer(push: Push) -> Array | None:
+        def answer(push: SensorPerturbation) -> Array | None:
             change = push.fog(fog)
             return None if change is None else change[rows].T
 
@@ -377,7 +377,7 @@ class HandObservations(Observations):
                 (predicted * read).sum(axis=1) / length
             )  # it differs from the reading along it only
 
-        def answer(push: Push) -> Array | None:
+        def answer(push: SensorPerturbation) -> Array | None:
             return (
                 np.einsum("nip,ni->pn", push.resting[rows], read / length[:, None])
                 if push.sensor == triad
@@ -412,7 +412,9 @@ class HandObservations(Observations):
                     )[rows, column]
                     return np.asarray(predicted - predicted.mean())
 
-                def answer(push: Push, rows: Index = rows, column: int = column) -> Array | None:
+                def answer(
+                    push: SensorPerturbation, rows: Index = rows, column: int = column
+                ) -> Array | None:
                     if push.sensor != triad:
                         return None
                     change = push.resting[rows, column].T
@@ -449,7 +451,7 @@ class HandObservations(Observations):
             def predict(state: _State, column: int = column) -> Array:
                 return still(state)[:, column]
 
-            def answer(push: Push, column: int = column) -> Array | None:
+            def answer(push: SensorPerturbation, column: int = column) -> Array | None:
                 return (
                     push.still[np.searchsorted(push.at, rows), column].T
                     if push.sensor == gyro
@@ -474,9 +476,9 @@ class HandObservations(Observations):
         rows = np.repeat(windows.middle, 3)
 
         def predict(state: _State) -> Array:
-            return -Carried(windows, state.force, state.rate).errors.ravel()
+            return -GravityTransport(windows, state.force, state.rate).errors.ravel()
 
-        def answer(push: Push) -> Array | None:
+        def answer(push: SensorPerturbation) -> Array | None:
             return (
                 None
                 if push.sensor.kind == "fog"

@@ -64,7 +64,7 @@ def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
     return found
 
 
-def of_direction(force: Array, stop: Index) -> list[Array]:
+def direction_polynomials(force: Array, stop: Index) -> list[Array]:
     """Polynomials of the mean direction of the force in each rest, as many as the directions taken
     allow, (n,) each.
     """

@@ -14,7 +14,7 @@ from tiltcal.core.arrays import Array, Index
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
 from tiltcal.effects.learned import Learned
-from tiltcal.forward.jacobian import Watch
+from tiltcal.forward.jacobian import NominalMotion
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import restored
 from tiltcal.laboratory.scenario import Scenario
@@ -168,7 +168,7 @@ class TableObservations(Observations):
             )  # T0 stays that of the first recording
         self.stops = [course.stop for course in self.courses]
         self.channels = tuple(self._channels())
-        self._watches: dict[bytes, list[Watch]] = {}
+        self._watches: dict[bytes, list[NominalMotion]] = {}
         self._around: tuple[tuple[Effect, ...], bytes] | None = None
         self._bent: list[Array] = []
         self._whole: TableObservations | None = None
@@ -367,7 +367,7 @@ class TableObservations(Observations):
                         found[i] = ([int(k) for k in some], block[some])
         return found
 
-    def watches(self, around: Sequence[Effect]) -> list[Watch]:
+    def watches(self, around: Sequence[Effect]) -> list[NominalMotion]:
         """What each recording's sensors sense at the nominal table, through the sensor matrix of
         these effects.
         """
@@ -375,7 +375,7 @@ class TableObservations(Observations):
         if key not in self._watches:
             matrices = self._matrices(around)
             known = next(iter(self._watches.values()), None) or [
-                Watch(self.scenario, course, self._grid(recording))
+                NominalMotion(self.scenario, course, self._grid(recording))
                 for recording, course in zip(self.recordings, self.courses, strict=True)
             ]
             self._watches = {key: [watch.through(matrices) for watch in known]}
@@ -385,7 +385,7 @@ class TableObservations(Observations):
         """The sensor matrices of these effects."""
         if self._around is None or self._around[0] != tuple(
             around
-        ):  # asked for each column of an account
+        ):  # asked for each column of a fitted model
             self._around = (
                 tuple(around),
                 b"".join(m.tobytes() for m in self._matrices(around).values()),
@@ -431,9 +431,9 @@ def observe(
         known: effects at stated values.
         block: samples that are averaged into one, on a table.
     """
-    from tiltcal.diagnosis.data.handheld_channels import HandObservations
+    from tiltcal.diagnosis.data.handheld_channels import HandheldObservations
 
     if scenario.rig.axes:
         whole = TableObservations(scenario, recordings, known)
         return whole.averaged(block) if block > 1 else whole
-    return HandObservations(scenario, recordings, known)
+    return HandheldObservations(scenario, recordings, known)

@@ -16,7 +16,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.effects.base import Effect, Sense, SignalEffect, TermEffect
 from tiltcal.effects.learned import LearnedReading
-from tiltcal.forward.gravity_transport import Carried
+from tiltcal.forward.gravity_transport import GravityTransport
 from tiltcal.forward.jacobian import effect_down, one_sided
 from tiltcal.laboratory.handheld import earlier, forward, sense_of
 from tiltcal.laboratory.scenario import Scenario
@@ -24,7 +24,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor
 
 
-class Push:
+class SensorPerturbation:
     """What each size of an effect adds to a sensor's reading, SI, and what follows from it.
 
     Args:
@@ -34,7 +34,9 @@ class Push:
         at: the rows of ``still``.
     """
 
-    def __init__(self, hand: "Hand", sensor: Sensor, felt: Array, still: Array, at: Index) -> None:
+    def __init__(
+        self, hand: "HandheldMotion", sensor: Sensor, felt: Array, still: Array, at: Index
+    ) -> None:
         self.hand, self.sensor, self.felt, self.still, self.at = hand, sensor, felt, still, at
 
     @cached_property
@@ -87,7 +89,7 @@ class Push:
         return scale * np.stack([part @ fog.input_vector for part in late], axis=1)
 
 
-class Hand:
+class HandheldMotion:
     """A recording's motion as its calibrated sensors say it, and how everything redundant answers
     to a push.
 
@@ -109,7 +111,7 @@ class Hand:
         force: Array,
         rate: Array,
         matrices: Mapping[str, Array],
-        carried: Carried | None = None,
+        carried: GravityTransport | None = None,
     ) -> None:
         self.scenario, self.recording, self.stop, self.effects = scenario, recording, stop, effects
         self.force, self.rate, self.matrices, self.carried = force, rate, matrices, carried
@@ -120,7 +122,7 @@ class Hand:
         self._senses: dict[str, tuple[Sense, Sense, Index]] = {}
         self._starts: dict[tuple[str, int], tuple[Array, Array]] = {}
 
-    def push(self, effect: SignalEffect, names: Sequence[str]) -> Push:
+    def push(self, effect: SignalEffect, names: Sequence[str]) -> SensorPerturbation:
         """What these sizes of an effect, each alone at its value, add to its sensor's reading."""
         sensor = self.scenario.named(str(effect.sensor))
         felt, still, at = self._sensed(sensor)
@@ -130,7 +132,7 @@ class Hand:
             for sense, start in zip((felt, still), starts, strict=True)
         ]
         rows = self.recording.sensor(sensor).rows
-        return Push(self, sensor, self._everywhere(sides[0], rows), sides[1], at)
+        return SensorPerturbation(self, sensor, self._everywhere(sides[0], rows), sides[1], at)
 
     def _everywhere(self, values: Array, rows: Index) -> Array:
         """Values at a sensor's rows interpolated to all, (n, k, p)."""

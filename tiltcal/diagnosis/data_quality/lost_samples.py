@@ -11,7 +11,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.channels import shifted
 from tiltcal.diagnosis.data.observations import Channel, Observations, TableObservations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
-from tiltcal.diagnosis.model.fitted_model import Account
+from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects import CATALOGUE
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import robust_white
@@ -22,8 +22,8 @@ BESIDE = 1.0  # s of rest beside a move
 SURE = 4.0  # sigma, of the instant
 
 
-def lost_samples(
-    observations: Observations, account: Account
+def find_lost_samples(
+    observations: Observations, fitted: FittedModel
 ) -> tuple[list[Fault], tuple[Recording, ...]]:
     """Losses of two samples and more, sensor by sensor, and the recordings with the rest moved back
     to its time.
@@ -32,7 +32,7 @@ def lost_samples(
     faults: list[Fault] = []
     if not isinstance(observations, TableObservations):
         return faults, tuple(repaired)
-    predicted = observations.predict(account.effects)
+    predicted = observations.predict(fitted.effects)
     for number, recording in enumerate(observations.recordings):
         mine = [
             (c, p)

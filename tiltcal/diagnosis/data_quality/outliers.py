@@ -12,7 +12,7 @@ from tiltcal.diagnosis.data.channels import changed, column_values
 from tiltcal.diagnosis.data.handheld_rests import inner, known_stops
 from tiltcal.diagnosis.data.observations import Observations, TableObservations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, noise_of
-from tiltcal.diagnosis.model.fitted_model import Account
+from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects import CATALOGUE
 from tiltcal.recordings.recording import Recording
 
@@ -23,8 +23,8 @@ TOUCHED = 1.0  # the same in a hand, where no model tells a touch from noise
 ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
-def gross_errors(
-    observations: Observations, account: Account, coarse: Collection[str] = ()
+def find_outliers(
+    observations: Observations, fitted: FittedModel, coarse: Collection[str] = ()
 ) -> tuple[list[Fault], tuple[Recording, ...]]:
     """Values far off their neighbours, more of them than the tail of the others lets expect; and
     the recordings without them.
@@ -40,7 +40,7 @@ def gross_errors(
     together = zip(observations.sources, observations.recordings, observations.stops, strict=True)
     stops = [stop if used is source else known_stops(source) for source, used, stop in together]
     seen: dict[str, list[tuple[str, float, float, int]]] = {}
-    for number, sensor, axis, rows, values in _signals(observations, stops, account):
+    for number, sensor, axis, rows, values in _signals(observations, stops, fitted):
         if sensor in coarse:
             continue
         anywhere = off_neighbours(values)
@@ -73,17 +73,17 @@ def _at_an_end(stop: Index, rows: Index) -> Mask:
 
 
 def _signals(
-    observations: Observations, stops: Sequence[Index], account: Account
+    observations: Observations, stops: Sequence[Index], fitted: FittedModel
 ) -> Iterator[tuple[int, str, str, Index, Array]]:
     """Recording, sensor, axis, rows and values of everything that may hold a gross error."""
     if isinstance(observations, TableObservations):
         for channel, r in zip(
-            observations.channels, observations.residuals(account.effects), strict=True
+            observations.channels, observations.residuals(fitted.effects), strict=True
         ):
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r
         return
     for channel, r in zip(
-        observations.channels, observations.residuals(account.effects), strict=True
+        observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         if observations.scenario.named(channel.sensor).kind == "fog":
             yield channel.recording, channel.sensor, channel.axis, channel.rows, r

@@ -1,4 +1,5 @@
-"""Recordings on the bench: what is wrong with their data mended, layer by layer, and the adjustable
+"""Recordings on the prepared data: what is wrong with their data mended, layer by layer, and the
+adjustable
 terms fitted.
 """
 
@@ -8,25 +9,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.channels import MASKED, MEANINGS, as_meant, written
-from tiltcal.diagnosis.data.handheld_channels import HandObservations
+from tiltcal.diagnosis.data.channels import MASKED, MEANINGS, undo_labelling_faults, written
+from tiltcal.diagnosis.data.handheld_channels import HandheldObservations
 from tiltcal.diagnosis.data.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, inspect
-from tiltcal.diagnosis.data_quality.lost_samples import lost_samples
-from tiltcal.diagnosis.data_quality.outliers import gross_errors
+from tiltcal.diagnosis.data_quality.lost_samples import find_lost_samples
+from tiltcal.diagnosis.data_quality.outliers import find_outliers
 from tiltcal.diagnosis.data_quality.quantisation_limit import code_floors
-from tiltcal.diagnosis.data_quality.readout_jumps import jumps
+from tiltcal.diagnosis.data_quality.readout_jumps import find_readout_jumps
 from tiltcal.diagnosis.data_quality.stop_errors import (
     at_rest_only,
-    random_stamps,
+    find_stamp_jitter,
+    find_wrong_stop,
     stands_alone,
-    wrong_stop,
 )
 from tiltcal.diagnosis.data_quality.stuck_bit import with_bits
-from tiltcal.diagnosis.data_quality.units_signs_axes import meaning
+from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
-from tiltcal.diagnosis.model.fitted_model import Account, Term, settle
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, cosines
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, cosines
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -37,7 +38,7 @@ PASSES = 5  # of putting missing bits back
 
 
 @dataclass(frozen=True)
-class Bench:
+class PreparedData:
     """Recordings whose data faults are mended, and the adjustable terms fitted to them.
 
     Args:
@@ -46,27 +47,27 @@ class Bench:
     """
 
     observations: Observations
-    ledger: Ledger
-    start: Account
+    whitened: WhitenedModel
+    start: FittedModel
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
     floors: Mapping[str, float] = field(default_factory=dict)
 
-    def over(self, observations: Observations, *faults: Fault) -> "Bench":
+    def over(self, observations: Observations, *faults: Fault) -> "PreparedData":
         """The same over other observations, the adjustable terms fitted again, with further
         faults.
         """
-        ledger = Ledger(observations)
+        whitened = WhitenedModel(observations)
         return replace(
             self,
             observations=observations,
-            ledger=ledger,
-            start=calibrated(observations, ledger),
+            whitened=whitened,
+            start=calibrated(observations, whitened),
             faults=(*self.faults, *faults),
         )
 
 
-def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
+def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> PreparedData:
     """Mend what is wrong with the data, layer by layer, and fit the adjustable terms."""
     sound, faults, notes = _sound(scenario, recordings)
     known = [
@@ -77,46 +78,51 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> Bench:
     stated = {e.id for e in scenario.effects}
     floors = code_floors(scenario, faults)
     observations = observe(scenario, sound, known)
-    ledger = Ledger(observations)
-    bench = Bench(
-        observations, ledger, calibrated(observations, ledger), tuple(faults), tuple(notes), floors
+    whitened = WhitenedModel(observations)
+    prepared = PreparedData(
+        observations,
+        whitened,
+        calibrated(observations, whitened),
+        tuple(faults),
+        tuple(notes),
+        floors,
     )
-    bench = _with_bits(bench, known)
+    prepared = _with_bits(prepared, known)
     if not floors:  # first: a jump of the readout is a rate that no sensor had
-        slips, level = jumps(bench.observations, bench.start)
+        slips, level = find_readout_jumps(prepared.observations, prepared.start)
         said = () if "data_pose_label" in stated else slips
-        bench = bench.over(observe(scenario, level, known), *said) if slips else bench
+        prepared = prepared.over(observe(scenario, level, known), *said) if slips else prepared
     if not floors and "data_drop" not in stated:
-        losses, moved = lost_samples(bench.observations, bench.start)
-        bench = bench.over(observe(scenario, moved, known), *losses) if losses else bench
+        losses, moved = find_lost_samples(prepared.observations, prepared.start)
+        prepared = prepared.over(observe(scenario, moved, known), *losses) if losses else prepared
     if (
         not floors
         and "data_jitter" not in stated
-        and (stamps := random_stamps(bench.start, bench.observations)) is not None
+        and (stamps := find_stamp_jitter(prepared.start, prepared.observations)) is not None
     ):
-        quiet = at_rest_only(bench.observations, bench.start, stamps.effect.value("jitter"))
-        bench = bench.over(observe(scenario, quiet, known), stamps)
-    wild, mended = gross_errors(bench.observations, bench.start, floors)
-    if any(a is not b for a, b in zip(mended, bench.observations.sources, strict=True)):
-        bench = bench.over(observe(scenario, mended, known), *wild)
-    return bench if floors else _with_right_stops(bench, known, "data_pose_label" in stated)
+        quiet = at_rest_only(prepared.observations, prepared.start, stamps.effect.value("jitter"))
+        prepared = prepared.over(observe(scenario, quiet, known), stamps)
+    wild, mended = find_outliers(prepared.observations, prepared.start, floors)
+    if any(a is not b for a, b in zip(mended, prepared.observations.sources, strict=True)):
+        prepared = prepared.over(observe(scenario, mended, known), *wild)
+    return prepared if floors else _with_right_stops(prepared, known, "data_pose_label" in stated)
 
 
-def _with_bits(bench: Bench, known: Sequence[Effect]) -> Bench:
+def _with_bits(prepared: PreparedData, known: Sequence[Effect]) -> PreparedData:
     """Bits that are never set put back, again and again as long as a better fit, which they spoil,
     moves some.
     """
     bits = {
         (f.sensors[0], f.axes[0]): f.effect.value("bit_value")
-        for f in bench.faults
+        for f in prepared.faults
         if f.effect.id == "adc_stuck_bit"
     }
-    as_came, scenario = bench.observations.sources, bench.observations.scenario
+    as_came, scenario = prepared.observations.sources, prepared.observations.scenario
     columns = [(scenario.named(name), axis) for name, axis in bits]
     for _ in range(PASSES if bits else 0):
         before, whole = (
-            bench.observations.sources,
-            with_bits(as_came, bench.observations, bench.start, bits),
+            prepared.observations.sources,
+            with_bits(as_came, prepared.observations, prepared.start, bits),
         )
         if all(
             np.array_equal(written(a, *c), written(b, *c), True)
@@ -124,24 +130,26 @@ def _with_bits(bench: Bench, known: Sequence[Effect]) -> Bench:
             for c in columns
         ):
             break
-        bench = bench.over(observe(scenario, whole, known))
-    return bench
+        prepared = prepared.over(observe(scenario, whole, known))
+    return prepared
 
 
-def _with_right_stops(bench: Bench, known: Sequence[Effect], stated: bool) -> Bench:
+def _with_right_stops(
+    prepared: PreparedData, known: Sequence[Effect], stated: bool
+) -> PreparedData:
     """One stop whose written angle is wrong put right; stated: whether the scenario says so
     already.
     """
-    slip = wrong_stop(bench.observations, bench.start)
+    slip = find_wrong_stop(prepared.observations, prepared.start)
     if slip is None:
-        return bench
-    mended = bench.over(observe(bench.observations.scenario, slip[1], known))
+        return prepared
+    mended = prepared.over(observe(prepared.observations.scenario, slip[1], known))
     if not stands_alone(
-        bench.observations, mended.observations, mended.start
+        prepared.observations, mended.observations, mended.start
     ):  # a law that is strongest there
-        return bench
+        return prepared
     fault, _ = (
-        wrong_stop(bench.observations, mended.start) or slip
+        find_wrong_stop(prepared.observations, mended.start) or slip
     )  # sized again, by a calibration that it has not spoiled
     return mended if stated else replace(mended, faults=(*mended.faults, fault))
 
@@ -152,7 +160,7 @@ def _sound(
     """The recordings with the faults of their data mended, and those faults."""
     inspected = inspect(scenario, recordings)
     faults = list(inspected.faults)
-    meant = meaning(scenario, inspected.recordings[0])
+    meant = find_labelling_faults(scenario, inspected.recordings[0])
     other_unit = {
         f.effect.sensor for f in meant if f.effect.id == "data_unit"
     }  # its digits were meant for another size
@@ -163,17 +171,17 @@ def _sound(
         or f.effect.sensor not in other_unit
     ]
     effects = [*scenario.effects, *(f.effect for f in meant)]
-    sound = tuple(as_meant(r, scenario, effects) for r in inspected.recordings)
+    sound = tuple(undo_labelling_faults(r, scenario, effects) for r in inspected.recordings)
     return sound, [*meant, *faults], list(inspected.notes)
 
 
-def thinned(bench: Bench, block: int) -> Bench:
+def averaged_blocks(prepared: PreparedData, block: int) -> PreparedData:
     """The same with so many samples of a long record averaged into one."""
-    old = bench.observations
+    old = prepared.observations
     return (
-        bench.over(old.averaged(block))
+        prepared.over(old.averaged(block))
         if block > 1 and isinstance(old, TableObservations)
-        else bench
+        else prepared
     )
 
 
@@ -204,10 +212,10 @@ def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFi
     return tuple(found)
 
 
-def calibrated(observations: Observations, ledger: Ledger) -> Account:
+def calibrated(observations: Observations, whitened: WhitenedModel) -> FittedModel:
     """The adjustable terms fitted to the readings, with white noise."""
     scenario = observations.scenario
-    terms = [Term.start(s) for s in adjustable(scenario)]
+    terms = [FittedTerm.start(s) for s in adjustable(scenario)]
     known: list[Effect] = []
     for (
         effect
@@ -216,7 +224,7 @@ def calibrated(observations: Observations, ledger: Ledger) -> Account:
             (
                 k
                 for k, t in enumerate(terms)
-                if t.suspect.place == (effect.id, effect.sensor, effect.axis)
+                if t.hypothesis.place == (effect.id, effect.sensor, effect.axis)
             ),
             None,
         )
@@ -224,20 +232,20 @@ def calibrated(observations: Observations, ledger: Ledger) -> Account:
             known.append(effect)
         else:
             terms[k] = replace(terms[k], values=tuple(effect.value(n) for n in terms[k].names))
-    account = Account(tuple(known), tuple(terms))
-    ledger.under([NoiseModel(robust_white(r)) for r in observations.residuals(account.effects)])
-    account = settle(account, ledger)
+    fitted = FittedModel(tuple(known), tuple(terms))
+    whitened.under([NoiseModel(robust_white(r)) for r in observations.residuals(fitted.effects)])
+    fitted = refit(fitted, whitened)
     if not isinstance(observations, TableObservations) or observations.block < 2:
-        return account
-    observations.bend_at(account.effects)
-    return settle(account, ledger)
+        return fitted
+    observations.bend_at(fitted.effects)
+    return refit(fitted, whitened)
 
 
-def enough(observations: Observations, account: Account) -> bool:
+def has_enough_samples(observations: Observations, fitted: FittedModel) -> bool:
     """Whether there are more poses than the adjustable terms need."""
     if not observations.channels:
         return False
-    if not isinstance(observations, HandObservations):
+    if not isinstance(observations, HandheldObservations):
         return True
     if any(c.axis != "norm" for c in observations.channels):
         return True
@@ -253,4 +261,4 @@ def enough(observations: Observations, account: Account) -> bool:
             if (channel.stop == k).any()
         ]
     directions = int(group_directions(np.array(up)).max()) + 1 if up else 0
-    return directions > account.basis[0].shape[1]
+    return directions > fitted.basis[0].shape[1]

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
-from tiltcal.diagnosis.model.fitted_model import Account, Term, columns_of, settle, summed
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, columns_of, refit, summed
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.diagnosis.search.forward_selection import findings
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
@@ -41,7 +41,7 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
     return floors
 
 
-def told_by_moves(effect: Effect) -> bool:
+def needs_motion(effect: Effect) -> bool:
     """Whether only rates, accelerations or the way that a table came by tell an effect: where its
     angles are cut nothing does.
     """
@@ -51,24 +51,25 @@ def told_by_moves(effect: Effect) -> bool:
     )
 
 
-def above(
-    account: Account, ledger: Ledger, floors: Mapping[str, float], blurred: bool = False
-) -> Account:
-    """The account without findings that are nowhere larger than what coarse codes do; curves, all
+def drop_below_code(
+    fitted: FittedModel, whitened: WhitenedModel, floors: Mapping[str, float], blurred: bool = False
+) -> FittedModel:
+    """The fitted model without findings that are nowhere larger than what coarse codes do; curves,
+    all
     in all, beyond what calibration
     takes of them.
 
     Args:
         blurred: whether the table's angles are cut.
     """
-    observations = ledger.observations
-    calibration = columns_of(observations, account.nuisance, account.effects)
-    kept: list[Term] = []
-    for places in findings(account):
-        inside = [account.terms[k] for k in places]
-        curve = not inside[0].suspect.textbook  # it may be large where it was not held
+    observations = whitened.observations
+    calibration = columns_of(observations, fitted.nuisance, fitted.effects)
+    kept: list[FittedTerm] = []
+    for places in findings(fitted):
+        inside = [fitted.terms[k] for k in places]
+        curve = not inside[0].hypothesis.textbook  # it may be large where it was not held
         largest: dict[str, float] = {}
-        for i, change in summed(inside, observations, account.effects).items():
+        for i, change in summed(inside, observations, fitted.effects).items():
             name = observations.channels[i].sensor
             if curve:
                 Q = column_space(
@@ -78,10 +79,10 @@ def above(
             else:
                 size = float(np.abs(change).max())
             largest[name] = max(largest.get(name, 0.0), size)
-        smooth = not (blurred and told_by_moves(inside[0].effect))
+        smooth = not (blurred and needs_motion(inside[0].effect))
         seen = any(size > floors.get(name, 0.0) > 0 for name, size in largest.items()) or not set(
             largest
         ) & set(floors)
         if smooth and seen:
             kept += inside
-    return settle(replace(account, terms=tuple(kept)), ledger)
+    return refit(replace(fitted, terms=tuple(kept)), whitened)

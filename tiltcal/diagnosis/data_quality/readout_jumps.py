@@ -16,7 +16,7 @@ from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.observations import Observations, TableObservations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.data_quality.stop_errors import mistyped
-from tiltcal.diagnosis.model.fitted_model import Account
+from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
 from tiltcal.forward.signal_chain import readings
@@ -53,8 +53,8 @@ class Jump:
     sigma: float
 
 
-def jumps(
-    observations: Observations, account: Account
+def find_readout_jumps(
+    observations: Observations, fitted: FittedModel
 ) -> tuple[list[Fault], tuple[Recording, ...]]:
     """Stretches of wrong written angles that the readout itself shows, and the recordings without
     their readout.
@@ -66,7 +66,7 @@ def jumps(
     for number, course in enumerate(observations.courses):
         for axis, angle in course.angles.items():
             jump = jump_of(axis, angle, course.known)
-            if jump is not None and _unfollowed(observations, account.effects, number, jump):
+            if jump is not None and _unfollowed(observations, fitted.effects, number, jump):
                 fault, recordings[number] = mistyped(
                     observations,
                     number,

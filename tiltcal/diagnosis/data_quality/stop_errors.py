@@ -12,14 +12,19 @@ from tiltcal.diagnosis.data.channels import changed, without_readout
 from tiltcal.diagnosis.data.observations import Columns, Observations, TableObservations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.model.fitted_model import (
-    Account,
+    FittedModel,
     models,
     noise_under,
     noise_within_stops,
-    settle,
+    refit,
 )
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, basis_of, cosines, project
-from tiltcal.diagnosis.search.forward_selection import ALPHA, findings, log_tail, standing
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, cosines, project
+from tiltcal.diagnosis.search.forward_selection import (
+    ALPHA,
+    finding_log_p_values,
+    findings,
+    log_tail,
+)
 from tiltcal.effects import CATALOGUE
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import NoiseFit, robust_white
@@ -28,29 +33,29 @@ APART = 25.0  # times the misfit of others: five times as far off
 MARGIN = 4  # rows beside a stop that its wrong readout spoils
 
 
-def wrong_stop(
-    observations: Observations, account: Account
+def find_wrong_stop(
+    observations: Observations, fitted: FittedModel
 ) -> tuple[Fault, tuple[Recording, ...]] | None:
     """One stop whose written angle is wrong: it is far off where the others are not, and one other
     angle takes that away.
     """
     if not isinstance(observations, TableObservations):
         return None
-    worst = stop_misfits(observations, account)
+    worst = stop_misfits(observations, fitted)
     if not worst:
         return None
     (number, stop), largest = max(worst.items(), key=lambda item: item[1])
     others = sorted(v for k, v in worst.items() if k != (number, stop))
     if largest < 400 or not others or largest < APART * max(float(np.median(others)), 1.0):
         return None
-    return _rewritten(observations, account, number, stop)
+    return _rewritten(observations, fitted, number, stop)
 
 
-def stop_misfits(observations: Observations, account: Account) -> dict[tuple[int, int], float]:
+def stop_misfits(observations: Observations, fitted: FittedModel) -> dict[tuple[int, int], float]:
     """Misfit of each stop of each recording, in squares of the noise."""
     worst: dict[tuple[int, int], float] = {}
     for channel, r in zip(
-        observations.channels, observations.residuals(account.effects), strict=True
+        observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         noise = robust_white(r)
         for stop in range(int(channel.stop.max(initial=-1)) + 1):
@@ -61,24 +66,24 @@ def stop_misfits(observations: Observations, account: Account) -> dict[tuple[int
     return worst
 
 
-def stands_alone(observations: Observations, mended: Observations, account: Account) -> bool:
+def stands_alone(observations: Observations, mended: Observations, fitted: FittedModel) -> bool:
     """Whether a stop is far off what all others are, once one that was wrong no longer spoils the
-    account.
+    fitted model.
     """
-    rest = stop_misfits(mended, account)
-    return max(stop_misfits(observations, account).values()) > APART * max(
+    rest = stop_misfits(mended, fitted)
+    return max(stop_misfits(observations, fitted).values()) > APART * max(
         rest.values(), default=1.0
     )
 
 
 def _rewritten(
-    observations: TableObservations, account: Account, number: int, stop: int
+    observations: TableObservations, fitted: FittedModel, number: int, stop: int
 ) -> tuple[Fault, tuple[Recording, ...]] | None:
     """The axis and error that take the misfit of a stop away; None when none does."""
     course = observations.courses[number]
     rows = course.stop == stop
     best: tuple[float, float, str] | None = None
-    before = _misfit(observations, account, number, stop, course.angles)
+    before = _misfit(observations, fitted, number, stop, course.angles)
     for axis in observations.scenario.rig.axis_names:
         errors: Array = np.linspace(-np.pi, np.pi, 361)[1:]
         for width in (0.0, 2e-2, 2e-3, 2e-4, 2e-5):
@@ -88,7 +93,7 @@ def _rewritten(
                 break
             for error in errors:
                 angles = {**course.angles, axis: course.angles[axis] - error * rows}
-                value = _misfit(observations, account, number, stop, angles)
+                value = _misfit(observations, fitted, number, stop, angles)
                 if best is None or value < best[0]:
                     best = (value, float(error), axis)
     if best is None or best[0] > 0.02 * before:
@@ -135,7 +140,7 @@ def mistyped(
 
 def _misfit(
     observations: TableObservations,
-    account: Account,
+    fitted: FittedModel,
     number: int,
     stop: int,
     angles: dict[str, Array],
@@ -156,9 +161,7 @@ def _misfit(
     )
     total = 0.0
     names = sorted({c.sensor for c in observations.channels})
-    predicted = readings(
-        observations.scenario, one, dict.fromkeys(names, one.time), account.effects
-    )
+    predicted = readings(observations.scenario, one, dict.fromkeys(names, one.time), fitted.effects)
     for c in observations.channels:
         there = c.stop == stop
         if c.recording == number and there.any():
@@ -166,8 +169,8 @@ def _misfit(
     return total
 
 
-def setting_error(
-    account: Account, start: Account, ledger: Ledger, total: int
+def find_setting_error(
+    fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int
 ) -> tuple[Fault, list[Columns]] | None:
     """Random setting of an axis: every stop is off by a rotation of its own, and nothing smooth
     takes half of it away.
@@ -176,33 +179,33 @@ def setting_error(
         The fault, and the change of the readings by each stop's own rotation; None when the stops
         agree.
     """
-    observations = ledger.observations
-    noise = noise_within_stops(account, ledger)
+    observations = whitened.observations
+    noise = noise_within_stops(fitted, whitened)
     if not isinstance(observations, TableObservations) or noise is None:
         return None
     trials = {
-        axis: _stop_columns(observations, axis, account)
+        axis: _stop_columns(observations, axis, fitted)
         for axis in observations.scenario.rig.axis_names
     }
     trials = {axis: columns for axis, columns in trials.items() if len(columns) >= 8}
-    usual = ledger.roots
+    usual = whitened.roots
     try:
         limit = float(np.log(ALPHA) - np.log(max(total, 1)))
         chances = {
-            axis: _chance(columns, account, ledger, noise, limit)
+            axis: _chance(columns, fitted, whitened, noise, limit)
             for axis, columns in trials.items()
         }
         axis = min(chances, key=lambda a: chances[a], default=None)
         if axis is None or chances[axis] > limit:
             return None
         columns = trials[axis]
-        ledger.under(models(noise))
-        gain, values, variances = _stops(columns, settle(account, ledger), ledger)
-        first = _stops(columns, settle(start, ledger), ledger)[0]
+        whitened.under(models(noise))
+        gain, values, variances = _stops(columns, refit(fitted, whitened), whitened)
+        first = _stops(columns, refit(start, whitened), whitened)[0]
     finally:
-        ledger.weigh(usual)
+        whitened.weigh(usual)
     free = max(
-        len(columns) - sum(len(t.names) for t in account.terms), 1
+        len(columns) - sum(len(t.names) for t in fitted.terms), 1
     )  # so many sizes take their share of chance as well
     if gain / free < 0.5 * first / len(columns):
         return None
@@ -223,8 +226,8 @@ def setting_error(
 
 def _chance(
     stops: Sequence[Columns],
-    account: Account,
-    ledger: Ledger,
+    fitted: FittedModel,
+    whitened: WhitenedModel,
     noise: Sequence[NoiseFit],
     limit: float,
 ) -> float:
@@ -240,13 +243,13 @@ def _chance(
     levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
     worst = -np.inf
     for side in (0, 1):
-        ledger.under([fit.bounds()[side] for fit in noise])
-        at_this = settle(account, ledger)
-        gain, _, _ = _stops(stops, at_this, ledger)
+        whitened.under([fit.bounds()[side] for fit in noise])
+        at_this = refit(fitted, whitened)
+        gain, _, _ = _stops(stops, at_this, whitened)
         worst = max(worst, log_tail(gain, len(stops)))
         if worst > limit:
             break
-        other = _stops([*stops, *levels], at_this, ledger)[0] - gain
+        other = _stops([*stops, *levels], at_this, whitened)[0] - gain
         free = len(levels) - len(stops) - at_this.basis[0].shape[1]
         worst = max(worst, log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
     return worst
@@ -261,42 +264,45 @@ def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
     return float(np.log(max(float(fdtrc(dof, free, gain / dof / max(other / free, 1.0))), 1e-300)))
 
 
-def lawful_part(account: Account, ledger: Ledger) -> Account:
-    """The account without its nameless curves, where these have as many numbers together as there
+def lawful_part(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model without its nameless curves, where these have as many numbers together as
+    there
     are stops: each tells its own.
     """
-    named = tuple(t for t in account.terms if (t.host or t.suspect).listed)
-    sizes = sum(len(t.names) for t in account.terms) - sum(len(t.names) for t in named)
-    few = sizes < sum(int(stop.max(initial=-1)) + 1 for stop in ledger.observations.stops)
-    return account if few else settle(replace(account, terms=named), ledger)
+    named = tuple(t for t in fitted.terms if (t.host or t.hypothesis).listed)
+    sizes = sum(len(t.names) for t in fitted.terms) - sum(len(t.names) for t in named)
+    few = sizes < sum(int(stop.max(initial=-1)) + 1 for stop in whitened.observations.stops)
+    return fitted if few else refit(replace(fitted, terms=named), whitened)
 
 
-def beside_stops(account: Account, stops: Sequence[Columns], ledger: Ledger, total: int) -> Account:
-    """The account without the findings that rotations of every stop explain as well."""
-    lengths = [len(c.values) for c in ledger.observations.channels]
+def beside_stops(
+    fitted: FittedModel, stops: Sequence[Columns], whitened: WhitenedModel, total: int
+) -> FittedModel:
+    """The fitted model without the findings that rotations of every stop explain as well."""
+    lengths = [len(c.values) for c in whitened.observations.channels]
     extra = {
         i: np.column_stack([cosines(c.get(i, np.zeros(n))) for c in stops])
         for i, n in enumerate(lengths)
     }
-    usual = ledger.roots
-    ledger.under([fit.model for fit in noise_under(account, ledger, extra)])
-    values = standing(account, ledger, total, stops)
-    ledger.weigh(usual)
+    usual = whitened.roots
+    whitened.under([fit.model for fit in noise_under(fitted, whitened, extra)])
+    values = finding_log_p_values(fitted, whitened, total, stops)
+    whitened.weigh(usual)
     kept = [
         k
-        for places, value in zip(findings(account), values, strict=True)
+        for places, value in zip(findings(fitted), values, strict=True)
         if value < np.log(ALPHA)
         for k in places
     ]
-    return settle(replace(account, terms=tuple(account.terms[k] for k in kept)), ledger)
+    return refit(replace(fitted, terms=tuple(fitted.terms[k] for k in kept)), whitened)
 
 
-def _stop_columns(observations: TableObservations, axis: str, account: Account) -> list[Columns]:
+def _stop_columns(observations: TableObservations, axis: str, fitted: FittedModel) -> list[Columns]:
     """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes
     over into the next.
     """
     zero = CATALOGUE["table_encoder_zero"]({f"{axis}_zero": 1e-4}, None, None, "found")
-    whole = observations.changes(zero, account.effects)
+    whole = observations.changes(zero, fitted.effects)
     found = []
     for number, course in enumerate(observations.courses):
         resting = np.flatnonzero(course.stop >= 0)
@@ -315,45 +321,43 @@ def _stop_columns(observations: TableObservations, axis: str, account: Account) 
 
 
 def _stops(
-    columns: Sequence[Columns], account: Account, ledger: Ledger
+    columns: Sequence[Columns], fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[float, Array, Array]:
     """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
-    lengths = [len(c.values) for c in ledger.observations.channels]
-    residual = ledger.residual(account.effects)
-    whitened = [ledger.whitened(c) for c in columns]
-    left = project(account.basis, residual)
+    lengths = [len(c.values) for c in whitened.observations.channels]
+    residual = whitened.residual(fitted.effects)
+    scaled = [whitened.whiten(c) for c in columns]
+    left = project(fitted.basis, residual)
     parts = [
         dict(
-            enumerate(
-                project(account.basis, [w.get(i, np.zeros(n)) for i, n in enumerate(lengths)])
-            )
+            enumerate(project(fitted.basis, [w.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))
         )
-        for w in whitened
+        for w in scaled
     ]
     Q = basis_of(parts, lengths)
     along = np.sum([q.T @ r for q, r in zip(Q, left, strict=True)], axis=0)
-    energy = np.array([sum(float(c @ c) for c in w.values()) for w in whitened])
-    values = np.array(
-        [sum(float(c @ left[i]) for i, c in w.items()) for w in whitened]
-    ) / np.maximum(energy, 1e-300)
+    energy = np.array([sum(float(c @ c) for c in w.values()) for w in scaled])
+    values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in scaled]) / np.maximum(
+        energy, 1e-300
+    )
     return float(along @ along), values, 1 / np.maximum(energy, 1e-300)
 
 
-def random_stamps(account: Account, observations: Observations) -> Fault | None:
+def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault | None:
     """Stamps that are wrong by chance: the residual's variance grows with the square of how fast
     the reading moves.
     """
     if not isinstance(observations, TableObservations):
         return None
     late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
-    slopes = observations.changes(late, account.effects)
+    slopes = observations.changes(late, fitted.effects)
     noises = [
         _quiet_noise(r, c.stop)
-        for r, c in zip(observations.residuals(account.effects), observations.channels, strict=True)
+        for r, c in zip(observations.residuals(fitted.effects), observations.channels, strict=True)
     ]
     top = bottom = smooth = 0.0
     energy: dict[tuple[str, str], float] = {}
-    for i, r in enumerate(observations.residuals(account.effects)):
+    for i, r in enumerate(observations.residuals(fitted.effects)):
         if i not in slopes:
             continue
         channel = observations.channels[i]
@@ -406,13 +410,13 @@ SPOILS = 0.3  # of the noise: a sample that a random stamp moves by more is left
 
 
 def at_rest_only(
-    observations: Observations, account: Account, jitter: float
+    observations: Observations, fitted: FittedModel, jitter: float
 ) -> tuple[Recording, ...]:
     """The recordings without the samples that random stamps (s, rms) spoil."""
     late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
     recordings = list(observations.recordings)
-    residuals = observations.residuals(account.effects)
-    for i, slope in observations.changes(late, account.effects).items():
+    residuals = observations.residuals(fitted.effects)
+    for i, slope in observations.changes(late, fitted.effects).items():
         channel = observations.channels[i]
         spoiled = np.abs(slope) / 1e-3 * jitter > SPOILS * _quiet_noise(residuals[i], channel.stop)
         sensor = observations.scenario.named(channel.sensor)

@@ -15,7 +15,7 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.diagnosis.data.channels import CHANCE, at_least, changed, column_values, written
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.model.fitted_model import Account
+from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor
@@ -116,13 +116,15 @@ def _set(values: Array, frequency: float, width: float) -> Mask:
 def with_bits(
     recordings: Sequence[Recording],
     observations: Observations,
-    account: Account,
+    fitted: FittedModel,
     bits: Mapping[tuple[str, str], float],
 ) -> tuple[Recording, ...]:
-    """The recordings with each missing bit put back where the account, fitted to ``observations``
+    """The recordings with each missing bit put back where the fitted model, fitted to
+    ``observations``
     of them, says that it was set.
 
-    The first time it is still missing there, and the account goes between the readings with it and
+    The first time it is still missing there, and the fitted model goes between the readings with it
+    and
     those without.
 
     Args:
@@ -132,7 +134,7 @@ def with_bits(
         _smoothest(recording, observations.scenario, bits, observations, k)
         for k, recording in enumerate(recordings)
     ]
-    for number, sensor, axis, rows, r in _predicted(observations, account, bits):
+    for number, sensor, axis, rows, r in _predicted(observations, fitted, bits):
         bit = bits[sensor.name, axis]
         before, now = (
             written(recordings[number], sensor, axis)[rows],
@@ -154,7 +156,7 @@ def with_bits(
 
 
 def _predicted(
-    observations: Observations, account: Account, bits: Mapping[tuple[str, str], float]
+    observations: Observations, fitted: FittedModel, bits: Mapping[tuple[str, str], float]
 ) -> Iterator[tuple[int, Sensor, str, Index, Array]]:
     """Recording, sensor, axis, rows and residual, SI, of the channels with these bits that
     something predicts.
@@ -163,7 +165,7 @@ def _predicted(
     """
     scenario = observations.scenario
     for channel, r in zip(
-        observations.channels, observations.residuals(account.effects), strict=True
+        observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         if (channel.sensor, channel.axis) in bits:
             yield channel.recording, scenario.named(channel.sensor), channel.axis, channel.rows, r

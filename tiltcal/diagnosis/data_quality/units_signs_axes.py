@@ -71,7 +71,7 @@ class Version:
         return [f for f in version.faults if f.effect not in mine]
 
 
-def meaning(scenario: Scenario, recording: Recording) -> list[Fault]:
+def find_labelling_faults(scenario: Scenario, recording: Recording) -> list[Fault]:
     """Faults of what the columns mean, on a table whose angles were read."""
     known = {e.id for e in scenario.effects}
     if known & {"data_unit", "data_sign", "data_axis_swap", "data_hand", "data_rotation_sense"}:

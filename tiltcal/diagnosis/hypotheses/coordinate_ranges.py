@@ -1,4 +1,4 @@
-"""What recordings span, and what beats in them: where shapes and curves of suspects come from."""
+"""What recordings span, and what beats in them: where shapes and curves of hypotheses come from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from tiltcal.diagnosis.data.observations import Channel, Observations
 
 
 @dataclass(frozen=True)
-class Lines:
+class SpectralLines:
     """What beats in a residual.
 
     Args:
@@ -23,7 +23,7 @@ class Lines:
     echoes: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
 
-    def beside(self, known: "Lines", width: float) -> "Lines":
+    def beside(self, known: "SpectralLines", width: float) -> "SpectralLines":
         """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a
         line.
         """
@@ -32,11 +32,13 @@ class Lines:
             return tuple(f for f in mine if all(abs(f - g) > 2 * width for g in theirs))
 
         ripples = tuple(n for n in self.ripples if n not in known.ripples)
-        return Lines(new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples)
+        return SpectralLines(
+            new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples
+        )
 
 
 @dataclass(frozen=True)
-class Span:
+class CoordinateRanges:
     """What a recording spans, for shapes and curves.
 
     Args:
@@ -48,11 +50,11 @@ class Span:
 
     duration: float
     rate_hz: float
-    lines: Lines = Lines()
+    lines: SpectralLines = SpectralLines()
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def span_of(observations: Observations, lines: Lines) -> Span:
+def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRanges:
     """What some recordings span."""
     ranges: dict[str, tuple[float, float]] = {}
     duration = max(float(r.time[-1] - r.time[0]) for r in observations.recordings)
@@ -95,7 +97,7 @@ def span_of(observations: Observations, lines: Lines) -> Span:
     if (top := fastest(observations)) > 0:
         ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
     rate = max(s.rate_hz for s in observations.scenario.sensor)
-    return Span(duration, rate, lines, ranges)
+    return CoordinateRanges(duration, rate, lines, ranges)
 
 
 def _readings(channel: Channel, observations: Observations) -> Array:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Span
-from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Suspect, with_values
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import CoordinateRanges
+from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Hypothesis, with_values
 from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
@@ -29,7 +29,7 @@ POWERS = (
 )  # of a force or a rate; whether odd
 
 
-def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
+def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Curves over every coordinate at every place of the chain: the open world."""
     scenario = observations.scenario
     read = {c.sensor for c in observations.channels}
@@ -89,7 +89,9 @@ def curves(observations: Observations, span: Span) -> Iterator[Suspect]:
                     yield _straight(tilt, len(LAGS), "mount_thermal_tilt")
 
 
-def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+def _reading_curves(
+    scenario: Scenario, sensor: Sensor, axis: str, span: CoordinateRanges
+) -> Iterator[Hypothesis]:
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     yield from _angle_curves(scenario, sensor, axis, span)
     for count in (9, 17, 33) if sensor.is_accelerometer else ():
@@ -120,7 +122,7 @@ def _reading_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -
         yield from _histories(sensor, axis, inputs, span)
 
 
-def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Suspect]:
+def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:
     """Laws with one number: a root, a modulus, a square, a cube."""
     for power, odd in POWERS:
         if not (odd and coordinate == "transverse"):
@@ -129,11 +131,11 @@ def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Suspect]:
             )
 
 
-def _straight(curve: Suspect, variants: int = 1, alias: str | None = None) -> Suspect:
+def _straight(curve: Hypothesis, variants: int = 1, alias: str | None = None) -> Hypothesis:
     """What is in proportion to the coordinate of a curve, in its place."""
     effect = curve.effect
     assert isinstance(effect, Learned)
-    return Suspect(
+    return Hypothesis(
         replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True),
         ("c0",),
         variants,
@@ -141,7 +143,9 @@ def _straight(curve: Suspect, variants: int = 1, alias: str | None = None) -> Su
     )
 
 
-def _angle_curves(scenario: Scenario, sensor: Sensor, axis: str, span: Span) -> Iterator[Suspect]:
+def _angle_curves(
+    scenario: Scenario, sensor: Sensor, axis: str, span: CoordinateRanges
+) -> Iterator[Hypothesis]:
     """Of the table's angles, one by one and in products of two."""
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     names = scenario.rig.axis_names
@@ -186,7 +190,9 @@ says what tells its branches.
 """
 
 
-def _late_laws(sensor: Sensor, axis: str, span: Span, on_table: bool) -> Iterator[Suspect]:
+def _late_laws(
+    sensor: Sensor, axis: str, span: CoordinateRanges, on_table: bool
+) -> Iterator[Hypothesis]:
     """Laws of temperature and of its rate where the thermometer and the sensor are not of one
     temperature.
 
@@ -203,7 +209,9 @@ def _late_laws(sensor: Sensor, axis: str, span: Span, on_table: bool) -> Iterato
                 yield _straight(late, len(LAGS), name)
 
 
-def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> Iterator[Suspect]:
+def _histories(
+    sensor: Sensor, axis: str, inputs: Sequence[str], span: CoordinateRanges
+) -> Iterator[Hypothesis]:
     """What went before: the number of moves, the time since the last one, forces and rates that
     leak away.
     """
@@ -228,27 +236,27 @@ def _histories(sensor: Sensor, axis: str, inputs: Sequence[str], span: Span) -> 
             yield _straight(curve, len(MEMORIES))
 
 
-def _odd(curve: Suspect) -> Suspect:
+def _odd(curve: Hypothesis) -> Hypothesis:
     """A curve through nothing at the middle of its range."""
     names = (curve.names[0], curve.names[-1])
-    return Suspect(with_values(curve.effect, {n: curve.effect.values[n] for n in names}), names)
+    return Hypothesis(with_values(curve.effect, {n: curve.effect.values[n] for n in names}), names)
 
 
-def _spread(coordinate: str, span: Span) -> tuple[float, ...]:
+def _spread(coordinate: str, span: CoordinateRanges) -> tuple[float, ...]:
     """Knots ever further apart: what follows a move is quick at first."""
     high = span.ranges.get(coordinate, (0.0, 0.0))[1]
     knots = (0.0, *np.geomspace(0.4, high, 7)) if high > 2.0 else ()
     return tuple(float(k) for k in knots)
 
 
-def _late(curve: Suspect, alias: str) -> Suspect:
+def _late(curve: Hypothesis, alias: str) -> Hypothesis:
     """A law of temperature that is felt late and may bend: nothing at the middle of the range, as
     the law has nothing at T0.
     """
     return replace(_odd(curve), variants=len(LAGS), alias=alias)
 
 
-def _knots(coordinate: str, span: Span, count: int) -> tuple[float, ...]:
+def _knots(coordinate: str, span: CoordinateRanges, count: int) -> tuple[float, ...]:
     low, high = span.ranges.get(coordinate, (0.0, 0.0))
     return tuple(np.linspace(low, high, count)) if high > low else ()
 
@@ -264,7 +272,7 @@ def _across(axis: str) -> tuple[str, str]:
 
 def _curve(
     cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any
-) -> Suspect:
+) -> Hypothesis:
     knots = () if isinstance(basis, int) else basis
     names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
     variants = where.pop("variants", 1)
@@ -277,4 +285,4 @@ def _curve(
         knots=knots,
         **where,
     )
-    return Suspect(effect, names, variants)
+    return Hypothesis(effect, names, variants)

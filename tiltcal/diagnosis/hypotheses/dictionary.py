@@ -1,4 +1,5 @@
-"""Putting suspects on the ledger: all of them at first, then those whose lines stand out once the
+"""Putting hypotheses on the whitened model: all of them at first, then those whose lines stand out
+once the
 first findings are away.
 """
 
@@ -8,54 +9,60 @@ from itertools import chain
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.quantisation_limit import told_by_moves
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, span_of
+from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.hypothesis import OF_LINES, listed_suspects, step_suspects
-from tiltcal.diagnosis.hypotheses.spectral_lines import lines_of, wandering_of
-from tiltcal.diagnosis.model.fitted_model import Account
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of, wandering_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
-def fill(ledger: Ledger, account: Account, lines: Lines, blurred: bool = False) -> None:
-    """Put every suspect on the ledger; blurred: whether the table's angles are cut."""
-    observations = ledger.observations
-    effects = account.effects
-    span = span_of(observations, lines)
-    nuisance = [t.suspect for t in account.nuisance]
+def build_dictionary(
+    whitened: WhitenedModel, fitted: FittedModel, lines: SpectralLines, blurred: bool = False
+) -> None:
+    """Put every hypothesis on the whitened model; blurred: whether the table's angles are cut."""
+    observations = whitened.observations
+    effects = fitted.effects
+    span = ranges_of(observations, lines)
+    nuisance = [t.hypothesis for t in fitted.nuisance]
     steps = step_suspects(observations.scenario, instants(observations))
-    for suspect in chain(
+    for hypothesis in chain(
         listed_suspects(observations.scenario, span, nuisance), steps, curves(observations, span)
     ):
-        if not (blurred and told_by_moves(suspect.effect)):
-            ledger.add(suspect, effects)
+        if not (blurred and needs_motion(hypothesis.effect)):
+            whitened.add(hypothesis, effects)
 
 
-def refill(ledger: Ledger, account: Account, known: Lines) -> bool:
-    """Put on the ledger what beats in what an account leaves and did not stand out before; whether
+def extend_dictionary(whitened: WhitenedModel, fitted: FittedModel, known: SpectralLines) -> bool:
+    """Put on the whitened model what beats in what a fitted model leaves and did not stand out
+    before; whether
     there is any.
 
     Where nothing was found, lines that wander too: beside a law that is some per cent off its form
         that scan finds the table's.
     """
-    observations = ledger.observations
+    observations = whitened.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))
-    new = lines_of(ledger, account).beside(known, width)
-    if not account.terms:
+    new = spectral_lines_of(whitened, fitted).beside(known, width)
+    if not fitted.terms:
         new = replace(
             new,
-            tones=(*new.tones, *Lines(wandering_of(ledger, account)).beside(known, width).tones),
+            tones=(
+                *new.tones,
+                *SpectralLines(wandering_of(whitened, fitted)).beside(known, width).tones,
+            ),
         )
-    before = len(ledger.suspects)
-    for suspect in listed_suspects(
-        observations.scenario, span_of(observations, new), [t.suspect for t in account.nuisance]
+    before = len(whitened.hypotheses)
+    for hypothesis in listed_suspects(
+        observations.scenario, ranges_of(observations, new), [t.hypothesis for t in fitted.nuisance]
     ):
-        lines = suspect.effect.values.get("lines")
-        if suspect.id in OF_LINES and (lines is None or lines in new.ripples):
-            ledger.add(suspect, account.effects)
-    return len(ledger.suspects) > before
+        lines = hypothesis.effect.values.get("lines")
+        if hypothesis.id in OF_LINES and (lines is None or lines in new.ripples):
+            whitened.add(hypothesis, fitted.effects)
+    return len(whitened.hypotheses) > before
 
 
 def instants(observations: Observations) -> list[float]:

@@ -7,7 +7,7 @@ a bias that follows temperature may follow it late or bent. A curve of another p
 is another effect.
 """
 
-from tiltcal.diagnosis.hypotheses.hypothesis import STEPS, Suspect
+from tiltcal.diagnosis.hypotheses.hypothesis import STEPS, Hypothesis
 from tiltcal.effects.learned import ANGLES, Learned, LearnedReading, LearnedReadout, LearnedTilt
 
 READING: dict[str, tuple[str, ...]] = {
@@ -76,7 +76,7 @@ OF_INPUT = {
 FREE_FORM = {"adc_inl", "floor_tilt_drift"}  # the name says where and of what, not which form
 
 
-def completes(curve: Suspect, host: Suspect) -> bool:
+def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     """Whether a curve is of the family of a named effect."""
     effect = curve.effect
     if not host.listed:
@@ -129,7 +129,7 @@ def completes(curve: Suspect, host: Suspect) -> bool:
     return TILT.get(host.id) == (effect.slot, effect.coordinate)
 
 
-def _same_curve(curve: Suspect, host: Suspect) -> bool:
+def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
     """Whether two curves are parts of one unnamed effect: the same coordinate at the same place, on
     another axis.
     """

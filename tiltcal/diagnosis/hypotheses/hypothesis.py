@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Span
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import CoordinateRanges
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import GRADES, DelayEffect, Effect, WritingEffect
 from tiltcal.effects.learned import Learned
@@ -37,7 +37,7 @@ SAME_LAW = {
 
 
 @dataclass(frozen=True)
-class Suspect:
+class Hypothesis:
     """An effect with its shape given and its sizes free.
 
     Args:
@@ -94,7 +94,7 @@ def with_values(effect: Effect, values: Mapping[str, float]) -> Effect:
     return replace(effect, values=dict(values))
 
 
-def adjustable(scenario: Scenario) -> list[Suspect]:
+def adjustable(scenario: Scenario) -> list[Hypothesis]:
     """The terms that ordinary calibration may re-tune, as effects with role ``calibration``;
     unknown heading among them.
     """
@@ -122,7 +122,7 @@ def _suspect(
     shapes: Mapping[str, float] | None = None,
     variants: int = 1,
     role: str = "found",
-) -> Suspect:
+) -> Hypothesis:
     cls = CATALOGUE[id]
     bound = sensor if cls.kinds else None
     axes = bound.axes if bound else tuple(dict.fromkeys(a for s in scenario.sensor for a in s.axes))
@@ -135,7 +135,7 @@ def _suspect(
             "samples": 1.0
         }  # a whole number: no smaller step changes anything, and a larger one is not linear
     effect = cls({**plausible, **(shapes or {})}, bound.name if bound else None, axis, role)
-    return Suspect(effect, tuple(names), variants)
+    return Hypothesis(effect, tuple(names), variants)
 
 
 LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
@@ -144,7 +144,7 @@ OF_LINES = ("mains_pickup", "base_vibration", "table_encoder_sde")
 """Effects whose shape is a line's frequency."""
 
 
-def shapes_of(id: str, span: Span) -> list[dict[str, float]]:
+def shapes_of(id: str, span: CoordinateRanges) -> list[dict[str, float]]:
     """The shapes an effect is tried at; steps at unknown times are scanned elsewhere."""
     grids: dict[str, Sequence[float]] = {
         "acc_warmup": [span.duration * x for x in (0.03, 0.1, 0.2, 0.5, 1.5)],
@@ -213,8 +213,8 @@ STEPS = (*SHIFTS, "data_drop")
 
 
 def listed_suspects(
-    scenario: Scenario, span: Span, taken: Sequence[Suspect] = ()
-) -> Iterator[Suspect]:
+    scenario: Scenario, span: CoordinateRanges, taken: Sequence[Hypothesis] = ()
+) -> Iterator[Hypothesis]:
     """Every effect of the catalogue that a residual may hold, but steps at unknown times and faults
     of the data.
     """
@@ -232,9 +232,9 @@ def listed_suspects(
         for sensor, axis in product(sensors, _axes(id, scenario)):
             shapes = shapes_of(id, span)
             for shape in shapes:
-                suspect = _suspect(id, scenario, sensor, axis, shape, len(shapes))
-                if suspect.place not in nuisance:
-                    yield suspect
+                hypothesis = _suspect(id, scenario, sensor, axis, shape, len(shapes))
+                if hypothesis.place not in nuisance:
+                    yield hypothesis
 
 
 def _eligible(id: str, scenario: Scenario) -> bool:
@@ -259,7 +259,7 @@ def _eligible(id: str, scenario: Scenario) -> bool:
     return not (id in OF_THE_DRIVE and scenario.rig.readout != "command")
 
 
-def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Suspect]:
+def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Hypothesis]:
     """Effects that begin at an instant, at these times (s from the first stamp)."""
     for id in STEPS:
         cls = CATALOGUE[id]
@@ -275,7 +275,7 @@ def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Suspec
 CREEPS = (0.5, 1.5, 4.0, 10.0, 25.0, 60.0)  # s
 
 
-def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Suspect]:
+def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Hypothesis]:
     """Every effect that may have begun at an instant, at once or creeping on; tried: how many
     instants were looked at.
     """
@@ -283,7 +283,7 @@ def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Suspect]:
         yield replace(step, variants=tried)
         if step.id != "data_drop":
             for creep in CREEPS:
-                yield Suspect(
+                yield Hypothesis(
                     with_values(step.effect, {**step.effect.values, "creep": creep}),
                     step.names,
                     tried * len(CREEPS),

@@ -6,10 +6,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import TableObservations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, fastest
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, fastest
 from tiltcal.diagnosis.hypotheses.families import WANDER
-from tiltcal.diagnosis.model.fitted_model import Account
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import robust_white
 
@@ -26,57 +26,57 @@ SLOWEST = 8  # periods of a recording: below it a drift looks like a line
 WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line may fill
 
 
-def lines_of(ledger: Ledger, account: Account) -> Lines:
-    """All that beats in what an account leaves."""
-    return Lines(
-        tones_of(ledger, account),
-        shakes_of(ledger, account),
-        echoes_of(ledger, account),
-        ripples_of(ledger, account),
+def spectral_lines_of(whitened: WhitenedModel, fitted: FittedModel) -> SpectralLines:
+    """All that beats in what a fitted model leaves."""
+    return SpectralLines(
+        tones_of(whitened, fitted),
+        shakes_of(whitened, fitted),
+        echoes_of(whitened, fitted),
+        ripples_of(whitened, fitted),
     )
 
 
-def tones_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+def tones_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in what is left, the strongest first."""
     found: list[tuple[float, float]] = []
     for channel, residual in zip(
-        ledger.observations.channels, ledger.observations.residuals(account.effects), strict=True
+        whitened.observations.channels, whitened.observations.residuals(fitted.effects), strict=True
     ):
         found += _lines(channel.time, residual)
     return _apart(found, lambda _: 0.02)
 
 
-def wandering_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+def wandering_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of a line that wanders in what is left: none of its own stands out, together
     they do, the strongest first.
 
     By hand none is looked for: the hand trembles at no steady frequency either.
     """
-    observations = ledger.observations
+    observations = whitened.observations
     if not isinstance(observations, TableObservations):
         return ()
     duration = float(np.ptp(observations.recordings[0].time))
     found: list[tuple[float, float]] = []
     for channel, residual in zip(
-        observations.channels, observations.residuals(account.effects), strict=True
+        observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         if not _lines(channel.time, residual):  # a strong one has skirts
             found += _smeared(channel.time, residual)
     return _apart(found, lambda _: 1 / duration)
 
 
-def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+def shakes_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in what is left of accelerometers, turned into the world: what
     shakes the base is one line there.
 
     In the body it is split: the pose modulates it.
     """
-    observations = ledger.observations
+    observations = whitened.observations
     if not isinstance(observations, TableObservations):
         return ()
-    left = observations.residuals(account.effects)
+    left = observations.residuals(fitted.effects)
     found: list[tuple[float, float]] = []
-    for number, watch in enumerate(observations.watches(account.effects)):
+    for number, watch in enumerate(observations.watches(fitted.effects)):
         for sensor in observations.scenario.sensors("accelerometer", "inclinometer"):
             own = [
                 (c, r)
@@ -102,18 +102,18 @@ def shakes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
     return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
 
 
-def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
+def ripples_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[int, ...]:
     """Whole numbers of lines a turn, of an error of an axis' readout that stands out of what is
     left, the strongest first.
     """
-    observations = ledger.observations
+    observations = whitened.observations
     found: list[tuple[float, int]] = []
     if not isinstance(observations, TableObservations):
         return ()
-    left, each = observations.residuals(account.effects), np.arange(LINES)
+    left, each = observations.residuals(fitted.effects), np.arange(LINES)
     for axis in observations.scenario.rig.axis_names:
         power, weight = np.zeros(LINES, complex), np.zeros(LINES)
-        for i, turned in _of_one_line(observations, axis, account).items():
+        for i, turned in _of_one_line(observations, axis, fitted).items():
             channel = observations.channels[i]
             angle = observations.courses[channel.recording].angles[axis][channel.rows]
             noise = robust_white(left[i])
@@ -135,7 +135,9 @@ def ripples_of(ledger: Ledger, account: Account) -> tuple[int, ...]:
     return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
 
 
-def _of_one_line(observations: TableObservations, axis: str, account: Account) -> dict[int, Waves]:
+def _of_one_line(
+    observations: TableObservations, axis: str, fitted: FittedModel
+) -> dict[int, Waves]:
     """What an error of a readout does to each channel: of the angle, plus 1j PROBE times of its
     rate, which a gyro sees.
 
@@ -145,7 +147,7 @@ def _of_one_line(observations: TableObservations, axis: str, account: Account) -
     cos, sin = (
         observations.changes(
             CATALOGUE["table_encoder_sde"]({name: SMALL, "lines": PROBE}, None, axis, "found"),
-            account.effects,
+            fitted.effects,
         )
         for name in ("cos", "sin")
     )
@@ -173,14 +175,14 @@ def _harmonics(angle: Array, signal: Array) -> Waves:
     return np.fft.rfft(shared)[:LINES].conj()
 
 
-def echoes_of(ledger: Ledger, account: Account) -> tuple[float, ...]:
+def echoes_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the
     move, over all rests.
     """
-    observations = ledger.observations
+    observations = whitened.observations
     found: list[tuple[float, float]] = []
     for channel, residual in zip(
-        observations.channels, observations.residuals(account.effects), strict=True
+        observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         stops = range(int(channel.stop.max(initial=-1)) + 1)
         rests = [rows for k in stops if len(rows := np.flatnonzero(channel.stop == k)) >= 32]

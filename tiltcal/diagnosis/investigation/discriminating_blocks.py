@@ -26,8 +26,8 @@ from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question
 from tiltcal.diagnosis.model.fitted_model import whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, basis_of, project
-from tiltcal.diagnosis.search.alternatives import LOOSE, Case, Rival
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, project
+from tiltcal.diagnosis.search.alternatives import LOOSE, Alternative, RemovedFinding
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh
@@ -249,25 +249,25 @@ def blank(block: Block, scenario: Scenario) -> Recording:
 def separations(question: Question, more: Recording) -> list[Pair]:
     """Every pair of rivals, with this recording beside those so far."""
     both = question.joined(more)
-    ledger = Ledger(both)
-    ledger.under([question.noise[c.sensor, c.axis] for c in both.channels])
-    effects = question.account.effects
-    for suspect in question.suspects:
-        ledger.add(suspect, effects)
+    whitened = WhitenedModel(both)
+    whitened.under([question.noise[c.sensor, c.axis] for c in both.channels])
+    effects = question.fitted.effects
+    for hypothesis in question.hypotheses:
+        whitened.add(hypothesis, effects)
     lengths = [len(c.values) for c in both.channels]
-    fitted = [*question.account.nuisance, *question.account.terms]
-    basis = basis_of(whitened_of(ledger, fitted, effects), lengths)
+    every = [*question.fitted.nuisance, *question.fitted.terms]
+    basis = basis_of(whitened_of(whitened, every, effects), lengths)
     found = []
     for truth in question.rivals:
-        signal = project(basis, _signal(truth, both, ledger, effects, lengths))
-        found += _against(truth, Case(basis, signal, signal), ledger, question)
+        signal = project(basis, _signal(truth, both, whitened, effects, lengths))
+        found += _against(truth, RemovedFinding(basis, signal, signal), whitened, question)
     return found
 
 
 def _signal(
-    truth: Rival,
+    truth: Alternative,
     both: Observations,
-    ledger: Ledger,
+    whitened: WhitenedModel,
     effects: Sequence[Effect],
     lengths: Sequence[int],
 ) -> list[Array]:
@@ -275,19 +275,23 @@ def _signal(
     total = [np.zeros(n) for n in lengths]
     for term in truth.terms[:1]:
         for name, value in zip(term.names, term.values, strict=True):
-            for i, part in ledger.whitened(both.changes(term.suspect.alone(name), effects)).items():
-                total[i] += part * (value / term.suspect.size(name))
+            for i, part in whitened.whiten(
+                both.changes(term.hypothesis.alone(name), effects)
+            ).items():
+                total[i] += part * (value / term.hypothesis.size(name))
     return total
 
 
-def _against(truth: Rival, case: Case, ledger: Ledger, question: Question) -> list[Pair]:
+def _against(
+    truth: Alternative, case: RemovedFinding, whitened: WhitenedModel, question: Question
+) -> list[Pair]:
     """The truth against every other name, each at its best shape and sizes."""
     energy = sum(float(s @ s) for s in case.signal)
     needed = SEPARABLE + LOOSE * energy
     best: dict[str, float] = {}
-    for score in ledger.scores(case.basis, case.target):
-        best[score.suspect.id] = max(best.get(score.suspect.id, 0.0), score.gain()[0])
-    id = truth.suspect.id
+    for score in whitened.scores(case.basis, case.target):
+        best[score.hypothesis.id] = max(best.get(score.hypothesis.id, 0.0), score.gain()[0])
+    id = truth.hypothesis.id
     return [
         Pair(id, name, max(energy - best.get(name, 0.0), 0.0), needed)
         for name in question.names

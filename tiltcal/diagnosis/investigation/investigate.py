@@ -100,7 +100,7 @@ class Investigation:
 
 
 @dataclass(frozen=True)
-class Bench:
+class InvestigationSetup:
     """What an investigation works with.
 
     Args:
@@ -119,48 +119,48 @@ class Bench:
 
 
 def investigate(
-    bench: Bench, given: Sequence[str], progress: Progress, resume: bool = False
+    at: InvestigationSetup, given: Sequence[str], progress: Progress, resume: bool = False
 ) -> Investigation:
     """Run until explained, or nothing more can be recorded; kept in the folder after every step.
 
     Raises:
         TiltcalError: an investigation is in the folder already, or the laboratory fails.
     """
-    state = _begun(bench, tuple(given), resume)
+    state = _begun(at, tuple(given), resume)
     if not state.given and not state.entries:
-        state = _first(bench, state, progress)
+        state = _first(at, state, progress)
     while True:
-        state = _diagnosed(bench, state, progress)
-        answer = _answer(bench, len(state.entries))
+        state = _diagnosed(at, state, progress)
+        answer = _answer(at, len(state.entries))
         if state.explained:
-            return _kept(bench, replace(state, statement=answer["statement"]))
-        if state.designed >= bench.blocks:
+            return _kept(at, replace(state, statement=answer["statement"]))
+        if state.designed >= at.blocks:
             return _kept(
-                bench,
+                at,
                 replace(
                     state,
-                    statement=f"Not explained within {bench.blocks} blocks. {answer['statement']}",
+                    statement=f"Not explained within {at.blocks} blocks. {answer['statement']}",
                 ),
             )
-        plan = _plan(bench, state, answer, progress)
+        plan = _plan(at, state, answer, progress)
         if plan.proposal is None:
-            return _kept(bench, replace(state, statement=plan.statement))
-        if state.minutes + plan.proposal.minutes > bench.minutes:
+            return _kept(at, replace(state, statement=plan.statement))
+        if state.minutes + plan.proposal.minutes > at.minutes:
             words = (
-                f"The budget of {bench.minutes:g} min does not hold another block. {plan.statement}"
+                f"The budget of {at.minutes:g} min does not hold another block. {plan.statement}"
             )
-            return _kept(bench, replace(state, statement=words))
-        state = _recorded(bench, state, plan, progress)
+            return _kept(at, replace(state, statement=words))
+        state = _recorded(at, state, plan, progress)
 
 
-def _begun(bench: Bench, given: tuple[str, ...], resume: bool) -> Investigation:
+def _begun(at: InvestigationSetup, given: tuple[str, ...], resume: bool) -> Investigation:
     """A new investigation, or the one in the folder."""
-    file = bench.folder / "investigation.json"
+    file = at.folder / "investigation.json"
     if not file.exists():
         return Investigation(given)
     if not resume:
         raise TiltcalError(
-            f"output {bench.folder}",
+            f"output {at.folder}",
             found="an investigation",
             need="an empty folder",
             do="choose another, or go on with --resume",
@@ -176,7 +176,7 @@ def _begun(bench: Bench, given: tuple[str, ...], resume: bool) -> Investigation:
         ) from error
     if given and given != state.given:
         raise TiltcalError(
-            f"output {bench.folder}",
+            f"output {at.folder}",
             found=f"an investigation of {', '.join(state.given) or 'no recordings'}",
             need="the same recordings",
             do="choose another folder, or leave the recordings out",
@@ -184,10 +184,10 @@ def _begun(bench: Bench, given: tuple[str, ...], resume: bool) -> Investigation:
     return replace(state, verdicts=state.verdicts[: len(state.entries) + 1])
 
 
-def _kept(bench: Bench, state: Investigation) -> Investigation:
+def _kept(at: InvestigationSetup, state: Investigation) -> Investigation:
     """Written down."""
-    write_json(bench.folder / "investigation.json", state.to_json())
-    write_text(bench.folder / "log.md", log_of(state))
+    write_json(at.folder / "investigation.json", state.to_json())
+    write_text(at.folder / "log.md", log_of(state))
     return state
 
 
@@ -218,19 +218,19 @@ def log_of(state: Investigation) -> str:
     return "\n".join(lines)
 
 
-def _first(bench: Bench, state: Investigation, progress: Progress) -> Investigation:
+def _first(at: InvestigationSetup, state: Investigation, progress: Progress) -> Investigation:
     """With nothing recorded the scenario's own sequence comes first."""
-    steps = bench.scenario.sequence
+    steps = at.scenario.sequence
     if not steps:
         raise TiltcalError(
-            f"scenario {bench.scenario.name}",
+            f"scenario {at.scenario.name}",
             found="no recording given and no [[sequence]]",
             need="something to begin with",
             do="give a recording, or a sequence to record first",
         )
-    start, end = build_schedule(steps, bench.scenario.rig).times
+    start, end = build_schedule(steps, at.scenario.rig).times
     return _run(
-        bench,
+        at,
         state,
         steps,
         ("first sequence", "the scenario's own sequence", (end - start) / 60, 0.0),
@@ -239,18 +239,18 @@ def _first(bench: Bench, state: Investigation, progress: Progress) -> Investigat
 
 
 def _recorded(
-    bench: Bench, state: Investigation, plan: NextBlock, progress: Progress
+    at: InvestigationSetup, state: Investigation, plan: NextBlock, progress: Progress
 ) -> Investigation:
     """The state with one more block recorded."""
     assert plan.proposal is not None
     p = plan.proposal
     return _run(
-        bench, state, p.block.steps, (p.block.name, p.block.words, p.minutes, p.chance), progress
+        at, state, p.block.steps, (p.block.name, p.block.words, p.minutes, p.chance), progress
     )
 
 
 def _run(
-    bench: Bench,
+    at: InvestigationSetup,
     state: Investigation,
     steps: Sequence[Step],
     said: tuple[str, str, float, float],
@@ -259,46 +259,46 @@ def _run(
     """Write the sequence, have it recorded, and keep both."""
     number = len(state.entries) + 1
     sequence, recording = (
-        bench.folder / f"sequence_{number}.csv",
-        bench.folder / f"recording_{number}.csv",
+        at.folder / f"sequence_{number}.csv",
+        at.folder / f"recording_{number}.csv",
     )
-    write_text(sequence, sequence_text(steps, bench.scenario.rig))
+    write_text(sequence, sequence_text(steps, at.scenario.rig))
     progress(f"recording {said[0]}")
-    bench.laboratory.record(sequence, recording)
+    at.laboratory.record(sequence, recording)
     entry = Entry(*said, sequence.name, recording.name)
-    return _kept(bench, replace(state, entries=(*state.entries, entry)))
+    return _kept(at, replace(state, entries=(*state.entries, entry)))
 
 
-def _diagnosed(bench: Bench, state: Investigation, progress: Progress) -> Investigation:
+def _diagnosed(at: InvestigationSetup, state: Investigation, progress: Progress) -> Investigation:
     """The state with a diagnosis of everything recorded so far; one that is there already is
     kept.
     """
-    folder = bench.folder / f"diagnosis_{len(state.entries)}"
+    folder = at.folder / f"diagnosis_{len(state.entries)}"
     if not (folder / "diagnosis.json").exists():
         progress("diagnosing")
-        bench.diagnose(_files(bench, state), folder)
-    verdict = _answer(bench, len(state.entries))["verdict"]
+        at.diagnose(_files(at, state), folder)
+    verdict = _answer(at, len(state.entries))["verdict"]
     known = state.verdicts[: state.designed]
-    return _kept(bench, replace(state, verdicts=(*known, verdict)))
+    return _kept(at, replace(state, verdicts=(*known, verdict)))
 
 
-def _files(bench: Bench, state: Investigation) -> list[Path]:
+def _files(at: InvestigationSetup, state: Investigation) -> list[Path]:
     """Of all recordings so far, in order."""
-    return [*map(Path, state.given), *(bench.folder / e.recording for e in state.entries)]
+    return [*map(Path, state.given), *(at.folder / e.recording for e in state.entries)]
 
 
-def _answer(bench: Bench, number: int) -> dict[str, Any]:
-    path = bench.folder / f"diagnosis_{number}" / "diagnosis.json"
+def _answer(at: InvestigationSetup, number: int) -> dict[str, Any]:
+    path = at.folder / f"diagnosis_{number}" / "diagnosis.json"
     return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _plan(
-    bench: Bench, state: Investigation, answer: Mapping[str, Any], progress: Progress
+    at: InvestigationSetup, state: Investigation, answer: Mapping[str, Any], progress: Progress
 ) -> NextBlock:
     """What to record next, kept beside the diagnosis."""
-    folder = bench.folder / f"diagnosis_{len(state.entries)}"
+    folder = at.folder / f"diagnosis_{len(state.entries)}"
     amended = tomllib.loads((folder / "amended.toml").read_text(encoding="utf-8"))
-    recordings = [read_recording(path) for path in _files(bench, state)]
-    plan = next_block(bench.scenario, recordings, answer, amended, bench.limits, progress)
+    recordings = [read_recording(path) for path in _files(at, state)]
+    plan = next_block(at.scenario, recordings, answer, amended, at.limits, progress)
     write_json(folder / "next_block.json", plan.to_json())
     return plan

@@ -10,16 +10,16 @@ from typing import Any
 from tiltcal.diagnosis.data.block_averaging import block_of
 from tiltcal.diagnosis.data.observations import Observations, TableObservations, observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import Lines, span_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.dictionary import instants
 from tiltcal.diagnosis.hypotheses.families import completes
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect, listed_suspects, step_suspects
-from tiltcal.diagnosis.hypotheses.spectral_lines import lines_of
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
+from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
-from tiltcal.diagnosis.model.fitted_model import Account, Term, models, noise_under, settle
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
-from tiltcal.diagnosis.search.alternatives import Rival, case_of, explanations
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, models, noise_under, refit
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.search.alternatives import Alternative, rank_alternatives, remove_finding
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
@@ -46,9 +46,9 @@ class Question:
     """
 
     names: tuple[str, ...]
-    account: Account
-    rivals: tuple[Rival, ...]
-    suspects: tuple[Suspect, ...]
+    fitted: FittedModel
+    rivals: tuple[Alternative, ...]
+    hypotheses: tuple[Hypothesis, ...]
     observations: Remembering
     noise: Mapping[tuple[str, str], NoiseModel]
     block: int
@@ -76,9 +76,9 @@ def questions(
     found = [e for e in parse_scenario(dict(amended), "amended.toml").effects if e.role == "found"]
     if not open_ or not found or not scenario.rig.axes:
         return []
-    bench = prepare(scenario, recordings)
-    old = bench.observations
-    lines = lines_of(bench.ledger, bench.start)
+    prepared = prepare(scenario, recordings)
+    old = prepared.observations
+    lines = spectral_lines_of(prepared.whitened, prepared.start)
     block = block_of(old, lines)
     thin = observe(scenario, old.recordings, old.known, block)
     terms = [_term(e) for e in found]
@@ -86,18 +86,21 @@ def questions(
     terms = [
         t
         for t in terms
-        if (t.suspect.effect.id, t.suspect.effect.sensor, t.suspect.effect.axis) not in stated
+        if (t.hypothesis.effect.id, t.hypothesis.effect.sensor, t.hypothesis.effect.axis)
+        not in stated
     ]
     asked = []
     for finding in open_:
         names = tuple(finding["class"])
         own = _own(terms, finding["effect"], diagnosis)
         if own:
-            asked.append(_question(names, terms, own, Remembering(thin), bench.start, block, lines))
+            asked.append(
+                _question(names, terms, own, Remembering(thin), prepared.start, block, lines)
+            )
     return asked
 
 
-def _term(effect: Effect) -> Term:
+def _term(effect: Effect) -> FittedTerm:
     """A found effect as a fitted term of a suspect of plausible size."""
     sizes = {
         n: p.plausible[1] * p.factor
@@ -108,69 +111,72 @@ def _term(effect: Effect) -> Term:
     names = tuple(n for n, v in effect.sizes.items() if v)
     plausible = {n: CURVE if isinstance(effect, Learned) else sizes[n] for n in names}
     plain = replace(effect, values={**effect.values, **plausible}, sigmas={}, seen_in=None)
-    return Term(Suspect(plain, names), names, tuple(effect.values[n] for n in names))
+    return FittedTerm(Hypothesis(plain, names), names, tuple(effect.values[n] for n in names))
 
 
-def _own(terms: Sequence[Term], id: str, diagnosis: Mapping[str, Any]) -> list[int]:
+def _own(terms: Sequence[FittedTerm], id: str, diagnosis: Mapping[str, Any]) -> list[int]:
     """Places of the terms of a finding: its effect with what completes it, or the curves of a law
     without a form.
     """
-    hosts = [k for k, t in enumerate(terms) if t.suspect.id == id]
+    hosts = [k for k, t in enumerate(terms) if t.hypothesis.id == id]
     if not hosts:
         others = {f["effect"] for f in diagnosis["findings"]}
         return [
             k
             for k, t in enumerate(terms)
-            if isinstance(t.suspect.effect, Learned) and id in others - set(CATALOGUE)
-        ] or [k for k, t in enumerate(terms) if isinstance(t.suspect.effect, Learned)]
+            if isinstance(t.hypothesis.effect, Learned) and id in others - set(CATALOGUE)
+        ] or [k for k, t in enumerate(terms) if isinstance(t.hypothesis.effect, Learned)]
     return [
         k
         for k, t in enumerate(terms)
-        if k in hosts or any(completes(t.suspect, terms[h].suspect) for h in hosts)
+        if k in hosts or any(completes(t.hypothesis, terms[h].hypothesis) for h in hosts)
     ]
 
 
 def _question(
     names: tuple[str, ...],
-    terms: Sequence[Term],
+    terms: Sequence[FittedTerm],
     own: Sequence[int],
     old: Remembering,
-    start: Account,
+    start: FittedModel,
     block: int,
-    lines: Lines,
+    lines: SpectralLines,
 ) -> Question:
-    ledger = Ledger(old)
-    account = replace(start, terms=tuple(terms))
-    noise = noise_under(account, ledger)
-    ledger.under(models(noise))
-    account = settle(account, ledger)
-    suspects = _suspects(names, old, [terms[k].suspect for k in own], lines)
-    for suspect in suspects:
-        ledger.add(suspect, account.effects)
-    case = case_of(account, ledger, list(own))
-    found = explanations(case, ledger, lambda s: s.id in names)
-    rivals: dict[str, Rival] = {}
+    whitened = WhitenedModel(old)
+    fitted = replace(start, terms=tuple(terms))
+    noise = noise_under(fitted, whitened)
+    whitened.under(models(noise))
+    fitted = refit(fitted, whitened)
+    hypotheses = _suspects(names, old, [terms[k].hypothesis for k in own], lines)
+    for hypothesis in hypotheses:
+        whitened.add(hypothesis, fitted.effects)
+    case = remove_finding(fitted, whitened, list(own))
+    found = rank_alternatives(case, whitened, lambda s: s.id in names)
+    rivals: dict[str, Alternative] = {}
     for r in found:
-        rivals.setdefault(r.suspect.id, r)
-    rest = settle(
-        replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in own)),
-        ledger,
+        rivals.setdefault(r.hypothesis.id, r)
+    rest = refit(
+        replace(fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in own)),
+        whitened,
         rounds=0,
     )
     by_axis = {(c.sensor, c.axis): f.model for c, f in zip(old.channels, noise, strict=True)}
     ordered = tuple(rivals[n] for n in names if n in rivals)
     reference = old.inner.courses[0].reference if isinstance(old.inner, TableObservations) else 0.0
-    return Question(names, rest, ordered, tuple(suspects), old, by_axis, block, reference)
+    return Question(names, rest, ordered, tuple(hypotheses), old, by_axis, block, reference)
 
 
 def _suspects(
-    names: Sequence[str], observations: Observations, own: Sequence[Suspect], lines: Lines
-) -> list[Suspect]:
+    names: Sequence[str],
+    observations: Observations,
+    own: Sequence[Hypothesis],
+    lines: SpectralLines,
+) -> list[Hypothesis]:
     """The class at all its shapes; a name without a textbook form only where the finding itself has
     it.
     """
     scenario = observations.scenario
-    span = span_of(observations, lines)
+    span = ranges_of(observations, lines)
     times = (
         sorted({s.effect.values["time"] for s in own if "time" in s.effect.values})
         or instants(observations)[::4]

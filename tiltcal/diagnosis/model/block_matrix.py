@@ -12,7 +12,7 @@ from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.statistics.noise_spectrum import DISTINCT, column_space
 
 
-class Design:
+class BlockDesignMatrix:
     """Columns, p of them, as those parts that are not zero.
 
     Args:

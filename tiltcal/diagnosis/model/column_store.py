@@ -1,9 +1,10 @@
-"""Where a ledger keeps the columns of its suspects: cosine coefficients, in single precision, a
-shelf for some hundred of them.
+"""Where a whitened model keeps the columns of its hypotheses: cosine coefficients, in single
+precision, a
+column block for some hundred of them.
 
-A column is written where it stays and is read as it lies. Forms and curves stand on shelves of
+A column is written where it stays and is read as it lies. Forms and curves stand on column store of
 their own, as do channels:
-most questions are about one kind, and pass the shelves of the other by.
+most questions are about one kind, and pass the column store of the other by.
 """
 
 from collections.abc import Sequence
@@ -16,21 +17,21 @@ from tiltcal.core.arrays import Index, Mask
 
 Waves = npt.NDArray[np.float32]
 Energies = tuple[npt.NDArray[np.float64], list[tuple[int, Index, Waves]]]
-"""Of each column alone, (used,), 0 where its suspect has several here; of these the owner, the
+"""Of each column alone, (used,), 0 where its hypothesis has several here; of these the owner, the
 numbers and the products.
 """
-ROOM = 256  # columns on a shelf, unless one suspect needs more
+ROOM = 256  # columns on a column block, unless one hypothesis needs more
 AT_ONCE = 4  # columns that are squared and weighed while they are at hand
 
 
 @dataclass
-class Shelf:
+class ColumnBlock:
     """Columns of one channel.
 
     Args:
         channel: its number.
         waves: cosine coefficients, (room, n); numbers: of the columns, (room,); owners: of their
-            suspects, (room,).
+            hypotheses, (room,).
         used: how many stand on it.
     """
 
@@ -41,7 +42,7 @@ class Shelf:
     used: int = 0
 
     @classmethod
-    def empty(cls, channel: int, room: int, n: int) -> "Shelf":
+    def empty(cls, channel: int, room: int, n: int) -> "ColumnBlock":
         """Room for so many columns of n coefficients."""
         return cls(
             channel,
@@ -74,25 +75,25 @@ class Shelf:
 
 
 @dataclass
-class Shelves:
-    """All columns of a ledger."""
+class ColumnStore:
+    """All columns of a whitened model."""
 
-    all: list[Shelf] = field(default_factory=list)
-    _open: dict[tuple[int, bool], Shelf] = field(default_factory=dict)
-    _places: dict[int, list[tuple[Shelf, int]]] = field(default_factory=dict)
+    all: list[ColumnBlock] = field(default_factory=list)
+    _open: dict[tuple[int, bool], ColumnBlock] = field(default_factory=dict)
+    _places: dict[int, list[tuple[ColumnBlock, int]]] = field(default_factory=dict)
 
     def put(
         self, channel: int, curve: bool, owner: int, numbers: Sequence[int], waves: Waves
     ) -> None:
-        """Keep columns of a suspect in a channel; all of them stand on one shelf.
+        """Keep columns of a hypothesis in a channel; all of them stand on one column block.
 
         Args:
-            channel: its number; curve: of which kind the suspect is; owner: its number.
+            channel: its number; curve: of which kind the hypothesis is; owner: its number.
             numbers: of the columns, (p,); waves: (p, n).
         """
         shelf = self._open.get((channel, curve))
         if shelf is None or shelf.used + len(numbers) > len(shelf.numbers):
-            shelf = self._open[channel, curve] = Shelf.empty(
+            shelf = self._open[channel, curve] = ColumnBlock.empty(
                 channel, max(ROOM, len(numbers)), waves.shape[1]
             )
             self.all.append(shelf)
@@ -102,8 +103,8 @@ class Shelves:
             self._places.setdefault(number, []).append((shelf, row))
         shelf.used += len(numbers)
 
-    def of(self, wanted: Mask) -> list[Shelf]:
-        """Those on which a wanted suspect has a column; wanted: by the suspect's number."""
+    def of(self, wanted: Mask) -> list[ColumnBlock]:
+        """Those on which a wanted hypothesis has a column; wanted: by the hypothesis's number."""
         return [shelf for shelf in self.all if wanted[shelf.owners[: shelf.used]].any()]
 
     def column(self, number: int) -> list[tuple[int, Waves]]:

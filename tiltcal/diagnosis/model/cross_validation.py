@@ -8,48 +8,49 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.diagnosis.model.fitted_model import Account, Term, settle, whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit, whitened_of
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.diagnosis.search.forward_selection import findings
 
 FOLDS = 6
 
 
-def heldout_gain(account: Account, ledger: Ledger, places: Sequence[int]) -> float:
+def heldout_gain(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int]) -> float:
     """Rise of the log-likelihood of left-out blocks by the terms at these places, nats."""
-    rest = [t for k, t in enumerate(account.terms) if k not in places]
-    whole = _left_out(account, ledger, list(account.terms))
-    return 0.5 * (_left_out(account, ledger, rest) - whole)
+    rest = [t for k, t in enumerate(fitted.terms) if k not in places]
+    whole = _left_out(fitted, whitened, list(fitted.terms))
+    return 0.5 * (_left_out(fitted, whitened, rest) - whole)
 
 
-def borne_out(account: Account, ledger: Ledger) -> Account:
-    """The account without names that predict left-out blocks worse than nothing does, by more than
+def drop_unpredictive(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model without names that predict left-out blocks worse than nothing does, by more
+    than
     their numbers cost.
 
     A law holds where it was not fitted to. A nameless curve only says where: a bump that one block
     saw tells nothing of the others.
     """
     while True:
-        named = [places for places in findings(account) if account.terms[places[0]].suspect.listed]
+        named = [places for places in findings(fitted) if fitted.terms[places[0]].hypothesis.listed]
         worth = [
-            heldout_gain(account, ledger, p) + sum(len(account.terms[k].names) for k in p)
+            heldout_gain(fitted, whitened, p) + sum(len(fitted.terms[k].names) for k in p)
             for p in named
         ]
         if not named or min(worth) >= 0:
-            return account
+            return fitted
         worst = named[worth.index(min(worth))]
-        account = settle(
-            replace(account, terms=tuple(t for k, t in enumerate(account.terms) if k not in worst)),
-            ledger,
+        fitted = refit(
+            replace(fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in worst)),
+            whitened,
         )
 
 
-def heldout_misfit(account: Account, ledger: Ledger) -> float:
+def heldout_misfit(fitted: FittedModel, whitened: WhitenedModel) -> float:
     """Chi-square per sample of left-out blocks."""
-    return _left_out(account, ledger, list(account.terms)) / max(ledger.observations.samples, 1)
+    return _left_out(fitted, whitened, list(fitted.terms)) / max(whitened.observations.samples, 1)
 
 
-def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
+def _left_out(fitted: FittedModel, whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> float:
     """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in time.
 
     What the other blocks do not tell of a size stays near nothing: it is expected to be as large as
@@ -57,21 +58,21 @@ def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
     """
     from scipy.fft import idct
 
-    observations = ledger.observations
-    used = [*account.nuisance, *terms]
+    observations = whitened.observations
+    used = [*fitted.nuisance, *terms]
     names = [(t, n) for t in used for n in t.names]
-    columns = whitened_of(ledger, used, account.effects)
+    columns = whitened_of(whitened, used, fitted.effects)
     values = np.array(
-        [v / t.suspect.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)]
+        [v / t.hypothesis.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)]
     )
-    residual = ledger.residual(account.effects)
-    gone = [t for t in account.terms if t not in terms]
+    residual = whitened.residual(fitted.effects)
+    gone = [t for t in fitted.terms if t not in terms]
     for t in gone:
         for column, n, v in zip(
-            whitened_of(ledger, [t], account.effects), t.names, t.values, strict=True
+            whitened_of(whitened, [t], fitted.effects), t.names, t.values, strict=True
         ):
             for i, part in column.items():
-                residual[i] = residual[i] + part * (v / t.suspect.size(n))
+                residual[i] = residual[i] + part * (v / t.hypothesis.size(n))
     total = 0.0
     grams = np.zeros((FOLDS, len(names) + 1, len(names) + 1))
     for i, channel in enumerate(observations.channels):
@@ -84,7 +85,7 @@ def _left_out(account: Account, ledger: Ledger, terms: Sequence[Term]) -> float:
             part = block[:, folds == f]
             grams[f][np.ix_(index, index)] += part @ part.T
     whole = grams.sum(axis=0)
-    free = sum(len(t.names) for t in account.nuisance)
+    free = sum(len(t.names) for t in fitted.nuisance)
     expected = np.array(
         [0.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]]
     )

@@ -1,4 +1,5 @@
-"""An account of a recording: calibration terms and suspects at fitted sizes, with what is left
+"""A fitted model of a recording: calibration terms and hypotheses at fitted sizes, with what is
+left
 over.
 """
 
@@ -9,9 +10,9 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations, TableObservations
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.block_matrix import Design
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, cosines
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, cosines
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.noise_spectrum import (
     DISTINCT,
@@ -29,33 +30,33 @@ ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round ga
 
 
 @dataclass(frozen=True)
-class Term:
-    """A suspect with some of its sizes fitted.
+class FittedTerm:
+    """A hypothesis with some of its sizes fitted.
 
     Args:
-        suspect: who; names: the sizes in use; values: SI, of the same length.
-        host: the suspect whose form it only completes; None when it stands by itself.
+        hypothesis: who; names: the sizes in use; values: SI, of the same length.
+        host: the hypothesis whose form it only completes; None when it stands by itself.
     """
 
-    suspect: Suspect
+    hypothesis: Hypothesis
     names: tuple[str, ...]
     values: tuple[float, ...]
-    host: Suspect | None = None
+    host: Hypothesis | None = None
 
     @classmethod
-    def start(cls, suspect: Suspect, names: Sequence[str] | None = None) -> "Term":
+    def start(cls, hypothesis: Hypothesis, names: Sequence[str] | None = None) -> "FittedTerm":
         """All sizes (or those named) at zero, or where the scenario has them."""
-        used = suspect.names if names is None else tuple(names)
-        return cls(suspect, used, (0.0,) * len(used))
+        used = hypothesis.names if names is None else tuple(names)
+        return cls(hypothesis, used, (0.0,) * len(used))
 
     @property
     def effect(self) -> Effect:
         """The effect at the fitted sizes."""
-        return self.suspect.at(dict(zip(self.names, self.values, strict=True)))
+        return self.hypothesis.at(dict(zip(self.names, self.values, strict=True)))
 
 
 @dataclass(frozen=True)
-class Account:
+class FittedModel:
     """Fitted terms.
 
     Args:
@@ -66,8 +67,8 @@ class Account:
     """
 
     known: tuple[Effect, ...]
-    nuisance: tuple[Term, ...]
-    terms: tuple[Term, ...] = ()
+    nuisance: tuple[FittedTerm, ...]
+    terms: tuple[FittedTerm, ...] = ()
     residual: tuple[Array, ...] = ()
     basis: tuple[Array, ...] = ()
     covariance: Array | None = None
@@ -91,43 +92,51 @@ class Account:
         return np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
 
-def whitened_of(ledger: Ledger, terms: Sequence[Term], effects: Sequence[Effect]) -> list[Columns]:
+def whitened_of(
+    whitened: WhitenedModel, terms: Sequence[FittedTerm], effects: Sequence[Effect]
+) -> list[Columns]:
     """Change of the readings per plausible size of each fitted value, as whitened cosine
     coefficients.
     """
     return [
-        ledger.weighed(ledger.waves(t.suspect, name, effects)) for t in terms for name in t.names
+        whitened.weighed(whitened.waves(t.hypothesis, name, effects))
+        for t in terms
+        for name in t.names
     ]
 
 
 def columns_of(
-    observations: Observations, terms: Sequence[Term], effects: Sequence[Effect]
+    observations: Observations, terms: Sequence[FittedTerm], effects: Sequence[Effect]
 ) -> list[Columns]:
     """Change of the readings per plausible size of each fitted value, SI."""
-    return [observations.changes(t.suspect.alone(name), effects) for t in terms for name in t.names]
+    return [
+        observations.changes(t.hypothesis.alone(name), effects) for t in terms for name in t.names
+    ]
 
 
-def summed(terms: Sequence[Term], observations: Observations, effects: Sequence[Effect]) -> Columns:
+def summed(
+    terms: Sequence[FittedTerm], observations: Observations, effects: Sequence[Effect]
+) -> Columns:
     """What some terms do to the readings together, the effects being there, SI, by channel."""
     total: Columns = {}
     for term in terms:
         for name, value in zip(term.names, term.values, strict=True):
-            for i, column in observations.changes(term.suspect.alone(name), effects).items():
-                total[i] = total.get(i, 0.0) + column * (value / term.suspect.size(name))
+            for i, column in observations.changes(term.hypothesis.alone(name), effects).items():
+                total[i] = total.get(i, 0.0) + column * (value / term.hypothesis.size(name))
     return total
 
 
-def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
-    """Fit all values of an account to the readings, under the ledger's noise."""
-    terms = [*account.nuisance, *account.terms]
-    split = len(account.nuisance)
-    units = np.array([t.suspect.size(n) for t in terms for n in t.names])
-    lengths = [len(c.values) for c in ledger.observations.channels]
+def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) -> FittedModel:
+    """Fit all values of a fitted model to the readings, under the whitened model's noise."""
+    terms = [*fitted.nuisance, *fitted.terms]
+    split = len(fitted.nuisance)
+    units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
+    lengths = [len(c.values) for c in whitened.observations.channels]
     if not lengths:  # every reading was at fault
-        return account
-    effects = account.effects
-    columns = whitened_of(ledger, terms, effects)
-    design = Design(columns, lengths)
+        return fitted
+    effects = fitted.effects
+    columns = whitened_of(whitened, terms, effects)
+    design = BlockDesignMatrix(columns, lengths)
     gram = design.gram()
     size = np.sqrt(np.diag(gram))
     size[size == 0] = 1.0
@@ -135,7 +144,9 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
         [1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names]
     )
     inverse = _pseudo_inverse(gram / np.outer(size, size) + np.diag(prior / size**2))
-    terms, residual = _descended(account.known, terms, ledger, design, inverse, prior, size, rounds)
+    terms, residual = _descended(
+        fitted.known, terms, whitened, design, inverse, prior, size, rounds
+    )
     basis = design.basis()
     along = sum(
         (Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1])
@@ -143,7 +154,7 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
     residual = [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
     covariance = inverse / np.outer(size, size) * np.outer(units, units)
     return replace(
-        account,
+        fitted,
         nuisance=tuple(terms[:split]),
         terms=tuple(terms[split:]),
         residual=tuple(residual),
@@ -154,21 +165,21 @@ def settle(account: Account, ledger: Ledger, rounds: int = ROUNDS) -> Account:
 
 def _descended(
     known: Sequence[Effect],
-    terms: list[Term],
-    ledger: Ledger,
-    design: Design,
+    terms: list[FittedTerm],
+    whitened: WhitenedModel,
+    design: BlockDesignMatrix,
     inverse: Array,
     prior: Array,
     size: Array,
     rounds: int,
-) -> tuple[list[Term], list[Array]]:
+) -> tuple[list[FittedTerm], list[Array]]:
     """Gauss-Newton steps with the columns kept, and the whitened residual where they end.
 
     A step to where the model has no reading, or leaves far more than before, is taken back, and is
     the last.
     """
-    units = np.array([t.suspect.size(n) for t in terms for n in t.names])
-    residual = ledger.residual([*known, *(t.effect for t in terms)])
+    units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
+    residual = whitened.residual([*known, *(t.effect for t in terms)])
     least = sum(float(r @ r) for r in residual)
     for _ in range(rounds if len(units) else 0):
         at = np.array([v for t in terms for v in t.values]) / units
@@ -176,7 +187,7 @@ def _descended(
         if not np.isfinite(step).all():
             break
         moved = _moved(terms, step * units)
-        left = ledger.residual([*known, *(t.effect for t in moved)])
+        left = whitened.residual([*known, *(t.effect for t in moved)])
         deviance = sum(float(r @ r) for r in left)
         if not deviance < RUNAWAY * least:
             break
@@ -195,7 +206,7 @@ def _pseudo_inverse(gram: Array) -> Array:
     return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T)
 
 
-def _moved(terms: Sequence[Term], step: Array) -> list[Term]:
+def _moved(terms: Sequence[FittedTerm], step: Array) -> list[FittedTerm]:
     found, start = [], 0
     for t in terms:
         end = start + len(t.names)
@@ -210,16 +221,16 @@ def _moved(terms: Sequence[Term], step: Array) -> list[Term]:
 
 
 def noise_under(
-    account: Account, ledger: Ledger, extra: Mapping[int, Array] | None = None
+    fitted: FittedModel, whitened: WhitenedModel, extra: Mapping[int, Array] | None = None
 ) -> list[NoiseFit]:
     """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may
     hold any size in it.
     """
-    observations = ledger.observations
-    effects = account.effects
+    observations = whitened.observations
+    effects = fitted.effects
     waves = [
-        ledger.waves(t.suspect, name, effects)
-        for t in (*account.nuisance, *account.terms)
+        whitened.waves(t.hypothesis, name, effects)
+        for t in (*fitted.nuisance, *fitted.terms)
         for name in t.names
     ]
     found = []
@@ -237,18 +248,18 @@ def noise_under(
     return found
 
 
-def noise_within_stops(account: Account, ledger: Ledger) -> list[NoiseFit] | None:
+def noise_within_stops(fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit] | None:
     """The noise of each channel from what is left within its stops, each at a level of its own;
     None where one has no stops.
 
     By hand this is known of a FOG beside a gyro triad only: of all else a stop is what makes a
         level.
     """
-    observations = ledger.observations
-    by_hand = None if isinstance(observations, TableObservations) else noise_under(account, ledger)
+    observations = whitened.observations
+    by_hand = None if isinstance(observations, TableObservations) else noise_under(fitted, whitened)
     found = []
     for i, (channel, r) in enumerate(
-        zip(observations.channels, observations.residuals(account.effects), strict=True)
+        zip(observations.channels, observations.residuals(fitted.effects), strict=True)
     ):
         cuts = np.flatnonzero(np.diff(channel.stop)) + 1
         parts = [
@@ -278,8 +289,10 @@ def _spread(residual: Array, columns: Sequence[Array]) -> float:
     return float(np.linalg.norm(left) / np.sqrt(dof)) if dof > 0 else float(np.std(residual))
 
 
-def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> Account:
-    """The account with the biases that the first recording began with.
+def shift_bias_to_start(
+    fitted: FittedModel, whitened: WhitenedModel, fits: Sequence[NoiseFit]
+) -> FittedModel:
+    """The fitted model with the biases that the first recording began with.
 
     A random walk starts anew with each recording; the fit has its mean over the record, a new
     recording begins where this
@@ -289,11 +302,11 @@ def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> A
     """
     from scipy.fft import idct
 
-    observations = ledger.observations
+    observations = whitened.observations
     first = [
         (channel, r, fit)
         for channel, r, fit in zip(
-            observations.channels, observations.residuals(account.effects), fits, strict=True
+            observations.channels, observations.residuals(fitted.effects), fits, strict=True
         )
         if channel.recording == 0 and not channel.derived
     ]
@@ -307,24 +320,27 @@ def as_it_began(account: Account, ledger: Ledger, fits: Sequence[NoiseFit]) -> A
         level = idct(cosines(r) * model.walked(len(r)) / model.spectrum(len(r)), norm="ortho")
         shift.setdefault((channel.sensor, channel.axis), float(level[0]))
     return replace(
-        account, nuisance=tuple(_shifted(t, shift, observations, account) for t in account.nuisance)
+        fitted, nuisance=tuple(_shifted(t, shift, observations, fitted) for t in fitted.nuisance)
     )
 
 
 def _shifted(
-    term: Term, shift: Mapping[tuple[str, str], float], observations: Observations, account: Account
-) -> Term:
+    term: FittedTerm,
+    shift: Mapping[tuple[str, str], float],
+    observations: Observations,
+    fitted: FittedModel,
+) -> FittedTerm:
     """A bias term moved by a shift of its channel's reading."""
     values = list(term.values)
     for k, name in enumerate(term.names):
         stem, _, axis = name.rpartition("_")
-        by = shift.get((str(term.suspect.effect.sensor), axis), 0.0)
+        by = shift.get((str(term.hypothesis.effect.sensor), axis), 0.0)
         if stem == "bias" and by:
-            columns = observations.changes(term.suspect.alone(name), account.effects)
+            columns = observations.changes(term.hypothesis.alone(name), fitted.effects)
             first = next(
                 (c[0] for i, c in columns.items() if observations.channels[i].axis == axis), 0.0
             )
-            values[k] += by * term.suspect.size(name) / first if first else 0.0
+            values[k] += by * term.hypothesis.size(name) / first if first else 0.0
     return replace(term, values=tuple(values))
 
 

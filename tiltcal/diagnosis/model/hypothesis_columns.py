@@ -1,7 +1,7 @@
-"""The score of every suspect at an operating point, with the adjustable terms projected out, in
+"""The score of every hypothesis at an operating point, with the adjustable terms projected out, in
 units of the noise.
 
-For columns U of a suspect, whitened, and an orthonormal basis Q of what is re-tuned anyway, A =
+For columns U of a hypothesis, whitened, and an orthonormal basis Q of what is re-tuned anyway, A =
 U'(I - QQ')r and
 B = U'(I - QQ')U hold all: the gain in deviance A'B^-1 A ~ chi2(rank, lambda), the expected values
 B^-1 A, the absorbed share.
@@ -16,9 +16,9 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import KIN
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.block_matrix import Design
-from tiltcal.diagnosis.model.column_store import Shelf, Shelves, Waves
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
+from tiltcal.diagnosis.model.column_store import ColumnBlock, ColumnStore, Waves
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.noise_spectrum import NoiseModel
 
@@ -27,16 +27,16 @@ SURVIVES = 1e-3
 
 
 @dataclass(frozen=True)
-class Score:
-    """What one suspect would explain.
+class ScoreTest:
+    """What one hypothesis would explain.
 
     Args:
-        suspect: who.
+        hypothesis: who.
         A, B: of the module's head, per plausible size, (p,) and (p, p).
         raw: energy of each column before projection, (p,).
     """
 
-    suspect: Suspect
+    hypothesis: Hypothesis
     A: Array
     B: Array
     raw: Array
@@ -44,7 +44,7 @@ class Score:
     @property
     def names(self) -> tuple[str, ...]:
         """Of its columns."""
-        return self.suspect.names
+        return self.hypothesis.names
 
     def gain(self, keep: Sequence[int] | None = None) -> tuple[float, int]:
         """Fall of the deviance with these columns (all), and its degrees of freedom."""
@@ -60,7 +60,7 @@ class Score:
         """Expected values of these columns, SI, and their covariance."""
         index = self._index(keep)
         values, vectors, size = self._directions(index)
-        unit = np.array([self.suspect.size(self.names[i]) for i in index])
+        unit = np.array([self.hypothesis.size(self.names[i]) for i in index])
         C = (vectors / values) @ vectors.T / np.outer(size, size)
         return unit * (C @ self.A[index]), C * np.outer(unit, unit)
 
@@ -100,8 +100,8 @@ class Score:
         return top, sorted(chosen)
 
 
-class Ledger:
-    """Cosine coefficients of the columns of all suspects, kept; scored against any noise and
+class WhitenedModel:
+    """Cosine coefficients of the columns of all hypotheses, kept; scored against any noise and
     operating point.
 
     Args:
@@ -110,48 +110,51 @@ class Ledger:
 
     def __init__(self, observations: Observations) -> None:
         self.observations = observations
-        self.suspects: list[Suspect] = []
+        self.hypotheses: list[Hypothesis] = []
         self.starts: list[int] = []
         self._width = 0
         self._places: dict[tuple[str, str | None], list[int]] = {}
-        self._shelves = Shelves()
+        self._shelves = ColumnStore()
         self.roots: list[Array] = []
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
-    def add(self, suspect: Suspect, around: Sequence[Effect]) -> None:
-        """Keep a suspect's columns; one that changes nothing is left out."""
-        parts = self.observations.columns(suspect.effect, suspect.names, around)
+    def add(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> None:
+        """Keep a hypothesis's columns; one that changes nothing is left out."""
+        parts = self.observations.columns(hypothesis.effect, hypothesis.names, around)
         if not parts:
             return
-        owner = len(self.suspects)
-        self._places.setdefault(_place(suspect), []).append(owner)
-        self.suspects.append(suspect)
+        owner = len(self.hypotheses)
+        self._places.setdefault(_place(hypothesis), []).append(owner)
+        self.hypotheses.append(hypothesis)
         self.starts.append(self._width)
         for i, (which, block) in parts.items():
             numbers = [self._width + k for k in which]
             self._shelves.put(
                 i,
-                not suspect.textbook,
+                not hypothesis.textbook,
                 owner,
                 numbers,
                 np.asarray(cosines(block.astype(np.float32)), np.float32),
             )
-        self._width += len(suspect.names)
+        self._width += len(hypothesis.names)
 
-    def near(self, suspect: Suspect) -> list[int]:
-        """Numbers of those who may be of the family of a suspect: of its name, its kin, or nameless
+    def near(self, hypothesis: Hypothesis) -> list[int]:
+        """Numbers of those who may be of the family of a hypothesis: of its name, its kin, or
+        nameless
         at its place, in order.
         """
         names = (
-            [suspect.id, *(other for other, host in KIN if host == suspect.id)]
-            if suspect.listed
+            [hypothesis.id, *(other for other, host in KIN if host == hypothesis.id)]
+            if hypothesis.listed
             else []
         )
-        keys = [*((n, None) for n in names), ("", suspect.effect.sensor), ("", None)]
+        keys = [*((n, None) for n in names), ("", hypothesis.effect.sensor), ("", None)]
         return sorted({k for key in keys for k in self._places.get(key, [])})
 
     def column(self, number: int) -> list[tuple[int, Waves]]:
-        """The channels that a column of the ledger changes, and its coefficients there, (n,)."""
+        """The channels that a column of the whitened model changes, and its coefficients there,
+        (n,).
+        """
         return self._shelves.column(number)
 
     def under(self, noise: Sequence[NoiseModel]) -> None:
@@ -167,7 +170,7 @@ class Ledger:
         """Weigh by these square roots of spectra from now on, (n,) each."""
         self.roots = list(roots)
 
-    def whitened(self, columns: Columns) -> Columns:
+    def whiten(self, columns: Columns) -> Columns:
         """Columns by channel as cosine coefficients in units of the noise."""
         return self.weighed({i: cosines(column) for i, column in columns.items()})
 
@@ -175,24 +178,26 @@ class Ledger:
         """Cosine coefficients by channel in units of the noise."""
         return {i: wave / self.roots[i] for i, wave in waves.items()}
 
-    def waves(self, suspect: Suspect, name: str, around: Sequence[Effect]) -> Columns:
+    def waves(self, hypothesis: Hypothesis, name: str, around: Sequence[Effect]) -> Columns:
         """Cosine coefficients of the change by one plausible size, these effects being there, SI.
 
         Those of calibration are asked for again and again, and kept as long as nothing changes
         them.
         """
         depends = (
-            self.observations.depends_on(around) if suspect.effect.role == "calibration" else None
+            self.observations.depends_on(around)
+            if hypothesis.effect.role == "calibration"
+            else None
         )
-        kept = self._kept.get((suspect.place, name))
+        kept = self._kept.get((hypothesis.place, name))
         if kept is not None and kept[0] == depends:
             return kept[1]
         found = {
             i: cosines(column)
-            for i, column in self.observations.changes(suspect.alone(name), around).items()
+            for i, column in self.observations.changes(hypothesis.alone(name), around).items()
         }
         if depends is not None:
-            self._kept[suspect.place, name] = (depends, found)
+            self._kept[hypothesis.place, name] = (depends, found)
         return found
 
     def residual(self, effects: Sequence[Effect]) -> list[Array]:
@@ -206,12 +211,12 @@ class Ledger:
         self,
         basis: Sequence[Array],
         residual: Sequence[Array],
-        wanted: Callable[[Suspect], bool] | None = None,
-    ) -> list[Score]:
-        """The score of every suspect, or of those wanted. basis: Q by channel, (n, q); residual:
+        wanted: Callable[[Hypothesis], bool] | None = None,
+    ) -> list[ScoreTest]:
+        """The score of every hypothesis, or of those wanted. basis: Q by channel, (n, q); residual:
         whitened, by channel, (n,).
         """
-        asked = np.array([wanted is None or wanted(s) for s in self.suspects], dtype=bool)
+        asked = np.array([wanted is None or wanted(s) for s in self.hypotheses], dtype=bool)
         shelves = self._shelves.of(asked)
         both = self._inner(
             [np.column_stack([r, Q]) for r, Q in zip(project(basis, residual), basis, strict=True)],
@@ -221,16 +226,17 @@ class Ledger:
         own = self._own(shelves)
         found = []
         for k in np.flatnonzero(asked):
-            suspect, start = self.suspects[k], self.starts[k]
-            part = slice(start, start + len(suspect.names))
-            inner = own.get(int(k), np.zeros((len(suspect.names),) * 2))
+            hypothesis, start = self.hypotheses[k], self.starts[k]
+            part = slice(start, start + len(hypothesis.names))
+            inner = own.get(int(k), np.zeros((len(hypothesis.names),) * 2))
             found.append(
-                Score(suspect, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy())
+                ScoreTest(hypothesis, A[part], inner - UQ[part] @ UQ[part].T, np.diag(inner).copy())
             )
         return found
 
-    def _inner(self, vectors: Sequence[Array], shelves: Sequence[Shelf]) -> Array:
-        """U'V of the columns on some shelves with some whitened vectors, given by channel, (n, q):
+    def _inner(self, vectors: Sequence[Array], shelves: Sequence[ColumnBlock]) -> Array:
+        """U'V of the columns on some column store with some whitened vectors, given by channel, (n,
+        q):
         (P, q).
         """
         total = np.zeros((self._width, vectors[0].shape[1]))
@@ -247,8 +253,8 @@ class Ledger:
             )
         return total
 
-    def _own(self, shelves: Sequence[Shelf]) -> dict[int, Array]:
-        """U'U of each suspect with a column on some shelves, by its number."""
+    def _own(self, shelves: Sequence[ColumnBlock]) -> dict[int, Array]:
+        """U'U of each hypothesis with a column on some column store, by its number."""
         weights = [(1 / root).astype(np.float32) for root in self.roots]
         energies = np.zeros(self._width)
         owners: set[int] = set()
@@ -259,7 +265,7 @@ class Ledger:
             owners.update(shelf.owners[: shelf.used].tolist())
             said += several
         found = {
-            k: np.diag(energies[self.starts[k] : self.starts[k] + len(self.suspects[k].names)])
+            k: np.diag(energies[self.starts[k] : self.starts[k] + len(self.hypotheses[k].names)])
             for k in owners
         }
         for k, numbers, gram in said:
@@ -268,8 +274,8 @@ class Ledger:
         return found
 
 
-def _place(suspect: Suspect) -> tuple[str, str | None]:
-    return (suspect.id, None) if suspect.listed else ("", suspect.effect.sensor)
+def _place(hypothesis: Hypothesis) -> tuple[str, str | None]:
+    return (hypothesis.id, None) if hypothesis.listed else ("", hypothesis.effect.sensor)
 
 
 def cosines(column: Array) -> Array:
@@ -281,7 +287,7 @@ def cosines(column: Array) -> Array:
 
 def basis_of(columns: Sequence[Columns], lengths: Sequence[int]) -> list[Array]:
     """An orthonormal basis of some whitened columns, split by channel, (n, q) each."""
-    return Design(columns, lengths).basis()
+    return BlockDesignMatrix(columns, lengths).basis()
 
 
 def project(basis: Sequence[Array], vectors: Sequence[Array]) -> list[Array]:

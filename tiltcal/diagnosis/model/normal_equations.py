@@ -1,4 +1,4 @@
-"""Normal equations of a few suspects' columns in a finding's place: all that choosing among them
+"""Normal equations of a few hypotheses' columns in a finding's place: all that choosing among them
 asks of the samples.
 """
 
@@ -9,20 +9,20 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.model.column_store import Waves
-from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, Ledger
+from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, WhitenedModel
 from tiltcal.statistics.noise_spectrum import DISTINCT
 
 NEW = 9e-4  # share of a column's energy that has to be its own beside the chosen ones
 
 
 @dataclass(frozen=True)
-class Normal:
+class NormalEquations:
     """Inner products of projected whitened columns, (p,) or (p, p).
 
     Args:
         gram: of the columns with each other; target, signal: with what has to be explained, and
             with the finding's signal.
-        owner: number of the suspect of each column; names: of its size.
+        owner: number of the hypothesis of each column; names: of its size.
     """
 
     gram: Array
@@ -82,26 +82,28 @@ def normal_equations(
     basis: Sequence[Array],
     target: Sequence[Array],
     signal: Sequence[Array],
-    ledger: Ledger,
-) -> Normal:
-    """Of all columns of some suspects, the basis projected out.
+    whitened: WhitenedModel,
+) -> NormalEquations:
+    """Of all columns of some hypotheses, the basis projected out.
 
     Args:
-        members: numbers of the suspects on the ledger.
+        members: numbers of the hypotheses on the whitened model.
         basis: orthonormal, by channel, (n, q); target, signal: free of it, whitened, by channel,
             (n,).
-        ledger: holds the columns.
+        whitened model: holds the columns.
     """
-    places = [ledger.starts[m] + j for m in members for j in range(len(ledger.suspects[m].names))]
+    places = [
+        whitened.starts[m] + j for m in members for j in range(len(whitened.hypotheses[m].names))
+    ]
     p = len(places)
     gram, sides, inside = np.zeros((p, p)), np.zeros((p, 2)), np.zeros((p, basis[0].shape[1]))
     by_channel: dict[int, list[tuple[int, Waves]]] = {}
     for k, place in enumerate(places):
-        for i, wave in ledger.column(place):
+        for i, wave in whitened.column(place):
             by_channel.setdefault(i, []).append((k, wave))
     for i, rows in by_channel.items():
         mine = [k for k, _ in rows]
-        part = np.array([wave for _, wave in rows]) * (1 / ledger.roots[i])
+        part = np.array([wave for _, wave in rows]) * (1 / whitened.roots[i])
         gram[np.ix_(mine, mine)] += part @ part.T
         sides[mine] += part @ np.column_stack([target[i], signal[i]])
         inside[mine] += part @ basis[i]
@@ -109,6 +111,6 @@ def normal_equations(
     gram -= inside @ inside.T
     gone = np.diag(gram) < SURVIVES * raw
     gram[gone], gram[:, gone], sides[gone] = 0.0, 0.0, 0.0
-    owner = [m for m in members for _ in ledger.suspects[m].names]
-    names = [n for m in members for n in ledger.suspects[m].names]
-    return Normal(gram, sides[:, 0], sides[:, 1], owner, names)
+    owner = [m for m in members for _ in whitened.hypotheses[m].names]
+    names = [n for m in members for n in whitened.hypotheses[m].names]
+    return NormalEquations(gram, sides[:, 0], sides[:, 1], owner, names)

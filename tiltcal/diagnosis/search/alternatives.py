@@ -1,4 +1,4 @@
-"""What else could be it: every suspect, with the curves of its family, in a finding's place."""
+"""What else could be it: every hypothesis, with the curves of its family, in a finding's place."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from tiltcal.core.arrays import Array
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.families import FREE_FORM, completes
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.fitted_model import Account, Term, whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, basis_of, project
-from tiltcal.diagnosis.model.normal_equations import Normal, normal_equations
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, project
+from tiltcal.diagnosis.model.normal_equations import NormalEquations, normal_equations
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Parameter
 from tiltcal.effects.learned import Learned
 
 # times the largest plausible size of any grade: beyond it an explanation is no explanation, and no
-# rival
+# alternative
 FAIR = 10.0
 OWN = 0.9  # least share of the gain that a name's own form brings; below it the name does not fit
 NEAR = 0.5  # least cosine with a finding's signal to be looked at
@@ -30,17 +30,17 @@ EQUAL = 2.0  # worth: nearer together two explanations are equally good
 ONE_CHANNEL = 0.9  # share of the energy
 
 
-def price_of(ledger: Ledger) -> float:
+def price_of(whitened: WhitenedModel) -> float:
     """Deviance that one more size has to bring (BIC)."""
-    return float(np.log(max(ledger.observations.samples, 2)))
+    return float(np.log(max(whitened.observations.samples, 2)))
 
 
 @dataclass(frozen=True)
-class Rival:
+class Alternative:
     """One explanation in the place of a finding.
 
     Args:
-        terms: the suspect and what completes its form, at expected values.
+        terms: the hypothesis and what completes its form, at expected values.
         gain: fall of the deviance; worth: less the price of its sizes; own: share of its own form
             in the gain.
         cosine: with the finding's signal; separation: energy of that signal which it leaves.
@@ -48,7 +48,7 @@ class Rival:
         form: share of its own form, of a free one too.
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[FittedTerm, ...]
     gain: float
     worth: float
     own: float
@@ -58,9 +58,9 @@ class Rival:
     form: float = 1.0
 
     @property
-    def suspect(self) -> Suspect:
+    def hypothesis(self) -> Hypothesis:
         """Who."""
-        return self.terms[0].suspect
+        return self.terms[0].hypothesis
 
     @property
     def sizes(self) -> int:
@@ -69,8 +69,8 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Case:
-    """A finding taken out of its account: what has to be explained.
+class RemovedFinding:
+    """A finding taken out of its fitted model: what has to be explained.
 
     Args:
         basis: of nuisance and all other findings, by channel; target: what is left without the
@@ -83,71 +83,84 @@ class Case:
     signal: list[Array]
 
 
-def case_of(
-    account: Account, ledger: Ledger, places: Sequence[int], beside: Sequence[Columns] = ()
-) -> Case:
-    """What the terms at these places explain, and the account without them; ``beside``: further
+def remove_finding(
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    places: Sequence[int],
+    beside: Sequence[Columns] = (),
+) -> RemovedFinding:
+    """What the terms at these places explain, and the fitted model without them; ``beside``:
+    further
     columns of any size.
     """
-    effects, lengths = account.effects, [len(c.values) for c in ledger.observations.channels]
-    inside = [account.terms[k] for k in places]
-    others = [*account.nuisance, *(t for k, t in enumerate(account.terms) if k not in places)]
+    effects, lengths = fitted.effects, [len(c.values) for c in whitened.observations.channels]
+    inside = [fitted.terms[k] for k in places]
+    others = [*fitted.nuisance, *(t for k, t in enumerate(fitted.terms) if k not in places)]
     basis = basis_of(
-        [*whitened_of(ledger, others, effects), *(ledger.whitened(c) for c in beside)], lengths
+        [*whitened_of(whitened, others, effects), *(whitened.whiten(c) for c in beside)], lengths
     )
     signal = [np.zeros(n) for n in lengths]
-    values = [v / t.suspect.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)]
-    for value, column in zip(values, whitened_of(ledger, inside, effects), strict=True):
+    values = [
+        v / t.hypothesis.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)
+    ]
+    for value, column in zip(values, whitened_of(whitened, inside, effects), strict=True):
         for i, part in column.items():
             signal[i] = signal[i] + value * part
     signal = project(basis, signal)
-    residual = ledger.residual(effects)
+    residual = whitened.residual(effects)
     target = project(basis, [s + r for s, r in zip(signal, residual, strict=True)])
-    return Case(basis, target, signal)
+    return RemovedFinding(basis, target, signal)
 
 
-def explanations(
-    case: Case, ledger: Ledger, wanted: Callable[[Suspect], bool], alone: bool = False
-) -> list[Rival]:
-    """Every wanted suspect near the signal, each at its best shape with its family (or alone), the
+def rank_alternatives(
+    removed: RemovedFinding,
+    whitened: WhitenedModel,
+    wanted: Callable[[Hypothesis], bool],
+    alone: bool = False,
+) -> list[Alternative]:
+    """Every wanted hypothesis near the signal, each at its best shape with its family (or alone),
+    the
     worthiest first.
     """
-    energy = sum(float(s @ s) for s in case.signal)
-    seen: dict[Any, tuple[float, Suspect]] = {}
-    price = price_of(ledger)
-    for score in ledger.scores(case.basis, case.target, wanted):
+    energy = sum(float(s @ s) for s in removed.signal)
+    seen: dict[Any, tuple[float, Hypothesis]] = {}
+    price = price_of(whitened)
+    for score in whitened.scores(removed.basis, removed.target, wanted):
         if energy > 0 and score.gain()[0] < NEAR**2 * energy:
             continue
-        worth = score.best(price)[0] - 2 * np.log(score.suspect.variants)
+        worth = score.best(price)[0] - 2 * np.log(score.hypothesis.variants)
         key = (
-            (score.suspect.place, score.suspect.alias)
-            if score.suspect.listed
-            else id(score.suspect)
+            (score.hypothesis.place, score.hypothesis.alias)
+            if score.hypothesis.listed
+            else id(score.hypothesis)
         )  # felt late: another form
         if key not in seen or worth > seen[key][0]:
-            seen[key] = (worth, score.suspect)
+            seen[key] = (worth, score.hypothesis)
     best = sorted(seen.values(), key=lambda item: -item[0])[:LOOKED_AT]
-    found = [explain(suspect, case, ledger, alone) for _, suspect in best]
+    found = [explain(hypothesis, removed, whitened, alone) for _, hypothesis in best]
     return sorted((r for r in found if r is not None), key=lambda r: -r.worth)
 
 
-def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -> Rival | None:
-    """A suspect with the curves that complete it (unless alone), built up column by column."""
-    near = [] if alone else ledger.near(suspect)
+def explain(
+    hypothesis: Hypothesis, removed: RemovedFinding, whitened: WhitenedModel, alone: bool = False
+) -> Alternative | None:
+    """A hypothesis with the curves that complete it (unless alone), built up column by column."""
+    near = [] if alone else whitened.near(hypothesis)
     family = [
         k
         for k in near
-        if ledger.suspects[k] is not suspect and completes(ledger.suspects[k], suspect)
+        if whitened.hypotheses[k] is not hypothesis
+        and completes(whitened.hypotheses[k], hypothesis)
     ]
-    members = [ledger.suspects.index(suspect), *family]
-    normal = normal_equations(members, case.basis, case.target, case.signal, ledger)
+    members = [whitened.hypotheses.index(hypothesis), *family]
+    normal = normal_equations(members, removed.basis, removed.target, removed.signal, whitened)
     owner = normal.owner
-    price = price_of(ledger)
+    price = price_of(whitened)
     own = [i for i, who in enumerate(owner) if who == members[0]]
     lawful = [
         i
         for i, who in enumerate(owner)
-        if who == members[0] or _same_kind(ledger.suspects[who], suspect)
+        if who == members[0] or _same_kind(whitened.hypotheses[who], hypothesis)
     ]
     chosen = normal.greedy(own, price)
     if not chosen:
@@ -157,55 +170,55 @@ def explain(suspect: Suspect, case: Case, ledger: Ledger, alone: bool = False) -
     lawful_gain = normal.gain(normal.target, chosen)
     whole = normal.greedy(range(len(owner)), dear, chosen)
     gain = normal.gain(normal.target, whole)
-    energy = sum(float(s @ s) for s in case.signal)
+    energy = sum(float(s @ s) for s in removed.signal)
     explained = normal.gain(normal.signal, own)
-    terms = _terms(normal, whole, ledger, suspect)
+    terms = _terms(normal, whole, whitened, hypothesis)
     form = lawful_gain / gain
-    share = form if suspect.id not in FREE_FORM else 1.0
-    return Rival(
+    share = form if hypothesis.id not in FREE_FORM else 1.0
+    return Alternative(
         terms,
         gain,
-        gain - price * len(whole) - 2 * np.log(suspect.variants),
+        gain - price * len(whole) - 2 * np.log(hypothesis.variants),
         share,
         float(np.sqrt(np.clip(explained / max(energy, 1e-300), 0, 1))),
         energy - explained,
-        all(fair(t) for t in terms if t.host is None or t.suspect.alias is not None),
+        all(fair(t) for t in terms if t.host is None or t.hypothesis.alias is not None),
         form,
     )
 
 
-def _same_kind(other: Suspect, suspect: Suspect) -> bool:
+def _same_kind(other: Hypothesis, hypothesis: Hypothesis) -> bool:
     """Whether what completes a form is of the form itself: a law beside a law, a late curve beside
     the same on another axis.
     """
-    return other.listed and (other.alias is None) == (suspect.alias is None)
+    return other.listed and (other.alias is None) == (hypothesis.alias is None)
 
 
 def _terms(
-    normal: Normal, chosen: Sequence[int], ledger: Ledger, host: Suspect
-) -> tuple[Term, ...]:
+    normal: NormalEquations, chosen: Sequence[int], whitened: WhitenedModel, host: Hypothesis
+) -> tuple[FittedTerm, ...]:
     values = normal.solve(normal.target, chosen)
     owner, names = normal.owner, normal.names
     found = []
     for member in dict.fromkeys(owner[i] for i in chosen):
-        suspect = ledger.suspects[member]
+        hypothesis = whitened.hypotheses[member]
         mine = [
-            (names[i], float(v) * suspect.size(names[i]))
+            (names[i], float(v) * hypothesis.size(names[i]))
             for i, v in zip(chosen, values, strict=True)
             if owner[i] == member
         ]
         found.append(
-            Term(
-                suspect,
+            FittedTerm(
+                hypothesis,
                 tuple(n for n, _ in mine),
                 tuple(v for _, v in mine),
-                None if suspect is host else host,
+                None if hypothesis is host else host,
             )
         )
     return tuple(found)
 
 
-def fair(term: Term) -> bool:
+def fair(term: FittedTerm) -> bool:
     """Whether the sizes are ones that an instrument of some grade may have: of what comes in ones
     no small part of one.
     """
@@ -216,7 +229,7 @@ def fair(term: Term) -> bool:
     )
 
 
-def _plausible_sizes(term: Term) -> float:
+def _plausible_sizes(term: FittedTerm) -> float:
     """How many times the largest plausible size of any grade the largest size is."""
     return max(
         (
@@ -228,20 +241,20 @@ def _plausible_sizes(term: Term) -> float:
     )
 
 
-def _sizes(term: Term) -> Iterator[tuple[Parameter, float]]:
+def _sizes(term: FittedTerm) -> Iterator[tuple[Parameter, float]]:
     """The sizes in use, SI, with what the catalogue says of each."""
-    for parameter in term.suspect.effect.parameters:
+    for parameter in term.hypothesis.effect.parameters:
         stem = parameter.name.split("{")[0].rstrip("_")
         for name, value in zip(term.names, term.values, strict=True):
             if name == parameter.name or ("{" in parameter.name and name.startswith(stem)):
                 yield parameter, value
 
 
-def _gentle(term: Term) -> bool:
+def _gentle(term: FittedTerm) -> bool:
     """Whether a law that follows temperature as a curve is nowhere steeper than its straight form
     may be.
     """
-    effect, alias = term.suspect.effect, term.suspect.alias
+    effect, alias = term.hypothesis.effect, term.hypothesis.alias
     if (
         not isinstance(effect, Learned)
         or alias is None
@@ -254,7 +267,9 @@ def _gentle(term: Term) -> bool:
     return all(abs(value) <= limit * reach for value in term.values)
 
 
-def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) -> Rival:
+def preferred(
+    alternatives: Sequence[Alternative], signal: Sequence[Array] | None = None
+) -> Alternative:
     """The worthiest; among equals the likelier kind.
 
     What shows in one channel only is likelier of that channel's sensor; what shows in several moves
@@ -264,23 +279,23 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
     what completes it is as plain as any. A size that some grade of instrument has is likelier than
     one that none has.
     """
-    top = max(r.worth for r in rivals)
-    level = {id(r): top - EQUAL - LOOSE * r.gain for r in rivals}
-    equal = [r for r in rivals if r.worth > level[id(r)]]
+    top = max(r.worth for r in alternatives)
+    level = {id(r): top - EQUAL - LOOSE * r.gain for r in alternatives}
+    equal = [r for r in alternatives if r.worth > level[id(r)]]
     single = True
     if signal is not None:
         energies = [float(s @ s) for s in signal]
         single = max(energies) > ONE_CHANNEL * sum(energies)
 
-    def rank(r: Rival) -> tuple[bool, bool, bool, int, int, bool, float]:
-        stage = CATALOGUE[r.suspect.id].stage if r.suspect.id in CATALOGUE else "sensor"
+    def rank(r: Alternative) -> tuple[bool, bool, bool, int, int, bool, float]:
+        stage = CATALOGUE[r.hypothesis.id].stage if r.hypothesis.id in CATALOGUE else "sensor"
         pose = stage in ("table", "mount", "environment")
         alone = len(r.terms) == 1 or r.worth - (1 - r.form) * r.gain > level[id(r)]
         sizes = len(r.terms[0].names) if alone else r.sizes
         usual = -r.worth * (1 - (pose == single))
         beyond = _plausible_sizes(r.terms[0]) > 1
         return (
-            r.suspect.alias is not None,
+            r.hypothesis.alias is not None,
             not alone,
             beyond,
             sizes,
@@ -292,18 +307,19 @@ def preferred(rivals: Sequence[Rival], signal: Sequence[Array] | None = None) ->
     return min(equal, key=rank)
 
 
-def inseparable(best: Rival, rivals: Sequence[Rival]) -> list[Rival]:
+def inseparable(best: Alternative, alternatives: Sequence[Alternative]) -> list[Alternative]:
     """Those who could take the place of the best: nothing in the data tells them apart."""
     limit = SEPARABLE + LOOSE * best.gain
     return [
         r
-        for r in rivals
-        if r.suspect is best.suspect or (r.fair and r.form >= OWN and _gap(best, r) < limit)
+        for r in alternatives
+        if r.hypothesis is best.hypothesis or (r.fair and r.form >= OWN and _gap(best, r) < limit)
     ]
 
 
-def _gap(best: Rival, r: Rival) -> float:
-    """What tells a rival from the best: where the best needs no curve to complete it, the rival's
+def _gap(best: Alternative, r: Alternative) -> float:
+    """What tells a alternative from the best: where the best needs no curve to complete it, the
+    alternative's
     own curves do not count.
 
     A free curve makes many laws of one law: where a textbook form fits to the noise, a form that

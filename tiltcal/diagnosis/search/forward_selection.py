@@ -1,4 +1,4 @@
-"""Which suspects stay: forward by penalised score, through the gate of the noise, backward until
+"""Which hypotheses stay: forward by penalised score, through the gate of the noise, backward until
 every one is needed.
 """
 
@@ -10,28 +10,28 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import FREE_FORM, OF_INPUT, WANDER
-from tiltcal.diagnosis.hypotheses.hypothesis import SHIFTS, STEPS, Suspect
+from tiltcal.diagnosis.hypotheses.hypothesis import SHIFTS, STEPS, Hypothesis
 from tiltcal.diagnosis.model.fitted_model import (
-    Account,
-    Term,
+    FittedModel,
+    FittedTerm,
     models,
     noise_under,
     noise_within_stops,
-    settle,
+    refit,
     summed,
     whitened_of,
 )
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, basis_of, project, projected
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, project, projected
 from tiltcal.diagnosis.search.alternatives import (
     LOOSE,
     OWN,
-    Case,
-    Rival,
-    case_of,
-    explanations,
+    Alternative,
+    RemovedFinding,
     fair,
     preferred,
     price_of,
+    rank_alternatives,
+    remove_finding,
 )
 from tiltcal.diagnosis.search.shape_refinement import at_its_instant, refined
 from tiltcal.effects.base import Effect
@@ -41,7 +41,7 @@ from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 NEARLY = 0.7
 REST = 0.2  # share of a free form that its first curve may leave
 ALPHA = 0.01  # family-wise, over everything that was tried
-PATIENCE = 6  # suspects that may be sent away
+PATIENCE = 6  # hypotheses that may be sent away
 MOST = 4  # findings a recording may be given
 NEXT = 2.0  # samples to either side of a step's instant that it has to show without
 
@@ -59,70 +59,75 @@ def log_tail(gain: float, dof: int) -> float:
     return float(-x + (dof / 2 - 1) * np.log(x) - gammaln(dof / 2))
 
 
-def log_tries(suspect: Suspect, kept: int, total: int) -> float:
-    """Logarithm of how many alternatives stood beside this choice: suspects, and subsets of its
+def log_alternatives(hypothesis: Hypothesis, kept: int, total: int) -> float:
+    """Logarithm of how many alternatives stood beside this choice: hypotheses, and subsets of its
     sizes.
     """
     from scipy.special import gammaln
 
-    n = len(suspect.names)
+    n = len(hypothesis.names)
     return float(np.log(max(total, 1)) + gammaln(n + 1) - gammaln(kept + 1) - gammaln(n - kept + 1))
 
 
-def best_explanation(
-    account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool], alone: bool = False
-) -> list[Rival]:
+def best_alternatives(
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    wanted: Callable[[Hypothesis], bool],
+    alone: bool = False,
+) -> list[Alternative]:
     """What would explain most of what is left, the worthiest first: plausible, in its own form, and
     past all that was tried.
     """
-    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
-    total = len(ledger.suspects)
-    found = explanations(case, ledger, wanted, alone)
+    removed = RemovedFinding(
+        list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
+    )
+    total = len(whitened.hypotheses)
+    found = rank_alternatives(removed, whitened, wanted, alone)
     return [
         r
         for r in found
         if r.fair
-        and log_tail(r.gain, r.sizes) + log_tries(r.suspect, len(r.terms[0].names), total)
+        and log_tail(r.gain, r.sizes) + log_alternatives(r.hypothesis, len(r.terms[0].names), total)
         < np.log(ALPHA)
     ]
 
 
 @dataclass(frozen=True)
-class Gate:
+class NoiseGate:
     """The noise a term has to stand out of.
 
     Args:
         static: noise models of each channel from a record at rest, when there is one.
-        total: number of suspects tried.
+        total: number of hypotheses tried.
     """
 
     static: tuple[NoiseFit, ...] | None
     total: int
 
-    def noise(self, account: Account, ledger: Ledger) -> list[NoiseFit]:
-        """The noise when the whole account may be true."""
-        return list(self.static) if self.static is not None else noise_under(account, ledger)
+    def noise(self, fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]:
+        """The noise when the whole fitted model may be true."""
+        return list(self.static) if self.static is not None else noise_under(fitted, whitened)
 
-    def log_p(self, account: Account, ledger: Ledger) -> list[float]:
+    def log_p(self, fitted: FittedModel, whitened: WhitenedModel) -> list[float]:
         """Corrected log p-value of each found term, in the noisiest way that the recording
         allows.
         """
-        fits = self.noise(account, ledger)
+        fits = self.noise(fitted, whitened)
         bounds = [f.bounds() for f in fits]
-        worst = [-np.inf] * len(findings(account))
+        worst = [-np.inf] * len(findings(fitted))
         for side in range(2):
-            ledger.under([b[side] for b in bounds])
-            for k, value in enumerate(standing(account, ledger, self.total)):
+            whitened.under([b[side] for b in bounds])
+            for k, value in enumerate(finding_log_p_values(fitted, whitened, self.total)):
                 worst[k] = max(worst[k], value)
-        ledger.under(models(fits))
+        whitened.under(models(fits))
         return [float(w) for w in worst]
 
 
-def standing(
-    account: Account, ledger: Ledger, total: int, beside: Sequence[Columns] = ()
+def finding_log_p_values(
+    fitted: FittedModel, whitened: WhitenedModel, total: int, beside: Sequence[Columns] = ()
 ) -> list[float]:
     """Corrected log p-value of each finding given all others, and columns ``beside`` them, under
-    the ledger's noise.
+    the whitened model's noise.
 
     That of a step is without the samples next to the instants of steps: what shows in them only is
         a gross error.
@@ -130,26 +135,26 @@ def standing(
     found = []
     near = [
         column
-        for t in account.terms
+        for t in fitted.terms
         if t.host is None
-        for column in _next_to_the_instant(t, ledger.observations)
+        for column in _next_to_the_instant(t, whitened.observations)
     ]
-    for places in findings(account):
-        inside = [account.terms[k] for k in places]
-        step = inside[0].suspect.id in SHIFTS
-        case = case_of(account, ledger, places, [*beside, *(near if step else ())])
-        lengths = [len(t) for t in case.target]
-        columns = whitened_of(ledger, inside, account.effects)
-        mine = basis_of([projected(case.basis, c, lengths) for c in columns], lengths)
-        along = np.sum([U.T @ r for U, r in zip(mine, case.target, strict=True)], axis=0)
-        tries = sum(log_tries(t.suspect, len(t.names), total) for t in inside[:1])
+    for places in findings(fitted):
+        inside = [fitted.terms[k] for k in places]
+        step = inside[0].hypothesis.id in SHIFTS
+        removed = remove_finding(fitted, whitened, places, [*beside, *(near if step else ())])
+        lengths = [len(t) for t in removed.target]
+        columns = whitened_of(whitened, inside, fitted.effects)
+        mine = basis_of([projected(removed.basis, c, lengths) for c in columns], lengths)
+        along = np.sum([U.T @ r for U, r in zip(mine, removed.target, strict=True)], axis=0)
+        tries = sum(log_alternatives(t.hypothesis, len(t.names), total) for t in inside[:1])
         found.append(log_tail(float(along @ along), mine[0].shape[1]) + tries)
     return found
 
 
-def _next_to_the_instant(term: Term, observations: Observations) -> Iterator[Columns]:
+def _next_to_the_instant(term: FittedTerm, observations: Observations) -> Iterator[Columns]:
     """Each sample next to the instant of a step, one column for each."""
-    if term.suspect.id not in SHIFTS:
+    if term.hypothesis.id not in SHIFTS:
         return
     for i, channel in enumerate(observations.channels):
         if channel.derived or channel.recording or len(channel.time) < 2:
@@ -161,9 +166,12 @@ def _next_to_the_instant(term: Term, observations: Observations) -> Iterator[Col
             yield {i: (np.arange(len(away)) == row).astype(float)}
 
 
-def select(
-    account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]
-) -> Account:
+def forward_selection(
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    gate: NoiseGate,
+    wanted: Callable[[Hypothesis], bool],
+) -> FittedModel:
     """Add what explains the residual best, as long as it stands out of the noise; then drop what is
     not needed.
 
@@ -175,77 +183,83 @@ def select(
     was in that noise, and in
     the end by the noise within the stops, where what differs from stop to stop is no random walk.
     """
-    waiting: tuple[Term, ...] = ()
+    waiting: tuple[FittedTerm, ...] = ()
     banned: set[int] = set()
     patience, looks = PATIENCE, [] if gate.static is not None else [noise_within_stops]
     look = None
-    while len(findings(account)) < MOST and patience:
-        trial = settle(replace(account, terms=account.terms + waiting), ledger)
-        rivals = best_explanation(trial, ledger, _outside(wanted, frozenset(banned)))
+    while len(findings(fitted)) < MOST and patience:
+        trial = refit(replace(fitted, terms=fitted.terms + waiting), whitened)
+        alternatives = best_alternatives(trial, whitened, _outside(wanted, frozenset(banned)))
         if look is _white_noise:  # some curve fits any slow noise: only a form of its own
-            rivals = [r for r in rivals if r.own >= OWN]
+            alternatives = [r for r in alternatives if r.own >= OWN]
         if (
-            not rivals
+            not alternatives
         ):  # look again in another noise: without those who wait, then white, then within the stops
             noise: list[NoiseFit] | None = None
             if waiting:
-                noise = gate.noise(settle(account, ledger), ledger)
+                noise = gate.noise(refit(fitted, whitened), whitened)
             elif looks:
                 look = looks.pop(0)
-                noise = look(account, ledger)
+                noise = look(fitted, whitened)
             if noise is None:
                 break
             waiting = ()
-            ledger.under(models(noise))
-            account = settle(account, ledger)
+            whitened.under(models(noise))
+            fitted = refit(fitted, whitened)
             continue
-        own = [r for r in rivals if r.own >= OWN and r.worth > NEARLY * rivals[0].worth]
+        own = [r for r in alternatives if r.own >= OWN and r.worth > NEARLY * alternatives[0].worth]
         pick = preferred(
-            own or rivals, trial.residual if not own else signal_of(own[0], trial, ledger)
+            own or alternatives, trial.residual if not own else signal_of(own[0], trial, whitened)
         )
         terms = _hosted(
-            at_its_instant(refined(pick.terms, trial, ledger), trial, ledger),
+            at_its_instant(refined(pick.terms, trial, whitened), trial, whitened),
             pick.gain,
             trial,
-            ledger,
+            whitened,
         )
-        trial = settle(replace(trial, terms=trial.terms + terms), ledger)
-        needed = [value < np.log(ALPHA) for value in gate.log_p(trial, ledger)]
+        trial = refit(replace(trial, terms=trial.terms + terms), whitened)
+        needed = [value < np.log(ALPHA) for value in gate.log_p(trial, whitened)]
         if (
             needed[-1]
             and not all(needed)
-            and (other := _without(trial, needed, account, ledger, gate)) is not None
+            and (other := _without(trial, needed, fitted, whitened, gate)) is not None
         ):
             trial, needed, patience = other, [True], patience - 1
-        if all(needed) and (whole := _grown(trial, account, ledger)) is not None:
-            account, waiting, banned = whole, (), set()
+        if all(needed) and (whole := _grown(trial, fitted, whitened)) is not None:
+            fitted, waiting, banned = whole, (), set()
             looks, look = (
                 [] if gate.static is not None else [_white_noise, noise_within_stops],
                 None,
             )
             continue
         patience -= 1
-        banned.add(id(pick.suspect))
-        waiting = trial.terms[len(account.terms) :] if len(waiting) < 2 and not all(needed) else ()
-        ledger.under(models(gate.noise(trial if waiting else account, ledger)))
-    return backward(account, ledger, gate)
+        banned.add(id(pick.hypothesis))
+        waiting = trial.terms[len(fitted.terms) :] if len(waiting) < 2 and not all(needed) else ()
+        whitened.under(models(gate.noise(trial if waiting else fitted, whitened)))
+    return backward_elimination(fitted, whitened, gate)
 
 
-def _grown(trial: Account, before: Account, ledger: Ledger) -> Account | None:
+def _grown(trial: FittedModel, before: FittedModel, whitened: WhitenedModel) -> FittedModel | None:
     """A trial with its findings joined; None where one is a further shape of what was there before,
     and brings nothing.
     """
-    whole = settle(joined(trial), ledger)
+    whole = refit(merge_same_cause(trial), whitened)
     further = len(findings(whole)) == len(findings(before))
     return (
-        None if further and _cost(whole, ledger) >= _cost(settle(before, ledger), ledger) else whole
+        None
+        if further and _cost(whole, whitened) >= _cost(refit(before, whitened), whitened)
+        else whole
     )
 
 
 def _without(
-    trial: Account, needed: Sequence[bool], before: Account, ledger: Ledger, gate: Gate
-) -> Account | None:
-    """An account without the findings that the newest one makes needless; None where it is no
+    trial: FittedModel,
+    needed: Sequence[bool],
+    before: FittedModel,
+    whitened: WhitenedModel,
+    gate: NoiseGate,
+) -> FittedModel | None:
+    """A fitted model without the findings that the newest one makes needless; None where it is no
     better than the one before.
     """
     terms = [
@@ -254,43 +268,43 @@ def _without(
         if keep
         for k in places
     ]
-    other = settle(replace(trial, terms=tuple(terms)), ledger)
-    cheaper = _cost(other, ledger) < _cost(settle(before, ledger), ledger)
+    other = refit(replace(trial, terms=tuple(terms)), whitened)
+    cheaper = _cost(other, whitened) < _cost(refit(before, whitened), whitened)
     return (
         other
-        if cheaper and all(value < np.log(ALPHA) for value in gate.log_p(other, ledger))
+        if cheaper and all(value < np.log(ALPHA) for value in gate.log_p(other, whitened))
         else None
     )
 
 
-def _cost(account: Account, ledger: Ledger) -> float:
+def _cost(fitted: FittedModel, whitened: WhitenedModel) -> float:
     """Deviance and the price of all sizes."""
-    return account.deviance + price_of(ledger) * sum(len(t.names) for t in account.terms)
+    return fitted.deviance + price_of(whitened) * sum(len(t.names) for t in fitted.terms)
 
 
-def _white_noise(account: Account, ledger: Ledger) -> list[NoiseFit]:
+def _white_noise(fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]:
     """The noise of each channel without what is slow in it."""
-    return [NoiseFit.whole(NoiseModel(fit.model.white)) for fit in noise_under(account, ledger)]
+    return [NoiseFit.whole(NoiseModel(fit.model.white)) for fit in noise_under(fitted, whitened)]
 
 
 def _outside(
-    wanted: Callable[[Suspect], bool], banned: frozenset[int]
-) -> Callable[[Suspect], bool]:
+    wanted: Callable[[Hypothesis], bool], banned: frozenset[int]
+) -> Callable[[Hypothesis], bool]:
     """Wanted, and not sent away already."""
-    return lambda suspect: wanted(suspect) and id(suspect) not in banned
+    return lambda hypothesis: wanted(hypothesis) and id(hypothesis) not in banned
 
 
 def _hosted(
-    terms: tuple[Term, ...], gain: float, account: Account, ledger: Ledger
-) -> tuple[Term, ...]:
+    terms: tuple[FittedTerm, ...], gain: float, fitted: FittedModel, whitened: WhitenedModel
+) -> tuple[FittedTerm, ...]:
     """A further function of a channel's own input completes a converter's curve that is much
     larger: no finding of its own.
     """
-    for places in findings(account):
-        host = account.terms[places[0]].suspect
-        if host.id in FREE_FORM and terms[0].suspect.id in OF_INPUT and host.id in OF_INPUT:
-            energy = sum(float(s @ s) for s in case_of(account, ledger, places).signal)
-            if gain < REST * energy and places[-1] == len(account.terms) - 1:
+    for places in findings(fitted):
+        host = fitted.terms[places[0]].hypothesis
+        if host.id in FREE_FORM and terms[0].hypothesis.id in OF_INPUT and host.id in OF_INPUT:
+            energy = sum(float(s @ s) for s in remove_finding(fitted, whitened, places).signal)
+            if gain < REST * energy and places[-1] == len(fitted.terms) - 1:
                 return tuple(replace(t, host=host) for t in terms)
     return terms
 
@@ -304,25 +318,26 @@ ENCODER = {
 TONES = ("mains_pickup", "base_vibration")  # a line that wanders leaves lines beside it
 
 
-def absorbed(account: Account, ledger: Ledger) -> Account:
-    """The account with small findings made a part of a much larger one that the same kind of motion
+def merge_small_findings(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model with small findings made a part of a much larger one that the same kind of
+    motion
     excites, in its channels.
 
     A law that is some per cent off its textbook form leaves something of its own kind over, and a
         neighbour takes it: a share of
     what the law explains without that neighbour, for both may do nearly the same.
     """
-    groups = findings(account)
+    groups = findings(fitted)
 
     def power_of(places: Sequence[int]) -> Array:
-        return np.array([float(s @ s) for s in case_of(account, ledger, places).signal])
+        return np.array([float(s @ s) for s in remove_finding(fitted, whitened, places).signal])
 
     power = [power_of(places) for places in groups]
     hosts = {}
     for j, small in enumerate(groups):
-        mine = account.terms[small[0]].suspect.effect
+        mine = fitted.terms[small[0]].hypothesis.effect
         for k, large in enumerate(groups):
-            other = account.terms[large[0]].suspect.effect
+            other = fitted.terms[large[0]].hypothesis.effect
             share = _left_over(mine, other) if j != k else 0.0
             if not share or k in hosts:
                 continue
@@ -334,20 +349,20 @@ def absorbed(account: Account, ledger: Ledger) -> Account:
             if inside and power[j].sum() < min(share * alone.sum(), power[k].sum()):
                 hosts[j] = k
     if not hosts:
-        return account
-    terms: list[Term] = []
+        return fitted
+    terms: list[FittedTerm] = []
     for k, places in enumerate(groups):
         if k in hosts:
             continue
-        terms += [account.terms[i] for i in places]
-        host = account.terms[places[0]].suspect
+        terms += [fitted.terms[i] for i in places]
+        host = fitted.terms[places[0]].hypothesis
         terms += [
-            replace(account.terms[i], host=host)
+            replace(fitted.terms[i], host=host)
             for j, large in hosts.items()
             if large == k
             for i in groups[j]
         ]
-    return settle(replace(account, terms=tuple(terms)), ledger)
+    return refit(replace(fitted, terms=tuple(terms)), whitened)
 
 
 def _left_over(small: Effect, large: Effect) -> float:
@@ -367,35 +382,36 @@ def _left_over(small: Effect, large: Effect) -> float:
     return LOOSE if ids <= OF_INPUT and small.sensor == large.sensor else 0.0
 
 
-def joined(account: Account) -> Account:
-    """The account with a second finding of one name at one place made a part of the first: a law at
+def merge_same_cause(fitted: FittedModel) -> FittedModel:
+    """The fitted model with a second finding of one name at one place made a part of the first: a
+    law at
     a further shape.
     """
-    groups = findings(account)
-    order: list[list[Term]] = []
+    groups = findings(fitted)
+    order: list[list[FittedTerm]] = []
     for places in groups:
-        inside = [account.terms[k] for k in places]
-        mine = inside[0].suspect
+        inside = [fitted.terms[k] for k in places]
+        mine = inside[0].hypothesis
         first = next(
             (
                 g
                 for g in order
-                if g[0].suspect.place == mine.place and _one_event(g[0].suspect, mine)
+                if g[0].hypothesis.place == mine.place and _one_event(g[0].hypothesis, mine)
             ),
             None,
         )
         if first is None:
             order.append(inside)
         else:
-            first += [replace(t, host=first[0].suspect) for t in inside]
+            first += [replace(t, host=first[0].hypothesis) for t in inside]
     return (
-        account
+        fitted
         if len(order) == len(groups)
-        else replace(account, terms=tuple(t for g in order for t in g))
+        else replace(fitted, terms=tuple(t for g in order for t in g))
     )
 
 
-def _one_event(one: Suspect, other: Suspect) -> bool:
+def _one_event(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two of one name are one: steps where one creeps on that began within its time
     constant of the other.
     """
@@ -406,17 +422,19 @@ def _one_event(one: Suspect, other: Suspect) -> bool:
     return min(creeps) == 0 and apart < max(creeps)
 
 
-def signal_of(rival: Rival, account: Account, ledger: Ledger) -> list[Array]:
-    """What a rival would put into the readings, without the part that is re-tuned away."""
-    whole = ledger.whitened(summed(rival.terms, ledger.observations, account.effects))
-    total = [whole.get(i, np.zeros_like(r)) for i, r in enumerate(account.residual)]
-    return project(account.basis, total)
+def signal_of(
+    alternative: Alternative, fitted: FittedModel, whitened: WhitenedModel
+) -> list[Array]:
+    """What a alternative would put into the readings, without the part that is re-tuned away."""
+    whole = whitened.whiten(summed(alternative.terms, whitened.observations, fitted.effects))
+    total = [whole.get(i, np.zeros_like(r)) for i, r in enumerate(fitted.residual)]
+    return project(fitted.basis, total)
 
 
-def findings(account: Account) -> list[list[int]]:
+def findings(fitted: FittedModel) -> list[list[int]]:
     """Places of the terms of each finding: what stands by itself and what completes its form."""
     found: list[list[int]] = []
-    for k, term in enumerate(account.terms):
+    for k, term in enumerate(fitted.terms):
         if term.host is None:
             found.append([k])
         else:
@@ -424,70 +442,75 @@ def findings(account: Account) -> list[list[int]]:
     return found
 
 
-def backward(account: Account, ledger: Ledger, gate: Gate) -> Account:
+def backward_elimination(
+    fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
+) -> FittedModel:
     """Drop findings one by one that do not stand out once the others are there."""
-    while account.terms:
-        account = plausible(settle(account, ledger), ledger)
-        if not account.terms:
+    while fitted.terms:
+        fitted = drop_implausible_sizes(refit(fitted, whitened), whitened)
+        if not fitted.terms:
             break
-        values = gate.log_p(account, ledger)
-        groups = findings(account)
+        values = gate.log_p(fitted, whitened)
+        groups = findings(fitted)
         worst = max(range(len(groups)), key=lambda j: values[j])
         if values[worst] < np.log(ALPHA):
             break
-        account = replace(
-            account, terms=tuple(t for k, t in enumerate(account.terms) if k not in groups[worst])
+        fitted = replace(
+            fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in groups[worst])
         )
-    ledger.under(models(gate.noise(account, ledger)))
-    return settle(account, ledger)
+    whitened.under(models(gate.noise(fitted, whitened)))
+    return refit(fitted, whitened)
 
 
-def worth_their_numbers(account: Account, ledger: Ledger, gate: Gate) -> Account:
-    """The account under the noise that it leaves itself, without findings that bring less there
+def drop_below_bic(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> FittedModel:
+    """The fitted model under the noise that it leaves itself, without findings that bring less
+    there
     than their numbers cost.
     """
     while True:
-        ledger.under(models(gate.noise(account, ledger)))
-        account = settle(account, ledger)
-        groups = findings(account)
-        worth = [_worth(account, ledger, places) for places in groups]
+        whitened.under(models(gate.noise(fitted, whitened)))
+        fitted = refit(fitted, whitened)
+        groups = findings(fitted)
+        worth = [_worth(fitted, whitened, places) for places in groups]
         if not groups or min(worth) >= 0:
-            return account
+            return fitted
         worst = groups[worth.index(min(worth))]
-        account = replace(
-            account, terms=tuple(t for k, t in enumerate(account.terms) if k not in worst)
+        fitted = replace(
+            fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in worst)
         )
 
 
-def _worth(account: Account, ledger: Ledger, places: Sequence[int]) -> float:
+def _worth(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int]) -> float:
     """Fall of the deviance by a finding less the price of its numbers."""
-    gain = sum(float(t @ t) for t in case_of(account, ledger, places).target) - account.deviance
-    return gain - price_of(ledger) * sum(len(account.terms[k].names) for k in places)
+    gain = (
+        sum(float(t @ t) for t in remove_finding(fitted, whitened, places).target) - fitted.deviance
+    )
+    return gain - price_of(whitened) * sum(len(fitted.terms[k].names) for k in places)
 
 
-def plausible(account: Account, ledger: Ledger) -> Account:
-    """The account without findings whose sizes, once all others are there, are those of no
+def drop_implausible_sizes(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model without findings whose sizes, once all others are there, are those of no
     instrument.
 
     What completes a form goes too where it has a size that no file may give it: a width below
         nothing.
     """
     while True:
-        good = [places for places in findings(account) if fair(account.terms[places[0]])]
+        good = [places for places in findings(fitted) if fair(fitted.terms[places[0]])]
         terms = tuple(
-            account.terms[k]
+            fitted.terms[k]
             for places in good
             for k in places
-            if k == places[0] or _written(account.terms[k])
+            if k == places[0] or _written(fitted.terms[k])
         )
-        if len(terms) == len(account.terms):
-            return account
-        account = settle(replace(account, terms=terms), ledger)
+        if len(terms) == len(fitted.terms):
+            return fitted
+        fitted = refit(replace(fitted, terms=terms), whitened)
 
 
-def _written(term: Term) -> bool:
+def _written(term: FittedTerm) -> bool:
     """Whether a scenario file may give an effect these sizes."""
-    positive = {p.name for p in term.suspect.effect.parameters if p.positive}
+    positive = {p.name for p in term.hypothesis.effect.parameters if p.positive}
     return all(
         value >= 0 for name, value in zip(term.names, term.values, strict=True) if name in positive
     )

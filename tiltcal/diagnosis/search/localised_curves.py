@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
-from tiltcal.diagnosis.search.alternatives import Case, Rival, explain, price_of
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.search.alternatives import Alternative, RemovedFinding, explain, price_of
 from tiltcal.effects.learned import ANGLES, Learned
 
 WIDTHS = (0.15, 0.3, 0.6)  # rad, of bumps and steps
@@ -42,28 +42,34 @@ class Shape:
     period: float = 0.0
 
 
-def local(rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+def local(
+    alternative: Alternative, removed: RemovedFinding, whitened: WhitenedModel
+) -> list[Alternative]:
     """Bumps, steps and saws over the coordinate of a curve, in its place, on all the axes that it
     may act on.
     """
-    coordinate = angle_of(rival)
+    coordinate = angle_of(alternative)
     assert coordinate is not None
     angles = [
-        a for r in ledger.observations.recordings if (a := r.table(ANGLES[coordinate])) is not None
+        a
+        for r in whitened.observations.recordings
+        if (a := r.table(ANGLES[coordinate])) is not None
     ]
     low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
-    found = _best_of(_bumps(low, high), rival, case, ledger)
-    steps = _steps(low, high, rival, case, ledger)
-    return [*found[:2], *steps, *_saws(low, high, steps, rival, case, ledger)]
+    found = _best_of(_bumps(low, high), alternative, removed, whitened)
+    steps = _steps(low, high, alternative, removed, whitened)
+    return [*found[:2], *steps, *_saws(low, high, steps, alternative, removed, whitened)]
 
 
-def echo(rival: Rival, case: Case, ledger: Ledger) -> Rival:
+def echo(alternative: Alternative, removed: RemovedFinding, whitened: WhitenedModel) -> Alternative:
     """An echo after each move at its best period: a peak over the time since the move tells it to a
     part of its width only.
     """
     stops = [
         (r.time, stop)
-        for r, stop in zip(ledger.observations.recordings, ledger.observations.stops, strict=True)
+        for r, stop in zip(
+            whitened.observations.recordings, whitened.observations.stops, strict=True
+        )
     ]
     rest = float(
         np.median(
@@ -74,32 +80,32 @@ def echo(rival: Rival, case: Case, ledger: Ledger) -> Rival:
             ]
         )
     )
-    apart, best = 1 / (TOLD * rest), rival
+    apart, best = 1 / (TOLD * rest), alternative
     for k in range(CLOSER + 1):
-        middle = 1 / _shape_of(best.suspect).period
+        middle = 1 / _shape_of(best.hypothesis).period
         tones = [middle + apart * m for m in (range(-TOLD, TOLD + 1) if k == 0 else NEAR)]
         found = _best_of(
             [Shape((), tuple(range(WAVES)), float(1 / f)) for f in tones if f > 0],
-            rival,
-            case,
-            ledger,
+            alternative,
+            removed,
+            whitened,
         )
         found = [
-            replace(r, worth=r.gain - price_of(ledger) * r.sizes) for r in found
+            replace(r, worth=r.gain - price_of(whitened) * r.sizes) for r in found
         ]  # it beats once, wherever it was looked for
         best, apart = max([best, *found], key=lambda r: r.worth), apart / 2
     return best
 
 
-def is_echo(rival: Rival) -> bool:
+def is_echo(alternative: Alternative) -> bool:
     """Whether a curve rings anew after each move."""
-    effect = rival.suspect.effect
+    effect = alternative.hypothesis.effect
     return isinstance(effect, Learned) and effect.coordinate == "since_move" and effect.period > 0
 
 
-def angle_of(rival: Rival) -> str | None:
+def angle_of(alternative: Alternative) -> str | None:
     """The one table angle that a curve goes over."""
-    effect = rival.suspect.effect
+    effect = alternative.hypothesis.effect
     return (
         effect.coordinate
         if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside
@@ -116,19 +122,30 @@ def _bumps(low: float, high: float) -> list[Shape]:
     ]
 
 
-def _steps(low: float, high: float, rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
+def _steps(
+    low: float,
+    high: float,
+    alternative: Alternative,
+    removed: RemovedFinding,
+    whitened: WhitenedModel,
+) -> list[Alternative]:
     """The best step, as sharp as it is crossed."""
     steps = _best_of(
-        [step_at(m, 1.5 * w) for w in WIDTHS for m in np.arange(low, high, w)], rival, case, ledger
+        [step_at(m, 1.5 * w) for w in WIDTHS for m in np.arange(low, high, w)],
+        alternative,
+        removed,
+        whitened,
     )
     for _ in range(SHARPER if steps else 0):
-        left, middle, right = _shape_of(steps[0].suspect).knots
+        left, middle, right = _shape_of(steps[0].hypothesis).knots
         reach = (right - left) / 2
         near = [step_at(middle + reach * k / 4, reach / 3) for k in range(-4, 5)]
         steps = max(
-            steps, _best_of(near, rival, case, ledger), key=lambda f: f[0].worth if f else -np.inf
+            steps,
+            _best_of(near, alternative, removed, whitened),
+            key=lambda f: f[0].worth if f else -np.inf,
         )
-        if _shape_of(steps[0].suspect).knots == (left, middle, right):
+        if _shape_of(steps[0].hypothesis).knots == (left, middle, right):
             break
     return steps[:1]
 
@@ -141,8 +158,13 @@ def step_at(middle: float, reach: float) -> Shape:
 
 
 def _saws(
-    low: float, high: float, steps: Sequence[Rival], rival: Rival, case: Case, ledger: Ledger
-) -> list[Rival]:
+    low: float,
+    high: float,
+    steps: Sequence[Alternative],
+    alternative: Alternative,
+    removed: RemovedFinding,
+    whitened: WhitenedModel,
+) -> list[Alternative]:
     """The best ramp that begins anew every so many radians: its period from its first harmonics,
     then the place of its jump.
 
@@ -152,11 +174,14 @@ def _saws(
     middle, reach = (low + high) / 2, high - low
     teeth = np.arange(TURNS, reach / FINEST, 1 / BETWEEN)
     waves = _best_of(
-        [Shape((), tuple(range(WAVES)), float(reach / n)) for n in teeth], rival, case, ledger
+        [Shape((), tuple(range(WAVES)), float(reach / n)) for n in teeth],
+        alternative,
+        removed,
+        whitened,
     )[:1]
     starts = []
-    if waves and waves[0].worth > RAMP * rival.worth:
-        period = _shape_of(waves[0].suspect).period
+    if waves and waves[0].worth > RAMP * alternative.worth:
+        period = _shape_of(waves[0].hypothesis).period
         apart, far = period / JUMPS, period**2 / (2 * BETWEEN * reach)
         starts.append(
             (
@@ -165,8 +190,8 @@ def _saws(
                 far,
             )
         )
-    if steps and steps[0].worth > RAMP * rival.worth:
-        knots = _shape_of(steps[0].suspect).knots
+    if steps and steps[0].worth > RAMP * alternative.worth:
+        knots = _shape_of(steps[0].hypothesis).knots
         periods = np.linspace(reach / (2 * TURNS), 2 * reach, JUMPS)
         starts.append(
             (
@@ -176,26 +201,33 @@ def _saws(
             )
         )
     found = [
-        saw for start in starts if (saw := _sharpened(*start, rival, case, ledger)) is not None
+        saw
+        for start in starts
+        if (saw := _sharpened(*start, alternative, removed, whitened)) is not None
     ]
     return [max(found, key=lambda r: r.worth)] if found else []
 
 
 def _sharpened(
-    shapes: Sequence[Shape], apart: float, far: float, rival: Rival, case: Case, ledger: Ledger
-) -> Rival | None:
+    shapes: Sequence[Shape],
+    apart: float,
+    far: float,
+    alternative: Alternative,
+    removed: RemovedFinding,
+    whitened: WhitenedModel,
+) -> Alternative | None:
     """The best of some saws with its jump brought to its place, known to ``apart``, and its period,
     known to ``far``, rad.
     """
-    saws = _best_of(shapes, rival, case, ledger)
+    saws = _best_of(shapes, alternative, removed, whitened)
     for _ in range(CLOSER if saws else 0):
         apart, far = apart / 2, far / 2
-        begin, period = _shape_of(saws[0].suspect).knots[0], _shape_of(saws[0].suspect).period
+        begin, period = _shape_of(saws[0].hypothesis).knots[0], _shape_of(saws[0].hypothesis).period
         saws = _best_of(
             [saw_at(begin + apart * k, period + far * m) for k in NEAR for m in NEAR],
-            rival,
-            case,
-            ledger,
+            alternative,
+            removed,
+            whitened,
         )
     return saws[0] if saws else None
 
@@ -207,40 +239,48 @@ def saw_at(begin: float, period: float) -> Shape:
     return Shape((float(begin), float(begin + period)), (0, 1), float(period))
 
 
-def _best_of(shapes: Sequence[Shape], rival: Rival, case: Case, ledger: Ledger) -> list[Rival]:
-    """The best two of some shapes, each on all axes that the rival acts on; all that were tried are
+def _best_of(
+    shapes: Sequence[Shape],
+    alternative: Alternative,
+    removed: RemovedFinding,
+    whitened: WhitenedModel,
+) -> list[Alternative]:
+    """The best two of some shapes, each on all axes that the alternative acts on; all that were
+    tried are
     paid for.
     """
-    own = Ledger(ledger.observations)
-    for suspect in _shaped(rival, shapes):
-        own.add(suspect, ())
-    own.roots = ledger.roots
+    own = WhitenedModel(whitened.observations)
+    for hypothesis in _shaped(alternative, shapes):
+        own.add(hypothesis, ())
+    own.roots = whitened.roots
     best: dict[Shape, float] = {}
-    scores = own.scores(case.basis, case.target)
+    scores = own.scores(removed.basis, removed.target)
     for score in scores:
-        shape = _shape_of(score.suspect)
-        best[shape] = best.get(shape, 0.0) + score.best(price_of(ledger))[0]
+        shape = _shape_of(score.hypothesis)
+        best[shape] = best.get(shape, 0.0) + score.best(price_of(whitened))[0]
     found = []
     for shape in sorted(best, key=lambda s: -best[s])[:2]:
-        mine = max((s for s in scores if _shape_of(s.suspect) == shape), key=lambda s: s.gain()[0])
-        if (fitted := explain(mine.suspect, case, own)) is not None:
-            found.append(replace(fitted, worth=fitted.worth - 2 * np.log(len(best))))
+        mine = max(
+            (s for s in scores if _shape_of(s.hypothesis) == shape), key=lambda s: s.gain()[0]
+        )
+        if (explained := explain(mine.hypothesis, removed, own)) is not None:
+            found.append(replace(explained, worth=explained.worth - 2 * np.log(len(best))))
     return found
 
 
-def _shape_of(suspect: Suspect) -> Shape:
-    effect = suspect.effect
+def _shape_of(hypothesis: Hypothesis) -> Shape:
+    effect = hypothesis.effect
     assert isinstance(effect, Learned)
-    return Shape(effect.knots, tuple(int(name[1:]) for name in suspect.names), effect.period)
+    return Shape(effect.knots, tuple(int(name[1:]) for name in hypothesis.names), effect.period)
 
 
-def _shaped(rival: Rival, shapes: Sequence[Shape]) -> Iterator[Suspect]:
-    """The curves of a rival in other shapes."""
+def _shaped(alternative: Alternative, shapes: Sequence[Shape]) -> Iterator[Hypothesis]:
+    """The curves of a alternative in other shapes."""
     for shape in shapes:
         values = {f"c{k}": 1e-6 for k in shape.free}
-        for term in rival.terms:
-            if isinstance(term.suspect.effect, Learned):
+        for term in alternative.terms:
+            if isinstance(term.hypothesis.effect, Learned):
                 effect = replace(
-                    term.suspect.effect, values=values, knots=shape.knots, period=shape.period
+                    term.hypothesis.effect, values=values, knots=shape.knots, period=shape.period
                 )
-                yield Suspect(effect, tuple(values))
+                yield Hypothesis(effect, tuple(values))

@@ -4,42 +4,43 @@ only those that stand out.
 
 from dataclasses import replace
 
-from tiltcal.diagnosis.model.fitted_model import Account, Term, settle
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.diagnosis.model.normal_equations import normal_equations
-from tiltcal.diagnosis.search.alternatives import case_of
+from tiltcal.diagnosis.search.alternatives import remove_finding
 
 # deviance: a further size costs a prediction the variance of one; what brings twice that pays
 # (Akaike)
 BETTER = 2.0
 
 
-def in_full(account: Account, ledger: Ledger) -> Account:
-    """The account with all sizes of its findings that a prediction is better with, whether or not
+def add_predictive_parameters(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model with all sizes of its findings that a prediction is better with, whether or
+    not
     each stands out by itself.
     """
-    terms = list(account.terms)
+    terms = list(fitted.terms)
     for k in range(len(terms)):
-        terms[k] = _in_full(replace(account, terms=tuple(terms)), k, ledger)
+        terms[k] = _in_full(replace(fitted, terms=tuple(terms)), k, whitened)
     return (
-        account
-        if terms == list(account.terms)
-        else settle(replace(account, terms=tuple(terms)), ledger)
+        fitted
+        if terms == list(fitted.terms)
+        else refit(replace(fitted, terms=tuple(terms)), whitened)
     )
 
 
-def _in_full(account: Account, place: int, ledger: Ledger) -> Term:
-    """One term with further sizes of its suspect."""
-    term = account.terms[place]
-    if len(term.names) == len(term.suspect.names):
+def _in_full(fitted: FittedModel, place: int, whitened: WhitenedModel) -> FittedTerm:
+    """One term with further sizes of its hypothesis."""
+    term = fitted.terms[place]
+    if len(term.names) == len(term.hypothesis.names):
         return term
-    own = Ledger(ledger.observations)
-    own.add(term.suspect, account.effects)
-    if not own.suspects:
+    own = WhitenedModel(whitened.observations)
+    own.add(term.hypothesis, fitted.effects)
+    if not own.hypotheses:
         return term
-    own.roots = ledger.roots
-    case = case_of(account, ledger, [place])
-    normal = normal_equations([0], case.basis, case.target, case.signal, own)
+    own.roots = whitened.roots
+    removed = remove_finding(fitted, whitened, [place])
+    normal = normal_equations([0], removed.basis, removed.target, removed.signal, own)
     start = [normal.names.index(name) for name in term.names if name in normal.names]
     chosen = sorted(normal.greedy(range(len(normal.names)), BETTER, start))
     values = dict(zip(term.names, term.values, strict=True))

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations, TableObservations
-from tiltcal.diagnosis.hypotheses.hypothesis import STEPS, Suspect, steps_at
-from tiltcal.diagnosis.model.fitted_model import Account, Term, whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, basis_of, projected
-from tiltcal.diagnosis.search.alternatives import LOOSE, Case, explain, price_of
+from tiltcal.diagnosis.hypotheses.hypothesis import STEPS, Hypothesis, steps_at
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, projected
+from tiltcal.diagnosis.search.alternatives import LOOSE, RemovedFinding, explain, price_of
 from tiltcal.effects.learned import Learned
 
 GRAIN = 4  # halvings of the step between shapes
@@ -35,14 +35,16 @@ SHIFTED = ("time", "phase")  # by steps that are added
 PROMPT = ("creep", "lag")  # at nothing there is none, and nothing to refine
 
 
-def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+def refined(
+    terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel
+) -> tuple[FittedTerm, ...]:
     """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved
     row by row.
     """
-    first = terms[0].suspect
-    duration = float(np.ptp(ledger.observations.recordings[0].time))
+    first = terms[0].hypothesis
+    duration = float(np.ptp(whitened.observations.recordings[0].time))
     for name in _shapes_of(terms):
-        if name == "lag" and _told_by_its_bend(first, ledger.observations):
+        if name == "lag" and _told_by_its_bend(first, whitened.observations):
             continue
         line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
         step = LINE / duration if line else STEP[name]
@@ -53,7 +55,7 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
                 _shaped(terms, name, x + d if added else x * np.exp(d), duration)
                 for d in (-step, 0.0, step)
             ]
-            gains = [_gain(trial, account, ledger) for trial in trials]
+            gains = [_gain(trial, fitted, whitened) for trial in trials]
             terms = trials[int(np.argmax(gains))]
             if last == 0 and not added and (top := _top(*gains)):
                 terms = _shaped(terms, name, x * np.exp(top * step), duration)
@@ -61,11 +63,11 @@ def refined(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[
     return terms
 
 
-def _told_by_its_bend(suspect: Suspect, observations: Observations) -> bool:
+def _told_by_its_bend(hypothesis: Hypothesis, observations: Observations) -> bool:
     """Whether a lag keeps that of its grid: by hand, in few poses, nothing but its bend tells one
     late temperature from another.
     """
-    return getattr(suspect.effect, "coordinate", "") == "temperature" and not isinstance(
+    return getattr(hypothesis.effect, "coordinate", "") == "temperature" and not isinstance(
         observations, TableObservations
     )
 
@@ -79,11 +81,12 @@ def _top(before: float, here: float, after: float) -> float:
     return top if abs(top) < 1 else 0.0
 
 
-def shapes(suspect: Suspect) -> dict[str, float]:
-    """The continuous shapes of a suspect; of a curve its lag, and its period where it begins anew
+def shapes(hypothesis: Hypothesis) -> dict[str, float]:
+    """The continuous shapes of a hypothesis; of a curve its lag, and its period where it begins
+    anew
     with each move.
     """
-    effect = suspect.effect
+    effect = hypothesis.effect
     if isinstance(effect, Learned):
         echo = (
             {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
@@ -92,155 +95,167 @@ def shapes(suspect: Suspect) -> dict[str, float]:
     return {
         n: v
         for n, v in effect.values.items()
-        if n not in suspect.names and n in STEP and (n not in PROMPT or v > 0)
+        if n not in hypothesis.names and n in STEP and (n not in PROMPT or v > 0)
     }
 
 
-def _shapes_of(terms: Sequence[Term]) -> dict[str, float]:
+def _shapes_of(terms: Sequence[FittedTerm]) -> dict[str, float]:
     """The continuous shapes of an explanation: those of its first term, and how slowly one that
     completes it creeps on.
     """
-    creeps = {c for t in terms if t.suspect.id in STEPS and (c := shapes(t.suspect).get("creep"))}
-    return shapes(terms[0].suspect) | ({"creep": creeps.pop()} if len(creeps) == 1 else {})
+    creeps = {
+        c for t in terms if t.hypothesis.id in STEPS and (c := shapes(t.hypothesis).get("creep"))
+    }
+    return shapes(terms[0].hypothesis) | ({"creep": creeps.pop()} if len(creeps) == 1 else {})
 
 
-def upright(account: Account, observations: Observations) -> Account:
-    """The account with tones of a positive amplitude, the largest of their channels: a negative one
+def normalise_tone_phase(fitted: FittedModel, observations: Observations) -> FittedModel:
+    """The fitted model with tones of a positive amplitude, the largest of their channels: a
+    negative one
     is half a turn of the phase.
 
     By hand one sensor that is early is the other one that is late.
     """
-    turned: dict[int, Suspect] = {}
+    turned: dict[int, Hypothesis] = {}
     terms = []
-    for t in account.terms:
+    for t in fitted.terms:
         other = (
-            _other_way(t.suspect, observations)
+            _other_way(t.hypothesis, observations)
             if t.values[int(np.argmax(np.abs(t.values)))] < 0
             else None
         )
         if other is not None:
-            turned[id(t.suspect)] = other
-            t = replace(t, suspect=other, values=tuple(-v for v in t.values))
+            turned[id(t.hypothesis)] = other
+            t = replace(t, hypothesis=other, values=tuple(-v for v in t.values))
         terms.append(replace(t, host=turned.get(id(t.host), t.host)))
-    return replace(account, terms=tuple(terms))
+    return replace(fitted, terms=tuple(terms))
 
 
-def _other_way(suspect: Suspect, observations: Observations) -> Suspect | None:
+def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis | None:
     """What does the same at sizes of the other sign, if anything."""
-    phase, scenario = suspect.effect.values.get("phase"), observations.scenario
-    if phase is not None and "phase" not in suspect.names:
-        return _at(suspect, "phase", float(np.angle(-np.exp(1j * phase))))
-    if suspect.id == "data_latency" and not isinstance(observations, TableObservations):
+    phase, scenario = hypothesis.effect.values.get("phase"), observations.scenario
+    if phase is not None and "phase" not in hypothesis.names:
+        return _at(hypothesis, "phase", float(np.angle(-np.exp(1j * phase))))
+    if hypothesis.id == "data_latency" and not isinstance(observations, TableObservations):
         others = [
-            s.name for s in scenario.sensors("gyro", "fog") if s.name != suspect.effect.sensor
+            s.name for s in scenario.sensors("gyro", "fog") if s.name != hypothesis.effect.sensor
         ]
         if len(others) == 1:
-            return replace(suspect, effect=replace(suspect.effect, sensor=others[0]))
+            return replace(hypothesis, effect=replace(hypothesis.effect, sensor=others[0]))
     return None
 
 
 def at_its_instant(
-    terms: tuple[Term, ...], account: Account, ledger: Ledger, alone: bool = False
-) -> tuple[Term, ...]:
+    terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel, alone: bool = False
+) -> tuple[FittedTerm, ...]:
     """What began at an instant, with what creeps on after it; all others that may have begun then
-    come onto the ledger.
+    come onto the whitened model.
 
     With what creeps on the instant is another, and at another instant other creeps are.
 
     Args:
         terms: an explanation.
-        account: without it.
-        ledger: of all that is looked at.
+        fitted model: without it.
+        whitened model: of all that is looked at.
         alone: at once, or creeping, but not both, and with no curve: these follow a drift that has
             nothing to do with the step.
     """
-    if terms[0].suspect.id not in STEPS:
+    if terms[0].hypothesis.id not in STEPS:
         return terms
-    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
+    removed = RemovedFinding(
+        list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
+    )
     for _ in range(INSTANTS):
-        suspect = terms[0].suspect
-        time = suspect.effect.values["time"]
-        for step in steps_at(ledger.observations.scenario, time, suspect.variants):
-            if not any(s.effect == step.effect for s in ledger.suspects):
-                ledger.add(step, account.effects)
+        hypothesis = terms[0].hypothesis
+        time = hypothesis.effect.values["time"]
+        for step in steps_at(whitened.observations.scenario, time, hypothesis.variants):
+            if not any(s.effect == step.effect for s in whitened.hypotheses):
+                whitened.add(step, fitted.effects)
         same = [
             s
-            for s in ledger.suspects
-            if s.place == suspect.place and s.effect.values.get("time") == time
+            for s in whitened.hypotheses
+            if s.place == hypothesis.place and s.effect.values.get("time") == time
         ]
-        found = [r for s in same if (r := explain(s, case, ledger, alone)) is not None]
+        found = [r for s in same if (r := explain(s, removed, whitened, alone)) is not None]
         if not found:
             return terms
         terms = max(found, key=lambda r: r.worth).terms
-        if len(terms) == 1 and "creep" not in shapes(terms[0].suspect):
+        if len(terms) == 1 and "creep" not in shapes(terms[0].hypothesis):
             return terms
-        terms = refined(terms, account, ledger)
-        if terms[0].suspect.effect.values["time"] == time:
+        terms = refined(terms, fitted, whitened)
+        if terms[0].hypothesis.effect.values["time"] == time:
             break
-    return _with_one_creep(terms, account, ledger)
+    return _with_one_creep(terms, fitted, whitened)
 
 
-def _with_one_creep(terms: tuple[Term, ...], account: Account, ledger: Ledger) -> tuple[Term, ...]:
+def _with_one_creep(
+    terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel
+) -> tuple[FittedTerm, ...]:
     """A step with one creep at its best time constant where that says as much as with several of a
     grid.
     """
-    creeping = [t for t in terms[1:] if "creep" in shapes(t.suspect)]
+    creeping = [t for t in terms[1:] if "creep" in shapes(t.hypothesis)]
     if len(creeping) < 2:
         return terms
     pairs = [(terms[0], t) for t in creeping]
-    one = refined(max(pairs, key=lambda pair: _gain(pair, account, ledger)), account, ledger)
-    whole = _gain(terms, account, ledger)
+    one = refined(max(pairs, key=lambda pair: _gain(pair, fitted, whitened)), fitted, whitened)
+    whole = _gain(terms, fitted, whitened)
     return (
         one
-        if _gain(one, account, ledger) > (1 - LOOSE) * whole - price_of(ledger) * (len(terms) - 2)
+        if _gain(one, fitted, whitened)
+        > (1 - LOOSE) * whole - price_of(whitened) * (len(terms) - 2)
         else terms
     )
 
 
-def _shaped(terms: Sequence[Term], name: str, value: float, duration: float) -> tuple[Term, ...]:
+def _shaped(
+    terms: Sequence[FittedTerm], name: str, value: float, duration: float
+) -> tuple[FittedTerm, ...]:
     """An explanation at another shape: one lag or period for all its curves, one instant for all
     that began then.
 
     A tone keeps its phase amid the recording.
     """
     first = (
-        _at(terms[0].suspect, name, value) if name in shapes(terms[0].suspect) else terms[0].suspect
+        _at(terms[0].hypothesis, name, value)
+        if name in shapes(terms[0].hypothesis)
+        else terms[0].hypothesis
     )
-    before = terms[0].suspect.effect.values
+    before = terms[0].hypothesis.effect.values
     if name == "frequency" and "phase" in before:
         first = _at(
             first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration
         )
-    whole = isinstance(terms[0].suspect.effect, Learned) or name in ("time", "creep")
+    whole = isinstance(terms[0].hypothesis.effect, Learned) or name in ("time", "creep")
     family = [
-        replace(t, suspect=_at(t.suspect, name, value))
-        if whole and name in shapes(t.suspect)
+        replace(t, hypothesis=_at(t.hypothesis, name, value))
+        if whole and name in shapes(t.hypothesis)
         else t
         for t in terms[1:]
     ]
-    return (replace(terms[0], suspect=first), *(replace(t, host=first) for t in family))
+    return (replace(terms[0], hypothesis=first), *(replace(t, host=first) for t in family))
 
 
-def _at(suspect: Suspect, name: str, value: float) -> Suspect:
-    effect = suspect.effect
+def _at(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:
+    effect = hypothesis.effect
     if isinstance(effect, Learned):
         changed = (
             replace(effect, lag=float(value))
             if name == "lag"
             else replace(effect, period=float(value))
         )
-        return replace(suspect, effect=changed)
-    return replace(suspect, effect=replace(effect, values={**effect.values, name: float(value)}))
+        return replace(hypothesis, effect=changed)
+    return replace(hypothesis, effect=replace(effect, values={**effect.values, name: float(value)}))
 
 
-def _gain(terms: Sequence[Term], account: Account, ledger: Ledger) -> float:
-    """What the own form of an explanation brings, the account's columns being free."""
-    lengths = [len(c.values) for c in ledger.observations.channels]
-    whole = isinstance(terms[0].suspect.effect, Learned) or terms[0].suspect.id in STEPS
-    own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.suspect))]
-    columns = whitened_of(ledger, own, account.effects)
-    mine = basis_of([projected(account.basis, c, lengths) for c in columns], lengths)
+def _gain(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedModel) -> float:
+    """What the own form of an explanation brings, the fitted model's columns being free."""
+    lengths = [len(c.values) for c in whitened.observations.channels]
+    whole = isinstance(terms[0].hypothesis.effect, Learned) or terms[0].hypothesis.id in STEPS
+    own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.hypothesis))]
+    columns = whitened_of(whitened, own, fitted.effects)
+    mine = basis_of([projected(fitted.basis, c, lengths) for c in columns], lengths)
     along = sum(
-        (U.T @ r for U, r in zip(mine, account.residual, strict=True)), np.zeros(mine[0].shape[1])
+        (U.T @ r for U, r in zip(mine, fitted.residual, strict=True)), np.zeros(mine[0].shape[1])
     )
     return float(along @ along)

@@ -1,9 +1,10 @@
-"""A second way to an account: textbook forms only, several at once, each exchanged for another as
+"""A second way to a fitted model: textbook forms only, several at once, each exchanged for another
+as
 long as that is better.
 
 A form with its family is supple: where two effects are at work, the family of one takes a part of
     the other with it. Plain
-forms have no such reach. Whichever account says the same with fewer numbers is kept.
+forms have no such reach. Whichever fitted model says the same with fewer numbers is kept.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,24 +12,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.fitted_model import Account, models, settle
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.fitted_model import FittedModel, models, refit
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     EQUAL,
     LOOSE,
-    case_of,
-    explanations,
     preferred,
     price_of,
+    rank_alternatives,
+    remove_finding,
 )
 from tiltcal.diagnosis.search.forward_selection import (
     MOST,
-    Gate,
-    backward,
-    best_explanation,
+    NoiseGate,
+    backward_elimination,
+    best_alternatives,
     findings,
-    joined,
+    merge_same_cause,
     signal_of,
 )
 from tiltcal.diagnosis.search.shape_refinement import at_its_instant, refined, shapes
@@ -38,10 +39,14 @@ FINDING = 10.0  # of deviance: one cause is likelier than two
 EXCHANGES = 6
 
 
-def plainer(
-    rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]
-) -> Account:
-    """The account in plain forms where it says as much as ``rich`` with fewer numbers; else
+def swap_search(
+    rich: FittedModel,
+    start: FittedModel,
+    whitened: WhitenedModel,
+    gate: NoiseGate,
+    wanted: Callable[[Hypothesis], bool],
+) -> FittedModel:
+    """The fitted model in plain forms where it says as much as ``rich`` with fewer numbers; else
     ``rich``.
 
     Args:
@@ -49,186 +54,204 @@ def plainer(
             taken away.
     """
     if not rich.terms:
-        return _several(rich, start, ledger, gate, wanted)
+        return _several(rich, start, whitened, gate, wanted)
     if len(rich.terms) == 1:  # found while the noise was not known yet
-        other = backward(exchanged(rich, ledger, wanted), ledger, gate)
-        return other if other.terms else backward(rich, ledger, gate)
-    after = ledger.roots
+        other = backward_elimination(exchanged(rich, whitened, wanted), whitened, gate)
+        return other if other.terms else backward_elimination(rich, whitened, gate)
+    after = whitened.roots
     plain = []
-    for forms in _forms(wanted, ledger):
-        plain.append(plainly(start, ledger, gate, forms))
-        ledger.weigh(after)
-    other = settle(rich, ledger)
-    gain = settle(replace(start, terms=()), ledger).deviance - other.deviance
+    for forms in _forms(wanted, whitened):
+        plain.append(plainly(start, whitened, gate, forms))
+        whitened.weigh(after)
+    other = refit(rich, whitened)
+    gain = refit(replace(start, terms=()), whitened).deviance - other.deviance
     least, one = min(
-        ((burden(p, ledger, gate), p) for p in plain if p.terms),
+        ((description_length(p, whitened, gate), p) for p in plain if p.terms),
         key=lambda pair: pair[0],
         default=(np.inf, rich),
     )
-    if least <= burden(rich, ledger, gate) + LOOSE * gain:
-        ledger.under(models(gate.noise(one, ledger)))
-        return settle(one, ledger)
-    ledger.weigh(after)
+    if least <= description_length(rich, whitened, gate) + LOOSE * gain:
+        whitened.under(models(gate.noise(one, whitened)))
+        return refit(one, whitened)
+    whitened.weigh(after)
     return other
 
 
 def _several(
-    rich: Account, start: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]
-) -> Account:
+    rich: FittedModel,
+    start: FittedModel,
+    whitened: WhitenedModel,
+    gate: NoiseGate,
+    wanted: Callable[[Hypothesis], bool],
+) -> FittedModel:
     """What several textbook forms do together, where none by itself stands out; else ``rich``.
 
     Looked for in white noise: together they are a random walk to the record.
     """
-    usual = ledger.roots
-    for forms in _forms(wanted, ledger):
-        ledger.under(
-            [NoiseModel(robust_white(r)) for r in ledger.observations.residuals(start.effects)]
+    usual = whitened.roots
+    for forms in _forms(wanted, whitened):
+        whitened.under(
+            [NoiseModel(robust_white(r)) for r in whitened.observations.residuals(start.effects)]
         )
-        several = plainly(start, ledger, gate, forms)
+        several = plainly(start, whitened, gate, forms)
         if several.terms:
             return several
-    ledger.weigh(usual)
+    whitened.weigh(usual)
     return rich
 
 
-def _forms(wanted: Callable[[Suspect], bool], ledger: Ledger) -> list[Callable[[Suspect], bool]]:
+def _forms(
+    wanted: Callable[[Hypothesis], bool], whitened: WhitenedModel
+) -> list[Callable[[Hypothesis], bool]]:
     """The laws as they are printed, then those that are felt late or bent among them, if any: these
     are supple themselves.
     """
-    supple = any(wanted(s) and s.alias is not None for s in ledger.suspects)
+    supple = any(wanted(s) and s.alias is not None for s in whitened.hypotheses)
     return [lambda s: wanted(s) and s.alias is None, *([wanted] if supple else [])]
 
 
 def plainly(
-    account: Account, ledger: Ledger, gate: Gate, wanted: Callable[[Suspect], bool]
-) -> Account:
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    gate: NoiseGate,
+    wanted: Callable[[Hypothesis], bool],
+) -> FittedModel:
     """Up to MOST textbook forms, each in its turn the best in its place; then those dropped that do
     not stand out.
     """
-    account = settle(account, ledger)
-    while len(findings(account)) < MOST:
-        rivals = best_explanation(account, ledger, wanted, alone=True)
-        if not rivals:
+    fitted = refit(fitted, whitened)
+    while len(findings(fitted)) < MOST:
+        alternatives = best_alternatives(fitted, whitened, wanted, alone=True)
+        if not alternatives:
             break
-        pick = preferred(rivals, signal_of(rivals[0], account, ledger))
-        terms = at_its_instant(refined(pick.terms, account, ledger), account, ledger, alone=True)
-        account = exchanged(
-            settle(replace(account, terms=account.terms + terms), ledger), ledger, wanted
+        pick = preferred(alternatives, signal_of(alternatives[0], fitted, whitened))
+        terms = at_its_instant(refined(pick.terms, fitted, whitened), fitted, whitened, alone=True)
+        fitted = exchanged(
+            refit(replace(fitted, terms=fitted.terms + terms), whitened), whitened, wanted
         )
-        account = reshaped(account, ledger)
-    account = backward(account, ledger, gate)
-    return backward(trimmed(joined(exchanged(account, ledger, wanted)), ledger), ledger, gate)
+        fitted = refine_all_shapes(fitted, whitened)
+    fitted = backward_elimination(fitted, whitened, gate)
+    return backward_elimination(
+        trimmed(merge_same_cause(exchanged(fitted, whitened, wanted)), whitened), whitened, gate
+    )
 
 
-def trimmed(account: Account, ledger: Ledger) -> Account:
-    """The account without sizes that bring less than they cost: a finding had them from what others
+def trimmed(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model without sizes that bring less than they cost: a finding had them from what
+    others
     explain since.
 
     The last size of a finding stays: whether it is needed is asked of findings as a whole.
     """
-    price = price_of(ledger)
+    price = price_of(whitened)
     while True:
-        account = settle(account, ledger)
+        fitted = refit(fitted, whitened)
         sigmas = [
-            np.maximum(account.sigmas(k), np.finfo(float).tiny) for k in range(len(account.terms))
+            np.maximum(fitted.sigmas(k), np.finfo(float).tiny) for k in range(len(fitted.terms))
         ]  # 0: not determined
         told = [
             (np.asarray(t.values) / sigma) ** 2
-            for t, sigma in zip(account.terms, sigmas, strict=True)
+            for t, sigma in zip(fitted.terms, sigmas, strict=True)
         ]
         least = [(float(x.min()), k, int(x.argmin())) for k, x in enumerate(told) if len(x) > 1]
         if not least or min(least)[0] >= price:
-            return account
+            return fitted
         _, k, i = min(least)
-        terms = list(account.terms)
+        terms = list(fitted.terms)
         term = terms[k]
         terms[k] = replace(
             term,
             names=term.names[:i] + term.names[i + 1 :],
             values=term.values[:i] + term.values[i + 1 :],
         )
-        account = replace(account, terms=tuple(terms))
+        fitted = replace(fitted, terms=tuple(terms))
 
 
-def exchanged(account: Account, ledger: Ledger, wanted: Callable[[Suspect], bool]) -> Account:
-    """The account with each finding replaced by what explains more in its place."""
+def exchanged(
+    fitted: FittedModel, whitened: WhitenedModel, wanted: Callable[[Hypothesis], bool]
+) -> FittedModel:
+    """The fitted model with each finding replaced by what explains more in its place."""
     for _ in range(EXCHANGES):
-        for places in findings(account):
-            case = case_of(account, ledger, places)
-            whole = sum(float(t @ t) for t in case.target)
+        for places in findings(fitted):
+            removed = remove_finding(fitted, whitened, places)
+            whole = sum(float(t @ t) for t in removed.target)
             left = sum(
-                float((t - s) @ (t - s)) for t, s in zip(case.target, case.signal, strict=True)
+                float((t - s) @ (t - s))
+                for t, s in zip(removed.target, removed.signal, strict=True)
             )
             mine = (
-                whole - left - price_of(ledger) * sum(len(account.terms[k].names) for k in places)
+                whole - left - price_of(whitened) * sum(len(fitted.terms[k].names) for k in places)
             )
-            found = [r for r in explanations(case, ledger, wanted, alone=True) if r.fair]
+            found = [r for r in rank_alternatives(removed, whitened, wanted, alone=True) if r.fair]
             if (
                 found
-                and found[0].suspect.place != account.terms[places[0]].suspect.place
+                and found[0].hypothesis.place != fitted.terms[places[0]].hypothesis.place
                 and found[0].worth > mine + EQUAL
             ):
-                kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
-                base = settle(replace(account, terms=kept), ledger)
+                kept = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
+                base = refit(replace(fitted, terms=kept), whitened)
                 terms = at_its_instant(
-                    refined(found[0].terms, base, ledger), base, ledger, alone=True
+                    refined(found[0].terms, base, whitened), base, whitened, alone=True
                 )
-                account = settle(replace(base, terms=kept + terms), ledger)
+                fitted = refit(replace(base, terms=kept + terms), whitened)
                 break
         else:
             break
-    return account
+    return fitted
 
 
-def reshaped(account: Account, ledger: Ledger) -> Account:
-    """The account with the shapes of its findings found again: one that was found by itself took a
+def refine_all_shapes(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model with the shapes of its findings found again: one that was found by itself
+    took a
     part of the others, and the
     noise was another.
     """
-    groups = findings(account)
+    groups = findings(fitted)
     for _ in range(EXCHANGES if len(groups) > 1 else 1):
-        before = account.deviance
+        before = fitted.deviance
         for places in groups:
-            if shapes(account.terms[places[0]].suspect):
-                account = _reshaped(account, places, ledger)
-        if account.deviance > before - EQUAL:
+            if shapes(fitted.terms[places[0]].hypothesis):
+                fitted = _reshaped(fitted, places, whitened)
+        if fitted.deviance > before - EQUAL:
             break
-    return account
+    return fitted
 
 
-def _reshaped(account: Account, places: Sequence[int], ledger: Ledger) -> Account:
-    """The account with one finding at its best shape nearby, where that is better; the sizes of all
+def _reshaped(fitted: FittedModel, places: Sequence[int], whitened: WhitenedModel) -> FittedModel:
+    """The fitted model with one finding at its best shape nearby, where that is better; the sizes
+    of all
     others are free meanwhile.
     """
-    others = tuple(t for k, t in enumerate(account.terms) if k not in places)
+    others = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
     new = refined(
-        tuple(account.terms[k] for k in places),
-        settle(replace(account, terms=others), ledger),
-        ledger,
+        tuple(fitted.terms[k] for k in places),
+        refit(replace(fitted, terms=others), whitened),
+        whitened,
     )
-    terms = list(account.terms)
+    terms = list(fitted.terms)
     terms[places[0] : places[-1] + 1] = new
-    trial = settle(replace(account, terms=tuple(terms)), ledger)
-    return trial if trial.deviance < account.deviance else account
+    trial = refit(replace(fitted, terms=tuple(terms)), whitened)
+    return trial if trial.deviance < fitted.deviance else fitted
 
 
-def burden(account: Account, ledger: Ledger, gate: Gate) -> float:
+def description_length(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> float:
     """Twice the negative log likelihood, but for a constant, with the price of all numbers and of
     all findings.
 
-    Under the noise that the account itself leaves: under that of another it would be charged for
+    Under the noise that the fitted model itself leaves: under that of another it would be charged
+        for
         what it calls noise.
     """
-    noise = models(gate.noise(account, ledger))
-    ledger.under(noise)
+    noise = models(gate.noise(fitted, whitened))
+    whitened.under(noise)
     spread = sum(
         float(np.log(m.spectrum(len(c.values))).sum())
-        for m, c in zip(noise, ledger.observations.channels, strict=True)
+        for m, c in zip(noise, whitened.observations.channels, strict=True)
     )
-    sizes = sum(len(t.names) for t in account.terms)
+    sizes = sum(len(t.names) for t in fitted.terms)
     return (
-        settle(account, ledger).deviance
+        refit(fitted, whitened).deviance
         + spread
-        + price_of(ledger) * sizes
-        + FINDING * len(findings(account))
+        + price_of(whitened) * sizes
+        + FINDING * len(findings(fitted))
     )

@@ -9,9 +9,9 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.design.identifiability import SEPARABLE
-from tiltcal.diagnosis.model.fitted_model import Account, Term
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger, cosines, project
-from tiltcal.diagnosis.search.alternatives import LOOSE, Case
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, cosines, project
+from tiltcal.diagnosis.search.alternatives import LOOSE, RemovedFinding
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.statistics.noise_spectrum import column_space
@@ -21,8 +21,11 @@ BRANCHES = ("acc_thermal_gradient", "acc_thermal_hysteresis")
 """Laws in which warming and cooling differ."""
 
 
-def lateness(
-    inside: Sequence[Term], case: Case, account: Account, ledger: Ledger
+def thermal_lag_findings(
+    inside: Sequence[FittedTerm],
+    removed: RemovedFinding,
+    fitted: FittedModel,
+    whitened: WhitenedModel,
 ) -> tuple[str, tuple[str, ...]]:
     """What is to be said of a finding that follows temperature late, and the named laws that do as
     well where no one lag does.
@@ -33,32 +36,33 @@ def lateness(
 
     Args:
         inside: the terms of the finding.
-        case: the finding taken out of its account.
+        case: the finding taken out of its fitted model.
     """
     late = [
         e
         for t in inside
-        if isinstance(e := t.suspect.effect, LearnedReading)
+        if isinstance(e := t.hypothesis.effect, LearnedReading)
         and e.coordinate == "temperature"
         and e.lag
     ]
     if not late:
         return "", ()
-    target = np.concatenate(case.target)
-    left = np.concatenate([t - s for t, s in zip(case.target, case.signal, strict=True)])
+    target = np.concatenate(removed.target)
+    left = np.concatenate([t - s for t, s in zip(removed.target, removed.signal, strict=True)])
     gain = float(target @ target - left @ left)
-    still = _block(_curves(late[0], ledger), case, account, ledger)
+    still = _block(_curves(late[0], whitened), removed, fitted, whitened)
     beyond = gain - _gain(still, target)
     if beyond < SEPARABLE + LOOSE * gain:
         return "", ()
     shares: dict[str, float] = {}
-    for suspect in ledger.suspects:
-        if suspect.id in BRANCHES and suspect.effect.sensor == late[0].sensor:
+    for hypothesis in whitened.hypotheses:
+        if hypothesis.id in BRANCHES and hypothesis.effect.sensor == late[0].sensor:
             both = np.column_stack(
-                [still, _block([(suspect.effect, suspect.names)], case, account, ledger)]
+                [still, _block([(hypothesis.effect, hypothesis.names)], removed, fitted, whitened)]
             )
-            shares[suspect.id] = max(
-                shares.get(suspect.id, 0.0), (_gain(both, target) - _gain(still, target)) / beyond
+            shares[hypothesis.id] = max(
+                shares.get(hypothesis.id, 0.0),
+                (_gain(both, target) - _gain(still, target)) / beyond,
             )
     told = ", ".join(
         f"{id} {min(share, 1.0):.0%}"
@@ -69,7 +73,7 @@ def lateness(
         " lag or hysteresis"
     )
     words += f" (beside such a curve, {told} of the difference)." if told else "."
-    if all(getattr(t.suspect.effect, "lag", 0.0) == late[0].lag for t in inside):
+    if all(getattr(t.hypothesis.effect, "lag", 0.0) == late[0].lag for t in inside):
         return words, ()  # one lag says it all: no need of another law
     return words, tuple(
         id
@@ -78,10 +82,14 @@ def lateness(
     )
 
 
-def _curves(late: LearnedReading, ledger: Ledger) -> Iterator[tuple[Effect, Sequence[str]]]:
+def _curves(
+    late: LearnedReading, whitened: WhitenedModel
+) -> Iterator[tuple[Effect, Sequence[str]]]:
     """Curves over temperature without lag, on all axes of the sensor."""
     curves = (
-        s.effect for s in ledger.suspects if isinstance(s.effect, LearnedReading) and s.effect.knots
+        s.effect
+        for s in whitened.hypotheses
+        if isinstance(s.effect, LearnedReading) and s.effect.knots
     )
     over = next(
         e.knots for e in curves if e.coordinate == late.coordinate
@@ -96,23 +104,26 @@ def _curves(late: LearnedReading, ledger: Ledger) -> Iterator[tuple[Effect, Sequ
         knots=tuple(map(float, np.linspace(over[0], over[-1], KNOTS))),
         values=dict.fromkeys(names, 1e-6),
     )
-    for axis in ledger.observations.scenario.named(str(late.sensor)).axes:
+    for axis in whitened.observations.scenario.named(str(late.sensor)).axes:
         yield replace(still, axis=axis), names
 
 
 def _block(
-    effects: Iterable[tuple[Effect, Sequence[str]]], case: Case, account: Account, ledger: Ledger
+    effects: Iterable[tuple[Effect, Sequence[str]]],
+    removed: RemovedFinding,
+    fitted: FittedModel,
+    whitened: WhitenedModel,
 ) -> Array:
     """Whitened columns of some sizes without their part in the basis, (n, p)."""
     found = []
     for effect, names in effects:
-        total = [np.zeros((len(names), len(s))) for s in case.signal]
-        for i, (which, block) in ledger.observations.columns(
-            effect, names, account.effects
+        total = [np.zeros((len(names), len(s))) for s in removed.signal]
+        for i, (which, block) in whitened.observations.columns(
+            effect, names, fitted.effects
         ).items():
-            total[i][which] = cosines(block) / ledger.roots[i]
+            total[i][which] = cosines(block) / whitened.roots[i]
         found += [
-            np.concatenate(project(case.basis, [part[k] for part in total]))
+            np.concatenate(project(removed.basis, [part[k] for part in total]))
             for k in range(len(names))
         ]
     return np.column_stack(found)

@@ -7,28 +7,34 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.hypotheses.families import WANDER
-from tiltcal.diagnosis.hypotheses.hypothesis import Suspect
-from tiltcal.diagnosis.model.fitted_model import Account, Term, models, noise_within_stops, settle
-from tiltcal.diagnosis.model.hypothesis_columns import Ledger
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.fitted_model import (
+    FittedModel,
+    FittedTerm,
+    models,
+    noise_within_stops,
+    refit,
+)
+from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     EQUAL,
     LOOSE,
     OWN,
-    Case,
-    Rival,
-    case_of,
-    explanations,
+    Alternative,
+    RemovedFinding,
     preferred,
     price_of,
+    rank_alternatives,
+    remove_finding,
 )
 from tiltcal.diagnosis.search.forward_selection import (
     ALPHA,
     TONES,
-    Gate,
-    backward,
+    NoiseGate,
+    backward_elimination,
     findings,
+    log_alternatives,
     log_tail,
-    log_tries,
 )
 from tiltcal.diagnosis.search.localised_curves import angle_of, echo, is_echo, local
 from tiltcal.diagnosis.search.shape_refinement import refined
@@ -40,36 +46,43 @@ SHARE = (
 )  # and this share of the gain: a law that is some per cent off its textbook form keeps its name
 
 
-def is_curve(suspect: Suspect) -> bool:
+def is_curve(hypothesis: Hypothesis) -> bool:
     """Whether it has no form of its own: no name, or a name that says only where it acts."""
-    return not suspect.textbook
+    return not hypothesis.textbook
 
 
-def nameless(account: Account, ledger: Ledger, gate: Gate) -> Account:
+def prefer_unlisted_curve(
+    fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
+) -> FittedModel:
     """One cause in place of several where it explains as much, a curve where no name does; then
     what is left over.
     """
-    groups = findings(account)
+    groups = findings(fitted)
     together = [[k for places in groups for k in places]] if len(groups) > 1 else []
     for places in together + groups:
-        inside = [account.terms[k] for k in places]
-        if not all(t.suspect.textbook for t in inside if t.host is None):
+        inside = [fitted.terms[k] for k in places]
+        if not all(t.hypothesis.textbook for t in inside if t.host is None):
             continue
-        weakest = min(float(_power(case_of(account, ledger, own).signal).sum()) for own in groups)
-        better = _better(inside, case_of(account, ledger, places), ledger, weakest)
+        weakest = min(
+            float(_power(remove_finding(fitted, whitened, own).signal).sum()) for own in groups
+        )
+        better = _better(inside, remove_finding(fitted, whitened, places), whitened, weakest)
         if better is None:
             continue
-        kept = tuple(t for k, t in enumerate(account.terms) if k not in places)
-        base = settle(replace(account, terms=kept), ledger)
-        trial = settle(replace(base, terms=kept + refined(better.terms, base, ledger)), ledger)
-        if gate.log_p(trial, ledger)[-1] < np.log(ALPHA):
-            return nameless(trial, ledger, gate)
-    return leftover(account, ledger, gate)
+        kept = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
+        base = refit(replace(fitted, terms=kept), whitened)
+        trial = refit(replace(base, terms=kept + refined(better.terms, base, whitened)), whitened)
+        if gate.log_p(trial, whitened)[-1] < np.log(ALPHA):
+            return prefer_unlisted_curve(trial, whitened, gate)
+    return leftover_curve(fitted, whitened, gate)
 
 
 def _better(
-    inside: Sequence[Term], case: Case, ledger: Ledger, weakest: float = 0.0
-) -> Rival | None:
+    inside: Sequence[FittedTerm],
+    removed: RemovedFinding,
+    whitened: WhitenedModel,
+    weakest: float = 0.0,
+) -> Alternative | None:
     """What should stand in the place of some findings: one name for several, or a curve for names
     that do not fit.
 
@@ -77,9 +90,13 @@ def _better(
         weakest: energy of the weakest of several findings: one name for all may miss a share of
             that at most.
     """
-    named = [r for r in explanations(case, ledger, lambda s: s.textbook) if r.fair and r.own >= OWN]
-    single = preferred(named, case.signal) if named else None
-    joint, several = _worth_of(inside, case, ledger), sum(t.host is None for t in inside)
+    named = [
+        r
+        for r in rank_alternatives(removed, whitened, lambda s: s.textbook)
+        if r.fair and r.own >= OWN
+    ]
+    single = preferred(named, removed.signal) if named else None
+    joint, several = _worth_of(inside, removed, whitened), sum(t.host is None for t in inside)
     if (
         several > 1 and single is not None
     ):  # it may miss a share, but not where it needs more numbers for it: these fit anything
@@ -89,7 +106,7 @@ def _better(
         )
         if single.worth > joint - miss:
             return single
-    curve = best_curve(case, ledger)
+    curve = best_curve(removed, whitened)
     if curve is None:
         return None
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
@@ -100,7 +117,7 @@ def _better(
             else None
         )
     fits = len(inside) == 1 or (
-        several == 1 and any(r.suspect.place == inside[0].suspect.place for r in named)
+        several == 1 and any(r.hypothesis.place == inside[0].hypothesis.place for r in named)
     )
     level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
     of_any_form = several_lines(inside) or (
@@ -122,115 +139,128 @@ def _better(
     return curve if far_off else None
 
 
-def without_a_form(account: Account, ledger: Ledger) -> Account:
-    """The account with names taken from findings that hold by the curves beside them: no size of
+def drop_formless_names(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model with names taken from findings that hold by the curves beside them: no size
+    of
     their own stands out any more.
     """
-    price = price_of(ledger)
-    terms: list[Term] = []
-    for places in findings(account):
-        first, *rest = (account.terms[k] for k in places)
+    price = price_of(whitened)
+    terms: list[FittedTerm] = []
+    for places in findings(fitted):
+        first, *rest = (fitted.terms[k] for k in places)
         told = (
-            np.asarray(first.values) / np.maximum(account.sigmas(places[0]), np.finfo(float).tiny)
+            np.asarray(first.values) / np.maximum(fitted.sigmas(places[0]), np.finfo(float).tiny)
         ) ** 2
         if (
-            first.suspect.textbook
+            first.hypothesis.textbook
             and rest
             and told.max(initial=0.0) < price
-            and not any(t.suspect.textbook for t in rest)
+            and not any(t.hypothesis.textbook for t in rest)
         ):
-            terms += [replace(t, host=None if t is rest[0] else rest[0].suspect) for t in rest]
+            terms += [replace(t, host=None if t is rest[0] else rest[0].hypothesis) for t in rest]
         else:
             terms += [first, *rest]
     return (
-        account
-        if len(terms) == len(account.terms)
-        else settle(replace(account, terms=tuple(terms)), ledger)
+        fitted
+        if len(terms) == len(fitted.terms)
+        else refit(replace(fitted, terms=tuple(terms)), whitened)
     )
 
 
-def causes(curve: Rival) -> int:
+def causes(curve: Alternative) -> int:
     """How many a curve stands for: those of two channels' readings have nothing to do with each
     other.
     """
     return len(
         {
             (e.sensor, e.axis) if isinstance(e, LearnedReading) else None
-            for e in (t.suspect.effect for t in curve.terms)
+            for e in (t.hypothesis.effect for t in curve.terms)
         }
     )
 
 
-def several_lines(inside: Sequence[Term]) -> bool:
+def several_lines(inside: Sequence[FittedTerm]) -> bool:
     """Whether a name stands for lines that do not belong together: no form is theirs that the name
     could keep to.
     """
-    tones = [t.suspect.effect.values["frequency"] for t in inside if t.suspect.id in TONES]
+    tones = [t.hypothesis.effect.values["frequency"] for t in inside if t.hypothesis.id in TONES]
     return len(tones) > 1 and max(tones) - min(tones) > WANDER
 
 
-def _worth_of(inside: Sequence[Term], case: Case, ledger: Ledger) -> float:
+def _worth_of(
+    inside: Sequence[FittedTerm], removed: RemovedFinding, whitened: WhitenedModel
+) -> float:
     """What the findings bring less the price of their sizes and of the shapes that were tried."""
-    whole = sum(float(t @ t) for t in case.target)
-    left = sum(float((t - s) @ (t - s)) for t, s in zip(case.target, case.signal, strict=True))
-    tried = 2 * sum(float(np.log(t.suspect.variants)) for t in inside if t.host is None)
-    return whole - left - price_of(ledger) * sum(len(t.names) for t in inside) - tried
+    whole = sum(float(t @ t) for t in removed.target)
+    left = sum(
+        float((t - s) @ (t - s)) for t, s in zip(removed.target, removed.signal, strict=True)
+    )
+    tried = 2 * sum(float(np.log(t.hypothesis.variants)) for t in inside if t.host is None)
+    return whole - left - price_of(whitened) * sum(len(t.names) for t in inside) - tried
 
 
-def leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
+def leftover_curve(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> FittedModel:
     """What is left over and significant, looked for in the noise within the stops too: what differs
     from stop to stop by any
     law of its own is a random walk to the spectrum of the whole record, and within the stops it is
     not there.
     """
-    if gate.static is None and (still := noise_within_stops(account, ledger)) is not None:
-        usual = ledger.roots
-        ledger.under(models(still))
-        found = _leftover(settle(account, ledger), ledger, gate)
-        if len(found.terms) > len(account.terms):
-            return backward(found, ledger, gate)
-        ledger.weigh(usual)
-        account = settle(account, ledger)
-    return _leftover(account, ledger, gate)
+    if gate.static is None and (still := noise_within_stops(fitted, whitened)) is not None:
+        usual = whitened.roots
+        whitened.under(models(still))
+        found = _leftover(refit(fitted, whitened), whitened, gate)
+        if len(found.terms) > len(fitted.terms):
+            return backward_elimination(found, whitened, gate)
+        whitened.weigh(usual)
+        fitted = refit(fitted, whitened)
+    return _leftover(fitted, whitened, gate)
 
 
-def _leftover(account: Account, ledger: Ledger, gate: Gate) -> Account:
+def _leftover(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> FittedModel:
     """The rest of a finding's own form when it is small beside it, else a finding."""
-    case = Case(list(account.basis), list(account.residual), [0 * r for r in account.residual])
-    curve = best_curve(case, ledger)
+    removed = RemovedFinding(
+        list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
+    )
+    curve = best_curve(removed, whitened)
     if curve is None:
-        return account
-    chance = log_tail(curve.gain, curve.sizes) + log_tries(
-        curve.suspect, curve.sizes, len(ledger.suspects)
+        return fitted
+    chance = log_tail(curve.gain, curve.sizes) + log_alternatives(
+        curve.hypothesis, curve.sizes, len(whitened.hypotheses)
     )
     if chance > np.log(ALPHA):
-        return account
-    best = refined(curve.terms, account, ledger)
-    trial = settle(replace(account, terms=account.terms + best), ledger)
-    if gate.log_p(trial, ledger)[-1] >= np.log(ALPHA) or _dear(trial, len(account.terms), ledger):
-        return settle(account, ledger)
-    shares = [_power(case_of(account, ledger, places).signal) for places in findings(account)]
+        return fitted
+    best = refined(curve.terms, fitted, whitened)
+    trial = refit(replace(fitted, terms=fitted.terms + best), whitened)
+    if gate.log_p(trial, whitened)[-1] >= np.log(ALPHA) or _dear(
+        trial, len(fitted.terms), whitened
+    ):
+        return refit(fitted, whitened)
+    shares = [
+        _power(remove_finding(fitted, whitened, places).signal) for places in findings(fitted)
+    ]
     gains = [float(p.sum()) for p in shares]
     if (
         gains
         and curve.gain < SHARE * max(gains)
-        and _alike(shares[k := int(np.argmax(gains))], curve, trial, ledger)
+        and _alike(shares[k := int(np.argmax(gains))], curve, trial, whitened)
     ):
-        places = findings(account)[k]
-        host = account.terms[places[0]].suspect
+        places = findings(fitted)[k]
+        host = fitted.terms[places[0]].hypothesis
         rest = tuple(replace(t, host=host) for t in best)
-        terms = account.terms[: places[-1] + 1] + rest + account.terms[places[-1] + 1 :]
-        return settle(replace(account, terms=terms), ledger)
+        terms = fitted.terms[: places[-1] + 1] + rest + fitted.terms[places[-1] + 1 :]
+        return refit(replace(fitted, terms=terms), whitened)
     return trial
 
 
-def _dear(trial: Account, start: int, ledger: Ledger) -> bool:
+def _dear(trial: FittedModel, start: int, whitened: WhitenedModel) -> bool:
     """Whether the terms from ``start`` on bring less than their sizes cost, once the noise and all
     others are fitted anew.
     """
     places = list(range(start, len(trial.terms)))
-    gain = sum(float(t @ t) for t in case_of(trial, ledger, places).target) - trial.deviance
-    return gain < price_of(ledger) * sum(len(trial.terms[k].names) for k in places)
+    gain = (
+        sum(float(t @ t) for t in remove_finding(trial, whitened, places).target) - trial.deviance
+    )
+    return gain < price_of(whitened) * sum(len(trial.terms[k].names) for k in places)
 
 
 def _power(signal: Sequence[Array]) -> Array:
@@ -238,38 +268,40 @@ def _power(signal: Sequence[Array]) -> Array:
     return np.array([float(s @ s) for s in signal])
 
 
-def _alike(power: Array, curve: Rival, trial: Account, ledger: Ledger) -> bool:
+def _alike(power: Array, curve: Alternative, trial: FittedModel, whitened: WhitenedModel) -> bool:
     """Whether a curve shows in the channels that a finding shows in."""
     other = _power(
-        case_of(
-            trial, ledger, list(range(len(trial.terms) - len(curve.terms), len(trial.terms)))
+        remove_finding(
+            trial, whitened, list(range(len(trial.terms) - len(curve.terms), len(trial.terms)))
         ).signal
     )
     return float(other[power > SHARE * power.sum()].sum()) > OWN * float(other.sum())
 
 
-def best_curve(case: Case, ledger: Ledger) -> Rival | None:
+def best_curve(removed: RemovedFinding, whitened: WhitenedModel) -> Alternative | None:
     """The worthiest curve, its form made local when that says the same with fewer numbers."""
-    found = explanations(case, ledger, is_curve)
+    found = rank_alternatives(removed, whitened, is_curve)
     if not found:
         return None
     of_angle = next((r for r in found if angle_of(r) is not None), None)
     rings = next((r for r in found if is_echo(r)), None)
     trials = [
         *found,
-        *(local(of_angle, case, ledger) if of_angle else []),
-        *([echo(rings, case, ledger)] if rings else []),
+        *(local(of_angle, removed, whitened) if of_angle else []),
+        *([echo(rings, removed, whitened)] if rings else []),
     ]
     top = max(r.worth for r in trials)
     equal = [r for r in trials if r.worth > top - EQUAL - LOOSE * r.gain]
     moves_all = any(
-        r.suspect.effect.sensor is None for r in equal
+        r.hypothesis.effect.sensor is None for r in equal
     )  # the table or the mount may be to blame as well
 
-    def rank(r: Rival) -> tuple[bool, bool, float]:  # a known place first, then the reading itself
+    def rank(
+        r: Alternative,
+    ) -> tuple[bool, bool, float]:  # a known place first, then the reading itself
         return (
-            r.suspect.alias is None or moves_all,
-            not isinstance(r.suspect.effect, LearnedReading),
+            r.hypothesis.alias is None or moves_all,
+            not isinstance(r.hypothesis.effect, LearnedReading),
             -r.worth,
         )
 

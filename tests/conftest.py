@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench import make_bench
+from scenario_files import make_files
 from statistics_helpers import rng_of
 
 
@@ -17,7 +17,7 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
 @pytest.fixture(scope="session")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a scenario and all that the commands make of it; nobody writes there."""
-    return make_bench(tmp_path_factory.mktemp("good"))
+    return make_files(tmp_path_factory.mktemp("good"))
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from bench import FACES
+from scenario_files import FACES
 
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main

@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from bench import BENCH, refusal
+from scenario_files import BENCH_SCENARIO, refusal
 
 from tiltcal.cli import main, reference
 
@@ -17,7 +17,7 @@ MAP = '[file]\n{file}\n[time]\nrate_hz = 10\n[[column]]\nfrom = {source}\nto = "
 @pytest.fixture
 def here(here):
     """A working directory with a scenario."""
-    (here / "bench.toml").write_text(BENCH)
+    (here / "bench.toml").write_text(BENCH_SCENARIO)
     return here
 
 

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from bench import BENCH, EFFECTS, HEAD, SEQUENCE
+from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE
 
 from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.cli import main
@@ -64,7 +64,7 @@ def test_check_accepts_a_good_calibration_on_another_recording_and_rejects_it_un
 
 
 def test_check_rejects_a_sensor_that_has_changed(good, here, capsys):
-    (here / "aged.toml").write_text(BENCH.replace("bias_x_ug = 3000", "bias_x_ug = 4000"))
+    (here / "aged.toml").write_text(BENCH_SCENARIO.replace("bias_x_ug = 3000", "bias_x_ug = 4000"))
     main(["simulate", "aged.toml", "-o", "aged.csv"])
     found = answer(
         capsys, "check", good / "CAL.json", "aged.csv", "--scenario", good / "bench.toml", status=1
@@ -116,7 +116,7 @@ def test_run_judges_and_writes_a_report_and_junit(good, here, capsys):
 
 
 def test_a_broken_limit_ends_with_one_and_is_named_everywhere(here, capsys):
-    (here / "strict.toml").write_text(BENCH.replace("better_by = 5", "better_by = 1e6"))
+    (here / "strict.toml").write_text(BENCH_SCENARIO.replace("better_by = 5", "better_by = 1e6"))
     assert main(["run", "strict.toml", "-o", "out"]) == 1
     said = capsys.readouterr().out
     assert "tilt error before over after: reached" in said
@@ -129,8 +129,8 @@ def test_a_broken_limit_ends_with_one_and_is_named_everywhere(here, capsys):
 def test_verify_runs_a_folder_and_one_bad_scenario_rejects_it(here, capsys):
     (here / "claims").mkdir()
     for name, text in (
-        ("a", BENCH),
-        ("b", BENCH.replace("six_position", "norm")),
+        ("a", BENCH_SCENARIO),
+        ("b", BENCH_SCENARIO.replace("six_position", "norm")),
         ("model", HEAD + EFFECTS + SEQUENCE),
     ):
         (here / "claims" / f"{name}.toml").write_text(text)

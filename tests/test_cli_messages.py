@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from bench import BENCH, EFFECTS, HEAD, SEQUENCE, refusal
+from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE, refusal
 
 
 def put(folder: Path, name: str, text: str) -> Path:
@@ -153,15 +153,15 @@ def commands_with(toml, good):
 
 WRONG = {
     "a wrong key": (
-        BENCH.replace("gravity_m_s2", "gravty_m_s2"),
+        BENCH_SCENARIO.replace("gravity_m_s2", "gravty_m_s2"),
         ["site.gravty_m_s2: unknown key; did you mean 'gravity_m_s2'?"],
     ),
     "an effect's key": (
-        BENCH.replace("bias_x_ug", "bais_x_ug"),
+        BENCH_SCENARIO.replace("bias_x_ug", "bais_x_ug"),
         ["bais_x", "did you mean 'bias_x"],
     ),
     "several at once": (
-        BENCH.replace("rate_hz = 50", "rate_hz = -1")
+        BENCH_SCENARIO.replace("rate_hz = 50", "rate_hz = -1")
         .replace('table = "dual"', 'table = "duel"')
         .replace("seed", "sed"),
         [
@@ -195,7 +195,7 @@ def test_a_missing_scenario_is_refused(command, good, here, capsys):
     ("text", "words"),
     [
         (HEAD + EFFECTS + SEQUENCE, "[[method]]"),
-        (BENCH + '[[method]]\ncommand = ["rm", "-rf"]\n', "--allow-commands"),
+        (BENCH_SCENARIO + '[[method]]\ncommand = ["rm", "-rf"]\n', "--allow-commands"),
     ],
 )
 @pytest.mark.parametrize("command", ["run", "verify"])

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 import tomli_w
-from dossier import bench, honest, recorded
+from diagnosis_fixtures import bench, honest, recorded
 
 from tiltcal.cli import main
 from tiltcal.diagnosis.diagnose import diagnose

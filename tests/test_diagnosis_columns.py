@@ -5,7 +5,7 @@ say, and noise is fitted best.
 
 import numpy as np
 import pytest
-from dossier import bench, honest, recorded
+from diagnosis_fixtures import bench, honest, recorded
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_info, threadpool_limits
 

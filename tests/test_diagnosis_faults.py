@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from dossier import BY_HAND, bench, faults_of, honest, recorded, rewritten, turned_by_hand
+from diagnosis_fixtures import (
+    BY_HAND,
+    bench,
+    faults_of,
+    honest,
+    recorded,
+    rewritten,
+    turned_by_hand,
+)
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.data.observations import Channel

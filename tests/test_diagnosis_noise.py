@@ -4,7 +4,7 @@ and why it decides.
 
 import numpy as np
 import pytest
-from dossier import bench, honest, recorded
+from diagnosis_fixtures import bench, honest, recorded
 from scipy.fft import dct, idct
 from scipy.stats import binom
 from statistics_helpers import FALSE_ALARM, mean_band, variance_band

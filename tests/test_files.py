@@ -7,7 +7,7 @@ import stat
 import numpy as np
 import pytest
 
-from tiltcal import assets
+from tiltcal.core import assets
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, replacing, require_file, write_json, write_text
 from tiltcal.recordings.recording import Recording

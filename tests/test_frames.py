@@ -19,7 +19,7 @@ from builders import (
     still,
 )
 
-from tiltcal import frames
+from tiltcal.core import frames
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG, EARTH_RATE
 from tiltcal.forward.kinematics import closed_form

@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.bench import refusal
+from tests.scenario_files import refusal
 from tiltcal.core.errors import TiltcalError
 from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.investigation import investigate as room
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
-from tiltcal.diagnosis.investigation.investigate import Investigation, PreparedData, investigate
+from tiltcal.diagnosis.investigation.investigate import (
+    Investigation,
+    InvestigationSetup,
+    investigate,
+)
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -88,9 +92,9 @@ def _always_the_same_block(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "next_block", lambda *_: plan)
 
 
-def bench_of(folder: Path, doctor: Doctor, recorder: Recorder, **more: Any) -> PreparedData:
+def bench_of(folder: Path, doctor: Doctor, recorder: Recorder, **more: Any) -> InvestigationSetup:
     scenario: Scenario = parse_scenario(PLACING | more.pop("table", {}))
-    return PreparedData(
+    return InvestigationSetup(
         scenario,
         folder,
         doctor,

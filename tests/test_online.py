@@ -7,8 +7,8 @@ import sys
 import host
 import numpy as np
 import pytest
-from bench import HEAD
 from builders import ACCEL, GYRO, G, setup_of
+from scenario_files import HEAD
 
 from tiltcal.calibration.c_export import header
 from tiltcal.calibration.methods.registry import calibrate

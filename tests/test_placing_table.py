@@ -11,11 +11,11 @@ from logs import log_of, rows_of
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal import poses
 from tiltcal.calibration.correction import corrected_columns
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.recordings import static_poses
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.validation.accuracy import normalised_error
 
@@ -285,9 +285,9 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     sweep = np.concatenate([angles, angles[-2::-1]])
     clean = log((0, sweep), (90, sweep))
     segments = dwells(clean)
-    known = poses._known_up(clean, SETUP, segments)
+    known = static_poses._known_up(clean, SETUP, segments)
     monkeypatch.setattr(
-        poses, "_known_up", lambda *_: known
+        static_poses, "_known_up", lambda *_: known
     )  # the readout is the same in every draw: read it once
     rng = rng_of("placing table at its bound")
     columns = np.column_stack([clean.column(f"accel_{a}_m_s2") for a in "xy"])

@@ -7,7 +7,7 @@ import sys
 from importlib.metadata import EntryPoint
 
 import pytest
-from bench import BENCH, EFFECTS, HEAD, SEQUENCE
+from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE
 
 from tiltcal.calibration.methods import registry
 from tiltcal.calibration.methods.six_position import six_position
@@ -194,7 +194,7 @@ def test_a_program_is_judged_and_its_words_pass_no_shell(program, here, capsys):
 
 
 def test_a_program_runs_only_with_leave(program, here, capsys):
-    (here / "claim.toml").write_text(BENCH + f"[[method]]\n{program}]\n")
+    (here / "claim.toml").write_text(BENCH_SCENARIO + f"[[method]]\n{program}]\n")
     assert main(["run", "claim.toml"]) == 2
     assert "found the command" in capsys.readouterr().err
     assert not (here / "said.json").exists()

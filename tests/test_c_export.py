@@ -5,8 +5,8 @@ million inputs.
 import host
 import numpy as np
 import pytest
-from bench import refusal
 from builders import ACCEL, G, setup_of
+from scenario_files import refusal
 from statistics_helpers import rng_of
 
 from tiltcal.calibration.c_export import header

@@ -4,7 +4,7 @@ says.
 
 import numpy as np
 import pytest
-from dossier import BY_HAND, bench, faults_of, honest, recorded, rewritten
+from diagnosis_fixtures import BY_HAND, bench, faults_of, honest, recorded, rewritten
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.data_quality.prepare import prepare

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dossier import rewritten
+from diagnosis_fixtures import rewritten
 from scipy.spatial.transform import Rotation
 from statistics_helpers import rng_of
 

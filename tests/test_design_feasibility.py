@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench import BENCH, refusal
+from scenario_files import BENCH_SCENARIO, refusal
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.design.gradient_search import Problem
@@ -14,9 +14,9 @@ from tiltcal.design.time_budget import Clock
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
-    (tmp_path / "bench.toml").write_text(BENCH)
+    (tmp_path / "bench.toml").write_text(BENCH_SCENARIO)
     (tmp_path / "vertical.toml").write_text(
-        BENCH.replace('table = "dual"', 'table = "vertical"').split("[[sequence]]")[0]
+        BENCH_SCENARIO.replace('table = "dual"', 'table = "vertical"').split("[[sequence]]")[0]
     )
     (tmp_path / "gyro.toml").write_text(
         'schema = 1\n[site]\ngravity_m_s2 = 9.8\nlatitude_deg = 40.0\n[rig]\ntable = "dual"\n'

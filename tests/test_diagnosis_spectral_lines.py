@@ -4,7 +4,7 @@ angle, after each move.
 
 import numpy as np
 import pytest
-from dossier import bench, honest, recorded
+from diagnosis_fixtures import bench, honest, recorded
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.data_quality.prepare import prepare

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from builders import FOG, GYRO
-from dossier import bench, honest, recorded, rewritten
+from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.core.units import G0
 from tiltcal.diagnosis.conclusions.concluding import findings_of
@@ -255,7 +255,7 @@ def test_what_completes_a_form_has_a_size_that_a_file_may_give_it(width, kept, m
         FittedTerm(plays[1], ("width",), (width,), plays[0]),
     )
     monkeypatch.setattr(
-        "tiltcal.diagnosis.search.forward_selection.settle", lambda fitted, _: fitted
+        "tiltcal.diagnosis.search.forward_selection.refit", lambda fitted, _: fitted
     )
     assert (
         len(drop_implausible_sizes(replace(found.start, terms=terms), found.whitened).terms) == kept

@@ -50,12 +50,12 @@ SEQUENCE = "".join(
     for a, b, c in FACES
 )
 METHOD = '[[method]]\nname = "six_position"\n[method.accept]\nbetter_by = 5\n'
-BENCH = HEAD + EFFECTS + SEQUENCE + METHOD
+BENCH_SCENARIO = HEAD + EFFECTS + SEQUENCE + METHOD
 
 
-def make_bench(folder: Path) -> Path:
+def make_files(folder: Path) -> Path:
     """bench.toml, run.csv, truth.json, CAL.json and SEG.csv in ``folder``."""
-    (folder / "bench.toml").write_text(BENCH)
+    (folder / "bench.toml").write_text(BENCH_SCENARIO)
     at = {
         name: str(folder / name)
         for name in ("bench.toml", "run.csv", "truth.json", "CAL.json", "SEG.csv")

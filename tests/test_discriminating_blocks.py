@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.bench import refusal
+from tests.scenario_files import refusal
 from tests.statistics_helpers import seed_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import G0

@@ -4,7 +4,7 @@ lag, a law by one number.
 
 import numpy as np
 import pytest
-from dossier import bench, honest, recorded, rewritten
+from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import parse_scenario

@@ -3,6 +3,8 @@ matrices
 say, and noise is fitted best.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded
@@ -14,7 +16,8 @@ from tiltcal.diagnosis.diagnose import one_thread
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
+from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk, deviance
 
 LENGTHS = (40, 30, 50)
 
@@ -74,15 +77,12 @@ def test_scores_are_those_of_the_columns_themselves_under_each_noise_in_turn(rng
         listed_suspects(found.observations.scenario, ranges_of(found.observations, SpectralLines()))
     )[:40]
     for hypothesis in hypotheses:
-        whitened.add(hypothesis, fitted.effects)
+        whitened.columns.add(hypothesis, fitted.effects)
     lengths = [len(c.values) for c in found.observations.channels]
     asked = {id(s) for s in whitened.hypotheses[::3]}
-    quiet, noisy = (
-        whitened.roots,
-        [root * rng.uniform(1.0, 3.0, len(root)) for root in whitened.roots],
-    )
-    for roots in (quiet, noisy, quiet):  # what was said under one noise is not said under another
-        whitened.weigh(roots)
+    noisy = tuple(root * rng.uniform(1.0, 3.0, len(root)) for root in whitened.roots)
+    quiet = whitened
+    for whitened in (quiet, replace(quiet, roots=noisy), quiet):
         basis = BlockDesignMatrix(
             [whitened.whiten({i: rng.normal(size=n)}) for i, n in enumerate(lengths)], lengths
         ).basis()
@@ -92,7 +92,7 @@ def test_scores_are_those_of_the_columns_themselves_under_each_noise_in_turn(rng
         Q, r = np.vstack(basis), np.concatenate(residual)
         for score in scores:
             columns = [
-                whitened.weighed(whitened.waves(score.hypothesis, name, fitted.effects))
+                whitened.weighed(whitened.columns.waves(score.hypothesis, name, fitted.effects))
                 for name in score.names
             ]
             U = np.column_stack(
@@ -114,29 +114,35 @@ def test_scores_are_those_of_the_columns_themselves_under_each_noise_in_turn(rng
 
 @pytest.mark.parametrize(
     "truth",
-    [NoiseModel(1.0), NoiseModel(1.0, 0.3), NoiseModel(1.0, 0.05, 0.02), NoiseModel(1.0, 0.0, 0.3)],
+    [
+        WhiteFlickerWalk(1.0),
+        WhiteFlickerWalk(1.0, 0.3),
+        WhiteFlickerWalk(1.0, 0.05, 0.02),
+        WhiteFlickerWalk(1.0, 0.0, 0.3),
+    ],
 )
 def test_no_general_minimiser_finds_a_likelier_noise(truth, rng):
     n = 3000
     for _ in range(5):
-        fit = NoiseFit.of(rng.normal(size=n) * np.sqrt(truth.spectrum(n)), np.ones(n))
-        best = np.array([fit.model.white, fit.model.flicker, fit.model.walk]) ** 2 / fit.scale
+        coefficients = rng.normal(size=n) * np.sqrt(truth.spectrum(n))
+        fit = NoiseFit.of(coefficients, np.ones(n), WhiteFlickerWalk)
+        bins = fit.bins
+        best = np.array([fit.model.white, fit.model.flicker, fit.model.walk]) ** 2 / bins.scale
         starts = [np.log(np.maximum(best, 1e-20)), *rng.uniform((-2, -12, -20), (1, 0, -5), (4, 3))]
         others = [
-            minimize(lambda p, fit=fit: fit.cost(np.exp(p)), start, method="Nelder-Mead")
+            minimize(lambda p, b=bins: deviance(b, np.exp(p)), start, method="Nelder-Mead")
             for start in starts
         ]
-        assert fit.cost(best) < min(o.fun for o in others) + 1e-3
+        assert deviance(bins, best) < min(o.fun for o in others) + 1e-3
         flicker, walk = (
             np.maximum(
-                np.array([m.white, m.flicker, m.walk]) ** 2 / fit.scale, np.finfo(float).tiny
+                np.array([m.white, m.flicker, m.walk]) ** 2 / bins.scale, np.finfo(float).tiny
             )
             for m in fit.bounds(3.84)
         )
         for bound in (flicker, walk):  # as far as the likelihood lets it go
-            assert fit.cost(bound) - fit.cost(
-                np.maximum(best, np.finfo(float).tiny)
-            ) == pytest.approx(3.84, abs=0.3)
+            rise = deviance(bins, bound) - deviance(bins, np.maximum(best, np.finfo(float).tiny))
+            assert rise == pytest.approx(3.84, abs=0.3)
 
 
 def test_a_diagnosis_leaves_linear_algebra_its_threads():

@@ -22,6 +22,7 @@ from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
 from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import Alternative, preferred
 from tiltcal.diagnosis.search.forward_selection import (
     NoiseGate,
@@ -93,14 +94,14 @@ def test_a_step_to_where_the_model_has_no_reading_is_taken_back(monkeypatch):
     """
     found = prepared(K2)
     sane = found.start.deviance
-    usual, calls = found.whitened.residual, []
+    usual, calls = WhitenedModel.residual, []
 
-    def absurd(effects):
+    def absurd(whitened, effects):
         calls.append(1)
-        left = usual(effects)
+        left = usual(whitened, effects)
         return left if len(calls) == 1 else [np.full_like(r, np.nan) for r in left]
 
-    monkeypatch.setattr(found.whitened, "residual", absurd)
+    monkeypatch.setattr(WhitenedModel, "residual", absurd)
     fitted = refit(
         replace(found.start, terms=(FittedTerm.start(hypothesis("acc_K2", ("k2_x",))),)),
         found.whitened,
@@ -284,7 +285,7 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
     fitted = with_terms(found, ring)
     assert len(drop_below_code(fitted, found.whitened, {"accel": 1e-6}).terms) == 1
     assert drop_below_code(fitted, found.whitened, {"accel": 1e-6}, blurred=True).terms == ()
-    build_dictionary(found.whitened, found.start, SpectralLines(), blurred=True)
+    build_dictionary(found.whitened.columns, found.start, SpectralLines(), blurred=True)
     assert not {"settling_transient", "table_backlash", "lever_arm"} & {
         s.id for s in found.whitened.hypotheses
     }
@@ -293,27 +294,25 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
 def test_an_account_with_many_numbers_gives_way_to_a_plain_one():
     """A K2 that two wrong laws with curves stand for is exchanged for itself."""
     found = prepared(K2)
-    build_dictionary(found.whitened, found.start, SpectralLines())
+    build_dictionary(found.whitened.columns, found.start, SpectralLines())
     gate = NoiseGate(None, len(found.whitened.hypotheses))
     wrong = with_terms(
         found, hypothesis("acc_scale_asym", ("asym_x",)), hypothesis("acc_K3", ("k3_x",))
     )
-    found_again = swap_search(wrong, found.start, found.whitened, gate, lambda s: s.textbook)
+    found_again, _ = swap_search(wrong, found.start, found.whitened, gate, lambda s: s.textbook)
     assert [t.hypothesis.id for t in found_again.terms] == ["acc_K2"]
 
 
 def test_where_no_form_by_itself_stands_out_several_are_tried_together():
     found = prepared(K2, {"id": "acc_K3", "sensor": "accel", "k3_y_ug_g3": 800.0})
-    build_dictionary(found.whitened, found.start, SpectralLines())
+    build_dictionary(found.whitened.columns, found.start, SpectralLines())
     gate = NoiseGate(None, len(found.whitened.hypotheses))
-    several = swap_search(found.start, found.start, found.whitened, gate, lambda s: s.textbook)
+    several, _ = swap_search(found.start, found.start, found.whitened, gate, lambda s: s.textbook)
     assert {t.hypothesis.id for t in several.terms} == {"acc_K2", "acc_K3"}
     sound = prepared()
-    build_dictionary(sound.whitened, sound.start, SpectralLines())
-    assert (
-        swap_search(sound.start, sound.start, sound.whitened, gate, lambda s: s.textbook).terms
-        == ()
-    )
+    build_dictionary(sound.whitened.columns, sound.start, SpectralLines())
+    nothing, _ = swap_search(sound.start, sound.start, sound.whitened, gate, lambda s: s.textbook)
+    assert nothing.terms == ()
 
 
 @pytest.mark.parametrize(
@@ -331,10 +330,10 @@ def test_a_drift_and_a_step_are_two_findings_though_a_step_that_bends_does_the_s
         table=table,
         sensor=sensor,
     )
-    build_dictionary(found.whitened, found.start, SpectralLines())
+    build_dictionary(found.whitened.columns, found.start, SpectralLines())
     gate = NoiseGate(None, len(found.whitened.hypotheses))
-    fitted = plainly(found.start, found.whitened, gate, lambda s: s.textbook)
-    for told in (fitted, prefer_unlisted_curve(fitted, found.whitened, gate)):
+    fitted, whitened = plainly(found.start, found.whitened, gate, lambda s: s.textbook)
+    for told in (fitted, prefer_unlisted_curve(fitted, whitened, gate)[0]):
         assert {t.names for t in told.terms} == {(f"drift_{drift}",), ("bias_step_x",)}
 
 
@@ -363,8 +362,9 @@ def test_a_finding_that_does_not_pay_for_its_numbers_is_not_stated():
         ((hypothesis("acc_K3", ("k3_x", "k3_y", "k3_z")),), {"acc_K2"}),
     ):
         fitted = with_terms(found, hypothesis("acc_K2", ("k2_x",)), *others)
-        assert {t.hypothesis.id for t in drop_below_bic(fitted, found.whitened, gate).terms} == kept
-    assert drop_below_bic(found.start, found.whitened, gate).terms == ()
+        left, _ = drop_below_bic(fitted, found.whitened, gate)
+        assert {t.hypothesis.id for t in left.terms} == kept
+    assert drop_below_bic(found.start, found.whitened, gate)[0].terms == ()
 
 
 def rival(of, value, worth):
@@ -420,10 +420,11 @@ def test_a_reference_that_is_felt_late_is_named_before_scale_factors():
         felt, sound.time
     )  # what the reference feels is this, 16 s late
     found = prepare(honest(truth), [rewritten(sound, temperature_degC=ahead)])
-    build_dictionary(found.whitened, found.start, SpectralLines())
+    build_dictionary(found.whitened.columns, found.start, SpectralLines())
     gate = NoiseGate(None, len(found.whitened.hypotheses))
-    fitted = forward_selection(found.start, found.whitened, gate, lambda s: s.textbook)
-    first = findings_of(fitted, found.whitened, gate)[0]
+    fitted, whitened = forward_selection(found.start, found.whitened, gate, lambda s: s.textbook)
+    values, whitened = gate.log_p(fitted, whitened)
+    first = findings_of(fitted, whitened, values)[0]
     assert (first.effect, first.parameters["gain_ppm_degC"][0]) == (
         "reference_drift",
         pytest.approx(60.0, rel=0.05),

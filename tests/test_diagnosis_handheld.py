@@ -36,7 +36,8 @@ from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_b
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
+from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 G = 9.80123
 TRIADS = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
@@ -317,7 +318,7 @@ def test_noise_is_no_less_than_rests_are_apart():
     stop = np.repeat(np.arange(40), 60)
     residual = rng.normal(0, 1, 2400) + rng.normal(0, 2.0, 40)[stop]
     steps, mean = rest_steps(stop), np.zeros((2400, 0))
-    white = NoiseFit.whole(NoiseModel(1.0))
+    white = NoiseFit.known(WhiteFlickerWalk(1.0))
     model = no_less(white, steps, residual, mean).model
     variance = ((steps**2) @ model.spectrum(2400)).mean()
     apart = np.var(np.diff([residual[stop == k].mean() for k in range(40)]))

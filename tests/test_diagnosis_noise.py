@@ -10,8 +10,9 @@ from scipy.stats import binom
 from statistics_helpers import FALSE_ALARM, mean_band, variance_band
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.model.hypothesis_columns import cosines
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, estimate_noise
+from tiltcal.diagnosis.model.cosine_basis import cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 CONSTANT = cosines(np.ones(2000))[:, None]
 
@@ -23,7 +24,7 @@ def walk_of(rng, n, white, walk):
 def test_a_random_walk_with_a_free_level_is_diagonal_in_the_cosine_basis(rng):
     n, draws = 64, 6000
     walks = dct(np.cumsum(rng.normal(size=(draws, n)), axis=1), axis=1, norm="ortho")[:, 1:]
-    variance = NoiseModel(0.0, 0.0, 1.0).spectrum(n)[1:]
+    variance = WhiteFlickerWalk(0.0, 0.0, 1.0).spectrum(n)[1:]
     low, high = variance_band(draws, n - 1)
     # the walk's own level leaks into the low coefficients alone: the precision of the differences
     # is D'D
@@ -36,7 +37,7 @@ def test_a_random_walk_with_a_free_level_is_diagonal_in_the_cosine_basis(rng):
 
 
 def test_whitening_makes_the_noise_white(rng):
-    model = NoiseModel(1.0, 0.0, 0.2)
+    model = WhiteFlickerWalk(1.0, 0.0, 0.2)
     z = np.array([model.whiten(walk_of(rng, 400, 1.0, 0.2)) for _ in range(400)])[:, 1:]
     low, high = variance_band(z.size // 2)
     assert low * 0.98 < z.var() < high * 1.02
@@ -44,7 +45,8 @@ def test_whitening_makes_the_noise_white(rng):
 
 def test_white_noise_and_walk_are_found(rng):
     fits = [
-        estimate_noise(cosines(walk_of(rng, 2000, 1.0, 0.05)), CONSTANT).model for _ in range(60)
+        estimate_noise(cosines(walk_of(rng, 2000, 1.0, 0.05)), CONSTANT, WhiteFlickerWalk).model
+        for _ in range(60)
     ]
     white = np.array([f.white for f in fits])
     assert abs(white.mean() - 1) < mean_band(white) + 0.01
@@ -56,14 +58,17 @@ def test_white_noise_and_walk_are_found(rng):
 
 @pytest.mark.parametrize(
     ("truth", "worst"),
-    [(NoiseModel(1.0, 0.0, 0.01), np.sqrt(variance_band(75)[1])), (NoiseModel(1.0, 0.08), 0.8)],
+    [
+        (WhiteFlickerWalk(1.0, 0.0, 0.01), np.sqrt(variance_band(75)[1])),
+        (WhiteFlickerWalk(1.0, 0.08), 0.8),
+    ],
 )
 def test_channels_that_are_alike_tell_together_where_a_walk_began(truth, worst, rng):
     """A walk begins at nothing, flicker does not: what takes all slow noise for a walk is right of
     a walk, and of that only.
     """
     n, units = 2000, np.array([1.0, 2.0, 0.5])
-    slow = np.sqrt(NoiseModel(0.0, truth.flicker).spectrum(n))
+    slow = np.sqrt(WhiteFlickerWalk(0.0, truth.flicker).spectrum(n))
     together, walk_only = [], []
     for _ in range(25):
         whole = np.array(
@@ -76,11 +81,11 @@ def test_channels_that_are_alike_tell_together_where_a_walk_began(truth, worst, 
         left = [
             cosines(unit * (x - mean)) for unit, x, mean in zip(units, whole, means, strict=True)
         ]
-        fits = [estimate_noise(e, CONSTANT) for e in left]
-        alike = NoiseFit.alike(fits).model
+        fits = [estimate_noise(e, CONSTANT, WhiteFlickerWalk) for e in left]
+        alike = NoiseFit.alike(fits, WhiteFlickerWalk).model
         for e, unit, mean, fit in zip(left, units, means, fits, strict=True):
             together.append(
-                mean + idct(e * alike.walked(n) / alike.spectrum(n), norm="ortho")[0] / unit
+                mean + idct(e * alike.drift_spectrum(n) / alike.spectrum(n), norm="ortho")[0] / unit
             )
             walk_only.append(
                 mean
@@ -93,7 +98,7 @@ def test_the_bound_of_a_walk_holds_the_truth_nearly_always(rng):
     draws, truth = 120, 0.03
     inside = 0
     for _ in range(draws):
-        fit = estimate_noise(cosines(walk_of(rng, 2000, 1.0, truth)), CONSTANT)
+        fit = estimate_noise(cosines(walk_of(rng, 2000, 1.0, truth)), CONSTANT, WhiteFlickerWalk)
         inside += fit.bounds()[1].walk >= truth
     assert inside >= binom.ppf(FALSE_ALARM, draws, 0.95)
 
@@ -102,7 +107,8 @@ def test_a_mean_model_costs_its_degrees_of_freedom_and_nothing_more(rng):
     n = 600
     mean = rng.normal(size=(n, 60))
     fits = [
-        estimate_noise(cosines(rng.normal(size=n)), cosines_of(mean)).model.white for _ in range(40)
+        estimate_noise(cosines(rng.normal(size=n)), cosines_of(mean), WhiteFlickerWalk).model.white
+        for _ in range(40)
     ]
     assert abs(np.mean(fits) - 1) < mean_band(np.array(fits)) + 0.01
 
@@ -124,7 +130,7 @@ def test_a_random_walk_alone_is_no_finding_but_would_be_if_all_noise_were_taken_
     assert [diagnose(honest(truth), [r]).verdict for r in recordings] == ["match"] * 4
 
     def as_white(self, *_):
-        return NoiseModel(self.model.white), NoiseModel(self.model.white)
+        return WhiteFlickerWalk(self.model.white), WhiteFlickerWalk(self.model.white)
 
     monkeypatch.setattr(NoiseFit, "bounds", as_white)
     assert any(diagnose(honest(truth), [r]).verdict != "match" for r in recordings)

@@ -144,11 +144,12 @@ def test_a_step_has_to_show_without_the_samples_next_to_it(rows, ends, good):
         replace(found.start, terms=tuple(FittedTerm.start(s, ("bias_step_x",)) for s in steps)),
         found.whitened,
     )
-    found.whitened.under([f.model for f in noise_under(fitted, found.whitened)])
-    fitted = refit(fitted, found.whitened)
+    noise = [f.model for f in noise_under(fitted, found.whitened.columns)]
+    whitened = found.whitened.under(noise)
+    fitted = refit(fitted, whitened)
     assert len(fitted.terms) == len(ends)
     assert [
-        bool(log_p < np.log(ALPHA)) for log_p in finding_log_p_values(fitted, found.whitened, 1000)
+        bool(log_p < np.log(ALPHA)) for log_p in finding_log_p_values(fitted, whitened, 1000)
     ] == [good] * len(ends)
 
 

@@ -88,7 +88,7 @@ def test_a_time_constant_is_found_again_beside_another_law():
     constant of its own.
     """
     found = prepare(BESIDE, [turned("warm-up", 2e-3 * RATE, -3e-3 * np.exp(-TIME / 20.0))])
-    build_dictionary(found.whitened, found.start, SpectralLines())
+    build_dictionary(found.whitened.columns, found.start, SpectralLines())
     warm_up = next(
         s for s in found.whitened.hypotheses if s.id == "gyr_warmup" and s.effect.sensor == "gyro"
     )

@@ -25,7 +25,7 @@ def prepared(*left_out, seed=3):
 
 def lines(*left_out):
     found = prepared(*left_out)
-    return spectral_lines_of(found.whitened, found.start)
+    return spectral_lines_of(found.observations, found.start)
 
 
 def test_noise_has_no_lines():
@@ -60,7 +60,7 @@ def test_lost_rows_do_not_smear_a_tone():
     columns = {name: whole.column(name)[kept] for name in whole.column_names}
     found = prepare(honest(truth), [Recording.from_columns(whole.time[kept], columns)])
     width = 1 / float(np.ptp(whole.time))
-    assert spectral_lines_of(found.whitened, found.start).tones[0] == pytest.approx(
+    assert spectral_lines_of(found.observations, found.start).tones[0] == pytest.approx(
         4.9, abs=width / 4
     )
 
@@ -80,15 +80,15 @@ def test_a_hum_that_wanders_is_told_by_all_its_lines_together():
     columns["accel_y_m_s2"] = columns["accel_y_m_s2"] + size * np.sin(phase)
     hum = Recording.from_columns(whole.time, columns)
     found = prepare(honest(truth), [hum])
-    assert spectral_lines_of(found.whitened, found.start).tones == ()
-    assert all(abs(f - 3.37) < 0.05 for f in wandering_of(found.whitened, found.start))
+    assert spectral_lines_of(found.observations, found.start).tones == ()
+    assert all(abs(f - 3.37) < 0.05 for f in wandering_of(found.observations, found.start))
     assert [f.effect for f in diagnose(honest(truth), [hum]).findings] == ["mains_pickup"]
 
 
 def test_noise_has_no_wandering_lines():
     for seed in range(3, 9):
         found = prepared(seed=seed)
-        assert wandering_of(found.whitened, found.start) == ()
+        assert wandering_of(found.observations, found.start) == ()
 
 
 @pytest.mark.parametrize("phase", [20.0, 160.0, 310.0])
@@ -123,7 +123,7 @@ def test_an_interpolation_error_is_a_line_over_the_angle():
     truth = bench({"id": "table_encoder_sde", "axis": "outer", "cos_arcsec": 60.0, "lines": 36})
     truth = truth.model_copy(update={"sequence": sequence})
     found = prepare(honest(truth), [recorded(truth, 3)])
-    assert spectral_lines_of(found.whitened, found.start).ripples[:1] == (36,)
+    assert spectral_lines_of(found.observations, found.start).ripples[:1] == (36,)
 
 
 def test_a_gyro_tells_the_lines_of_a_turn_about_the_upright():
@@ -149,7 +149,7 @@ def test_a_gyro_tells_the_lines_of_a_turn_about_the_upright():
         }
     )
     found = prepare(honest(truth), [recorded(truth, 3)])
-    assert spectral_lines_of(found.whitened, found.start).ripples[:1] == (24,)
+    assert spectral_lines_of(found.observations, found.start).ripples[:1] == (24,)
 
 
 def test_what_rings_anew_after_each_move_is_an_echo():
@@ -171,11 +171,11 @@ def test_what_stood_in_the_shadow_of_a_finding_comes_onto_the_ledger_later():
     found = prepared(
         {"id": "mains_pickup", "sensor": "accel", "pickup_x_ug": 400.0, "frequency_hz": 3.37}
     )
-    before = spectral_lines_of(found.whitened, found.start)
+    before = spectral_lines_of(found.observations, found.start)
     nothing = type(before)()
-    build_dictionary(found.whitened, found.start, nothing)
+    build_dictionary(found.whitened.columns, found.start, nothing)
     count = len(found.whitened.hypotheses)
-    assert extend_dictionary(found.whitened, found.start, nothing)
+    assert extend_dictionary(found.whitened.columns, found.start, nothing)
     new = {s.effect.values.get("frequency") for s in found.whitened.hypotheses[count:]}
     assert any(f is not None and abs(f - 3.37) < 0.01 for f in new)
-    assert not extend_dictionary(found.whitened, found.start, before)
+    assert not extend_dictionary(found.whitened.columns, found.start, before)

@@ -13,10 +13,11 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, find_setting_error
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.cosine_basis import cosines
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, noise_under, noise_within_stops, refit
-from tiltcal.diagnosis.model.hypothesis_columns import cosines
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}
 HYSTERESIS = {
@@ -39,7 +40,7 @@ def test_noise_within_parts_of_a_record_is_that_of_the_record(walk, rng):
         + 100 * rng.standard_normal()
         for n in [80, 60] * 40
     ]
-    model = NoiseFit.within([cosines(part) for part in parts]).model
+    model = NoiseFit.within([cosines(part) for part in parts], WhiteFlickerWalk).model
     assert model.white == pytest.approx(
         1.0, rel=0.06
     )  # 5600 samples: 1 %; what a walk takes of the white noise is less sure
@@ -48,7 +49,7 @@ def test_noise_within_parts_of_a_record_is_that_of_the_record(walk, rng):
 
 def test_levels_of_stops_are_a_walk_to_the_whole_record_and_nothing_within_them():
     found = prepared(bench(INDEX))
-    whole = noise_under(found.start, found.whitened)
+    whole = noise_under(found.start, found.whitened.columns)
     within = noise_within_stops(found.start, found.whitened)
     assert within is not None
     slow, rest = (max(fit.model.walk for fit in fits) for fits in (whole, within))

@@ -41,7 +41,7 @@ from tiltcal.diagnosis.model.fitted_model import (
     refit,
     shift_bias_to_start,
 )
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.forward_selection import (
     NoiseGate,
     backward_elimination,
@@ -57,6 +57,8 @@ from tiltcal.diagnosis.search.unlisted_curves import drop_formless_names, prefer
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.noise_spectrum import NoiseModel
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 
 @contextmanager
@@ -79,6 +81,7 @@ def diagnose(
     static: Recording | None = None,
     laboratory: Laboratory | None = None,
     progress: Progress = silent,
+    noise: type[NoiseModel] = WhiteFlickerWalk,
 ) -> Diagnosis:
     """Why these recordings differ from the scenario.
 
@@ -89,35 +92,35 @@ def diagnose(
         static: a record at rest, of the same sensors at the same rate, to take the noise from.
         laboratory: re-simulates the recording with the amended scenario in the end.
         progress: is told what is being done.
+        noise: kind of noise model that is fitted to each channel.
 
     Raises:
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
     progress("reading")
-    prepared = prepare(scenario, recordings)
+    prepared = prepare(scenario, recordings, noise)
     if not has_enough_samples(prepared.observations, prepared.start):
-        return _answer(prepared, prepared.start, (), (), False)
+        return _answer(prepared, prepared.start, prepared.whitened, (), (), False)
     progress("what every effect would do")
-    lines = spectral_lines_of(prepared.whitened, prepared.start)
+    lines = spectral_lines_of(prepared.observations, prepared.start)
     full, prepared = (
         prepared.observations,
         averaged_blocks(prepared, block_of(prepared.observations, lines)),
     )
     whitened = prepared.whitened
     blurred = any(f.effect.id == "data_truncation" for f in prepared.faults)
-    build_dictionary(whitened, prepared.start, lines, blurred)
-    gate = NoiseGate(
-        None if static is None else static_noise(prepared.observations, static),
-        len(whitened.hypotheses),
-    )
+    build_dictionary(whitened.columns, prepared.start, lines, blurred)
+    at_rest = None if static is None else static_noise(prepared.observations, static, noise)
+    gate = NoiseGate(at_rest, len(whitened.hypotheses))
     progress("who is to blame")
-    fitted = forward_selection(prepared.start, whitened, gate, _textbook)
-    fitted = swap_search(fitted, prepared.start, whitened, gate, _textbook)
-    if extend_dictionary(whitened, fitted, lines):
-        fitted = forward_selection(fitted, whitened, gate, _textbook)
+    fitted, whitened = forward_selection(prepared.start, whitened, gate, _textbook)
+    fitted, whitened = swap_search(fitted, prepared.start, whitened, gate, _textbook)
+    if extend_dictionary(whitened.columns, fitted, lines):
+        fitted, whitened = forward_selection(fitted, whitened, gate, _textbook)
     fitted = merge_small_findings(fitted, whitened)
     progress("what no name fits")
-    fitted = backward_elimination(prefer_unlisted_curve(fitted, whitened, gate), whitened, gate)
+    fitted, whitened = prefer_unlisted_curve(fitted, whitened, gate)
+    fitted, whitened = backward_elimination(fitted, whitened, gate)
     fitted = add_predictive_parameters(
         refine_all_shapes(fitted, whitened), whitened
     )  # in the noise that is left now
@@ -130,14 +133,16 @@ def diagnose(
     fitted = drop_unpredictive(
         drop_implausible_sizes(drop_formless_names(fitted, whitened), whitened), whitened
     )  # its sizes have been fitted again since
-    fitted = drop_below_bic(fitted, whitened, gate)
+    fitted, whitened = drop_below_bic(fitted, whitened, gate)
     if prepared.floors:  # in the noise that is left now its sizes are others
         fitted = drop_below_code(fitted, whitened, prepared.floors, blurred)
     fitted = normalise_tone_phase(fitted, prepared.observations)
     progress("re-simulating")
-    answer = _answer(
-        prepared, fitted, findings_of(fitted, whitened, gate), chance, True, static is not None
-    )
+    values: list[float] = []
+    if fitted.terms:
+        values, whitened = gate.log_p(fitted, whitened)
+    found = findings_of(fitted, whitened, values)
+    answer = _answer(prepared, fitted, whitened, found, chance, True, static is not None)
     return answer if laboratory is None else _simulated(answer, laboratory, full, fitted)
 
 
@@ -165,13 +170,14 @@ def _by_chance(
 def _answer(
     prepared: PreparedData,
     fitted: FittedModel,
+    whitened: WhitenedModel,
     found: Sequence[Finding],
     chance: Sequence[Fault],
     told: bool,
     static: bool = False,
 ) -> Diagnosis:
     """Verdict and figures."""
-    whitened, observations = prepared.whitened, prepared.observations
+    observations = prepared.observations
     before = refit(prepared.start, whitened)
     first, last = fitness_of(before, whitened), fitness_of(fitted, whitened)
     faults = [*prepared.faults, *chance]
@@ -179,7 +185,13 @@ def _answer(
     verdict = verdict_of(answer, told)
     source = "taken from the static record" if static else "taken from the recording itself"
     statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, source)
-    began = shift_bias_to_start(fitted, whitened, noise_under(fitted, whitened)) if told else fitted
+    began = (
+        shift_bias_to_start(
+            fitted, whitened, noise_under(fitted, whitened.columns, law=whitened.law)
+        )
+        if told
+        else fitted
+    )
     amended = amended_of(began, observations, faults)
     notes = [*prepared.notes, f"the noise was {source}"]
     left = observations.residuals(fitted.effects)

@@ -27,7 +27,8 @@ from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cross_validation import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
-from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, WhitenedModel
+from tiltcal.diagnosis.model.score_test import SURVIVES
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     OWN,
     Alternative,
@@ -37,7 +38,7 @@ from tiltcal.diagnosis.search.alternatives import (
     rank_alternatives,
     remove_finding,
 )
-from tiltcal.diagnosis.search.forward_selection import NoiseGate, findings
+from tiltcal.diagnosis.search.forward_selection import findings
 from tiltcal.diagnosis.search.thermal_lag import thermal_lag_findings
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect, Parameter
@@ -46,11 +47,18 @@ from tiltcal.effects.learned import Learned
 SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
 
 
-def findings_of(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> list[Finding]:
-    """The findings of an account, each with its class and its place."""
-    values = gate.log_p(fitted, whitened) if fitted.terms else []
+def findings_of(
+    fitted: FittedModel, whitened: WhitenedModel, log_p: Sequence[float]
+) -> list[Finding]:
+    """The findings of a fitted model, each with its class and its place.
+
+    Args:
+        fitted: terms and calibration.
+        whitened: columns under the noise that the fitted model leaves.
+        log_p: corrected log p-value of each finding.
+    """
     return [
-        _finding(fitted, whitened, places, values[k]) for k, places in enumerate(findings(fitted))
+        _finding(fitted, whitened, places, log_p[k]) for k, places in enumerate(findings(fitted))
     ]
 
 

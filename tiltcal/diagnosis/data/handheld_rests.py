@@ -9,12 +9,13 @@ from itertools import product
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.diagnosis.model.hypothesis_columns import cosines
+from tiltcal.diagnosis.model.cosine_basis import cosines
 from tiltcal.forward.gravity_transport import EDGE
 from tiltcal.laboratory.handheld import stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import group_directions
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, column_space
+from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.projection import column_space
 
 REST = "rest"  # extra column of an averaged log
 KEPT_AT_REST = 6000  # rows: a longer log is averaged in its rests
@@ -115,10 +116,7 @@ def no_less(fit: NoiseFit, steps: Array, residual: Array, mean: Array) -> NoiseF
     missing = float(apart @ apart) - expected
     if missing <= 0:
         return fit
-    each = float(free @ (power @ (NoiseModel(0.0, 1.0).spectrum(n))))
-    return replace(
-        fit, model=replace(model, flicker=float(np.sqrt(model.flicker**2 + missing / each)))
-    )
+    return replace(fit, model=model.with_excess(free @ power, missing))
 
 
 def known_stops(recording: Recording) -> Index:

@@ -26,13 +26,22 @@ from tiltcal.diagnosis.data_quality.stop_errors import (
 from tiltcal.diagnosis.data_quality.stuck_bit import with_bits
 from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
+from tiltcal.diagnosis.model.cosine_basis import cosines
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, cosines
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import group_directions
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, estimate_noise, robust_white
+from tiltcal.statistics.noise_spectrum import (
+    NoiseFit,
+    NoiseModel,
+    estimate_noise,
+    robust_white,
+    white_noise,
+)
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 PASSES = 5  # of putting missing bits back
 
@@ -57,17 +66,18 @@ class PreparedData:
         """The same over other observations, the adjustable terms fitted again, with further
         faults.
         """
-        whitened = WhitenedModel(observations)
+        start, whitened = calibrated(observations, self.whitened.law)
+        every = (*self.faults, *faults)
         return replace(
-            self,
-            observations=observations,
-            whitened=whitened,
-            start=calibrated(observations, whitened),
-            faults=(*self.faults, *faults),
+            self, observations=observations, whitened=whitened, start=start, faults=every
         )
 
 
-def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> PreparedData:
+def prepare(
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    law: type[NoiseModel] = WhiteFlickerWalk,
+) -> PreparedData:
     """Mend what is wrong with the data, layer by layer, and fit the adjustable terms."""
     sound, faults, notes = _sound(scenario, recordings)
     known = [
@@ -78,15 +88,8 @@ def prepare(scenario: Scenario, recordings: Sequence[Recording]) -> PreparedData
     stated = {e.id for e in scenario.effects}
     floors = code_floors(scenario, faults)
     observations = observe(scenario, sound, known)
-    whitened = WhitenedModel(observations)
-    prepared = PreparedData(
-        observations,
-        whitened,
-        calibrated(observations, whitened),
-        tuple(faults),
-        tuple(notes),
-        floors,
-    )
+    start, whitened = calibrated(observations, law)
+    prepared = PreparedData(observations, whitened, start, tuple(faults), tuple(notes), floors)
     prepared = _with_bits(prepared, known)
     if not floors:  # first: a jump of the readout is a rate that no sensor had
         slips, level = find_readout_jumps(prepared.observations, prepared.start)
@@ -185,7 +188,9 @@ def averaged_blocks(prepared: PreparedData, block: int) -> PreparedData:
     )
 
 
-def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFit, ...]:
+def static_noise(
+    observations: Observations, static: Recording, law: type[NoiseModel]
+) -> tuple[NoiseFit, ...]:
     """The noise of each channel from a record at rest.
 
     Raises:
@@ -196,7 +201,7 @@ def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFi
         sensor = observations.scenario.named(channel.sensor)
         if channel.white:  # no record at rest holds a turn
             found.append(
-                NoiseFit.whole(NoiseModel(max(channel.white, robust_white(channel.values))))
+                NoiseFit.known(white_noise(max(channel.white, robust_white(channel.values))))
             )
             continue
         samples = static.sensor(sensor)
@@ -206,14 +211,15 @@ def static_noise(observations: Observations, static: Recording) -> tuple[NoiseFi
             else np.linalg.norm(samples.values, axis=1)
         )
         values = values[~np.isnan(values)]
-        found.append(
-            estimate_noise(cosines(values - values.mean()), cosines(np.ones(len(values)))[:, None])
-        )
+        level = cosines(np.ones(len(values)))[:, None]
+        found.append(estimate_noise(cosines(values - values.mean()), level, law))
     return tuple(found)
 
 
-def calibrated(observations: Observations, whitened: WhitenedModel) -> FittedModel:
-    """The adjustable terms fitted to the readings, with white noise."""
+def calibrated(
+    observations: Observations, law: type[NoiseModel]
+) -> tuple[FittedModel, WhitenedModel]:
+    """The adjustable terms fitted to the readings in white noise, and that noise."""
     scenario = observations.scenario
     terms = [FittedTerm.start(s) for s in adjustable(scenario)]
     known: list[Effect] = []
@@ -233,12 +239,13 @@ def calibrated(observations: Observations, whitened: WhitenedModel) -> FittedMod
         else:
             terms[k] = replace(terms[k], values=tuple(effect.value(n) for n in terms[k].names))
     fitted = FittedModel(tuple(known), tuple(terms))
-    whitened.under([NoiseModel(robust_white(r)) for r in observations.residuals(fitted.effects)])
+    noise = [white_noise(robust_white(r)) for r in observations.residuals(fitted.effects)]
+    whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)
     fitted = refit(fitted, whitened)
     if not isinstance(observations, TableObservations) or observations.block < 2:
-        return fitted
+        return fitted, whitened
     observations.bend_at(fitted.effects)
-    return refit(fitted, whitened)
+    return refit(fitted, whitened), whitened
 
 
 def has_enough_samples(observations: Observations, fitted: FittedModel) -> bool:

@@ -7,11 +7,11 @@ import numpy as np
 
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, columns_of, refit, summed
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.forward_selection import findings
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.statistics.noise_spectrum import column_space
+from tiltcal.statistics.projection import column_space
 
 BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which way a table came
 

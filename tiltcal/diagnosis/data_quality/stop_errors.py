@@ -11,6 +11,7 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.channels import changed, without_readout
 from tiltcal.diagnosis.data.observations import Columns, Observations, TableObservations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.model.cosine_basis import basis_of, cosines, project
 from tiltcal.diagnosis.model.fitted_model import (
     FittedModel,
     models,
@@ -18,7 +19,7 @@ from tiltcal.diagnosis.model.fitted_model import (
     noise_within_stops,
     refit,
 )
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, cosines, project
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.forward_selection import (
     ALPHA,
     finding_log_p_values,
@@ -188,22 +189,16 @@ def find_setting_error(
         for axis in observations.scenario.rig.axis_names
     }
     trials = {axis: columns for axis, columns in trials.items() if len(columns) >= 8}
-    usual = whitened.roots
-    try:
-        limit = float(np.log(ALPHA) - np.log(max(total, 1)))
-        chances = {
-            axis: _chance(columns, fitted, whitened, noise, limit)
-            for axis, columns in trials.items()
-        }
-        axis = min(chances, key=lambda a: chances[a], default=None)
-        if axis is None or chances[axis] > limit:
-            return None
-        columns = trials[axis]
-        whitened.under(models(noise))
-        gain, values, variances = _stops(columns, refit(fitted, whitened), whitened)
-        first = _stops(columns, refit(start, whitened), whitened)[0]
-    finally:
-        whitened.weigh(usual)
+    limit = float(np.log(ALPHA) - np.log(max(total, 1)))
+    chances = {
+        axis: _chance(columns, fitted, whitened, noise, limit) for axis, columns in trials.items()
+    }
+    axis = min(chances, key=lambda a: chances[a], default=None)
+    if axis is None or chances[axis] > limit:
+        return None
+    columns, within = trials[axis], whitened.under(models(noise))
+    gain, values, variances = _stops(columns, refit(fitted, within), within)
+    first = _stops(columns, refit(start, within), within)[0]
     free = max(
         len(columns) - sum(len(t.names) for t in fitted.terms), 1
     )  # so many sizes take their share of chance as well
@@ -243,13 +238,13 @@ def _chance(
     levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
     worst = -np.inf
     for side in (0, 1):
-        whitened.under([fit.bounds()[side] for fit in noise])
-        at_this = refit(fitted, whitened)
-        gain, _, _ = _stops(stops, at_this, whitened)
+        bound = whitened.under([fit.bounds()[side] for fit in noise])
+        at_this = refit(fitted, bound)
+        gain, _, _ = _stops(stops, at_this, bound)
         worst = max(worst, log_tail(gain, len(stops)))
         if worst > limit:
             break
-        other = _stops([*stops, *levels], at_this, whitened)[0] - gain
+        other = _stops([*stops, *levels], at_this, bound)[0] - gain
         free = len(levels) - len(stops) - at_this.basis[0].shape[1]
         worst = max(worst, log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
     return worst
@@ -284,10 +279,8 @@ def beside_stops(
         i: np.column_stack([cosines(c.get(i, np.zeros(n))) for c in stops])
         for i, n in enumerate(lengths)
     }
-    usual = whitened.roots
-    whitened.under([fit.model for fit in noise_under(fitted, whitened, extra)])
-    values = finding_log_p_values(fitted, whitened, total, stops)
-    whitened.weigh(usual)
+    beside = whitened.under(models(noise_under(fitted, whitened.columns, extra, whitened.law)))
+    values = finding_log_p_values(fitted, beside, total, stops)
     kept = [
         k
         for places, value in zip(findings(fitted), values, strict=True)

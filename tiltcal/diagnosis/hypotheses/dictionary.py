@@ -15,16 +15,16 @@ from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.hypothesis import OF_LINES, listed_suspects, step_suspects
 from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
 def build_dictionary(
-    whitened: WhitenedModel, fitted: FittedModel, lines: SpectralLines, blurred: bool = False
+    columns: HypothesisColumns, fitted: FittedModel, lines: SpectralLines, blurred: bool = False
 ) -> None:
-    """Put every hypothesis on the whitened model; blurred: whether the table's angles are cut."""
-    observations = whitened.observations
+    """Add the columns of every hypothesis; blurred: whether the table's angles are truncated."""
+    observations = columns.observations
     effects = fitted.effects
     span = ranges_of(observations, lines)
     nuisance = [t.hypothesis for t in fitted.nuisance]
@@ -33,10 +33,12 @@ def build_dictionary(
         listed_suspects(observations.scenario, span, nuisance), steps, curves(observations, span)
     ):
         if not (blurred and needs_motion(hypothesis.effect)):
-            whitened.add(hypothesis, effects)
+            columns.add(hypothesis, effects)
 
 
-def extend_dictionary(whitened: WhitenedModel, fitted: FittedModel, known: SpectralLines) -> bool:
+def extend_dictionary(
+    columns: HypothesisColumns, fitted: FittedModel, known: SpectralLines
+) -> bool:
     """Put on the whitened model what beats in what a fitted model leaves and did not stand out
     before; whether
     there is any.
@@ -44,25 +46,25 @@ def extend_dictionary(whitened: WhitenedModel, fitted: FittedModel, known: Spect
     Where nothing was found, lines that wander too: beside a law that is some per cent off its form
         that scan finds the table's.
     """
-    observations = whitened.observations
+    observations = columns.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))
-    new = spectral_lines_of(whitened, fitted).beside(known, width)
+    new = spectral_lines_of(observations, fitted).beside(known, width)
     if not fitted.terms:
         new = replace(
             new,
             tones=(
                 *new.tones,
-                *SpectralLines(wandering_of(whitened, fitted)).beside(known, width).tones,
+                *SpectralLines(wandering_of(observations, fitted)).beside(known, width).tones,
             ),
         )
-    before = len(whitened.hypotheses)
+    before = len(columns.hypotheses)
     for hypothesis in listed_suspects(
         observations.scenario, ranges_of(observations, new), [t.hypothesis for t in fitted.nuisance]
     ):
         lines = hypothesis.effect.values.get("lines")
         if hypothesis.id in OF_LINES and (lines is None or lines in new.ripples):
-            whitened.add(hypothesis, fitted.effects)
-    return len(whitened.hypotheses) > before
+            columns.add(hypothesis, fitted.effects)
+    return len(columns.hypotheses) > before
 
 
 def instants(observations: Observations) -> list[float]:

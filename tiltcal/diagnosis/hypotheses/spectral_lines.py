@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.observations import TableObservations
+from tiltcal.diagnosis.data.observations import Observations, TableObservations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, fastest
 from tiltcal.diagnosis.hypotheses.families import WANDER
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import robust_white
 
@@ -26,33 +25,32 @@ SLOWEST = 8  # periods of a recording: below it a drift looks like a line
 WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line may fill
 
 
-def spectral_lines_of(whitened: WhitenedModel, fitted: FittedModel) -> SpectralLines:
+def spectral_lines_of(observations: Observations, fitted: FittedModel) -> SpectralLines:
     """All that beats in what a fitted model leaves."""
     return SpectralLines(
-        tones_of(whitened, fitted),
-        shakes_of(whitened, fitted),
-        echoes_of(whitened, fitted),
-        ripples_of(whitened, fitted),
+        tones_of(observations, fitted),
+        shakes_of(observations, fitted),
+        echoes_of(observations, fitted),
+        ripples_of(observations, fitted),
     )
 
 
-def tones_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
+def tones_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in what is left, the strongest first."""
     found: list[tuple[float, float]] = []
     for channel, residual in zip(
-        whitened.observations.channels, whitened.observations.residuals(fitted.effects), strict=True
+        observations.channels, observations.residuals(fitted.effects), strict=True
     ):
         found += _lines(channel.time, residual)
     return _apart(found, lambda _: 0.02)
 
 
-def wandering_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
+def wandering_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of a line that wanders in what is left: none of its own stands out, together
     they do, the strongest first.
 
     By hand none is looked for: the hand trembles at no steady frequency either.
     """
-    observations = whitened.observations
     if not isinstance(observations, TableObservations):
         return ()
     duration = float(np.ptp(observations.recordings[0].time))
@@ -65,13 +63,12 @@ def wandering_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, .
     return _apart(found, lambda _: 1 / duration)
 
 
-def shakes_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
+def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of lines in what is left of accelerometers, turned into the world: what
     shakes the base is one line there.
 
     In the body it is split: the pose modulates it.
     """
-    observations = whitened.observations
     if not isinstance(observations, TableObservations):
         return ()
     left = observations.residuals(fitted.effects)
@@ -102,11 +99,10 @@ def shakes_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]
     return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
 
 
-def ripples_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[int, ...]:
+def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ...]:
     """Whole numbers of lines a turn, of an error of an axis' readout that stands out of what is
     left, the strongest first.
     """
-    observations = whitened.observations
     found: list[tuple[float, int]] = []
     if not isinstance(observations, TableObservations):
         return ()
@@ -175,11 +171,10 @@ def _harmonics(angle: Array, signal: Array) -> Waves:
     return np.fft.rfft(shared)[:LINES].conj()
 
 
-def echoes_of(whitened: WhitenedModel, fitted: FittedModel) -> tuple[float, ...]:
+def echoes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
     """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the
     move, over all rests.
     """
-    observations = whitened.observations
     found: list[tuple[float, float]] = []
     for channel, residual in zip(
         observations.channels, observations.residuals(fitted.effects), strict=True

@@ -25,8 +25,10 @@ from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.investigation.rival_hypotheses import Question
+from tiltcal.diagnosis.model.cosine_basis import basis_of, project
 from tiltcal.diagnosis.model.fitted_model import whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, project
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import LOOSE, Alternative, RemovedFinding
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
@@ -249,11 +251,12 @@ def blank(block: Block, scenario: Scenario) -> Recording:
 def separations(question: Question, more: Recording) -> list[Pair]:
     """Every pair of rivals, with this recording beside those so far."""
     both = question.joined(more)
-    whitened = WhitenedModel(both)
-    whitened.under([question.noise[c.sensor, c.axis] for c in both.channels])
+    columns = HypothesisColumns(both)
     effects = question.fitted.effects
     for hypothesis in question.hypotheses:
-        whitened.add(hypothesis, effects)
+        columns.add(hypothesis, effects)
+    noise = [question.noise[c.sensor, c.axis] for c in both.channels]
+    whitened = WhitenedModel.of(columns, noise)
     lengths = [len(c.values) for c in both.channels]
     every = [*question.fitted.nuisance, *question.fitted.terms]
     basis = basis_of(whitened_of(whitened, every, effects), lengths)

@@ -18,7 +18,8 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects,
 from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, models, noise_under, refit
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import Alternative, rank_alternatives, remove_finding
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -78,7 +79,7 @@ def questions(
         return []
     prepared = prepare(scenario, recordings)
     old = prepared.observations
-    lines = spectral_lines_of(prepared.whitened, prepared.start)
+    lines = spectral_lines_of(old, prepared.start)
     block = block_of(old, lines)
     thin = observe(scenario, old.recordings, old.known, block)
     terms = [_term(e) for e in found]
@@ -142,14 +143,14 @@ def _question(
     block: int,
     lines: SpectralLines,
 ) -> Question:
-    whitened = WhitenedModel(old)
+    columns = HypothesisColumns(old)
     fitted = replace(start, terms=tuple(terms))
-    noise = noise_under(fitted, whitened)
-    whitened.under(models(noise))
+    noise = noise_under(fitted, columns)
+    whitened = WhitenedModel.of(columns, models(noise))
     fitted = refit(fitted, whitened)
     hypotheses = _suspects(names, old, [terms[k].hypothesis for k in own], lines)
     for hypothesis in hypotheses:
-        whitened.add(hypothesis, fitted.effects)
+        columns.add(hypothesis, fitted.effects)
     case = remove_finding(fitted, whitened, list(own))
     found = rank_alternatives(case, whitened, lambda s: s.id in names)
     rivals: dict[str, Alternative] = {}

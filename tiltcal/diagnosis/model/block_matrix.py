@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns
-from tiltcal.statistics.noise_spectrum import DISTINCT, column_space
+from tiltcal.statistics.projection import DISTINCT, column_space
 
 
 class BlockDesignMatrix:

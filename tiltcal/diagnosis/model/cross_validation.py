@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit, whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.forward_selection import findings
 
 FOLDS = 6

@@ -12,15 +12,13 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations, TableObservations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, cosines
+from tiltcal.diagnosis.model.cosine_basis import cosines
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import (
-    DISTINCT,
-    NoiseFit,
-    NoiseModel,
-    column_space,
-    estimate_noise,
-)
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, estimate_noise, white_noise
+from tiltcal.statistics.projection import DISTINCT, column_space
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
 PRIOR = 5.0
@@ -99,7 +97,7 @@ def whitened_of(
     coefficients.
     """
     return [
-        whitened.weighed(whitened.waves(t.hypothesis, name, effects))
+        whitened.weighed(whitened.columns.waves(t.hypothesis, name, effects))
         for t in terms
         for name in t.names
     ]
@@ -221,15 +219,18 @@ def _moved(terms: Sequence[FittedTerm], step: Array) -> list[FittedTerm]:
 
 
 def noise_under(
-    fitted: FittedModel, whitened: WhitenedModel, extra: Mapping[int, Array] | None = None
+    fitted: FittedModel,
+    columns: HypothesisColumns,
+    extra: Mapping[int, Array] | None = None,
+    law: type[NoiseModel] = WhiteFlickerWalk,
 ) -> list[NoiseFit]:
     """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may
     hold any size in it.
     """
-    observations = whitened.observations
+    observations = columns.observations
     effects = fitted.effects
     waves = [
-        whitened.waves(t.hypothesis, name, effects)
+        columns.waves(t.hypothesis, name, effects)
         for t in (*fitted.nuisance, *fitted.terms)
         for name in t.names
     ]
@@ -237,14 +238,14 @@ def noise_under(
     for i, r in enumerate(observations.residuals(effects)):
         mine = [w[i] for w in waves if i in w]
         if least := observations.channels[i].white:
-            found.append(NoiseFit.whole(NoiseModel(max(least, _spread(cosines(r), mine)))))
+            found.append(NoiseFit.known(white_noise(max(least, _spread(cosines(r), mine)))))
             continue
         mean = np.column_stack(
             [*mine, *(cosines(c) for c in observations.saturating(i))] or [np.zeros((len(r), 0))]
         )
         if extra is not None and i in extra:
             mean = np.column_stack([mean, extra[i]])
-        found.append(observations.as_unsteady(i, r, mean, estimate_noise(cosines(r), mean)))
+        found.append(observations.as_unsteady(i, r, mean, estimate_noise(cosines(r), mean, law)))
     return found
 
 
@@ -256,7 +257,11 @@ def noise_within_stops(fitted: FittedModel, whitened: WhitenedModel) -> list[Noi
         level.
     """
     observations = whitened.observations
-    by_hand = None if isinstance(observations, TableObservations) else noise_under(fitted, whitened)
+    by_hand = (
+        None
+        if isinstance(observations, TableObservations)
+        else noise_under(fitted, whitened.columns, law=whitened.law)
+    )
     found = []
     for i, (channel, r) in enumerate(
         zip(observations.channels, observations.residuals(fitted.effects), strict=True)
@@ -275,7 +280,7 @@ def noise_within_stops(fitted: FittedModel, whitened: WhitenedModel) -> list[Noi
         elif few:
             return None
         else:
-            found.append(NoiseFit.within(parts))
+            found.append(NoiseFit.within(parts, whitened.law))
     return found
 
 
@@ -311,13 +316,15 @@ def shift_bias_to_start(
         if channel.recording == 0 and not channel.derived
     ]
     shared = {
-        name: NoiseFit.alike([f for c, _, f in first if c.sensor == name])
+        name: NoiseFit.alike([f for c, _, f in first if c.sensor == name], whitened.law)
         for name in {c.sensor for c, *_ in first}
     }
     shift: dict[tuple[str, str], float] = {}
     for channel, r, _ in first:
         model = shared[channel.sensor].model
-        level = idct(cosines(r) * model.walked(len(r)) / model.spectrum(len(r)), norm="ortho")
+        level = idct(
+            cosines(r) * model.drift_spectrum(len(r)) / model.spectrum(len(r)), norm="ortho"
+        )
         shift.setdefault((channel.sensor, channel.axis), float(level[0]))
     return replace(
         fitted, nuisance=tuple(_shifted(t, shift, observations, fitted) for t in fitted.nuisance)

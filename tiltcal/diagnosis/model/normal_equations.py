@@ -9,8 +9,9 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.model.column_store import Waves
-from tiltcal.diagnosis.model.hypothesis_columns import SURVIVES, WhitenedModel
-from tiltcal.statistics.noise_spectrum import DISTINCT
+from tiltcal.diagnosis.model.score_test import SURVIVES
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.statistics.projection import DISTINCT
 
 NEW = 9e-4  # share of a column's energy that has to be its own beside the chosen ones
 
@@ -87,19 +88,21 @@ def normal_equations(
     """Of all columns of some hypotheses, the basis projected out.
 
     Args:
-        members: numbers of the hypotheses on the whitened model.
+        members: numbers of the hypotheses.
         basis: orthonormal, by channel, (n, q); target, signal: free of it, whitened, by channel,
             (n,).
-        whitened model: holds the columns.
+        whitened: holds the columns.
     """
     places = [
-        whitened.starts[m] + j for m in members for j in range(len(whitened.hypotheses[m].names))
+        whitened.columns.starts[m] + j
+        for m in members
+        for j in range(len(whitened.hypotheses[m].names))
     ]
     p = len(places)
     gram, sides, inside = np.zeros((p, p)), np.zeros((p, 2)), np.zeros((p, basis[0].shape[1]))
     by_channel: dict[int, list[tuple[int, Waves]]] = {}
     for k, place in enumerate(places):
-        for i, wave in whitened.column(place):
+        for i, wave in whitened.columns.column(place):
             by_channel.setdefault(i, []).append((k, wave))
     for i, rows in by_channel.items():
         mine = [k for k, _ in rows]

@@ -11,9 +11,10 @@ from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.families import FREE_FORM, completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.cosine_basis import basis_of, project
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, project
 from tiltcal.diagnosis.model.normal_equations import NormalEquations, normal_equations
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Parameter
 from tiltcal.effects.learned import Learned
@@ -145,7 +146,7 @@ def explain(
     hypothesis: Hypothesis, removed: RemovedFinding, whitened: WhitenedModel, alone: bool = False
 ) -> Alternative | None:
     """A hypothesis with the curves that complete it (unless alone), built up column by column."""
-    near = [] if alone else whitened.near(hypothesis)
+    near = [] if alone else whitened.columns.near(hypothesis)
     family = [
         k
         for k in near

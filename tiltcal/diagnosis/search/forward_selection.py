@@ -11,6 +11,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import FREE_FORM, OF_INPUT, WANDER
 from tiltcal.diagnosis.hypotheses.hypothesis import SHIFTS, STEPS, Hypothesis
+from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
 from tiltcal.diagnosis.model.fitted_model import (
     FittedModel,
     FittedTerm,
@@ -21,7 +22,7 @@ from tiltcal.diagnosis.model.fitted_model import (
     summed,
     whitened_of,
 )
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, project, projected
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     LOOSE,
     OWN,
@@ -35,7 +36,7 @@ from tiltcal.diagnosis.search.alternatives import (
 )
 from tiltcal.diagnosis.search.shape_refinement import at_its_instant, refined
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
+from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
 
 # of the worth of the best: a name in its own form goes before one that needs curves for more
 NEARLY = 0.7
@@ -106,21 +107,30 @@ class NoiseGate:
 
     def noise(self, fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]:
         """The noise when the whole fitted model may be true."""
-        return list(self.static) if self.static is not None else noise_under(fitted, whitened)
+        return (
+            list(self.static)
+            if self.static is not None
+            else noise_under(fitted, whitened.columns, law=whitened.law)
+        )
 
-    def log_p(self, fitted: FittedModel, whitened: WhitenedModel) -> list[float]:
-        """Corrected log p-value of each found term, in the noisiest way that the recording
-        allows.
+    def left_by(self, fitted: FittedModel, whitened: WhitenedModel) -> WhitenedModel:
+        """The same columns under the noise that a fitted model leaves."""
+        return whitened.under(models(self.noise(fitted, whitened)))
+
+    def log_p(
+        self, fitted: FittedModel, whitened: WhitenedModel
+    ) -> tuple[list[float], WhitenedModel]:
+        """Corrected log p-value of each finding under the noisiest models that the recording
+        allows, and the columns under the most likely noise.
         """
         fits = self.noise(fitted, whitened)
         bounds = [f.bounds() for f in fits]
-        worst = [-np.inf] * len(findings(fitted))
-        for side in range(2):
-            whitened.under([b[side] for b in bounds])
-            for k, value in enumerate(finding_log_p_values(fitted, whitened, self.total)):
-                worst[k] = max(worst[k], value)
-        whitened.under(models(fits))
-        return [float(w) for w in worst]
+        sides = [
+            finding_log_p_values(fitted, whitened.under([b[side] for b in bounds]), self.total)
+            for side in range(2)
+        ]
+        worst = [max(pair) for pair in zip(*sides, strict=True)]
+        return worst, whitened.under(models(fits))
 
 
 def finding_log_p_values(
@@ -171,7 +181,7 @@ def forward_selection(
     whitened: WhitenedModel,
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
-) -> FittedModel:
+) -> tuple[FittedModel, WhitenedModel]:
     """Add what explains the residual best, as long as it stands out of the noise; then drop what is
     not needed.
 
@@ -204,7 +214,7 @@ def forward_selection(
             if noise is None:
                 break
             waiting = ()
-            whitened.under(models(noise))
+            whitened = whitened.under(models(noise))
             fitted = refit(fitted, whitened)
             continue
         own = [r for r in alternatives if r.own >= OWN and r.worth > NEARLY * alternatives[0].worth]
@@ -218,13 +228,14 @@ def forward_selection(
             whitened,
         )
         trial = refit(replace(trial, terms=trial.terms + terms), whitened)
-        needed = [value < np.log(ALPHA) for value in gate.log_p(trial, whitened)]
+        values, whitened = gate.log_p(trial, whitened)
+        needed = [value < np.log(ALPHA) for value in values]
         if (
             needed[-1]
             and not all(needed)
             and (other := _without(trial, needed, fitted, whitened, gate)) is not None
         ):
-            trial, needed, patience = other, [True], patience - 1
+            (trial, whitened), needed, patience = other, [True], patience - 1
         if all(needed) and (whole := _grown(trial, fitted, whitened)) is not None:
             fitted, waiting, banned = whole, (), set()
             looks, look = (
@@ -235,7 +246,7 @@ def forward_selection(
         patience -= 1
         banned.add(id(pick.hypothesis))
         waiting = trial.terms[len(fitted.terms) :] if len(waiting) < 2 and not all(needed) else ()
-        whitened.under(models(gate.noise(trial if waiting else fitted, whitened)))
+        whitened = gate.left_by(trial if waiting else fitted, whitened)
     return backward_elimination(fitted, whitened, gate)
 
 
@@ -258,9 +269,9 @@ def _without(
     before: FittedModel,
     whitened: WhitenedModel,
     gate: NoiseGate,
-) -> FittedModel | None:
-    """A fitted model without the findings that the newest one makes needless; None where it is no
-    better than the one before.
+) -> tuple[FittedModel, WhitenedModel] | None:
+    """A fitted model without the findings that the newest one makes needless, under the noise that
+    it leaves; None where it is no better than the one before.
     """
     terms = [
         trial.terms[k]
@@ -269,12 +280,10 @@ def _without(
         for k in places
     ]
     other = refit(replace(trial, terms=tuple(terms)), whitened)
-    cheaper = _cost(other, whitened) < _cost(refit(before, whitened), whitened)
-    return (
-        other
-        if cheaper and all(value < np.log(ALPHA) for value in gate.log_p(other, whitened))
-        else None
-    )
+    if _cost(other, whitened) >= _cost(refit(before, whitened), whitened):
+        return None
+    values, left = gate.log_p(other, whitened)
+    return (other, left) if all(value < np.log(ALPHA) for value in values) else None
 
 
 def _cost(fitted: FittedModel, whitened: WhitenedModel) -> float:
@@ -284,7 +293,10 @@ def _cost(fitted: FittedModel, whitened: WhitenedModel) -> float:
 
 def _white_noise(fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]:
     """The noise of each channel without what is slow in it."""
-    return [NoiseFit.whole(NoiseModel(fit.model.white)) for fit in noise_under(fitted, whitened)]
+    return [
+        NoiseFit.known(white_noise(fit.model.white))
+        for fit in noise_under(fitted, whitened.columns, law=whitened.law)
+    ]
 
 
 def _outside(
@@ -444,13 +456,13 @@ def findings(fitted: FittedModel) -> list[list[int]]:
 
 def backward_elimination(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
-) -> FittedModel:
+) -> tuple[FittedModel, WhitenedModel]:
     """Drop findings one by one that do not stand out once the others are there."""
     while fitted.terms:
         fitted = drop_implausible_sizes(refit(fitted, whitened), whitened)
         if not fitted.terms:
             break
-        values = gate.log_p(fitted, whitened)
+        values, whitened = gate.log_p(fitted, whitened)
         groups = findings(fitted)
         worst = max(range(len(groups)), key=lambda j: values[j])
         if values[worst] < np.log(ALPHA):
@@ -458,22 +470,24 @@ def backward_elimination(
         fitted = replace(
             fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in groups[worst])
         )
-    whitened.under(models(gate.noise(fitted, whitened)))
-    return refit(fitted, whitened)
+    whitened = gate.left_by(fitted, whitened)
+    return refit(fitted, whitened), whitened
 
 
-def drop_below_bic(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> FittedModel:
+def drop_below_bic(
+    fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
+) -> tuple[FittedModel, WhitenedModel]:
     """The fitted model under the noise that it leaves itself, without findings that bring less
     there
     than their numbers cost.
     """
     while True:
-        whitened.under(models(gate.noise(fitted, whitened)))
+        whitened = gate.left_by(fitted, whitened)
         fitted = refit(fitted, whitened)
         groups = findings(fitted)
         worth = [_worth(fitted, whitened, places) for places in groups]
         if not groups or min(worth) >= 0:
-            return fitted
+            return fitted, whitened
         worst = groups[worth.index(min(worth))]
         fitted = replace(
             fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in worst)

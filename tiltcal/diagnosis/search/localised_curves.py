@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import Alternative, RemovedFinding, explain, price_of
 from tiltcal.effects.learned import ANGLES, Learned
 
@@ -249,10 +249,7 @@ def _best_of(
     tried are
     paid for.
     """
-    own = WhitenedModel(whitened.observations)
-    for hypothesis in _shaped(alternative, shapes):
-        own.add(hypothesis, ())
-    own.roots = whitened.roots
+    own = whitened.alone(list(_shaped(alternative, shapes)), ())
     best: dict[Shape, float] = {}
     scores = own.scores(removed.basis, removed.target)
     for score in scores:

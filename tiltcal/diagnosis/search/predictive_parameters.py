@@ -5,8 +5,8 @@ only those that stand out.
 from dataclasses import replace
 
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
 from tiltcal.diagnosis.model.normal_equations import normal_equations
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import remove_finding
 
 # deviance: a further size costs a prediction the variance of one; what brings twice that pays
@@ -34,11 +34,9 @@ def _in_full(fitted: FittedModel, place: int, whitened: WhitenedModel) -> Fitted
     term = fitted.terms[place]
     if len(term.names) == len(term.hypothesis.names):
         return term
-    own = WhitenedModel(whitened.observations)
-    own.add(term.hypothesis, fitted.effects)
+    own = whitened.alone([term.hypothesis], fitted.effects)
     if not own.hypotheses:
         return term
-    own.roots = whitened.roots
     removed = remove_finding(fitted, whitened, [place])
     normal = normal_equations([0], removed.basis, removed.target, removed.signal, own)
     start = [normal.names.index(name) for name in term.names if name in normal.names]

@@ -9,8 +9,9 @@ import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations, TableObservations
 from tiltcal.diagnosis.hypotheses.hypothesis import STEPS, Hypothesis, steps_at
+from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel, basis_of, projected
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import LOOSE, RemovedFinding, explain, price_of
 from tiltcal.effects.learned import Learned
 
@@ -170,7 +171,7 @@ def at_its_instant(
         time = hypothesis.effect.values["time"]
         for step in steps_at(whitened.observations.scenario, time, hypothesis.variants):
             if not any(s.effect == step.effect for s in whitened.hypotheses):
-                whitened.add(step, fitted.effects)
+                whitened.columns.add(step, fitted.effects)
         same = [
             s
             for s in whitened.hypotheses

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.fitted_model import FittedModel, models, refit
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     EQUAL,
     LOOSE,
@@ -33,7 +33,7 @@ from tiltcal.diagnosis.search.forward_selection import (
     signal_of,
 )
 from tiltcal.diagnosis.search.shape_refinement import at_its_instant, refined, shapes
-from tiltcal.statistics.noise_spectrum import NoiseModel, robust_white
+from tiltcal.statistics.noise_spectrum import robust_white, white_noise
 
 FINDING = 10.0  # of deviance: one cause is likelier than two
 EXCHANGES = 6
@@ -45,7 +45,7 @@ def swap_search(
     whitened: WhitenedModel,
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
-) -> FittedModel:
+) -> tuple[FittedModel, WhitenedModel]:
     """The fitted model in plain forms where it says as much as ``rich`` with fewer numbers; else
     ``rich``.
 
@@ -56,13 +56,9 @@ def swap_search(
     if not rich.terms:
         return _several(rich, start, whitened, gate, wanted)
     if len(rich.terms) == 1:  # found while the noise was not known yet
-        other = backward_elimination(exchanged(rich, whitened, wanted), whitened, gate)
-        return other if other.terms else backward_elimination(rich, whitened, gate)
-    after = whitened.roots
-    plain = []
-    for forms in _forms(wanted, whitened):
-        plain.append(plainly(start, whitened, gate, forms))
-        whitened.weigh(after)
+        other, left = backward_elimination(exchanged(rich, whitened, wanted), whitened, gate)
+        return (other, left) if other.terms else backward_elimination(rich, left, gate)
+    plain = [plainly(start, whitened, gate, forms)[0] for forms in _forms(wanted, whitened)]
     other = refit(rich, whitened)
     gain = refit(replace(start, terms=()), whitened).deviance - other.deviance
     least, one = min(
@@ -71,10 +67,9 @@ def swap_search(
         default=(np.inf, rich),
     )
     if least <= description_length(rich, whitened, gate) + LOOSE * gain:
-        whitened.under(models(gate.noise(one, whitened)))
-        return refit(one, whitened)
-    whitened.weigh(after)
-    return other
+        left = gate.left_by(one, whitened)
+        return refit(one, left), left
+    return other, whitened
 
 
 def _several(
@@ -83,21 +78,18 @@ def _several(
     whitened: WhitenedModel,
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
-) -> FittedModel:
+) -> tuple[FittedModel, WhitenedModel]:
     """What several textbook forms do together, where none by itself stands out; else ``rich``.
 
     Looked for in white noise: together they are a random walk to the record.
     """
-    usual = whitened.roots
+    residuals = whitened.observations.residuals(start.effects)
+    white = whitened.under([white_noise(robust_white(r)) for r in residuals])
     for forms in _forms(wanted, whitened):
-        whitened.under(
-            [NoiseModel(robust_white(r)) for r in whitened.observations.residuals(start.effects)]
-        )
-        several = plainly(start, whitened, gate, forms)
+        several, left = plainly(start, white, gate, forms)
         if several.terms:
-            return several
-    whitened.weigh(usual)
-    return rich
+            return several, left
+    return rich, whitened
 
 
 def _forms(
@@ -115,7 +107,7 @@ def plainly(
     whitened: WhitenedModel,
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
-) -> FittedModel:
+) -> tuple[FittedModel, WhitenedModel]:
     """Up to MOST textbook forms, each in its turn the best in its place; then those dropped that do
     not stand out.
     """
@@ -130,7 +122,7 @@ def plainly(
             refit(replace(fitted, terms=fitted.terms + terms), whitened), whitened, wanted
         )
         fitted = refine_all_shapes(fitted, whitened)
-    fitted = backward_elimination(fitted, whitened, gate)
+    fitted, whitened = backward_elimination(fitted, whitened, gate)
     return backward_elimination(
         trimmed(merge_same_cause(exchanged(fitted, whitened, wanted)), whitened), whitened, gate
     )
@@ -242,15 +234,14 @@ def description_length(fitted: FittedModel, whitened: WhitenedModel, gate: Noise
         for
         what it calls noise.
     """
-    noise = models(gate.noise(fitted, whitened))
-    whitened.under(noise)
+    left = gate.left_by(fitted, whitened)
     spread = sum(
         float(np.log(m.spectrum(len(c.values))).sum())
-        for m, c in zip(noise, whitened.observations.channels, strict=True)
+        for m, c in zip(left.noise, whitened.observations.channels, strict=True)
     )
     sizes = sum(len(t.names) for t in fitted.terms)
     return (
-        refit(fitted, whitened).deviance
+        refit(fitted, left).deviance
         + spread
         + price_of(whitened) * sizes
         + FINDING * len(findings(fitted))

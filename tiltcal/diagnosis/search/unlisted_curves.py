@@ -15,7 +15,7 @@ from tiltcal.diagnosis.model.fitted_model import (
     noise_within_stops,
     refit,
 )
-from tiltcal.diagnosis.model.hypothesis_columns import WhitenedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     EQUAL,
     LOOSE,
@@ -53,7 +53,7 @@ def is_curve(hypothesis: Hypothesis) -> bool:
 
 def prefer_unlisted_curve(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
-) -> FittedModel:
+) -> tuple[FittedModel, WhitenedModel]:
     """One cause in place of several where it explains as much, a curve where no name does; then
     what is left over.
     """
@@ -72,7 +72,8 @@ def prefer_unlisted_curve(
         kept = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
         base = refit(replace(fitted, terms=kept), whitened)
         trial = refit(replace(base, terms=kept + refined(better.terms, base, whitened)), whitened)
-        if gate.log_p(trial, whitened)[-1] < np.log(ALPHA):
+        values, whitened = gate.log_p(trial, whitened)
+        if values[-1] < np.log(ALPHA):
             return prefer_unlisted_curve(trial, whitened, gate)
     return leftover_curve(fitted, whitened, gate)
 
@@ -199,42 +200,43 @@ def _worth_of(
     return whole - left - price_of(whitened) * sum(len(t.names) for t in inside) - tried
 
 
-def leftover_curve(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> FittedModel:
+def leftover_curve(
+    fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
+) -> tuple[FittedModel, WhitenedModel]:
     """What is left over and significant, looked for in the noise within the stops too: what differs
     from stop to stop by any
     law of its own is a random walk to the spectrum of the whole record, and within the stops it is
     not there.
     """
     if gate.static is None and (still := noise_within_stops(fitted, whitened)) is not None:
-        usual = whitened.roots
-        whitened.under(models(still))
-        found = _leftover(refit(fitted, whitened), whitened, gate)
+        within = whitened.under(models(still))
+        found, left = _leftover(refit(fitted, within), within, gate)
         if len(found.terms) > len(fitted.terms):
-            return backward_elimination(found, whitened, gate)
-        whitened.weigh(usual)
+            return backward_elimination(found, left, gate)
         fitted = refit(fitted, whitened)
     return _leftover(fitted, whitened, gate)
 
 
-def _leftover(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> FittedModel:
+def _leftover(
+    fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
+) -> tuple[FittedModel, WhitenedModel]:
     """The rest of a finding's own form when it is small beside it, else a finding."""
     removed = RemovedFinding(
         list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
     )
     curve = best_curve(removed, whitened)
     if curve is None:
-        return fitted
+        return fitted, whitened
     chance = log_tail(curve.gain, curve.sizes) + log_alternatives(
         curve.hypothesis, curve.sizes, len(whitened.hypotheses)
     )
     if chance > np.log(ALPHA):
-        return fitted
+        return fitted, whitened
     best = refined(curve.terms, fitted, whitened)
     trial = refit(replace(fitted, terms=fitted.terms + best), whitened)
-    if gate.log_p(trial, whitened)[-1] >= np.log(ALPHA) or _dear(
-        trial, len(fitted.terms), whitened
-    ):
-        return refit(fitted, whitened)
+    values, whitened = gate.log_p(trial, whitened)
+    if values[-1] >= np.log(ALPHA) or _dear(trial, len(fitted.terms), whitened):
+        return refit(fitted, whitened), whitened
     shares = [
         _power(remove_finding(fitted, whitened, places).signal) for places in findings(fitted)
     ]
@@ -248,8 +250,8 @@ def _leftover(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> 
         host = fitted.terms[places[0]].hypothesis
         rest = tuple(replace(t, host=host) for t in best)
         terms = fitted.terms[: places[-1] + 1] + rest + fitted.terms[places[-1] + 1 :]
-        return refit(replace(fitted, terms=terms), whitened)
-    return trial
+        return refit(replace(fitted, terms=terms), whitened), whitened
+    return trial, whitened
 
 
 def _dear(trial: FittedModel, start: int, whitened: WhitenedModel) -> bool:

@@ -1,0 +1,145 @@
+"""The columns of all hypotheses under one noise: what weighs anything against anything else."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.column_store import ColumnBlock
+from tiltcal.diagnosis.model.cosine_basis import cosines, project
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.score_test import ScoreTest
+from tiltcal.effects.base import Effect
+from tiltcal.statistics.noise_spectrum import NoiseModel
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+
+
+@dataclass(frozen=True)
+class WhitenedModel:
+    """Columns of hypotheses, and the noise by which they are weighed.
+
+    Args:
+        columns: of all hypotheses.
+        noise: model of each channel, in order.
+        roots: square roots of their spectra, by channel, (n,) each.
+        law: kind of noise model, wherever noise is estimated.
+    """
+
+    columns: HypothesisColumns
+    noise: tuple[NoiseModel, ...]
+    roots: tuple[Array, ...]
+    law: type[NoiseModel] = WhiteFlickerWalk
+
+    @classmethod
+    def of(
+        cls,
+        columns: HypothesisColumns,
+        noise: Sequence[NoiseModel],
+        law: type[NoiseModel] = WhiteFlickerWalk,
+    ) -> "WhitenedModel":
+        """Columns under a noise, given by channel."""
+        channels = columns.observations.channels
+        pairs = zip(noise, channels, strict=True)
+        roots = tuple(np.sqrt(m.spectrum(len(c.values))) for m, c in pairs)
+        return cls(columns, tuple(noise), roots, law)
+
+    @property
+    def observations(self) -> Observations:
+        """What was read."""
+        return self.columns.observations
+
+    @property
+    def hypotheses(self) -> list[Hypothesis]:
+        """All that may be searched."""
+        return self.columns.hypotheses
+
+    def under(self, noise: Sequence[NoiseModel]) -> "WhitenedModel":
+        """The same columns under another noise."""
+        return self.of(self.columns, noise, self.law)
+
+    def alone(self, hypotheses: Sequence[Hypothesis], around: Sequence[Effect]) -> "WhitenedModel":
+        """Columns of these hypotheses only, under the same noise."""
+        columns = HypothesisColumns(self.observations)
+        for hypothesis in hypotheses:
+            columns.add(hypothesis, around)
+        return replace(self, columns=columns)
+
+    def whiten(self, columns: Columns) -> Columns:
+        """Columns by channel as cosine coefficients in units of the noise."""
+        return self.weighed({i: cosines(column) for i, column in columns.items()})
+
+    def weighed(self, waves: Columns) -> Columns:
+        """Cosine coefficients by channel in units of the noise."""
+        return {i: wave / self.roots[i] for i, wave in waves.items()}
+
+    def residual(self, effects: Sequence[Effect]) -> list[Array]:
+        """Whitened residual of each channel."""
+        left = self.observations.residuals(effects)
+        return [cosines(r) / root for r, root in zip(left, self.roots, strict=True)]
+
+    def scores(
+        self,
+        basis: Sequence[Array],
+        residual: Sequence[Array],
+        wanted: Callable[[Hypothesis], bool] | None = None,
+    ) -> list[ScoreTest]:
+        """The score test of every hypothesis, or of those wanted.
+
+        Args:
+            basis: of the fitted terms, by channel, (n, q).
+            residual: whitened, by channel, (n,).
+            wanted: which hypotheses are asked for.
+        """
+        asked = np.array([wanted is None or wanted(s) for s in self.hypotheses], dtype=bool)
+        blocks = self.columns.blocks(asked)
+        left = project(basis, residual)
+        vectors = [np.column_stack([r, Q]) for r, Q in zip(left, basis, strict=True)]
+        both = self._inner(vectors, blocks)
+        A, UQ = both[:, 0], both[:, 1:]
+        own = self._own(blocks)
+        found = []
+        for k in np.flatnonzero(asked):
+            hypothesis, start = self.hypotheses[k], self.columns.starts[k]
+            part = slice(start, start + len(hypothesis.names))
+            inner = own.get(int(k), np.zeros((len(hypothesis.names),) * 2))
+            B = inner - UQ[part] @ UQ[part].T
+            found.append(ScoreTest(hypothesis, A[part], B, np.diag(inner).copy()))
+        return found
+
+    def _inner(self, vectors: Sequence[Array], blocks: Sequence[ColumnBlock]) -> Array:
+        """U'V of the columns of some blocks with whitened vectors by channel, (n, q): (P, q)."""
+        total = np.zeros((self.columns.width, vectors[0].shape[1]))
+        # most columns of a basis are of one channel
+        there = [np.flatnonzero(v.any(axis=0)) for v in vectors]
+        weighed = [
+            (v[:, k] / root[:, None]).astype(np.float32)
+            for v, k, root in zip(vectors, there, self.roots, strict=True)
+        ]
+        for block in blocks:
+            index = np.ix_(block.numbers[: block.used], there[block.channel])
+            total[index] += block.columns @ weighed[block.channel]
+        return total
+
+    def _own(self, blocks: Sequence[ColumnBlock]) -> dict[int, Array]:
+        """U'U of each hypothesis with a column in some blocks, by its number."""
+        weights = [(1 / root).astype(np.float32) for root in self.roots]
+        energies = np.zeros(self.columns.width)
+        owners: set[int] = set()
+        grams = []
+        for block in blocks:
+            single, several = block.energies(weights[block.channel])
+            energies[block.numbers[: block.used]] += single
+            owners.update(block.owners[: block.used].tolist())
+            grams += several
+        starts = self.columns.starts
+        found = {
+            k: np.diag(energies[starts[k] : starts[k] + len(self.hypotheses[k].names)])
+            for k in owners
+        }
+        for k, numbers, gram in grams:
+            place = numbers - starts[k]
+            found[k][np.ix_(place, place)] += gram
+        return found

@@ -21,7 +21,7 @@ from tiltcal.diagnosis.data.handheld_rests import (
     rest_steps,
     undisturbed,
 )
-from tiltcal.diagnosis.data.observations import observe
+from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from statistics_helpers import rng_of
 
-from tiltcal.diagnosis.data.observations import observe
+from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of

@@ -11,7 +11,7 @@ from test_real_recordings import FOLDER, LOGS, MILLI_G, WORDS, imported
 
 from tiltcal.cli import main
 from tiltcal.core.units import DEG
-from tiltcal.diagnosis.data.observations import observe
+from tiltcal.diagnosis.data.observe import observe
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.static_poses import group_directions

@@ -25,7 +25,6 @@ from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.data_quality.prepare import (
     PreparedData,
     averaged_blocks,
-    has_enough_samples,
     prepare,
     static_noise,
 )
@@ -99,7 +98,7 @@ def diagnose(
     """
     progress("reading")
     prepared = prepare(scenario, recordings, noise)
-    if not has_enough_samples(prepared.observations, prepared.start):
+    if not prepared.observations.determines(prepared.start.columns):
         return _answer(prepared, prepared.start, prepared.whitened, (), (), False)
     progress("what every effect would do")
     lines = spectral_lines_of(prepared.observations, prepared.start)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.observations import Channel, Observations, TableObservations
+from tiltcal.diagnosis.data.observations import Channel, Observations
 
 POINTS = 150  # of a picture: few enough that a mean shows what single samples hide
 
@@ -79,7 +79,7 @@ def _view(observations: Observations, channel: Channel, before: Array, after: Ar
 def _coordinates(observations: Observations, channel: Channel) -> dict[str, Array]:
     recording = observations.recordings[channel.recording]
     found = {"time_s": channel.time - recording.time[0]}
-    if isinstance(observations, TableObservations):
+    if observations.courses:
         course = observations.courses[channel.recording]
         found |= {
             f"table_{name}_deg": np.degrees(angle[channel.rows])

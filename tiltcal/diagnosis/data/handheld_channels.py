@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.diagnosis.data.channels import column_values
 from tiltcal.diagnosis.data.handheld_rests import (
     condensed,
     direction_polynomials,
@@ -21,7 +22,8 @@ from tiltcal.diagnosis.data.handheld_rests import (
     rest_steps,
     undisturbed,
 )
-from tiltcal.diagnosis.data.observations import Channel, Columns, Observations, sensor_matrix
+from tiltcal.diagnosis.data.observations import Channel, Columns, Observations, Signal
+from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
 from tiltcal.diagnosis.data.sensor_perturbation import HandheldMotion, SensorPerturbation
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
 from tiltcal.effects.events import as_met
@@ -40,6 +42,7 @@ from tiltcal.laboratory.handheld import (
 )
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.static_poses import group_directions
 from tiltcal.setup.setup import Sensor
 from tiltcal.statistics.noise_spectrum import NoiseFit, robust_white
 
@@ -166,6 +169,41 @@ class HandheldObservations(Observations):
         if channel.axis == "turn" or channel.stop.min() < 0:
             return []
         return direction_polynomials(self._read[channel.recording][channel.rows], channel.stop)
+
+    def determines(self, parameters: int) -> bool:
+        """Whether lengths at rest are of more directions than there are parameters."""
+        if any(c.axis != "norm" for c in self.channels):
+            return True
+        up: list[Array] = []
+        for channel in self.channels:
+            recording = self.recordings[channel.recording]
+            samples = recording.sensor(self.scenario.named(channel.sensor))
+            values = samples.values[np.isin(samples.rows, channel.rows)]
+            stops = range(channel.stop.max() + 1)
+            here = [channel.stop == k for k in stops]
+            up += [values[rows].mean(axis=0) for rows in here if rows.any()]
+        directions = int(group_directions(np.array(up)).max()) + 1 if up else 0
+        return bool(self.channels) and directions > parameters
+
+    def outlier_signals(
+        self, effects: Sequence[Effect], stops: Sequence[Index]
+    ) -> Iterator[Signal]:
+        """The misfit of FOGs, and the readings of all other sensors."""
+        for c, r in zip(self.channels, self.residuals(effects), strict=True):
+            if self.scenario.named(c.sensor).kind == "fog":
+                yield Signal(c.recording, c.sensor, c.axis, c.rows, r)
+        predicted = {s.name for s in self.scenario.sensors("fog")}
+        for number, recording in enumerate(self.sources):
+            for sensor in self.scenario.sensor:
+                if not recording.has(sensor) or sensor.name in predicted:
+                    continue
+                for axis in sensor.axes:
+                    rows, _, values = column_values(recording, sensor, axis)
+                    # a hand that moves an accelerometer shakes and knocks it; a FOG shows when
+                    if sensor.is_accelerometer or not predicted:
+                        still = inner(recording.time, stops[number])[rows]
+                        rows, values = rows[still], values[still]
+                    yield Signal(number, sensor.name, axis, rows, values)
 
     def as_unsteady(self, number: int, residual: Array, mean: Array, fit: NoiseFit) -> NoiseFit:
         """The noise of what is read at rest, no less than the rests are apart: biases that wander

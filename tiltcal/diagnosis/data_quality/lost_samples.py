@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.channels import shifted
-from tiltcal.diagnosis.data.observations import Channel, Observations, TableObservations
+from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects import CATALOGUE
@@ -30,7 +30,7 @@ def find_lost_samples(
     """
     repaired = list(observations.recordings)
     faults: list[Fault] = []
-    if not isinstance(observations, TableObservations):
+    if not observations.courses:
         return faults, tuple(repaired)
     predicted = observations.predict(fitted.effects)
     for number, recording in enumerate(observations.recordings):

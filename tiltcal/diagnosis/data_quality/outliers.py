@@ -2,15 +2,15 @@
 in the columns themselves.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection
 
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_width
-from tiltcal.diagnosis.data.channels import changed, column_values
-from tiltcal.diagnosis.data.handheld_rests import inner, known_stops
-from tiltcal.diagnosis.data.observations import Observations, TableObservations
+from tiltcal.diagnosis.data.channels import changed
+from tiltcal.diagnosis.data.handheld_rests import known_stops
+from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, noise_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects import CATALOGUE
@@ -40,7 +40,7 @@ def find_outliers(
     together = zip(observations.sources, observations.recordings, observations.stops, strict=True)
     stops = [stop if used is source else known_stops(source) for source, used, stop in together]
     seen: dict[str, list[tuple[str, float, float, int]]] = {}
-    for number, sensor, axis, rows, values in _signals(observations, stops, fitted):
+    for number, sensor, axis, rows, values in observations.outlier_signals(fitted.effects, stops):
         if sensor in coarse:
             continue
         anywhere = off_neighbours(values)
@@ -70,35 +70,6 @@ def _at_an_end(stop: Index, rows: Index) -> Mask:
     for shift in range(2 * ENDS):
         near[changes + shift + 1] = True
     return near[ENDS:-ENDS][rows]
-
-
-def _signals(
-    observations: Observations, stops: Sequence[Index], fitted: FittedModel
-) -> Iterator[tuple[int, str, str, Index, Array]]:
-    """Recording, sensor, axis, rows and values of everything that may hold a gross error."""
-    if isinstance(observations, TableObservations):
-        for channel, r in zip(
-            observations.channels, observations.residuals(fitted.effects), strict=True
-        ):
-            yield channel.recording, channel.sensor, channel.axis, channel.rows, r
-        return
-    for channel, r in zip(
-        observations.channels, observations.residuals(fitted.effects), strict=True
-    ):
-        if observations.scenario.named(channel.sensor).kind == "fog":
-            yield channel.recording, channel.sensor, channel.axis, channel.rows, r
-    predicted = {s.name for s in observations.scenario.sensors("fog")}
-    for number, recording in enumerate(observations.sources):
-        for sensor in observations.scenario.sensor:
-            if recording.has(sensor) and sensor.name not in predicted:
-                for axis in sensor.axes:
-                    rows, _, values = column_values(recording, sensor, axis)
-                    if (
-                        sensor.is_accelerometer or not predicted
-                    ):  # a hand that moves it shakes and knocks it; a FOG tells
-                        still = inner(recording.time, stops[number])[rows]
-                        rows, values = rows[still], values[still]
-                    yield number, sensor.name, axis, rows, values
 
 
 def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.channels import MASKED, MEANINGS, undo_labelling_faults, written
-from tiltcal.diagnosis.data.handheld_channels import HandheldObservations
-from tiltcal.diagnosis.data.observations import Observations, TableObservations, observe
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, inspect
 from tiltcal.diagnosis.data_quality.lost_samples import find_lost_samples
 from tiltcal.diagnosis.data_quality.outliers import find_outliers
@@ -33,7 +32,6 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.static_poses import group_directions
 from tiltcal.statistics.noise_spectrum import (
     NoiseFit,
     NoiseModel,
@@ -180,12 +178,8 @@ def _sound(
 
 def averaged_blocks(prepared: PreparedData, block: int) -> PreparedData:
     """The same with so many samples of a long record averaged into one."""
-    old = prepared.observations
-    return (
-        prepared.over(old.averaged(block))
-        if block > 1 and isinstance(old, TableObservations)
-        else prepared
-    )
+    averaged = prepared.observations.averaged(block)
+    return prepared if averaged is prepared.observations else prepared.over(averaged)
 
 
 def static_noise(
@@ -242,30 +236,5 @@ def calibrated(
     noise = [white_noise(robust_white(r)) for r in observations.residuals(fitted.effects)]
     whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)
     fitted = refit(fitted, whitened)
-    if not isinstance(observations, TableObservations) or observations.block < 2:
-        return fitted, whitened
-    observations.bend_at(fitted.effects)
-    return refit(fitted, whitened), whitened
-
-
-def has_enough_samples(observations: Observations, fitted: FittedModel) -> bool:
-    """Whether there are more poses than the adjustable terms need."""
-    if not observations.channels:
-        return False
-    if not isinstance(observations, HandheldObservations):
-        return True
-    if any(c.axis != "norm" for c in observations.channels):
-        return True
-    up: list[Array] = []
-    for channel in observations.channels:
-        recording = observations.recordings[channel.recording]
-        sensor = observations.scenario.named(channel.sensor)
-        samples = recording.sensor(sensor)
-        values = samples.values[np.isin(samples.rows, channel.rows)]
-        up += [
-            values[channel.stop == k].mean(axis=0)
-            for k in range(channel.stop.max() + 1)
-            if (channel.stop == k).any()
-        ]
-    directions = int(group_directions(np.array(up)).max()) + 1 if up else 0
-    return directions > fitted.basis[0].shape[1]
+    bent = observations.bend_at(fitted.effects)
+    return refit(fitted, whitened) if bent else fitted, whitened

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.diagnosis.data.observations import Observations, TableObservations
+from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.data_quality.stop_errors import mistyped
 from tiltcal.diagnosis.model.fitted_model import FittedModel
@@ -61,8 +61,6 @@ def find_readout_jumps(
     """
     faults: list[Fault] = []
     recordings = list(observations.recordings)
-    if not isinstance(observations, TableObservations):
-        return faults, tuple(recordings)
     for number, course in enumerate(observations.courses):
         for axis, angle in course.angles.items():
             jump = jump_of(axis, angle, course.known)
@@ -111,7 +109,7 @@ def _sharp(bent: Array) -> Array:
 
 
 def _unfollowed(
-    observations: TableObservations, effects: Sequence[Effect], number: int, jump: Jump
+    observations: Observations, effects: Sequence[Effect], number: int, jump: Jump
 ) -> bool:
     """Whether the sensors, wherever a table that jumps would show in them, say that it did not."""
     course = observations.courses[number]

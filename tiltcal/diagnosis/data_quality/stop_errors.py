@@ -9,7 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.channels import changed, without_readout
-from tiltcal.diagnosis.data.observations import Columns, Observations, TableObservations
+from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.model.cosine_basis import basis_of, cosines, project
 from tiltcal.diagnosis.model.fitted_model import (
@@ -40,9 +40,7 @@ def find_wrong_stop(
     """One stop whose written angle is wrong: it is far off where the others are not, and one other
     angle takes that away.
     """
-    if not isinstance(observations, TableObservations):
-        return None
-    worst = stop_misfits(observations, fitted)
+    worst = stop_misfits(observations, fitted) if observations.courses else {}
     if not worst:
         return None
     (number, stop), largest = max(worst.items(), key=lambda item: item[1])
@@ -78,7 +76,7 @@ def stands_alone(observations: Observations, mended: Observations, fitted: Fitte
 
 
 def _rewritten(
-    observations: TableObservations, fitted: FittedModel, number: int, stop: int
+    observations: Observations, fitted: FittedModel, number: int, stop: int
 ) -> tuple[Fault, tuple[Recording, ...]] | None:
     """The axis and error that take the misfit of a stop away; None when none does."""
     course = observations.courses[number]
@@ -108,7 +106,7 @@ def _rewritten(
 
 
 def mistyped(
-    observations: TableObservations,
+    observations: Observations,
     number: int,
     recording: Recording,
     rows: Mask,
@@ -140,7 +138,7 @@ def mistyped(
 
 
 def _misfit(
-    observations: TableObservations,
+    observations: Observations,
     fitted: FittedModel,
     number: int,
     stop: int,
@@ -182,7 +180,7 @@ def find_setting_error(
     """
     observations = whitened.observations
     noise = noise_within_stops(fitted, whitened)
-    if not isinstance(observations, TableObservations) or noise is None:
+    if noise is None:
         return None
     trials = {
         axis: _stop_columns(observations, axis, fitted)
@@ -290,7 +288,7 @@ def beside_stops(
     return refit(replace(fitted, terms=tuple(fitted.terms[k] for k in kept)), whitened)
 
 
-def _stop_columns(observations: TableObservations, axis: str, fitted: FittedModel) -> list[Columns]:
+def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) -> list[Columns]:
     """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes
     over into the next.
     """
@@ -340,7 +338,7 @@ def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault 
     """Stamps that are wrong by chance: the residual's variance grows with the square of how fast
     the reading moves.
     """
-    if not isinstance(observations, TableObservations):
+    if not observations.courses:
         return None
     late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
     slopes = observations.changes(late, fitted.effects)

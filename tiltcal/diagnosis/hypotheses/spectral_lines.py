@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.observations import Observations, TableObservations
+from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, fastest
 from tiltcal.diagnosis.hypotheses.families import WANDER
 from tiltcal.diagnosis.model.fitted_model import FittedModel
@@ -51,7 +51,7 @@ def wandering_of(observations: Observations, fitted: FittedModel) -> tuple[float
 
     By hand none is looked for: the hand trembles at no steady frequency either.
     """
-    if not isinstance(observations, TableObservations):
+    if not observations.courses:
         return ()
     duration = float(np.ptp(observations.recordings[0].time))
     found: list[tuple[float, float]] = []
@@ -69,8 +69,6 @@ def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
 
     In the body it is split: the pose modulates it.
     """
-    if not isinstance(observations, TableObservations):
-        return ()
     left = observations.residuals(fitted.effects)
     found: list[tuple[float, float]] = []
     for number, watch in enumerate(observations.watches(fitted.effects)):
@@ -104,8 +102,6 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
     left, the strongest first.
     """
     found: list[tuple[float, int]] = []
-    if not isinstance(observations, TableObservations):
-        return ()
     left, each = observations.residuals(fitted.effects), np.arange(LINES)
     for axis in observations.scenario.rig.axis_names:
         power, weight = np.zeros(LINES, complex), np.zeros(LINES)
@@ -131,9 +127,7 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
     return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
 
 
-def _of_one_line(
-    observations: TableObservations, axis: str, fitted: FittedModel
-) -> dict[int, Waves]:
+def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> dict[int, Waves]:
     """What an error of a readout does to each channel: of the angle, plus 1j PROBE times of its
     rate, which a gyro sees.
 

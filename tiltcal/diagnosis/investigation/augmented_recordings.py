@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.observations import Columns, Observations, observe
+from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.data.observe import observe
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import fresh
 from tiltcal.recordings.recording import Recording

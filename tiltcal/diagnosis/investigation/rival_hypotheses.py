@@ -8,7 +8,8 @@ from itertools import chain
 from typing import Any
 
 from tiltcal.diagnosis.data.block_averaging import block_of
-from tiltcal.diagnosis.data.observations import Observations, TableObservations, observe
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
@@ -163,7 +164,7 @@ def _question(
     )
     by_axis = {(c.sensor, c.axis): f.model for c, f in zip(old.channels, noise, strict=True)}
     ordered = tuple(rivals[n] for n in names if n in rivals)
-    reference = old.inner.courses[0].reference if isinstance(old.inner, TableObservations) else 0.0
+    reference = old.inner.courses[0].reference if old.inner.courses else 0.0
     return Question(names, rest, ordered, tuple(hypotheses), old, by_axis, block, reference)
 
 

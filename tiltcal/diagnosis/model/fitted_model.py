@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.data.observations import Columns, Observations, TableObservations
+from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.diagnosis.model.cosine_basis import cosines
@@ -75,6 +75,11 @@ class FittedModel:
     def effects(self) -> list[Effect]:
         """All effects at their values."""
         return [*self.known, *(t.effect for t in (*self.nuisance, *self.terms))]
+
+    @property
+    def columns(self) -> int:
+        """Number of independent columns that were fitted."""
+        return self.basis[0].shape[1] if self.basis else 0
 
     @property
     def deviance(self) -> float:
@@ -257,11 +262,9 @@ def noise_within_stops(fitted: FittedModel, whitened: WhitenedModel) -> list[Noi
         level.
     """
     observations = whitened.observations
-    by_hand = (
-        None
-        if isinstance(observations, TableObservations)
-        else noise_under(fitted, whitened.columns, law=whitened.law)
-    )
+    by_hand = None
+    if not observations.courses:
+        by_hand = noise_under(fitted, whitened.columns, law=whitened.law)
     found = []
     for i, (channel, r) in enumerate(
         zip(observations.channels, observations.residuals(fitted.effects), strict=True)

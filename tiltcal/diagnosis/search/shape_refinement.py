@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.diagnosis.data.observations import Observations, TableObservations
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data.table_channels import TableObservations
 from tiltcal.diagnosis.hypotheses.hypothesis import STEPS, Hypothesis, steps_at
 from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
@@ -137,7 +138,7 @@ def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis
     phase, scenario = hypothesis.effect.values.get("phase"), observations.scenario
     if phase is not None and "phase" not in hypothesis.names:
         return _at(hypothesis, "phase", float(np.angle(-np.exp(1j * phase))))
-    if hypothesis.id == "data_latency" and not isinstance(observations, TableObservations):
+    if hypothesis.id == "data_latency" and not observations.courses:
         others = [
             s.name for s in scenario.sensors("gyro", "fog") if s.name != hypothesis.effect.sensor
         ]

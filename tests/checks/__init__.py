@@ -1,0 +1,1 @@
+"""Checks of the source code itself, run by ``make check``."""

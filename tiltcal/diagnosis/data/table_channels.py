@@ -1,0 +1,283 @@
+"""Channels of recordings on a table whose angles were read."""
+
+from collections.abc import Sequence
+from copy import copy
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index
+from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
+from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
+from tiltcal.effects.base import Effect
+from tiltcal.effects.events import as_met
+from tiltcal.effects.learned import Learned
+from tiltcal.forward.jacobian import NominalMotion
+from tiltcal.forward.signal_chain import readings
+from tiltcal.laboratory.laboratory import restored
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import Replay, replay
+
+QUICK = 0.1  # periods within a block, at most, that its middle may stand for
+
+
+class TableObservations(Observations):
+    """Recordings on a table whose angles were read.
+
+    ``averaged`` has blocks of samples in place of samples, of readings and predictions alike: a
+    long record needs no more to
+    tell what physics it holds, and noise stays what it was, white, flicker and walk.
+    """
+
+    def __init__(
+        self, scenario: Scenario, recordings: Sequence[Recording], known: Sequence[Effect]
+    ) -> None:
+        self.block = 1
+        self._rows: list[Index] = []
+        self.scenario, self.recordings, self.known = scenario, tuple(recordings), tuple(known)
+        reference = scenario.climate.reference_degC
+        self.courses: list[Replay] = []
+        for recording in recordings:
+            course = restored(
+                replay(recording, scenario, reference), as_met(known, recording.fingerprint)
+            )
+            self.courses.append(course)
+            reference = (
+                course.reference if reference is None else reference
+            )  # T0 stays that of the first recording
+        self.stops = [course.stop for course in self.courses]
+        self.channels = tuple(self._channels())
+        self._watches: dict[bytes, list[NominalMotion]] = {}
+        self._around: tuple[tuple[Effect, ...], bytes] | None = None
+        self._bent: list[Array] = []
+        self._whole: TableObservations | None = None
+
+    def averaged(self, block: int) -> "TableObservations":
+        """The same with so many samples averaged into one."""
+        if block == 1:
+            return self
+        other = copy(self)
+        other.block, other._rows, other._watches, other._around, other._bent, other._whole = (
+            block,
+            [],
+            {},
+            None,
+            [],
+            self,
+        )
+        other.__dict__.pop("_blocks_of", None)
+        other.channels = tuple(other._channels())
+        return other
+
+    def _channels(self) -> list[Channel]:
+        found = []
+        for number, (recording, course) in enumerate(
+            zip(self.recordings, self.courses, strict=True)
+        ):
+            for sensor in self.scenario.sensor:
+                if not recording.has(sensor):
+                    continue
+                samples = recording.sensor(sensor)
+                for k, axis in enumerate(sensor.axes):
+                    there = ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
+                    rows = samples.rows[there]
+                    if len(rows) <= 8 * self.block:
+                        continue
+                    self._rows.append(rows)
+                    middle = rows[
+                        np.minimum(
+                            np.arange(0, len(rows), self.block) + self.block // 2, len(rows) - 1
+                        )
+                    ]
+                    values = self._mean(samples.values[there, k])
+                    found.append(
+                        Channel(
+                            number,
+                            sensor.name,
+                            axis,
+                            k,
+                            middle,
+                            recording.time[middle],
+                            values,
+                            course.stop[middle],
+                        )
+                    )
+        return found
+
+    def _mean(self, values: Array) -> Array:
+        """Means of blocks, (n,) -> (n / block,)."""
+        if self.block == 1:
+            return values
+        starts = np.arange(0, len(values), self.block)
+        return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
+
+    def predict(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read.
+
+        Of blocks: the prediction at their middles, and how far the mean over a block was from that
+            at first, of the motion's
+        bend within it; what is quick beside a block is predicted at every sample.
+        """
+        if self._whole is None:
+            return self._everywhere(effects)
+        if any(self.quick(e) and not e.is_identity for e in effects):
+            return self._blocks(self._whole.predict(effects))
+        if not self._bent:
+            self.bend_at(effects)
+        return [m + b for m, b in zip(self._middles(effects), self._bent, strict=True)]
+
+    def bend_at(self, effects: Sequence[Effect]) -> bool:
+        """Take the bend within blocks from a model with these effects: a scale factor of some per
+        mille turns it with the rest.
+        """
+        if self._whole is not None:
+            whole = self._blocks(self._whole.predict(effects))
+            self._bent = [w - m for w, m in zip(whole, self._middles(effects), strict=True)]
+        return self.block > 1
+
+    def quick(self, effect: Effect) -> bool:
+        """Whether an effect may change within a block."""
+        if effect.sharp or "lines" in effect.values:
+            return self.block > 1
+        period = (
+            getattr(effect, "period", 0.0)
+            if getattr(effect, "coordinate", "") == "since_move"
+            else 0.0
+        )
+        frequency = effect.values.get("frequency", 1 / period if period else 0.0)
+        return self.block > 1 and frequency * self.block * self._step > QUICK
+
+    @cached_property
+    def _step(self) -> float:
+        """Between samples, s."""
+        return max(float(np.median(np.diff(r.time))) for r in self.recordings)
+
+    def _blocks(self, columns: Sequence[Array]) -> list[Array]:
+        """Means of blocks of every channel's samples."""
+        return [self._mean(column) for column in columns]
+
+    def _middles(self, effects: Sequence[Effect]) -> list[Array]:
+        """What each channel should have read at the middles of the blocks."""
+        found = []
+        for number, (recording, course) in enumerate(
+            zip(self.recordings, self.courses, strict=True)
+        ):
+            mine = [c for c in self.channels if c.recording == number]
+            time = self._grid(recording)
+            values = readings(
+                self.scenario,
+                course,
+                dict.fromkeys(sorted({c.sensor for c in mine}), time),
+                as_met(effects, recording.fingerprint),
+            )
+            found += [
+                values[c.sensor][self._blocks_of[i], c.column]
+                for i, c in enumerate(self.channels)
+                if c.recording == number
+            ]
+        return found
+
+    @cached_property
+    def _blocks_of(self) -> list[Index | slice]:
+        """Of each channel the rows of its recording's blocks; a slice where it has them all."""
+        found: list[Index | slice] = []
+        for c in self.channels:
+            last = len(self._grid(self.recordings[c.recording])) - 1
+            rows = np.minimum(c.rows // self.block, last)
+            found.append(
+                slice(None) if len(rows) == last + 1 and (np.diff(rows) == 1).all() else rows
+            )
+        return found
+
+    def _grid(self, recording: Recording) -> Array:
+        """Stamps in the middle of blocks, s, (n,)."""
+        return recording.time[self.block // 2 :: self.block]
+
+    def _everywhere(self, effects: Sequence[Effect]) -> list[Array]:
+        found = []
+        for number, (recording, course) in enumerate(
+            zip(self.recordings, self.courses, strict=True)
+        ):
+            names = {c.sensor for c in self.channels if c.recording == number}
+            met = as_met(effects, recording.fingerprint)
+            values = readings(
+                self.scenario, course, dict.fromkeys(sorted(names), recording.time), met
+            )
+            found += [
+                self._mean(values[c.sensor][rows, c.column])
+                for c, rows in zip(self.channels, self._rows, strict=True)
+                if c.recording == number
+            ]
+        return found
+
+    def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
+        """How readings change with a small effect: by the closed form at the nominal table, through
+        the fitted sensor matrix.
+        """
+        found: Columns = {}
+        if self._whole is not None and self.quick(effect):
+            return {
+                i: self._mean(column) for i, column in self._whole.changes(effect, around).items()
+            }
+        for number, watch in enumerate(self.watches(around)):
+            changes = watch.changes(effect)
+            for i, c in enumerate(self.channels):
+                if c.recording == number and c.sensor in changes:
+                    column = changes[c.sensor][self._blocks_of[i], c.column]
+                    if np.any(column):
+                        found[i] = column
+        return found
+
+    def columns(
+        self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
+    ) -> dict[int, tuple[list[int], Array]]:
+        """Change of each channel by each size alone; those of a curve all at once."""
+        if not isinstance(effect, Learned) or self.quick(effect):
+            return super().columns(effect, names, around)
+        which = [int(name[1:]) for name in names]
+        sizes = np.array([effect.values[name] for name in names])
+        found: dict[int, tuple[list[int], Array]] = {}
+        for number, watch in enumerate(self.watches(around)):
+            changes = watch.each(effect)
+            for i, c in enumerate(self.channels):
+                if c.recording == number and c.sensor in changes:
+                    block = (
+                        changes[c.sensor][self._blocks_of[i], c.column].T[which] * sizes[:, None]
+                    )
+                    some = np.flatnonzero(block.any(axis=1))
+                    if len(some):
+                        found[i] = ([int(k) for k in some], block[some])
+        return found
+
+    def watches(self, around: Sequence[Effect]) -> list[NominalMotion]:
+        """What each recording's sensors sense at the nominal table, through the sensor matrix of
+        these effects.
+        """
+        key = self.depends_on(around)
+        if key not in self._watches:
+            matrices = self._matrices(around)
+            known = next(iter(self._watches.values()), None) or [
+                NominalMotion(self.scenario, course, self._grid(recording))
+                for recording, course in zip(self.recordings, self.courses, strict=True)
+            ]
+            self._watches = {key: [watch.through(matrices) for watch in known]}
+        return self._watches[key]
+
+    def depends_on(self, around: Sequence[Effect]) -> bytes:
+        """The sensor matrices of these effects."""
+        if self._around is None or self._around[0] != tuple(
+            around
+        ):  # asked for each column of a fitted model
+            self._around = (
+                tuple(around),
+                b"".join(m.tobytes() for m in self._matrices(around).values()),
+            )
+        return self._around[1]
+
+    def _matrices(self, around: Sequence[Effect]) -> dict[str, Array]:
+        return {
+            s.name: sensor_matrix(s.name, self.scenario, around)
+            for s in self.scenario.sensor
+            if s.kind != "fog"
+        }

@@ -27,7 +27,6 @@ from tiltcal.effects.base import (
     Effect,
     Parameter,
     SignalEffect,
-    WritingEffect,
 )
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.forward.kinematics import closed_form, force_and_rate
@@ -42,14 +41,6 @@ WHITE = {
     "gyro": 1e-4,
     "fog": 3e-6,
 }  # SI per root hertz, when not stated
-OF_THE_DRIVE = {"servo_droop", "servo_friction_deadband", "servo_lag"}
-NO_COLUMN = {
-    "acc_saturation",
-    "gyr_saturation",
-    "fog_fringe",
-    "fog_deadband",
-    "adc_stuck_bit",
-}  # thresholds, not sizes
 
 
 @dataclass(frozen=True)
@@ -120,12 +111,8 @@ def candidates(
     set-up.
     """
     for id, cls in CATALOGUE.items():
-        if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN:
+        if not (cls.has_column() and cls.shows_on(setup.rig)):
             continue
-        if (cls.stage == "table" or cls.on_table) and not setup.rig.axes:
-            continue
-        if id in OF_THE_DRIVE and setup.rig.readout != "command":
-            continue  # the encoder sees them
         sensors: Iterable[Sensor | None] = setup.sensors(*cls.kinds) if cls.kinds else (None,)
         axes: Iterable[str | None] = setup.rig.axis_names if cls.axis_wise else (None,)
         for sensor in sensors:

@@ -15,7 +15,6 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
-from tiltcal.diagnosis.hypotheses.families import KIN
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.diagnosis.model.column_store import ColumnBlock, ColumnStore, Waves
@@ -143,11 +142,7 @@ class WhitenedModel:
         nameless
         at its place, in order.
         """
-        names = (
-            [hypothesis.id, *(other for other, host in KIN if host == hypothesis.id)]
-            if hypothesis.listed
-            else []
-        )
+        names = [hypothesis.id, *hypothesis.law.family.effects] if hypothesis.listed else []
         keys = [*((n, None) for n in names), ("", hypothesis.effect.sensor), ("", None)]
         return sorted({k for key in keys for k in self._places.get(key, [])})
 

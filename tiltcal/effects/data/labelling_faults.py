@@ -20,6 +20,7 @@ class DataUnit(SignalEffect):
     source = "effects list; PHYSICS 3.7"
     excited_by = "any recording"
     look = "the norm at rest is off by a factor such as 9.80665 or 57.3"
+    mislabels = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return reading * (self.value("factor") or 1.0)
@@ -37,6 +38,7 @@ class DataSign(SignalEffect):
     source = "PHYSICS 3.7"
     excited_by = "tilting or turning that axis"
     look = "a left-handed triad"
+    mislabels = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         for i, index in enumerate(sense.axes):
@@ -60,6 +62,7 @@ class DataAxisSwap(SignalEffect):
     source = "PHYSICS 3.7"
     excited_by = "tilting"
     look = "each channel follows the other's attitude"
+    mislabels = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         for pair in ("xy", "yz", "zx"):
@@ -82,6 +85,7 @@ class DataHand(SignalEffect):
     source = "PHYSICS 3.7"
     excited_by = "tilting about two axes"
     look = "no rotation maps the frame onto the table's: determinant -1"
+    mislabels = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if 1 in sense.axes:
@@ -121,6 +125,8 @@ class DataPoseLabel(WritingEffect):
     excited_by = "several dwells"
     look = "one dwell is a large rotation off, norm unchanged"
     axis_wise = True
+    leaves_nothing = True
+    masked = True
 
     def written(self, axis: str, drive: Drive) -> Array | None:
         if axis != (self.axis or next(iter(drive.axes))):
@@ -141,6 +147,7 @@ class DataRotationSense(WritingEffect):
     excited_by = "any turn"
     look = "the readings follow the mirrored angle"
     axis_wise = True
+    mislabels = True
 
     def written(self, axis: str, drive: Drive) -> Array | None:
         if axis != (self.axis or next(iter(drive.axes))):

@@ -1,6 +1,7 @@
 """Errors that follow temperature and time: one set of laws, for accelerometers and for gyros."""
 
 from abc import abstractmethod
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, Stage, TermEffect
 from tiltcal.effects.hysteresis_and_lag import onset, play, rounded_play
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 
 GYROS = frozenset({"gyro", "fog"})
 
@@ -47,6 +50,14 @@ class AccTempBias(FollowsState):
     equation = "reading_i += k_i (T - T0)"
     excited_by = "a temperature change"
     look = "follows the temperature record, the same in every pose"
+    ordinary = True
+    demonstrated = True
+    family = Family(reading=("temperature",))
+    felt_late = True
+    told_apart_by = {
+        "acc_drift": "take the temperature up and down again",
+        "acc_warmup": "restart at a settled temperature",
+    }
 
     def state(self, sense: Sense) -> Array:
         return sense.temperature
@@ -65,6 +76,10 @@ class AccTempScale(TermEffect):
     source = "PHYSICS 3.4"
     excited_by = "a temperature change on a loaded axis"
     look = "temperature times its own force"
+    ordinary = True
+    demonstrated = True
+    family = Family(scale=("temperature",))
+    felt_late = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return (
@@ -83,6 +98,7 @@ class AccThermalGradient(FollowsState):
     equation = "reading_i += k_i dT/dt"
     excited_by = "a temperature ramp"
     look = "changes sign between heating and cooling, gone when T settles"
+    family = Family(reading=("warming", "temperature"))
 
     def state(self, sense: Sense) -> Array:
         return warming_rate(sense)
@@ -104,6 +120,13 @@ class AccThermalHysteresis(FollowsState):
     )
     excited_by = "a temperature cycle"
     look = "a loop over temperature"
+    family = Family(reading=("temperature", "warming"))
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        low, high = span.ranges.get("temperature", (0.0, 0.0))
+        shares = (0.1, 0.2, 0.35, 0.5, 0.8) if high > low else ()
+        return [{"width": share * (high - low)} for share in shares] or [{}]
 
     def state(self, sense: Sense) -> Array:
         return play(sense.temperature, self.value("width") or float(np.ptp(sense.temperature)) / 2)
@@ -120,6 +143,12 @@ class Warmup(TermEffect):
     source = "PHYSICS 3.4"
     excited_by = "time since power-on"
     look = "an exponential from the first stamp on"
+    family = Family(reading=("time",))
+    superposes = True
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"tau": span.duration * x} for x in (0.03, 0.1, 0.2, 0.5, 1.5)]
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return self.channel_of(name[-1], sense), np.exp(-sense.elapsed / self.value("tau"))
@@ -134,6 +163,7 @@ class AccWarmup(Warmup):
         Parameter("warmup_{axis}", "ug", (100, 3000, 10000)),
         Parameter("tau", "s", (1800, 600, 300), positive=True, default=300.0),
     )
+    demonstrated = True
 
 
 class GyrWarmup(Warmup):
@@ -158,6 +188,8 @@ class BiasStep(TermEffect):
     source = "PHYSICS 3.4"
     excited_by = "time"
     look = "a step on one axis only, its neighbours unchanged"
+    family = Family(reading=("time",))
+    acts_from_an_instant = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return self.channel_of(name[-1], sense), onset(
@@ -175,6 +207,7 @@ class AccBiasStep(BiasStep):
         Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
         Parameter("creep", "s", (30, 30, 30), positive=True, shape=True),
     )
+    demonstrated = True
 
 
 class GyrBiasStep(BiasStep):
@@ -199,6 +232,7 @@ class AccDrift(FollowsState):
     equation = "reading_i += d_i x(t), x = 0..1 over the recording"
     excited_by = "time"
     look = "a ramp in every pose"
+    family = Family(reading=("time",))
 
     def state(self, sense: Sense) -> Array:
         return sense.elapsed / max(float(sense.elapsed[-1]), 1e-12)
@@ -297,6 +331,15 @@ class AccHysteresis(SignalEffect):
     excited_by = "approaching the same force from both sides"
     look = "a loop over the axis' own force"
     linear = True
+    demonstrated = True
+    superposes = True
+    erased_by_shaking = True
+    follows = "tilt"
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        widths = (0.02, 0.1, 0.2, 0.4, 0.8)
+        return [{"width": w, "rounded": r} for w, r in product(widths, (0.0, 1.0))]
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         law = rounded_play if self.value("rounded") else play

@@ -43,8 +43,6 @@ class Traits:
     """Name by which a sensor's ``adjustable`` terms free it, such as ``bias``."""
     ordinary: ClassVar[bool] = False
     """Every instrument, or table, of its kind has it."""
-    demonstrated: ClassVar[bool] = False
-    """A tumble on a dual-axis table shows it plainly: the demo may conceal it."""
 
     # Its law
     same_law_as: ClassVar[str] = ""

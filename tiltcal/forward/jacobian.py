@@ -29,6 +29,7 @@ from tiltcal.effects.base import (
     SignalEffect,
 )
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.sensor.noise import Noise
 from tiltcal.forward.kinematics import closed_form, force_and_rate
 from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
 from tiltcal.forward.signal_chain import CONVERSION, make_sense
@@ -342,7 +343,7 @@ def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:
     inclinometer).
     """
     for e in known:
-        if e.sensor == sensor.name and e.id.endswith("_noise") and e.value("white") > 0:
+        if e.sensor == sensor.name and isinstance(e, Noise) and e.value("white") > 0:
             scale = 1 / G0 if sensor.kind == "inclinometer" else 1.0
             return float(e.value("white") * scale * np.sqrt(sensor.rate_hz))
     return float(WHITE[sensor.kind] * np.sqrt(sensor.rate_hz))

@@ -51,7 +51,6 @@ class MountSlip(FrameEffect):
     source = "PHYSICS 3.3"
     excited_by = "time"
     look = "a step of all channels at once, norm unchanged"
-    demonstrated = True
     family = Family(tilt=(("mount", "time"),))
     acts_from_an_instant = True
 
@@ -113,7 +112,6 @@ class MountCompliance(FrameEffect):
     on_table = True
     linear = True
     mechanised = True
-    demonstrated = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount" or context.force is None:

@@ -105,7 +105,6 @@ class AccK2(AccTerm):
     excited_by = "both signs of its own force"
     look = "constant and second harmonic; the norm gains first and third"
     ordinary = True
-    demonstrated = True
     family = Family(reading=("input",))
     nonlinear_in_input = True
     told_apart_by = {
@@ -125,7 +124,6 @@ class AccK3(AccTerm):
     excited_by = "at least eight angles of its own axis"
     look = "first and third harmonics; six positions hide it in the scale factor"
     ordinary = True
-    demonstrated = True
     family = Family(reading=("input",))
     nonlinear_in_input = True
     told_apart_by = {"acc_Koq": "nothing within 1 g: a centrifuge"}
@@ -157,7 +155,6 @@ class AccScaleAsym(AccTerm):
     equation = "reading_i += a_i/2 |f_i|, the kink as wide as given: sqrt(f_i^2 + width^2)"
     excited_by = "both signs of its own force"
     look = "a kink at zero; near K2"
-    demonstrated = True
     family = Family(reading=("input",))
     nonlinear_in_input = True
 
@@ -199,7 +196,6 @@ class AccKip(AccTerm):
     excited_by = "both axes loaded at once (45 deg)"
     look = "second harmonics; invisible in six positions"
     ordinary = True
-    demonstrated = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fp / G0
@@ -214,7 +210,6 @@ class AccKio(AccTerm):
     excited_by = "both axes loaded at once (45 deg)"
     look = "second harmonics; invisible in six positions"
     ordinary = True
-    demonstrated = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fo / G0
@@ -229,7 +224,6 @@ class AccKpo(AccTerm):
     excited_by = "the two other axes loaded at once"
     look = "second harmonic of the other two axes; near an axis wobble"
     ordinary = True
-    demonstrated = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fp * fo / G0

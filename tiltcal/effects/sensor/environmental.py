@@ -51,7 +51,6 @@ class AccTempBias(FollowsState):
     excited_by = "a temperature change"
     look = "follows the temperature record, the same in every pose"
     ordinary = True
-    demonstrated = True
     family = Family(reading=("temperature",))
     felt_late = True
     told_apart_by = {
@@ -77,7 +76,6 @@ class AccTempScale(TermEffect):
     excited_by = "a temperature change on a loaded axis"
     look = "temperature times its own force"
     ordinary = True
-    demonstrated = True
     family = Family(scale=("temperature",))
     felt_late = True
 
@@ -163,7 +161,6 @@ class AccWarmup(Warmup):
         Parameter("warmup_{axis}", "ug", (100, 3000, 10000)),
         Parameter("tau", "s", (1800, 600, 300), positive=True, default=300.0),
     )
-    demonstrated = True
 
 
 class GyrWarmup(Warmup):
@@ -207,7 +204,6 @@ class AccBiasStep(BiasStep):
         Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
         Parameter("creep", "s", (30, 30, 30), positive=True, shape=True),
     )
-    demonstrated = True
 
 
 class GyrBiasStep(BiasStep):
@@ -331,7 +327,6 @@ class AccHysteresis(SignalEffect):
     excited_by = "approaching the same force from both sides"
     look = "a loop over the axis' own force"
     linear = True
-    demonstrated = True
     superposes = True
     erased_by_shaking = True
     follows = "tilt"

@@ -36,7 +36,6 @@ class ServoDroop(TableSag):
     look = "as sag, but visible in the encoder"
     size = "droop"
     ordinary = False
-    demonstrated = False
     same_law_as = "table_sag"
     seen_by_encoder = True
 

@@ -31,7 +31,6 @@ class TableLevelling(FrameEffect):
     )
     linear = True
     ordinary = True
-    demonstrated = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "base":
@@ -58,7 +57,6 @@ class AxisNonorthogonality(FrameEffect):
         "three": {"middle_bearing": ("x", "outer_middle"), "inner_bearing": ("z", "middle_inner")},
     }
     ordinary = True
-    demonstrated = True
     follows = "table_inner"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
@@ -88,7 +86,6 @@ class AxisWobble(FrameEffect):
     linear = True
     ORDERS = (("m1", -1), ("p2", 2), ("m2", -2))
     ordinary = True
-    demonstrated = True
     family = Family(tilt=(("{axis}_bearing", "table_{axis}"),))
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:

@@ -78,7 +78,6 @@ class EncoderEccentricity(ReadoutError):
     linear = True
     harmonic = 1
     ordinary = True
-    demonstrated = True
     family = Family(readout=("table_{axis}",))
     told_apart_by = {"table_sag": "change the payload: sag changes, the encoder does not"}
 
@@ -146,7 +145,6 @@ class TableSag(AngleEffect):
     LOADED = {"placing": "outer", "dual": "outer", "three": "middle"}
     size = "sag"
     ordinary = True
-    demonstrated = True
     family = Family(readout=("table_{axis}",))
     harmonic = 1
     axis_by_gravity = True
@@ -203,7 +201,6 @@ class TableBacklash(AngleEffect):
     look = "a rotation that changes sign with the direction of approach; norm unchanged"
     linear = True
     mechanised = True
-    demonstrated = True
     superposes = True
     told_apart_by = {"servo_friction_deadband": "read encoder and command both"}
 

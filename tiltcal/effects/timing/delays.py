@@ -19,7 +19,6 @@ class DataLatency(DelayEffect):
     source = "PHYSICS 3.7"
     excited_by = "moves"
     look = "a rotation proportional to the rate, odd in it, nothing at rest"
-    demonstrated = True
     told_apart_by = {"acc_bandwidth": "ramp"}
 
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
@@ -38,7 +37,6 @@ class ChannelMuxSkew(DelayEffect):
     source = "PHYSICS 3.6"
     excited_by = "moves"
     look = "an apparent cross-axis rotation proportional to the rate"
-    demonstrated = True
 
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
         return channel * self.value("skew")

@@ -86,8 +86,8 @@ class Traits:
     # What it does to data
     mislabels: ClassVar[bool] = False
     """A column means something else than its name says."""
-    masked: ClassVar[bool] = False
-    """The samples that it spoils are left out, or repaired, before anything is fitted."""
+    repair: ClassVar[Literal["", "columns", "samples"]] = ""
+    """What is put right before anything is fitted: whole columns, or the samples that it spoils."""
     scatters: ClassVar[bool] = False
     """It sets each stop or each stamp elsewhere by chance: no re-simulation repeats it."""
 

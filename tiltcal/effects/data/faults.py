@@ -28,7 +28,7 @@ class DataOutlier(SignalEffect):
     excited_by = "any recording"
     look = "isolated values beyond 8 sigma"
     random = True
-    masked = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if rng is None or len(reading) < 3:
@@ -83,7 +83,7 @@ class DataDuplicate(SignalEffect):
     excited_by = "any recording"
     look = "exact repeats of all channels at once"
     random = True
-    masked = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if rng is None:
@@ -115,7 +115,7 @@ class DataStuck(SignalEffect):
     excited_by = "any recording"
     look = "a flat stretch without noise"
     leaves_nothing = True
-    masked = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         start, length = self.value("start"), self.value("length")

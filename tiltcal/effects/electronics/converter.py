@@ -96,7 +96,7 @@ class AdcQuantisation(SignalEffect):
     excited_by = "noise below one code"
     look = "a staircase"
     random = True  # a rounding error is noise: `--noise off` leaves it out
-    masked = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         lsb = self.value("lsb")
@@ -134,7 +134,7 @@ class AdcStuckBit(SignalEffect):
     excited_by = "readings that use the bit"
     look = "half of all codes missing, jumps by one bit"
     threshold = True
-    masked = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         bit = self.value("bit_value")

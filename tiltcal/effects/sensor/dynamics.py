@@ -55,7 +55,7 @@ class AccSaturation(SignalEffect):
     excited_by = "input beyond full scale"
     look = "flat tops"
     threshold = True
-    masked = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         limit = self.value("full_scale")

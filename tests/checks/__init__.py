@@ -1,0 +1,1 @@
+"""Checks of the source itself, part of `make check`."""

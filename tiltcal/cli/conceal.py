@@ -20,13 +20,12 @@ from tiltcal.effects.sensor.accelerometer import (
     AccScaleAsym,
 )
 from tiltcal.effects.sensor.environmental import (
-    AccBiasStep,
     AccHysteresis,
     AccTempBias,
     AccTempScale,
-    AccWarmup,
 )
 from tiltcal.effects.sensor.noise import AccNoise
+from tiltcal.effects.sensor.temporal import AccBiasStep, AccWarmup
 from tiltcal.effects.table.geometry import AxisNonorthogonality, AxisWobble, TableLevelling
 from tiltcal.effects.table.readout import (
     Encoder2Rev,

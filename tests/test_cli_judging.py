@@ -181,7 +181,7 @@ def test_every_effect_the_demo_can_conceal_makes_a_scenario():
         table = concealed(np.random.default_rng(seed))
         parse_scenario({**bench(), "effect": [table]})
         seen.add(table["id"])
-    assert seen == set(CONCEALABLE)
+    assert seen == {cls.id for cls in CONCEALABLE}
 
 
 # --------------------------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ from builders import ACCEL, GYRO, setup_of
 
 from tiltcal.diagnosis.data.block_averaging import MOST_ROWS, ROWS, block_of
 from tiltcal.diagnosis.data.table_channels import TableObservations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines
 from tiltcal.effects import make_effect
+from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 

@@ -13,9 +13,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import one_thread
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
+from tiltcal.effects.spans import SpectralLines
 from tiltcal.statistics.noise_spectrum import NoiseFit
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk, deviance
 

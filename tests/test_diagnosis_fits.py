@@ -17,7 +17,6 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
 from tiltcal.diagnosis.data_quality.stop_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import CoordinateRanges, SpectralLines
 from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
 from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
@@ -37,6 +36,7 @@ from tiltcal.diagnosis.search.swap_search import description_length, plainly, sw
 from tiltcal.diagnosis.search.unlisted_curves import causes, prefer_unlisted_curve
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading, LearnedTilt
+from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 from tiltcal.laboratory.handheld import earlier
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}

@@ -26,11 +26,11 @@ from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.curves import lags_of
-from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Hypothesis
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.effects import make_effect
-from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.effects.hysteresis_and_lag import LAGS, first_order_lag
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_between
 from tiltcal.laboratory.laboratory import SimulatedLaboratory

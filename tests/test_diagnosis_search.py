@@ -8,7 +8,6 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import CoordinateRanges, SpectralLines
 from tiltcal.diagnosis.hypotheses.hypothesis import (
     CREEPS,
     Hypothesis,
@@ -27,6 +26,7 @@ from tiltcal.diagnosis.search.forward_selection import (
 )
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
+from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 
 SPAN = CoordinateRanges(
     200.0, 10.0, SpectralLines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)}

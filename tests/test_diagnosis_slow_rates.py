@@ -11,13 +11,14 @@ from statistics_helpers import rng_of
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.swap_search import refine_all_shapes
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 

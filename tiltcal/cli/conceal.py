@@ -6,8 +6,34 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import GRADES
+from tiltcal.effects.base import GRADES, Effect
+from tiltcal.effects.mount.mounting import MountCompliance, MountSlip
+from tiltcal.effects.sensor.accelerometer import (
+    AccBias,
+    AccCrossAxis,
+    AccK2,
+    AccK3,
+    AccKio,
+    AccKip,
+    AccKpo,
+    AccScale,
+    AccScaleAsym,
+)
+from tiltcal.effects.sensor.environmental import (
+    AccHysteresis,
+    AccTempBias,
+    AccTempScale,
+)
+from tiltcal.effects.sensor.noise import AccNoise
+from tiltcal.effects.sensor.temporal import AccBiasStep, AccWarmup
+from tiltcal.effects.table.geometry import AxisNonorthogonality, AxisWobble, TableLevelling
+from tiltcal.effects.table.readout import (
+    Encoder2Rev,
+    EncoderEccentricity,
+    TableBacklash,
+    TableSag,
+)
+from tiltcal.effects.timing.delays import ChannelMuxSkew, DataLatency
 
 GRADE = GRADES.index("mid_mems")
 SIZES = (0.3, 1.0)  # of the plausible size
@@ -15,29 +41,29 @@ SHAPES = {
     "time": (60.0, 140.0),
     "tau": (25.0, 70.0),
 }  # s: an event inside the recording, a course that it shows
-CONCEALABLE = (
-    "table_levelling",
-    "table_encoder_eccentricity",
-    "table_encoder_2rev",
-    "table_axis_wobble",
-    "axis_nonorthogonality",
-    "table_sag",
-    "table_backlash",
-    "mount_compliance",
-    "mount_slip",
-    "acc_K2",
-    "acc_K3",
-    "acc_Kip",
-    "acc_Kio",
-    "acc_Kpo",
-    "acc_scale_asym",
-    "acc_temp_bias",
-    "acc_temp_scale",
-    "acc_warmup",
-    "acc_bias_step",
-    "acc_hysteresis",
-    "data_latency",
-    "channel_mux_skew",
+CONCEALABLE: tuple[type[Effect], ...] = (
+    TableLevelling,
+    EncoderEccentricity,
+    Encoder2Rev,
+    AxisWobble,
+    AxisNonorthogonality,
+    TableSag,
+    TableBacklash,
+    MountCompliance,
+    MountSlip,
+    AccK2,
+    AccK3,
+    AccKip,
+    AccKio,
+    AccKpo,
+    AccScaleAsym,
+    AccTempBias,
+    AccTempScale,
+    AccWarmup,
+    AccBiasStep,
+    AccHysteresis,
+    DataLatency,
+    ChannelMuxSkew,
 )
 TILTS_DEG, TURNS_DEG = range(15, 375, 60), range(20, 380, 72)
 
@@ -85,18 +111,18 @@ def ordinary(rng: np.random.Generator) -> list[dict[str, Any]]:
     cross = {
         f"cross_{a}{b}_ppm": float(rng.normal(0, 2000)) for a in "xyz" for b in "xyz" if a != b
     }
-    terms = (
-        ("acc_noise", {"white_ug_rthz": 20.0, "walk_ug_rts": 0.2}),
-        ("acc_bias", bias),
-        ("acc_scale", scale),
-        ("acc_cross_axis", cross),
+    terms: tuple[tuple[type[Effect], dict[str, float]], ...] = (
+        (AccNoise, {"white_ug_rthz": 20.0, "walk_ug_rts": 0.2}),
+        (AccBias, bias),
+        (AccScale, scale),
+        (AccCrossAxis, cross),
     )
-    return [{"id": id, "sensor": "accel", **values} for id, values in terms]
+    return [{"id": cls.id, "sensor": "accel", **values} for cls, values in terms]
 
 
 def concealed(rng: np.random.Generator) -> dict[str, Any]:
     """One effect of the catalogue on one axis, at a plausible size."""
-    cls = CATALOGUE[str(rng.choice(CONCEALABLE))]
+    cls = CONCEALABLE[rng.choice(len(CONCEALABLE))]
     table: dict[str, Any] = {"id": cls.id, "role": "concealed"}
     if cls.kinds:
         table["sensor"] = "accel"

@@ -17,6 +17,7 @@ from tiltcal.design.static_instrument import Still
 from tiltcal.design.steps import designed_table, printable, segments_csv, steps_csv, steps_of
 from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.design.time_budget import Clock
+from tiltcal.effects.sensor.noise import AccNoise
 from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
 from tiltcal.setup.setup import Sensor
 
@@ -33,7 +34,7 @@ TEXTBOOK = {
             "adjustable": ["bias", "scale", "cross_axis"],
         }
     ],
-    "effect": [{"id": "acc_noise", "white_ug_rthz": 100.0}],
+    "effect": [{"id": AccNoise.id, "white_ug_rthz": 100.0}],
 }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, split_unit
+from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import dwells, find_segments
@@ -104,7 +105,7 @@ def effect_tables(models: dict[str, NoiseModel]) -> list[str]:
         }
         lines += [
             "[[effect]]",
-            f'id = "{"gyr_noise" if rate else "acc_noise"}"',
+            f'id = "{GyrNoise.id if rate else AccNoise.id}"',
             f'sensor = "{sensor}"',
         ]
         if rate:

@@ -16,7 +16,9 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
-from tiltcal.design.recording_blocks import said
+from tiltcal.design.recording_blocks import WORDS, said
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.sensor.noise import Noise
 from tiltcal.forward.jacobian import Column, gram, rows_of, sensitivity
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 
@@ -25,21 +27,6 @@ POWER = 17.07
 SEPARABLE = 12.0  # separated non-centrality below which two explanations cannot be told apart
 BLIND = 1e-3  # share of a signature below which nothing is left of it
 
-TIE_BREAKERS = {
-    frozenset(
-        {"table_sag", "table_encoder_eccentricity"}
-    ): "change the payload: sag changes, the encoder does not",
-    frozenset({"table_sag", "table_unbalance"}): "change the payload's mass and place",
-    frozenset(
-        {"acc_K2", "table_encoder_eccentricity"}
-    ): "compare the norm of all three axes: only K2 changes it",
-    frozenset({"acc_K3", "acc_Koq"}): "nothing within 1 g: a centrifuge",
-    frozenset({"acc_temp_bias", "acc_drift"}): "take the temperature up and down again",
-    frozenset({"acc_temp_bias", "acc_warmup"}): "restart at a settled temperature",
-    frozenset({"data_latency", "acc_bandwidth"}): said("ramp"),
-    frozenset({"table_backlash", "servo_friction_deadband"}): "read encoder and command both",
-    frozenset({"gravity_magnitude", "acc_scale"}): "only knowledge of the local g from outside",
-}
 STAGE_BREAKERS = {
     frozenset({"table", "sensor"}): said("remount"),
     frozenset({"table", "mount"}): said("remount"),
@@ -97,7 +84,7 @@ def confuse(scenario: Scenario, grade: str = "mid_mems") -> Confusion:
     course = scenario.schedule
     rate = max(s.rate_hz for s in scenario.sensor)
     rows = rows_of(course, rate)
-    known = [e for e in scenario.effects if e.id.endswith("_noise")]
+    known = [e for e in scenario.effects if isinstance(e, Noise)]
     columns = sensitivity(scenario, course, rows, grade=grade, known=known)
     return confusion(columns, adjustable_mask(columns, scenario), float(rows.weight.sum()))
 
@@ -106,16 +93,14 @@ def adjustable_mask(
     columns: Sequence[Column], scenario: Scenario
 ) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
     """Which columns are adjustable terms of their sensor."""
-    terms = {
-        "bias": {"acc_bias", "gyr_bias", "fog_bias"},
-        "scale": {"acc_scale", "gyr_scale", "fog_scale"},
-        "cross_axis": {"acc_cross_axis", "gyr_misalignment"},
-    }
-    allowed = {
-        s.name: set().union(*(terms.get(t, {t}) for t in s.adjustable)) for s in scenario.sensor
-    }
+    allowed = {s.name: set(s.adjustable) for s in scenario.sensor}
     return np.array(
-        [c.sensor is not None and c.effect in allowed[c.sensor] for c in columns], dtype=bool
+        [
+            c.sensor is not None
+            and not allowed[c.sensor].isdisjoint((c.effect, CATALOGUE[c.effect].calibration_term))
+            for c in columns
+        ],
+        dtype=bool,
     )
 
 
@@ -218,11 +203,11 @@ def classes(found: Confusion) -> list[tuple[str, ...]]:
 
 def tie_breaker(first: str, second: str) -> str:
     """What to record to split two rivals."""
-    from tiltcal.effects import CATALOGUE
-
-    known = TIE_BREAKERS.get(frozenset({first, second}))
-    stages = frozenset({CATALOGUE[first].stage, CATALOGUE[second].stage})
-    return known or STAGE_BREAKERS.get(stages, said("repeat"))
+    one, other = CATALOGUE[first], CATALOGUE[second]
+    known = one.told_apart_by.get(second) or other.told_apart_by.get(first)
+    if known is not None:
+        return said(known) if known in WORDS else known
+    return STAGE_BREAKERS.get(frozenset({one.stage, other.stage}), said("repeat"))
 
 
 def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:

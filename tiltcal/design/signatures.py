@@ -24,11 +24,11 @@ from tiltcal.design.tabulated import Table, changes_of, tabulate
 from tiltcal.design.terms import STEEPEST, Parameter, direct_columns
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect
+from tiltcal.effects.sensor.accelerometer import AccBiasAsym
 from tiltcal.forward.jacobian import candidates
 from tiltcal.setup.setup import Sensor
 
 SOFT_SIGN = np.sin(5 * DEG)
-SIGN = "acc_bias_asym"  # the effect that follows the sign of f
 ORDINARY = 1e-6  # share of an effect's energy below which the ordinary terms take all of it
 IN_ORDER = (
     "pose",
@@ -68,7 +68,7 @@ class Signatures:
         kinks = direct_columns(self.still, self.sensor, self.kinks, angles, np.zeros(len(angles)))
         up = self.still.up(angles)[:, list(self.sensor.axis_indices)]
         for j, p in enumerate(self.kinks):
-            if p.effect.id == SIGN:
+            if isinstance(p.effect, AccBiasAsym):  # it follows the sign of f
                 kinks[:, :, j] = (
                     np.abs(kinks[:, :, j]).max()
                     * np.tanh(up / SOFT_SIGN)

@@ -26,6 +26,7 @@ from tiltcal.design.static_instrument import Still, pointwise, still_sense
 from tiltcal.design.tabulated import Table, tabulate
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect, TermEffect
+from tiltcal.effects.sensor.noise import Noise
 from tiltcal.forward.jacobian import candidates, white_noise
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
@@ -94,7 +95,7 @@ def scenario_model(
     ordered = direct + indirect
     rows = _Rows(still, sensor, direct, table)
     k = len(sensor.axes)
-    known = [e for e in scenario.effects if e.id.endswith("_noise")]
+    known = [e for e in scenario.effects if isinstance(e, Noise)]
     white = np.full(k, white_noise(sensor, known) / np.sqrt(sensor.rate_hz))
     floor = np.full(k, wanted.floor / (G0 if sensor.kind == "inclinometer" else 1.0))
     timed = any(p.effect.needs in ("time", "temperature") for p in direct)

@@ -19,7 +19,6 @@ from tiltcal.diagnosis.conclusions.residual_plots import views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
 from tiltcal.diagnosis.conclusions.statements import summary
 from tiltcal.diagnosis.data.block_averaging import block_of
-from tiltcal.diagnosis.data.channels import MASKED, MEANINGS
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.data_quality.prepare import (
@@ -53,6 +52,10 @@ from tiltcal.diagnosis.search.predictive_parameters import add_predictive_parame
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.swap_search import refine_all_shapes, swap_search
 from tiltcal.diagnosis.search.unlisted_curves import drop_formless_names, prefer_unlisted_curve
+from tiltcal.effects import CATALOGUE, Effect
+from tiltcal.effects.data.faults import DataDrop
+from tiltcal.effects.data.labelling_faults import DataTruncation
+from tiltcal.effects.table.readout import IndexError_
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
@@ -107,7 +110,7 @@ def diagnose(
         averaged_blocks(prepared, block_of(prepared.observations, lines)),
     )
     whitened = prepared.whitened
-    blurred = any(f.effect.id == "data_truncation" for f in prepared.faults)
+    blurred = any(isinstance(f.effect, DataTruncation) for f in prepared.faults)
     build_dictionary(whitened.columns, prepared.start, lines, blurred)
     at_rest = None if static is None else static_noise(prepared.observations, static, noise)
     gate = NoiseGate(at_rest, len(whitened.hypotheses))
@@ -157,7 +160,7 @@ def _by_chance(
 
     Nameless curves with as many numbers as there are stops are no law: it is asked without them.
     """
-    if "table_index_error" in {e.id for e in whitened.observations.scenario.effects}:
+    if any(isinstance(e, IndexError_) for e in whitened.observations.scenario.effects):
         return fitted, []
     lawful = lawful_part(fitted, whitened)
     setting = find_setting_error(lawful, start, whitened, gate.total)
@@ -211,18 +214,23 @@ def _simulated(
     answer: Diagnosis, laboratory: Laboratory, full: Observations, fitted: FittedModel
 ) -> Diagnosis:
     """The answer with the simulator's word on it."""
-    lost = any(
-        e.id == "data_drop" for e in fitted.effects
-    )  # found by the scan, not mended in the columns
-    amended = _as_read(answer.amended, full.scenario, () if lost else ("data_drop",))
+    # lost samples that the scan found are not mended in the columns
+    lost = any(isinstance(e, DataDrop) for e in fitted.effects)
+    amended = _as_read(answer.amended, full.scenario, lost)
     again = resimulate(laboratory, amended, full, full.predict(fitted.effects))
     return answer if again is None else replace(answer, notes=(*answer.notes, again.words))
 
 
-def _as_read(amended: Mapping[str, Any], scenario: Scenario, more: Sequence[str]) -> Scenario:
-    """The amended scenario without the data faults that were mended in the columns."""
-    mended = (*MEANINGS, *MASKED, "data_outlier", "table_index_error", "data_jitter", *more)
+def _as_read(amended: Mapping[str, Any], scenario: Scenario, lost: bool) -> Scenario:
+    """The amended scenario without what the recording that is compared does not hold: faults that
+    were mended in the columns, and chance. lost: whether it still lacks samples.
+    """
+
+    def held(id: str) -> bool:
+        cls = CATALOGUE.get(id, Effect)
+        mended = cls.repair or cls.scatters or (id == DataDrop.id and not lost)
+        return not mended
+
     return parse_scenario(
-        {**amended, "effect": [e for e in amended["effect"] if e["id"] not in mended]},
-        scenario.name,
+        {**amended, "effect": [e for e in amended["effect"] if held(e["id"])]}, scenario.name
     )

@@ -29,6 +29,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
+from tiltcal.effects.traits import Traits
 from tiltcal.setup.setup import Rig, Sensor
 from tiltcal.setup.trajectory import Drive, Jet, Rests
 
@@ -115,7 +116,7 @@ def no_streams(effect: "Effect") -> None:
 
 
 @dataclass(frozen=True)
-class Effect(ABC):
+class Effect(Traits, ABC):
     """One physical effect at some size. All parameters zero: nothing happens.
 
     Args:
@@ -157,6 +158,29 @@ class Effect(ABC):
     )
     kinds: ClassVar[frozenset[str]] = frozenset()
     on_table: ClassVar[bool] = False
+
+    @classmethod
+    def has_column(cls) -> bool:
+        """Whether the readings change in proportion to its sizes."""
+        return not (cls.random or cls.threshold or cls.stage == "data")
+
+    @classmethod
+    def shows_on(cls, rig: Rig) -> bool:
+        """Whether it shows on a rig at all: it may need a table, or be part of its readout."""
+        if (cls.stage == "table" or cls.on_table) and not rig.axes:
+            return False
+        return not cls.seen_by_encoder or rig.readout == "command"
+
+    @classmethod
+    def senses(cls, kind: str) -> bool:
+        """Whether it acts on a kind of sensor, in the unit of its sizes."""
+        accelerations = any(p.unit.split("_")[0] == "ug" for p in cls.parameters)
+        return kind in cls.kinds and (kind in ACCELEROMETERS or not accelerations)
+
+    @classmethod
+    def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
+        """The sizes by their bare names, for a sensor with these channels on a rig."""
+        return {n: p for p in cls.parameters if not p.is_shape for n in p.expand(channels)}
 
     def value(self, name: str) -> float:
         """SI value of a bare parameter name."""
@@ -255,6 +279,10 @@ class LinkEffect(Effect):
 
 class WritingEffect(Effect):
     """What stands in the file instead of the table's readout, or of the time stamps?"""
+
+    @classmethod
+    def has_column(cls) -> bool:
+        return False
 
     def written(self, axis: str, drive: Drive) -> Array | None:
         """The readout of an axis as written, rad, (n,); None where it is left alone."""

@@ -24,6 +24,7 @@ FAMILIES = (
     "mount.triad",
     "sensor.accelerometer",
     "sensor.environmental",
+    "sensor.temporal",
     "sensor.gyro",
     "sensor.dynamics",
     "sensor.noise",

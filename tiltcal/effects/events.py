@@ -7,14 +7,6 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
 
 AGO = 1e9  # s: long before any recording's first stamp
-ONCE = {
-    "data_drop",
-    "data_stuck",
-    "data_gap",
-    "data_pose_label",
-    "mains_pickup",
-    "base_vibration",
-}  # leave nothing, or no phase
 
 
 def as_met(effects: Sequence[Effect], recording: str) -> list[Effect]:
@@ -32,7 +24,7 @@ def afterwards(effect: Effect) -> Effect | None:
     """What an event leaves: a step stays, a creep stays where it ended, lost samples leave
     nothing.
     """
-    if effect.id in ONCE:
+    if effect.leaves_nothing:
         return None
     if isinstance(effect, Learned) and effect.coordinate == "time":
         return replace(effect, knots=tuple(k - AGO for k in effect.knots))

@@ -64,6 +64,7 @@ def _held(sign: Array) -> Array:
     return np.where(last >= 0, sign[np.maximum(last, 0)], 0.0)
 
 
+LAGS = (0.0, 8.0, 16.0, 30.0, 60.0)  # s, of a temperature
 ARRIVED = 1e-9  # of half a play: nearer to a side than this it is pushed
 RINGS = 0.05  # of the largest rate of a motion: what a local polynomial makes of its ends
 

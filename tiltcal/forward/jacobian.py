@@ -27,9 +27,9 @@ from tiltcal.effects.base import (
     Effect,
     Parameter,
     SignalEffect,
-    WritingEffect,
 )
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.sensor.noise import Noise
 from tiltcal.forward.kinematics import closed_form, force_and_rate
 from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
 from tiltcal.forward.signal_chain import CONVERSION, make_sense
@@ -42,14 +42,6 @@ WHITE = {
     "gyro": 1e-4,
     "fog": 3e-6,
 }  # SI per root hertz, when not stated
-OF_THE_DRIVE = {"servo_droop", "servo_friction_deadband", "servo_lag"}
-NO_COLUMN = {
-    "acc_saturation",
-    "gyr_saturation",
-    "fog_fringe",
-    "fog_deadband",
-    "adc_stuck_bit",
-}  # thresholds, not sizes
 
 
 @dataclass(frozen=True)
@@ -120,12 +112,8 @@ def candidates(
     set-up.
     """
     for id, cls in CATALOGUE.items():
-        if cls.random or issubclass(cls, WritingEffect) or cls.stage == "data" or id in NO_COLUMN:
+        if not (cls.has_column() and cls.shows_on(setup.rig)):
             continue
-        if (cls.stage == "table" or cls.on_table) and not setup.rig.axes:
-            continue
-        if id in OF_THE_DRIVE and setup.rig.readout != "command":
-            continue  # the encoder sees them
         sensors: Iterable[Sensor | None] = setup.sensors(*cls.kinds) if cls.kinds else (None,)
         axes: Iterable[str | None] = setup.rig.axis_names if cls.axis_wise else (None,)
         for sensor in sensors:
@@ -355,7 +343,7 @@ def white_noise(sensor: Sensor, known: Sequence[Effect]) -> float:
     inclinometer).
     """
     for e in known:
-        if e.sensor == sensor.name and e.id.endswith("_noise") and e.value("white") > 0:
+        if e.sensor == sensor.name and isinstance(e, Noise) and e.value("white") > 0:
             scale = 1 / G0 if sensor.kind == "inclinometer" else 1.0
             return float(e.value("white") * scale * np.sqrt(sensor.rate_hz))
     return float(WHITE[sensor.kind] * np.sqrt(sensor.rate_hz))

@@ -5,46 +5,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.effects.base import GRADES, Effect
+from tiltcal.effects.base import GRADES, STAGES, Effect
 from tiltcal.forward.signal_chain import stream
 from tiltcal.setup.setup import Sensor, Setup
 
-ORDINARY = (
-    "table_levelling",
-    "table_encoder_zero",
-    "table_encoder_eccentricity",
-    "table_encoder_2rev",
-    "table_axis_wobble",
-    "axis_nonorthogonality",
-    "table_sag",
-    "mount_misalignment",
-    "acc_bias",
-    "acc_scale",
-    "acc_cross_axis",
-    "acc_K2",
-    "acc_K3",
-    "acc_Kip",
-    "acc_Kio",
-    "acc_Kpo",
-    "acc_temp_bias",
-    "acc_temp_scale",
-    "acc_noise",
-    "gyr_bias",
-    "gyr_scale",
-    "gyr_misalignment",
-    "gyr_gsens",
-    "gyr_temp",
-    "gyr_noise",
-    "fog_bias",
-    "fog_scale",
-    "fog_axis_error",
-)
-"""What every instrument on every table has; rarer effects are named by the scenario."""
 SPREAD = (0.1, 1.0)  # of the plausible size, log-uniform
 
 
+def ordinary_effects() -> list[type[Effect]]:
+    """What every instrument on every table has; rarer effects are named by the scenario.
+
+    In the order of the chain, those of one axis before those of the whole table.
+    """
+    ordinary = [cls for cls in CATALOGUE.values() if cls.ordinary]
+    return sorted(ordinary, key=lambda cls: (STAGES.index(cls.stage), not cls.axis_wise))
+
+
 def draw_instrument(setup: Setup, grade: str, seed: int) -> list[Effect]:
-    """One effect of each ordinary id on each sensor or axis, sizes log-uniform below the plausible
+    """One of each ordinary effect on each sensor or axis, sizes log-uniform below the plausible
     one, signs at random.
 
     Args:
@@ -53,17 +31,15 @@ def draw_instrument(setup: Setup, grade: str, seed: int) -> list[Effect]:
         seed: the same draws the same instrument; each effect has its own stream.
     """
     found: list[Effect] = []
-    for id in ORDINARY:
-        cls = CATALOGUE[id]
-        if (cls.stage == "table" or cls.on_table) and not setup.rig.axes:
+    for cls in ordinary_effects():
+        if not cls.shows_on(setup.rig):
             continue
         sensors: Sequence[Sensor | None] = setup.sensors(*cls.kinds) if cls.kinds else [None]
-        axes: Sequence[str | None] = (
-            setup.rig.axis_names if cls.axis_wise and id != "table_sag" else [None]
-        )
+        each_axis = cls.axis_wise and not cls.axis_by_gravity
+        axes: Sequence[str | None] = setup.rig.axis_names if each_axis else [None]
         for sensor in sensors:
             for axis in axes:
-                rng = stream(seed, "grade", id, sensor.name if sensor else axis)
+                rng = stream(seed, "grade", cls.id, sensor.name if sensor else axis)
                 values = {}
                 for p in cls.parameters:
                     for name in p.expand(sensor.axes if sensor else ()):
@@ -75,7 +51,7 @@ def draw_instrument(setup: Setup, grade: str, seed: int) -> list[Effect]:
                         )
                 found.append(
                     make_effect(
-                        id, values, setup, sensor=sensor.name if sensor else None, axis=axis
+                        cls.id, values, setup, sensor=sensor.name if sensor else None, axis=axis
                     )
                 )
     return found

@@ -19,6 +19,8 @@ from tiltcal.core.frames import (
 )
 from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.effects.base import Effect
+from tiltcal.effects.mount.mounting import MountMisalignment
+from tiltcal.effects.table.geometry import TableLevelling
 from tiltcal.laboratory.laboratory import true_readings
 from tiltcal.setup.setup import Sensor, Setup
 from tiltcal.validation.bias_table_accuracy import table_errors, table_truth
@@ -52,7 +54,7 @@ def mount_rotation(effects: Sequence[Effect]) -> Array:
     """The constant misalignment of the instrument against the faceplate, (3, 3)."""
     R = np.eye(3)
     for e in effects:
-        if e.id == "mount_misalignment":
+        if isinstance(e, MountMisalignment):
             for axis in "xyz":
                 R = R @ rotation(axis, e.value(f"tilt_{axis}"))
     return R
@@ -74,7 +76,7 @@ def true_parameters(
     for name in calibration.sensors():
         truth |= _sensor_truth(setup.named(name), effects, symmetric=calibration.method == "norm")
     for e in effects:
-        if e.id == "table_levelling":
+        if isinstance(e, TableLevelling):
             truth |= {"base.roll": e.value("tilt_east"), "base.pitch": e.value("tilt_north")}
     if "base.roll" in calibration.parameters:
         truth = {"base.roll": 0.0, "base.pitch": 0.0} | {
@@ -98,7 +100,7 @@ def _true_azimuth(setup: Setup, effects: Sequence[Effect], found: float) -> floa
     """
     base = np.eye(3)
     for e in effects:
-        if e.id == "table_levelling":
+        if isinstance(e, TableLevelling):
             base = base_rotation(e.value("tilt_east"), e.value("tilt_north"))
     x = (base @ parse_mount(setup.rig.mount) @ mount_rotation(effects))[:, 0]
     heading = 0.0 if setup.site.heading_deg == "unknown" else setup.site.heading_deg
@@ -234,7 +236,7 @@ def _base_error(effects: Sequence[Effect], calibration: Calibration) -> TiltErro
     """
     truth = {"base.roll": 0.0, "base.pitch": 0.0}
     for e in effects:
-        if e.id == "table_levelling":
+        if isinstance(e, TableLevelling):
             truth = {"base.roll": e.value("tilt_east"), "base.pitch": e.value("tilt_north")}
     axis = base_rotation(truth["base.roll"], truth["base.pitch"])[:, 2]
     found = base_rotation(calibration.value("base.roll"), calibration.value("base.pitch"))[:, 2]

@@ -30,6 +30,8 @@ from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects import make_effect
 from tiltcal.effects.base import Effect, Sense, SignalEffect
 from tiltcal.effects.sensor.gyro import transverse
+from tiltcal.effects.table.geometry import AxisWobble, TableLevelling
+from tiltcal.effects.table.readout import EncoderZero, IndexError_
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import to_column
 from tiltcal.laboratory.scenario import SourceTable
@@ -196,17 +198,17 @@ def usual_sources(setup: Setup, found: Calibration) -> list[SourceTable]:
         if not levels:
             tables.append(
                 {
-                    "id": "table_levelling",
+                    "id": TableLevelling.id,
                     "tilt_east_arcsec": 3.0,
                     "tilt_north_arcsec": 3.0,
                     **three,
                 }
             )
         for axis in setup.rig.axis_names:
-            tables.append({"id": "table_index_error", "axis": axis, "sigma_arcsec": 3.0, **three})
+            tables.append({"id": IndexError_.id, "axis": axis, "sigma_arcsec": 3.0, **three})
             tables.append(
                 {
-                    "id": "table_axis_wobble",
+                    "id": AxisWobble.id,
                     "axis": axis,
                     "m1c_arcsec": 3.0,
                     "m1s_arcsec": 3.0,
@@ -268,10 +270,10 @@ def _shifts(
                 do=nearest(table.id, ["gravity", *SETUP_SOURCES]),
             ) from error
         raise
-    if table.id != "table_index_error":
+    if table.id != IndexError_.id:
         return (lambda size, r, s: (_moved(r, s, _scaled(effect, size)), s),), unit or ""
     zero = make_effect(
-        "table_encoder_zero",
+        EncoderZero.id,
         {f"{effect.axis or setup.rig.axis_names[0]}_zero_arcsec": 1.0},
         setup,
         subject=subject,

@@ -10,6 +10,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Sense, TermEffect
+from tiltcal.effects.calibration_terms import calibration_effect
 from tiltcal.setup.setup import Sensor, Setup
 
 _PREFIX = {"accelerometer": "acc", "inclinometer": "acc", "gyro": "gyr", "fog": "fog"}
@@ -24,9 +25,7 @@ def effect_of_term(term: str, sensor: Sensor) -> type[TermEffect]:
         TiltcalError: there is no such linear term for this sensor.
     """
     prefix = _PREFIX[sensor.kind]
-    names = {"cross_axis": "gyr_misalignment" if prefix == "gyr" else "acc_cross_axis"}
-    id = term if term in CATALOGUE else names.get(term, f"{prefix}_{term}")
-    cls = CATALOGUE.get(id)
+    cls = calibration_effect(term, sensor.kind) or CATALOGUE.get(f"{prefix}_{term}")
     if (
         cls is None
         or not issubclass(cls, TermEffect)

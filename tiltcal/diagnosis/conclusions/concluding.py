@@ -21,7 +21,6 @@ from tiltcal.diagnosis.conclusions.statements import (
     shown,
     stage_of,
 )
-from tiltcal.diagnosis.data.channels import MASKED, MEANINGS
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -233,7 +232,7 @@ def amended_of(
     reference = observations.scenario.climate.reference_degC
     if reference is None and temperature is not None:
         reference = float(np.mean(temperature))
-    meanings = [e for e in observations.scenario.effects if e.id in (*MEANINGS, *MASKED)]
+    meanings = [e for e in observations.scenario.effects if e.repair]
     effects: list[Effect] = [*fitted.known, *meanings, *(t.effect for t in fitted.nuisance)]
     effects += [f.effect for f in faults if f.effect not in effects]
     for k, term in enumerate(fitted.terms):

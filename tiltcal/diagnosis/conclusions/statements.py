@@ -16,25 +16,6 @@ FOLLOWS = {
     "motion": "rate",
     "vibration": "frequency",
 }
-OWN_WORD = {
-    "mains_pickup": "frequency",
-    "base_vibration": "frequency",
-    "fog_deadband": "rate",
-    "fog_axis_error": "rate",
-    "gyr_scale_asym": "rate",
-    "fog_shupe": "temperature",
-    "settling_transient": "move",
-    "lever_arm": "rate",
-    "magnetic_field": "tilt",
-    "gyr_gsens": "tilt",
-    "gyr_g2sens": "tilt",
-    "table_levelling": "table_outer",
-    "axis_nonorthogonality": "table_inner",
-    "mount_compliance": "tilt",
-    "servo_lag": "rate",
-    "acc_hysteresis": "tilt",
-    "earth_rate": "rate",
-}
 LEARNED_WORD = {
     "input": "tilt",
     "transverse": "rate",
@@ -58,8 +39,8 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
         ):
             return "rate"
         return LEARNED_WORD.get(effect.coordinate, effect.coordinate)
-    if effect.id in OWN_WORD:
-        return OWN_WORD[effect.id]
+    if effect.follows:
+        return effect.follows
     if effect.axis_wise and effect.needs == "pose":
         return f"table_{effect.axis or setup.rig.axis_names[0]}"
     if effect.needs in FOLLOWS:
@@ -76,9 +57,7 @@ def stage_of(effect: Effect) -> str:
 
 def harmonic_of(effect: Effect) -> tuple[int, int] | None:
     """Orders over the outer and the inner angle, where an effect has one."""
-    order = {"table_encoder_eccentricity": 1, "table_encoder_2rev": 2, "table_sag": 1}.get(
-        effect.id
-    )
+    order = effect.harmonic or None
     if isinstance(effect, Learned) and effect.beside:
         m, n = divmod(int(np.argmax(np.abs(effect.coefficients))) // 4, ORDERS)
         return m + 1, n + 1

@@ -5,7 +5,8 @@ holds.
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, fastest
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
+from tiltcal.effects.spans import SpectralLines
 
 MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
 ROWS = 6500  # what is left of them

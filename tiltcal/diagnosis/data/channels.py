@@ -8,6 +8,7 @@ from tiltcal.core.arrays import Array, Index
 from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.effects.base import Effect
+from tiltcal.effects.data.labelling_faults import ColumnFault
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor, Setup
 
@@ -104,21 +105,6 @@ def repeat_chance(values: Array) -> float:
 
 
 CHANCE = 1e-6  # of a fault in a sound recording
-MEANINGS = ("data_unit", "data_sign", "data_hand", "data_axis_swap")
-"""What is undone in the columns."""
-MASKED = (
-    "data_stuck",
-    "data_outlier",
-    "emi_spike",
-    "data_duplicate",
-    "acc_saturation",
-    "gyr_saturation",
-    "adc_quantisation",
-    "gyr_quantisation",
-    "data_pose_label",
-    "adc_stuck_bit",
-)
-"""What is taken out of the recording sample by sample: the model need not hold it."""
 
 
 def undo_labelling_faults(
@@ -127,15 +113,14 @@ def undo_labelling_faults(
     """A copy whose columns mean what they say: units, signs and exchanged axes of these effects
     undone.
     """
-    for effect in sorted(
-        (e for e in effects if e.id in MEANINGS), key=lambda e: -getattr(e, "order", 0)
-    ):
+    mapped = [e for e in effects if isinstance(e, ColumnFault)]
+    for effect in sorted(mapped, key=lambda e: -e.order):
         sensor = setup.named(str(effect.sensor))
         if not recording.has(sensor):
             continue
         samples = recording.sensor(sensor)
         n = len(sensor.axes)
-        P = meant_matrix(effect, sensor)
+        P = effect.matrix(sensor.axes)
         values = samples.values @ np.linalg.inv(P).T if n > 1 else samples.values / P[0, 0]
         columns = {name: recording.column(name).copy() for name in recording.column_names}
         for k, axis in enumerate(sensor.axes):
@@ -149,22 +134,7 @@ def undo_labelling_faults(
 
 
 def meant_matrix(effect: Effect, sensor: Sensor) -> Array:
-    """What an effect of meaning does to the channels of a sensor, (k, k): it is linear."""
-    if effect.id == "data_unit":
-        return (effect.value("factor") or 1.0) * np.eye(len(sensor.axes))
-    P = np.eye(len(sensor.axes))
-    if sensor.axes == ("a",):
-        return np.array([[1 - 2 * effect.value("flip_a")]]) if effect.id == "data_sign" else P
-    if effect.id == "data_hand" and "y" in sensor.axes:
-        P[sensor.axes.index("y")] *= 1 - 2 * effect.value("mirror")
-    for k, axis in enumerate(sensor.axes):
-        P[k] *= 1 - 2 * effect.value(f"flip_{axis}") if effect.id == "data_sign" else 1
-    for pair in ("xy", "yz", "zx"):
-        if (
-            effect.id == "data_axis_swap"
-            and effect.value(f"swap_{pair}")
-            and set(pair) <= set(sensor.axes)
-        ):
-            a, b = (sensor.axes.index(x) for x in pair)
-            P[[a, b]] = P[[b, a]]
-    return P
+    """What an effect does to the meaning of a sensor's channels, (k, k)."""
+    return (
+        effect.matrix(sensor.axes) if isinstance(effect, ColumnFault) else np.eye(len(sensor.axes))
+    )

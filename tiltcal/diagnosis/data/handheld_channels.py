@@ -46,14 +46,6 @@ from tiltcal.recordings.static_poses import group_directions
 from tiltcal.setup.setup import Sensor
 from tiltcal.statistics.noise_spectrum import NoiseFit, robust_white
 
-SHAKEN = ("acc_hysteresis",)
-"""What a memory of the force holds when a rest begins, the hand's shaking has set: no pose says
-what it should be.
-"""
-GAUGE = {("acc_cross_axis", f"cross_{pair}") for pair in ("xy", "xz", "yz")}
-"""Nothing tells the body's axes but the sensors: x is the accelerometer's own x, and its y has no
-part along z.
-"""
 FEW = 12  # turns: fewer are no channel
 # of a plausible delay: a whole one is several samples, and would differ from a lag by what it bends
 STEP = 0.01
@@ -139,7 +131,7 @@ class HandheldObservations(Observations):
             not isinstance(effect, SignalEffect)
             or effect.sensor is None
             or not names
-            or effect.id in SHAKEN
+            or effect.erased_by_shaking
         ):
             return {}
         found: dict[int, tuple[list[int], Array]] = {}
@@ -152,7 +144,7 @@ class HandheldObservations(Observations):
         for i, (channel, answer) in enumerate(zip(self.channels, self._answers, strict=True)):
             push = pushes[channel.recording]
             block = None if push is None else answer(push)
-            told = [k for k, name in enumerate(names) if (effect.id, name) not in GAUGE]
+            told = [k for k, name in enumerate(names) if name not in effect.frame_convention]
             if block is not None and len(
                 some := np.intersect1d(np.flatnonzero(block.any(axis=1)), told)
             ):

@@ -25,6 +25,10 @@ from tiltcal.diagnosis.data.channels import (
 from tiltcal.diagnosis.data_quality.stuck_bit import stuck_bit
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
+from tiltcal.effects.data.faults import DataDuplicate, DataStuck
+from tiltcal.effects.data.labelling_faults import DataTruncation
+from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit, GyrQuantisation
+from tiltcal.effects.sensor.dynamics import AccSaturation, GyrSaturation
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor
@@ -119,7 +123,7 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
             fine = [
                 a for a in sensor.axes if all(a not in f.axes for f in found)
             ]  # a coarse code stands still, and ends flat
-            if ("adc_stuck_bit", sensor.name) not in known:
+            if (AdcStuckBit.id, sensor.name) not in known:
                 lacking = _lacking_bits(recording, sensor, fine)
                 faults, fine = (
                     faults + lacking,
@@ -198,7 +202,7 @@ def _stuck(
             continue
         a, b = max(long, key=lambda run: run[1] - run[0])
         start, length = float(time[a] - recording.time[0]), float(time[b - 1] - time[a])
-        effect = CATALOGUE["data_stuck"](
+        effect = DataStuck(
             {"start": start, "length": length},
             sensor.name,
             axis,
@@ -235,7 +239,7 @@ def _lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> 
             continue
         span = float(np.ptp(values))
         bit *= span / float(np.ptp(codes))
-        effect = CATALOGUE["adc_stuck_bit"]({"bit_value": bit}, sensor.name, axis, "found")
+        effect = AdcStuckBit({"bit_value": bit}, sensor.name, axis, "found")
         words = (
             f"In {sensor.name} {axis} the bit worth {bit:.4g} (SI) is never set: half of all codes"
             " are missing."
@@ -251,7 +255,7 @@ def _clipped(
 ) -> tuple[Recording, list[Fault]]:
     """A channel whose noise ends at its largest or smallest value."""
     found = []
-    id = "acc_saturation" if sensor.is_accelerometer else "gyr_saturation"
+    cls = AccSaturation if sensor.is_accelerometer else GyrSaturation
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
         free = values[
@@ -278,7 +282,7 @@ def _clipped(
         full_scale = min(top for _, top, _ in limits)
         # half of the noise of what lies just below is cut off as well
         mask = np.any([sign * values > top - 4 * noise for sign, top, _ in limits], axis=0)
-        effect = CATALOGUE[id]({"full_scale": full_scale}, sensor.name, axis, "found")
+        effect = cls({"full_scale": full_scale}, sensor.name, axis, "found")
         recording = changed(recording, sensor, axis, rows[mask], np.nan)
         flat = sum(int(t.sum()) for *_, t in limits)
         words = (
@@ -337,7 +341,7 @@ def _repeated(
         recording = changed(recording, sensor, axis, rows[again[k]], np.nan)
     axes = tuple(columns[k][0] for k in hit)
     n = sum(len(again[k]) for k in hit) / len(hit)
-    effect = CATALOGUE["data_duplicate"]({"share": share}, sensor.name, None, "found")
+    effect = DataDuplicate({"share": share}, sensor.name, None, "found")
     words = (
         f"{100 * share:.2g} % of the samples of {sensor.name} {', '.join(axes)} repeat the one"
         " before exactly."
@@ -367,7 +371,7 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
             found.append(
                 (
                     axis,
-                    CATALOGUE["adc_quantisation"]({"lsb": width}, sensor.name, None, "found"),
+                    AdcQuantisation({"lsb": width}, sensor.name, None, "found"),
                     width,
                     spread,
                 )
@@ -383,10 +387,10 @@ def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault
         f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside"
         " its noise."
     )
-    names: tuple[str, ...] = ("adc_quantisation",)
+    names: tuple[str, ...] = (AdcQuantisation.id,)
     if not sensor.is_accelerometer:
         names, words = (
-            (*names, "gyr_quantisation"),
+            (*names, GyrQuantisation.id),
             f"{words[:-1]}: by its own output or by the converter behind it.",
         )
     return recording, [
@@ -412,7 +416,7 @@ def _cut(recording: Recording, scenario: Scenario) -> list[Fault]:
             continue
         counts = angle / step
         if np.abs(counts - np.rint(counts)).max() < 0.03 and len(np.unique(np.rint(counts))) > 64:
-            effect = CATALOGUE["data_truncation"]({"step": step}, None, axis, "found")
+            effect = DataTruncation({"step": step}, None, axis, "found")
             names = tuple(s.name for s in scenario.sensor)
             words = f"The {axis} angle is written in steps of {np.degrees(step):.4g} deg."
             found.append(

@@ -12,7 +12,7 @@ from tiltcal.diagnosis.data.channels import shifted
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.effects import CATALOGUE
+from tiltcal.effects.data.faults import DataDrop
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import robust_white
 
@@ -56,7 +56,7 @@ def find_lost_samples(
             time, lost = loss
             repaired[number] = shifted(repaired[number], sensor, time, lost)
             start = time - float(recording.time[0])
-            effect = CATALOGUE["data_drop"](
+            effect = DataDrop(
                 {"samples": float(lost), "time": start},
                 sensor.name,
                 None,

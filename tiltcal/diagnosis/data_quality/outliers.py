@@ -13,7 +13,7 @@ from tiltcal.diagnosis.data.handheld_rests import known_stops
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, noise_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.effects import CATALOGUE
+from tiltcal.effects.data.faults import DataOutlier
 from tiltcal.recordings.recording import Recording
 
 GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
@@ -59,7 +59,7 @@ def find_outliers(
             )
     known = {(e.id, e.sensor) for e in scenario.effects}
     return [
-        _fault(name, found) for name, found in seen.items() if ("data_outlier", name) not in known
+        _fault(name, found) for name, found in seen.items() if (DataOutlier.id, name) not in known
     ], tuple(repaired)
 
 
@@ -77,7 +77,7 @@ def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
     axes = tuple(axis for axis, *_ in sorted(found, key=lambda item: -item[3]))
     share, size = max(f[1] for f in found), max(found, key=lambda f: f[3])[2]
     count = sum(f[3] for f in found)
-    effect = CATALOGUE["data_outlier"]({"share": share, "size": size}, sensor, None, "found")
+    effect = DataOutlier({"share": share, "size": size}, sensor, None, "found")
     words = (
         f"{count} values of {sensor} {', '.join(axes)} lie about {size:.0f} sigma off their"
         " neighbours."

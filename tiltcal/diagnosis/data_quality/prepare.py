@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tiltcal.diagnosis.data.channels import MASKED, MEANINGS, undo_labelling_faults, written
+from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, inspect
@@ -30,6 +30,10 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
+from tiltcal.effects.data.faults import DataDrop
+from tiltcal.effects.data.labelling_faults import DataPoseLabel, DataUnit
+from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
+from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import (
@@ -78,11 +82,7 @@ def prepare(
 ) -> PreparedData:
     """Mend what is wrong with the data, layer by layer, and fit the adjustable terms."""
     sound, faults, notes = _sound(scenario, recordings)
-    known = [
-        e
-        for e in (*scenario.effects, *(f.effect for f in faults))
-        if e.id not in (*MEANINGS, *MASKED)
-    ]
+    known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if not e.repair]
     stated = {e.id for e in scenario.effects}
     floors = code_floors(scenario, faults)
     observations = observe(scenario, sound, known)
@@ -91,14 +91,14 @@ def prepare(
     prepared = _with_bits(prepared, known)
     if not floors:  # first: a jump of the readout is a rate that no sensor had
         slips, level = find_readout_jumps(prepared.observations, prepared.start)
-        said = () if "data_pose_label" in stated else slips
+        said = () if DataPoseLabel.id in stated else slips
         prepared = prepared.over(observe(scenario, level, known), *said) if slips else prepared
-    if not floors and "data_drop" not in stated:
+    if not floors and DataDrop.id not in stated:
         losses, moved = find_lost_samples(prepared.observations, prepared.start)
         prepared = prepared.over(observe(scenario, moved, known), *losses) if losses else prepared
     if (
         not floors
-        and "data_jitter" not in stated
+        and DataJitter.id not in stated
         and (stamps := find_stamp_jitter(prepared.start, prepared.observations)) is not None
     ):
         quiet = at_rest_only(prepared.observations, prepared.start, stamps.effect.value("jitter"))
@@ -106,7 +106,7 @@ def prepare(
     wild, mended = find_outliers(prepared.observations, prepared.start, floors)
     if any(a is not b for a, b in zip(mended, prepared.observations.sources, strict=True)):
         prepared = prepared.over(observe(scenario, mended, known), *wild)
-    return prepared if floors else _with_right_stops(prepared, known, "data_pose_label" in stated)
+    return prepared if floors else _with_right_stops(prepared, known, DataPoseLabel.id in stated)
 
 
 def _with_bits(prepared: PreparedData, known: Sequence[Effect]) -> PreparedData:
@@ -116,7 +116,7 @@ def _with_bits(prepared: PreparedData, known: Sequence[Effect]) -> PreparedData:
     bits = {
         (f.sensors[0], f.axes[0]): f.effect.value("bit_value")
         for f in prepared.faults
-        if f.effect.id == "adc_stuck_bit"
+        if isinstance(f.effect, AdcStuckBit)
     }
     as_came, scenario = prepared.observations.sources, prepared.observations.scenario
     columns = [(scenario.named(name), axis) for name, axis in bits]
@@ -163,13 +163,12 @@ def _sound(
     faults = list(inspected.faults)
     meant = find_labelling_faults(scenario, inspected.recordings[0])
     other_unit = {
-        f.effect.sensor for f in meant if f.effect.id == "data_unit"
+        f.effect.sensor for f in meant if isinstance(f.effect, DataUnit)
     }  # its digits were meant for another size
     faults = [
         f
         for f in faults
-        if f.effect.id not in ("adc_quantisation", "gyr_quantisation")
-        or f.effect.sensor not in other_unit
+        if not isinstance(f.effect, AdcQuantisation) or f.effect.sensor not in other_unit
     ]
     effects = [*scenario.effects, *(f.effect for f in meant)]
     sound = tuple(undo_labelling_faults(r, scenario, effects) for r in inspected.recordings)

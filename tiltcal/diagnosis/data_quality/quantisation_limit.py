@@ -10,6 +10,8 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, column
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.forward_selection import findings
 from tiltcal.effects.base import Effect
+from tiltcal.effects.data.labelling_faults import DataTruncation
+from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.statistics.projection import column_space
 
@@ -22,16 +24,16 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
     """
     floors: dict[str, float] = {}
     for fault in faults:
-        if fault.effect.id in ("adc_quantisation", "gyr_quantisation"):
+        if isinstance(fault.effect, AdcQuantisation):
             for name in fault.sensors:
                 floors[name] = max(floors.get(name, 0.0), fault.effect.value("lsb"))
         if (
-            fault.effect.id == "adc_stuck_bit" and not scenario.rig.axes
+            isinstance(fault.effect, AdcStuckBit) and not scenario.rig.axes
         ):  # nothing but a table tells which readings lack it
             floors[fault.sensors[0]] = max(
                 floors.get(fault.sensors[0], 0.0), fault.effect.value("bit_value")
             )
-        if fault.effect.id == "data_truncation":
+        if isinstance(fault.effect, DataTruncation):
             for sensor in scenario.sensor:
                 size = scenario.site.gravity if sensor.kind == "accelerometer" else 1.0
                 size = sensor.rate_hz if sensor.quantity == "rate" else size

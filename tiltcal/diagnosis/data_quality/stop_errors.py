@@ -26,7 +26,9 @@ from tiltcal.diagnosis.search.forward_selection import (
     findings,
     log_tail,
 )
-from tiltcal.effects import CATALOGUE
+from tiltcal.effects.data.labelling_faults import DataPoseLabel
+from tiltcal.effects.table.readout import EncoderZero, IndexError_
+from tiltcal.effects.timing.delays import DataJitter, DataLatency
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import NoiseFit, robust_white
 
@@ -121,7 +123,7 @@ def mistyped(
         observations.courses[number].stop[: np.argmax(rows)].max(initial=-1) + 1
     )  # it need not have been found itself
     time = recording.time[rows] - recording.time[0]
-    effect = CATALOGUE["data_pose_label"](
+    effect = DataPoseLabel(
         {"error": error, "stop": float(stop)}, None, axis, "found", seen_in=recording.fingerprint
     )
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
@@ -208,7 +210,7 @@ def find_setting_error(
     sigma = float(np.sqrt(spread))
     names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
-    effect = CATALOGUE["table_index_error"]({"sigma": sigma}, None, axis, "found")
+    effect = IndexError_({"sigma": sigma}, None, axis, "found")
     words = (
         f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms:"
         " each stop is a rotation of its own."
@@ -292,7 +294,7 @@ def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) ->
     """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes
     over into the next.
     """
-    zero = CATALOGUE["table_encoder_zero"]({f"{axis}_zero": 1e-4}, None, None, "found")
+    zero = EncoderZero({f"{axis}_zero": 1e-4}, None, None, "found")
     whole = observations.changes(zero, fitted.effects)
     found = []
     for number, course in enumerate(observations.courses):
@@ -340,7 +342,7 @@ def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault 
     """
     if not observations.courses:
         return None
-    late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
+    late = DataLatency({"latency": 1e-3}, None, None, "found")
     slopes = observations.changes(late, fitted.effects)
     noises = [
         _quiet_noise(r, c.stop)
@@ -375,9 +377,7 @@ def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault 
         for k, e in sorted(energy.items(), key=lambda item: -item[1])
         if e > 0.05 * sum(energy.values())
     ]
-    effect = CATALOGUE["data_jitter"](
-        {"jitter": float(np.sqrt(value))}, strong[0][0], None, "found"
-    )
+    effect = DataJitter({"jitter": float(np.sqrt(value))}, strong[0][0], None, "found")
     words = (
         f"Stamps are wrong by chance, {1e3 * np.sqrt(value):.3g} ms rms: the residual grows with"
         " the rate of the reading."
@@ -404,7 +404,7 @@ def at_rest_only(
     observations: Observations, fitted: FittedModel, jitter: float
 ) -> tuple[Recording, ...]:
     """The recordings without the samples that random stamps (s, rms) spoil."""
-    late = CATALOGUE["data_latency"]({"latency": 1e-3}, None, None, "found")
+    late = DataLatency({"latency": 1e-3}, None, None, "found")
     recordings = list(observations.recordings)
     residuals = observations.residuals(fitted.effects)
     for i, slope in observations.changes(late, fitted.effects).items():

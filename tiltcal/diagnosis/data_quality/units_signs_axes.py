@@ -20,8 +20,14 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.data.channels import meant_matrix
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
-from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
+from tiltcal.effects.data.labelling_faults import (
+    DataAxisSwap,
+    DataHand,
+    DataRotationSense,
+    DataSign,
+    DataUnit,
+)
 from tiltcal.effects.events import as_met
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import restored
@@ -73,8 +79,7 @@ class Version:
 
 def find_labelling_faults(scenario: Scenario, recording: Recording) -> list[Fault]:
     """Faults of what the columns mean, on a table whose angles were read."""
-    known = {e.id for e in scenario.effects}
-    if known & {"data_unit", "data_sign", "data_axis_swap", "data_hand", "data_rotation_sense"}:
+    if any(e.mislabels for e in scenario.effects):
         return []
     if not scenario.rig.axes:
         return _by_hand(scenario, recording)
@@ -200,12 +205,12 @@ def _of_factor(k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float
             fog if abs(np.log(fastest)) > abs(np.log(gyros)) else gyro
         )  # a hand turns by about a radian a second
         own = factor if wrong is fog else 1 / factor
-        effect = CATALOGUE["data_unit"]({"factor": own}, wrong.name, None, "found")
+        effect = DataUnit({"factor": own}, wrong.name, None, "found")
         words = f"{wrong.name} reads {own:.6g} times what its unit says."
         faults.append(Fault(effect, (wrong.name,), wrong.axes, words, sigma={"factor": 1e-3 * own}))
     if k < 0:
-        effect = CATALOGUE["data_sign"]({"flip_a": 1.0}, fog.name, None, "found")
-        faults.append(Fault(effect, (fog.name,), fog.axes, f"{fog.name} has the opposite sign."))
+        sign = DataSign({"flip_a": 1.0}, fog.name, None, "found")
+        faults.append(Fault(sign, (fog.name,), fog.axes, f"{fog.name} has the opposite sign."))
     return faults
 
 
@@ -215,7 +220,7 @@ def _version(
     """The columns read with these axes counted the other way."""
     faults: list[Fault] = []
     for axis in reversed_:
-        effect = CATALOGUE["data_rotation_sense"]({"reversed": 1.0}, None, axis, "found")
+        effect = DataRotationSense({"reversed": 1.0}, None, axis, "found")
         words = f"The {axis} axis of the table is counted the other way."
         faults.append(
             Fault(effect, (scenario.sensor[0].name,), tuple(scenario.sensor[0].axes), words)
@@ -236,9 +241,9 @@ def _version(
             left += [max(float(v), (EXACT * size) ** 2) for v in _affine(y, f)]
             rows += [len(y)] * y.shape[1]
     signs = sum(
-        len(f.axes) if f.effect.id != "data_rotation_sense" else 1
+        1 if isinstance(f.effect, DataRotationSense) else len(f.axes)
         for f in faults
-        if f.effect.id != "data_unit"
+        if not isinstance(f.effect, DataUnit)
     )
     return Version(tuple(faults), signs, misfit, np.array(left), np.array(rows))
 
@@ -294,7 +299,7 @@ def _of_sensor(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
     k = float(np.sqrt(np.sum(y * y) / max(np.sum(f * f), 1e-300)))
     factor = next((s for c in FACTORS for s in (c, 1 / c) if abs(np.log(k / s)) < LIKELY), None)
     if factor is not None and (k > 2 or k < 0.5):
-        effect = CATALOGUE["data_unit"]({"factor": factor}, sensor.name, None, "found")
+        effect = DataUnit({"factor": factor}, sensor.name, None, "found")
         words = f"{sensor.name} reads {factor:.6g} times what its unit says."
         faults.append(
             Fault(effect, (sensor.name,), sensor.axes, words, sigma={"factor": 1e-3 * factor})
@@ -323,7 +328,7 @@ def _of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
     if len(moved) == 2:
         pair = "".join(sensor.axes[i] for i in moved)
         name = f"swap_{'zx' if pair == 'xz' else pair}"
-        effect = CATALOGUE["data_axis_swap"]({name: 1.0}, sensor.name, None, "found")
+        effect = DataAxisSwap({name: 1.0}, sensor.name, None, "found")
         faults.append(
             Fault(
                 effect,
@@ -336,7 +341,7 @@ def _of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
         first, second = (
             ("swap_xy", "swap_yz") if P[0, 1] or P[0].argmax() == 1 else ("swap_xy", "swap_zx")
         )
-        effect = CATALOGUE["data_axis_swap"]({first: 1.0, second: 1.0}, sensor.name, None, "found")
+        effect = DataAxisSwap({first: 1.0, second: 1.0}, sensor.name, None, "found")
         faults.append(
             Fault(
                 effect,
@@ -347,13 +352,11 @@ def _of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
         )
     if flipped:
         axes = tuple(sensor.axes[i] for i in flipped)
-        effect = CATALOGUE["data_sign"](
-            {f"flip_{a}": 1.0 for a in axes}, sensor.name, None, "found"
-        )
-        names = ("data_sign", "data_hand") if axes == ("y",) and n == 3 else ("data_sign",)
+        sign = DataSign({f"flip_{a}": 1.0 for a in axes}, sensor.name, None, "found")
+        names = (DataSign.id, DataHand.id) if axes == ("y",) and n == 3 else (DataSign.id,)
         faults.append(
             Fault(
-                effect,
+                sign,
                 (sensor.name,),
                 axes,
                 f"{sensor.name} {', '.join(axes)} has the opposite sign.",

@@ -1,57 +1,10 @@
-"""What recordings span, and what beats in them: where shapes and curves of hypotheses come from."""
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+"""What recordings span: where shapes and curves of hypotheses come from."""
 
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Channel, Observations
-
-
-@dataclass(frozen=True)
-class SpectralLines:
-    """What beats in a residual.
-
-    Args:
-        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
-            ripples: a turn of an axis.
-    """
-
-    tones: tuple[float, ...] = ()
-    shakes: tuple[float, ...] = ()
-    echoes: tuple[float, ...] = ()
-    ripples: tuple[int, ...] = ()
-
-    def beside(self, known: "SpectralLines", width: float) -> "SpectralLines":
-        """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a
-        line.
-        """
-
-        def new(mine: Sequence[float], theirs: Sequence[float]) -> tuple[float, ...]:
-            return tuple(f for f in mine if all(abs(f - g) > 2 * width for g in theirs))
-
-        ripples = tuple(n for n in self.ripples if n not in known.ripples)
-        return SpectralLines(
-            new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples
-        )
-
-
-@dataclass(frozen=True)
-class CoordinateRanges:
-    """What a recording spans, for shapes and curves.
-
-    Args:
-        duration: s; rate_hz: of the fastest sensor.
-        lines: that stand out of the residual.
-        ranges: least and largest value of each coordinate, SI; that of a sensor's own input under
-            ``<sensor>_input``.
-    """
-
-    duration: float
-    rate_hz: float
-    lines: SpectralLines = SpectralLines()
-    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 
 
 def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRanges:

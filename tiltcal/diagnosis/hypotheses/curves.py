@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import CoordinateRanges
-from tiltcal.diagnosis.hypotheses.hypothesis import LAGS, Hypothesis, with_values
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, with_values
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import Effect
+from tiltcal.effects.hysteresis_and_lag import LAGS
 from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
 
@@ -62,31 +65,35 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                 if knots := _knots(coordinate, span, 5):
                     place = "environment" if slot == "base" else "mount"
                     tilt = _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
-                    floor = (slot, coordinate) == (
-                        "base",
-                        "time",
-                    )  # whatever its course, that is what the name says
-                    yield replace(tilt, alias="floor_tilt_drift") if floor else tilt
+                    yield replace(tilt, alias=_named(slot, coordinate))
         for turn, axis in product("xyz", scenario.rig.axis_names):
             for basis in (_waves(4), _knots(f"table_{axis}", span, 10)):
                 if basis:
                     yield _curve(
                         LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount"
                     )
-        for turn, lag in product("xyz", LAGS):
-            if knots := _knots("temperature", span, 3):
-                tilt = _curve(
-                    LearnedTilt,
-                    "temperature",
-                    knots,
-                    lag=lag,
-                    slot="mount",
-                    turn=turn,
-                    place="mount",
-                )
-                yield _late(tilt, "mount_thermal_tilt")
-                if lag:  # without, that is the law itself
-                    yield _straight(tilt, len(LAGS), "mount_thermal_tilt")
+        yield from _late_tilts(span)
+
+
+def _named(slot: str, coordinate: str) -> str | None:
+    """The law that a tilt has whatever its course; None: there is none."""
+    laws = (c for c in CATALOGUE.values() if c.form == "any")
+    return next((c.id for c in laws if c.family.has_tilt(slot, coordinate, None)), None)
+
+
+def _late_tilts(span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """Tilts of frames that follow temperature late."""
+    laws = [c for c in CATALOGUE.values() if c.felt_late and c.family.tilt]
+    for cls, turn, lag in product(laws, "xyz", LAGS):
+        for slot, coordinate in cls.family.tilt:
+            if not (knots := _knots(coordinate, span, 3)):
+                continue
+            tilt = _curve(
+                LearnedTilt, coordinate, knots, lag=lag, slot=slot, turn=turn, place=cls.stage
+            )
+            yield _late(tilt, cls.id)
+            if lag:  # without, that is the law itself
+                yield _straight(tilt, len(LAGS), cls.id)
 
 
 def _reading_curves(
@@ -94,9 +101,9 @@ def _reading_curves(
 ) -> Iterator[Hypothesis]:
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     yield from _angle_curves(scenario, sensor, axis, span)
-    for count in (9, 17, 33) if sensor.is_accelerometer else ():
+    for cls, count in product(_of_any_form(sensor, "input"), (9, 17, 33)):
         if knots := _knots(f"{sensor.name}_input", span, count):
-            yield replace(_curve(LearnedReading, "input", knots, **where), alias="adc_inl")
+            yield replace(_curve(LearnedReading, "input", knots, **where), alias=cls.id)
     inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
     across = ["transverse"] if sensor.kind == "fog" else []
@@ -157,12 +164,9 @@ def _angle_curves(
         yield _curve(
             LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where
         )
-    if (
-        sensor.is_accelerometer and scenario.rig.table == "placing"
-    ):  # its form is nobody's law, its place is
-        yield replace(
-            _curve(LearnedReading, "table_outer", _waves(6), **where), alias="acc_angle_bias"
-        )
+    if scenario.rig.table == "placing":  # its form is nobody's law, its place is
+        for cls in _of_any_form(sensor, "table_outer", "unknown"):
+            yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias=cls.id)
 
 
 def lags_of(duration: float) -> tuple[float, ...]:
@@ -175,19 +179,26 @@ def lags_of(duration: float) -> tuple[float, ...]:
     return tuple(found)
 
 
-_ACCELEROMETER = (("acc_temp_bias", "temperature", False), ("acc_temp_scale", "temperature", True))
-_LATE: dict[str, tuple[tuple[str, str, bool], ...]] = {
-    "accelerometer": _ACCELEROMETER,
-    "inclinometer": _ACCELEROMETER,
-    "gyro": (("gyr_temp", "temperature", False),),
-    "fog": (("gyr_temp", "temperature", False), ("fog_shupe", "warming", False)),
-}
-"""What a sensor may feel late, by its kind: the law, what it follows, and whether it multiplies the
-input.
+def _of_any_form(sensor: Sensor, coordinate: str, form: str = "any") -> list[type[Effect]]:
+    """The effects of a sensor that stand for a curve over a coordinate."""
+    laws = (c for c in CATALOGUE.values() if c.form == form and c.senses(sensor.kind))
+    return [c for c in laws if coordinate in c.family.reading]
 
-An accelerometer's late rate is not among them: its temperature is late by minutes, and ``lateness``
-says what tells its branches.
-"""
+
+def _felt_late(sensor: Sensor) -> list[tuple[str, str, bool]]:
+    """What a sensor may feel late: the law, what it follows, and whether it multiplies the input.
+
+    An accelerometer's late rate is not among them: its temperature is late by minutes, and
+    ``thermal_lag`` says what tells its branches.
+    """
+    laws = [c for c in CATALOGUE.values() if c.felt_late and c.senses(sensor.kind)]
+    return [
+        (cls.id, coordinate, per_input)
+        for coordinate in ("temperature", "warming")
+        for cls in laws
+        for per_input, followed in ((False, cls.family.reading), (True, cls.family.scale))
+        if coordinate in followed
+    ]
 
 
 def _late_laws(
@@ -200,7 +211,7 @@ def _late_laws(
     itself.
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    for (name, coordinate, per_input), lag in product(_LATE[sensor.kind], lags_of(span.duration)):
+    for (name, coordinate, per_input), lag in product(_felt_late(sensor), lags_of(span.duration)):
         knots = _knots(coordinate, span, 3)
         if knots and (coordinate != "warming" or lag * SHOWS < span.duration):
             late = _curve(LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where)

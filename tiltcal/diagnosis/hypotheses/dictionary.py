@@ -10,12 +10,13 @@ import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
-from tiltcal.diagnosis.hypotheses.hypothesis import OF_LINES, listed_suspects, step_suspects
+from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects, step_suspects
 from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.effects.spans import SpectralLines
 
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
@@ -62,7 +63,7 @@ def extend_dictionary(
         observations.scenario, ranges_of(observations, new), [t.hypothesis for t in fitted.nuisance]
     ):
         lines = hypothesis.effect.values.get("lines")
-        if hypothesis.id in OF_LINES and (lines is None or lines in new.ripples):
+        if hypothesis.law.spectral_line and (lines is None or lines in new.ripples):
             columns.add(hypothesis, fitted.effects)
     return len(columns.hypotheses) > before
 

@@ -6,10 +6,11 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, fastest
-from tiltcal.diagnosis.hypotheses.families import WANDER
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.effects import CATALOGUE
+from tiltcal.effects.electronics.mains import WANDER
+from tiltcal.effects.spans import SpectralLines
+from tiltcal.effects.table.drive import EncoderSde
 from tiltcal.statistics.noise_spectrum import robust_white
 
 Waves = np.ndarray[tuple[int], np.dtype[np.complex128]]
@@ -136,7 +137,7 @@ def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> 
     """
     cos, sin = (
         observations.changes(
-            CATALOGUE["table_encoder_sde"]({name: SMALL, "lines": PROBE}, None, axis, "found"),
+            EncoderSde({name: SMALL, "lines": PROBE}, None, axis, "found"),
             fitted.effects,
         )
         for name in ("cos", "sin")

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.data.block_averaging import block_of
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.hypotheses.coordinate_ranges import SpectralLines, ranges_of
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.dictionary import instants
 from tiltcal.diagnosis.hypotheses.families import completes
@@ -25,6 +25,7 @@ from tiltcal.diagnosis.search.alternatives import Alternative, rank_alternatives
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import NoiseModel

@@ -6,7 +6,6 @@ import numpy as np
 
 from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.observations import Columns, Observations
-from tiltcal.diagnosis.hypotheses.families import KIN
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import ColumnBlock, ColumnStore, Waves
 from tiltcal.diagnosis.model.cosine_basis import cosines
@@ -48,9 +47,7 @@ class HypothesisColumns:
         """Numbers of the hypotheses that may be of its family: of its name, of related names, or
         without a name at its place, in order.
         """
-        names = []
-        if hypothesis.listed:
-            names = [hypothesis.id, *(other for other, host in KIN if host == hypothesis.id)]
+        names = [hypothesis.id, *hypothesis.law.family.effects] if hypothesis.listed else []
         keys = [*((n, None) for n in names), ("", hypothesis.effect.sensor), ("", None)]
         return sorted({k for key in keys for k in self._places.get(key, [])})
 

@@ -9,7 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.data.observations import Columns
-from tiltcal.diagnosis.hypotheses.families import FREE_FORM, completes
+from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
@@ -175,7 +175,7 @@ def explain(
     explained = normal.gain(normal.signal, own)
     terms = _terms(normal, whole, whitened, hypothesis)
     form = lawful_gain / gain
-    share = form if hypothesis.id not in FREE_FORM else 1.0
+    share = 1.0 if hypothesis.law.form == "any" else form
     return Alternative(
         terms,
         gain,

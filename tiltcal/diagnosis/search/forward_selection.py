@@ -9,8 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
-from tiltcal.diagnosis.hypotheses.families import FREE_FORM, OF_INPUT, WANDER
-from tiltcal.diagnosis.hypotheses.hypothesis import SHIFTS, STEPS, Hypothesis
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
 from tiltcal.diagnosis.model.fitted_model import (
     FittedModel,
@@ -36,6 +35,8 @@ from tiltcal.diagnosis.search.alternatives import (
 )
 from tiltcal.diagnosis.search.shape_refinement import at_its_instant, refined
 from tiltcal.effects.base import Effect
+from tiltcal.effects.electronics.mains import WANDER
+from tiltcal.effects.table.readout import ReadoutError
 from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
 
 # of the worth of the best: a name in its own form goes before one that needs curves for more
@@ -151,7 +152,7 @@ def finding_log_p_values(
     ]
     for places in findings(fitted):
         inside = [fitted.terms[k] for k in places]
-        step = inside[0].hypothesis.id in SHIFTS
+        step = inside[0].hypothesis.is_step
         removed = remove_finding(fitted, whitened, places, [*beside, *(near if step else ())])
         lengths = [len(t) for t in removed.target]
         columns = whitened_of(whitened, inside, fitted.effects)
@@ -164,7 +165,7 @@ def finding_log_p_values(
 
 def _next_to_the_instant(term: FittedTerm, observations: Observations) -> Iterator[Columns]:
     """Each sample next to the instant of a step, one column for each."""
-    if term.hypothesis.id not in SHIFTS:
+    if not term.hypothesis.is_step:
         return
     for i, channel in enumerate(observations.channels):
         if channel.derived or channel.recording or len(channel.time) < 2:
@@ -314,7 +315,8 @@ def _hosted(
     """
     for places in findings(fitted):
         host = fitted.terms[places[0]].hypothesis
-        if host.id in FREE_FORM and terms[0].hypothesis.id in OF_INPUT and host.id in OF_INPUT:
+        of_input = terms[0].hypothesis.law.nonlinear_in_input and host.law.nonlinear_in_input
+        if of_input and host.law.form == "any":
             energy = sum(float(s @ s) for s in remove_finding(fitted, whitened, places).signal)
             if gain < REST * energy and places[-1] == len(fitted.terms) - 1:
                 return tuple(replace(t, host=host) for t in terms)
@@ -322,12 +324,6 @@ def _hosted(
 
 
 KINDS = ("motion", "direction", "vibration")  # of excitation, whose laws are alike
-ENCODER = {
-    "table_encoder_eccentricity",
-    "table_encoder_2rev",
-    "table_encoder_sde",
-}  # harmonics of one curve
-TONES = ("mains_pickup", "base_vibration")  # a line that wanders leaves lines beside it
 
 
 def merge_small_findings(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
@@ -385,13 +381,15 @@ def _left_over(small: Effect, large: Effect) -> float:
     is never quite of a textbook form. Laws of one sensor's own input are told apart to a
     thousandth.
     """
-    ids = {small.id, large.id}
-    if ids <= set(TONES):
+    both = (small, large)
+    if all(e.spectral_line == "time" for e in both):
         near = abs(small.value("frequency") - large.value("frequency")) < WANDER
         return 1.0 if near else 1 - OWN
-    if small.needs == large.needs in KINDS or (ids <= ENCODER and small.axis == large.axis):
+    readouts = all(isinstance(e, ReadoutError) for e in both) and small.axis == large.axis
+    if small.needs == large.needs in KINDS or readouts:
         return 1 - OWN
-    return LOOSE if ids <= OF_INPUT and small.sensor == large.sensor else 0.0
+    of_input = all(e.nonlinear_in_input for e in both) and small.sensor == large.sensor
+    return LOOSE if of_input else 0.0
 
 
 def merge_same_cause(fitted: FittedModel) -> FittedModel:
@@ -427,7 +425,7 @@ def _one_event(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two of one name are one: steps where one creeps on that began within its time
     constant of the other.
     """
-    if one.id not in STEPS:
+    if not one.has_instant:
         return True
     creeps = [s.effect.values.get("creep", 0.0) for s in (one, other)]
     apart = abs(one.effect.values["time"] - other.effect.values["time"])

@@ -9,12 +9,13 @@ import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.table_channels import TableObservations
-from tiltcal.diagnosis.hypotheses.hypothesis import STEPS, Hypothesis, steps_at
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import LOOSE, RemovedFinding, explain, price_of
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.timing.delays import DataLatency
 
 GRAIN = 4  # halvings of the step between shapes
 FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundredth of their width
@@ -48,7 +49,7 @@ def refined(
     for name in _shapes_of(terms):
         if name == "lag" and _told_by_its_bend(first, whitened.observations):
             continue
-        line = name == "frequency" and first.id in ("mains_pickup", "base_vibration")
+        line = name == "frequency" and first.law.spectral_line == "time"
         step = LINE / duration if line else STEP[name]
         added = line or name in SHIFTED
         for last in reversed(range(FINE if added else GRAIN)):
@@ -106,7 +107,7 @@ def _shapes_of(terms: Sequence[FittedTerm]) -> dict[str, float]:
     completes it creeps on.
     """
     creeps = {
-        c for t in terms if t.hypothesis.id in STEPS and (c := shapes(t.hypothesis).get("creep"))
+        c for t in terms if t.hypothesis.has_instant and (c := shapes(t.hypothesis).get("creep"))
     }
     return shapes(terms[0].hypothesis) | ({"creep": creeps.pop()} if len(creeps) == 1 else {})
 
@@ -138,7 +139,7 @@ def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis
     phase, scenario = hypothesis.effect.values.get("phase"), observations.scenario
     if phase is not None and "phase" not in hypothesis.names:
         return _at(hypothesis, "phase", float(np.angle(-np.exp(1j * phase))))
-    if hypothesis.id == "data_latency" and not observations.courses:
+    if isinstance(hypothesis.effect, DataLatency) and not observations.courses:
         others = [
             s.name for s in scenario.sensors("gyro", "fog") if s.name != hypothesis.effect.sensor
         ]
@@ -162,7 +163,7 @@ def at_its_instant(
         alone: at once, or creeping, but not both, and with no curve: these follow a drift that has
             nothing to do with the step.
     """
-    if terms[0].hypothesis.id not in STEPS:
+    if not terms[0].hypothesis.has_instant:
         return terms
     removed = RemovedFinding(
         list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
@@ -253,7 +254,7 @@ def _at(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:
 def _gain(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedModel) -> float:
     """What the own form of an explanation brings, the fitted model's columns being free."""
     lengths = [len(c.values) for c in whitened.observations.channels]
-    whole = isinstance(terms[0].hypothesis.effect, Learned) or terms[0].hypothesis.id in STEPS
+    whole = isinstance(terms[0].hypothesis.effect, Learned) or terms[0].hypothesis.has_instant
     own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.hypothesis))]
     columns = whitened_of(whitened, own, fitted.effects)
     mine = basis_of([projected(fitted.basis, c, lengths) for c in columns], lengths)

@@ -18,8 +18,7 @@ from tiltcal.effects.learned import LearnedReading
 from tiltcal.statistics.projection import column_space
 
 KNOTS = 5  # of a curve over temperature: bends as a quartic does
-BRANCHES = ("acc_thermal_gradient", "acc_thermal_hysteresis")
-"""Laws in which warming and cooling differ."""
+BRANCHES = {"temperature", "warming"}  # coordinates of laws in which warming and cooling differ
 
 
 def thermal_lag_findings(
@@ -57,7 +56,8 @@ def thermal_lag_findings(
         return "", ()
     shares: dict[str, float] = {}
     for hypothesis in whitened.hypotheses:
-        if hypothesis.id in BRANCHES and hypothesis.effect.sensor == late[0].sensor:
+        branches = set(hypothesis.law.family.reading) >= BRANCHES
+        if branches and hypothesis.effect.sensor == late[0].sensor:
             both = np.column_stack(
                 [still, _block([(hypothesis.effect, hypothesis.names)], removed, fitted, whitened)]
             )

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.diagnosis.hypotheses.families import WANDER
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import (
     FittedModel,
@@ -29,7 +28,6 @@ from tiltcal.diagnosis.search.alternatives import (
 )
 from tiltcal.diagnosis.search.forward_selection import (
     ALPHA,
-    TONES,
     NoiseGate,
     backward_elimination,
     findings,
@@ -38,6 +36,7 @@ from tiltcal.diagnosis.search.forward_selection import (
 )
 from tiltcal.diagnosis.search.localised_curves import angle_of, echo, is_echo, local
 from tiltcal.diagnosis.search.shape_refinement import refined
+from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.learned import LearnedReading
 
 MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
@@ -184,7 +183,8 @@ def several_lines(inside: Sequence[FittedTerm]) -> bool:
     """Whether a name stands for lines that do not belong together: no form is theirs that the name
     could keep to.
     """
-    tones = [t.hypothesis.effect.values["frequency"] for t in inside if t.hypothesis.id in TONES]
+    lines = [t.hypothesis for t in inside if t.hypothesis.law.spectral_line == "time"]
+    tones = [line.effect.values["frequency"] for line in lines]
     return len(tones) > 1 and max(tones) - min(tones) > WANDER
 
 

@@ -28,6 +28,7 @@ class DataOutlier(SignalEffect):
     excited_by = "any recording"
     look = "isolated values beyond 8 sigma"
     random = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if rng is None or len(reading) < 3:
@@ -53,6 +54,9 @@ class DataDrop(SignalEffect):
     source = "effects list; PHYSICS 3.7"
     excited_by = "moves after the loss"
     look = "moves come early from an instant on"
+    acts_from_an_instant = True
+    shows_against_table = True
+    leaves_nothing = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         lost = round(self.value("samples"))
@@ -79,6 +83,7 @@ class DataDuplicate(SignalEffect):
     excited_by = "any recording"
     look = "exact repeats of all channels at once"
     random = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if rng is None:
@@ -109,6 +114,8 @@ class DataStuck(SignalEffect):
     source = "effects list; PHYSICS 3.7"
     excited_by = "any recording"
     look = "a flat stretch without noise"
+    leaves_nothing = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         start, length = self.value("start"), self.value("length")
@@ -152,6 +159,7 @@ class DataGap(SignalEffect):
     source = "PHYSICS 3.7"
     excited_by = "any recording"
     look = "empty cells"
+    leaves_nothing = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         start = self.value("start")

@@ -1,5 +1,8 @@
 """Columns that do not mean what their names say: units, signs, axes, angles, labels, rate."""
 
+from abc import abstractmethod
+from collections.abc import Sequence
+
 import numpy as np
 
 from tiltcal.core.arrays import Array
@@ -8,10 +11,21 @@ from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.setup.trajectory import Drive
 
 
-class DataUnit(SignalEffect):
-    id = "data_unit"
+class ColumnFault(SignalEffect):
+    """The columns of a sensor hold a linear map of its channels."""
+
     stage = "data"
     kinds = ANALOG
+    mislabels = True
+    repair = "columns"
+
+    @abstractmethod
+    def matrix(self, axes: Sequence[str]) -> Array:
+        """What it does to the channels of these axes, (k, k)."""
+
+
+class DataUnit(ColumnFault):
+    id = "data_unit"
     order = 96
     title = "wrong unit"
     parameters = (Parameter("factor", "unitless", (9.80665, 57.29578, 1000), positive=True),)
@@ -21,14 +35,15 @@ class DataUnit(SignalEffect):
     excited_by = "any recording"
     look = "the norm at rest is off by a factor such as 9.80665 or 57.3"
 
+    def matrix(self, axes: Sequence[str]) -> Array:
+        return (self.value("factor") or 1.0) * np.eye(len(axes))
+
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return reading * (self.value("factor") or 1.0)
 
 
-class DataSign(SignalEffect):
+class DataSign(ColumnFault):
     id = "data_sign"
-    stage = "data"
-    kinds = ANALOG
     order = 97
     title = "sign flipped"
     parameters = (Parameter("flip_{axis}", "unitless", (1, 1, 1), positive=True),)
@@ -38,6 +53,9 @@ class DataSign(SignalEffect):
     excited_by = "tilting or turning that axis"
     look = "a left-handed triad"
 
+    def matrix(self, axes: Sequence[str]) -> Array:
+        return np.diag([1 - 2 * self.value(f"flip_{axis}") for axis in axes])
+
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         for i, index in enumerate(sense.axes):
             axis = "a" if sense.kind == "fog" else "xyz"[index]
@@ -45,10 +63,8 @@ class DataSign(SignalEffect):
         return reading
 
 
-class DataAxisSwap(SignalEffect):
+class DataAxisSwap(ColumnFault):
     id = "data_axis_swap"
-    stage = "data"
-    kinds = ANALOG
     order = 98
     title = "axes permuted"
     parameters = tuple(
@@ -61,6 +77,14 @@ class DataAxisSwap(SignalEffect):
     excited_by = "tilting"
     look = "each channel follows the other's attitude"
 
+    def matrix(self, axes: Sequence[str]) -> Array:
+        P = np.eye(len(axes))
+        for pair in ("xy", "yz", "zx"):
+            if self.value(f"swap_{pair}") and set(pair) <= set(axes):
+                a, b = (axes.index(x) for x in pair)
+                P[[a, b]] = P[[b, a]]
+        return P
+
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         for pair in ("xy", "yz", "zx"):
             i, j = ("xyz".index(a) for a in pair)
@@ -70,10 +94,8 @@ class DataAxisSwap(SignalEffect):
         return reading
 
 
-class DataHand(SignalEffect):
+class DataHand(ColumnFault):
     id = "data_hand"
-    stage = "data"
-    kinds = ANALOG
     order = 99
     title = "left-handed frame"
     parameters = (Parameter("mirror", "unitless", (1, 1, 1), positive=True),)
@@ -82,6 +104,9 @@ class DataHand(SignalEffect):
     source = "PHYSICS 3.7"
     excited_by = "tilting about two axes"
     look = "no rotation maps the frame onto the table's: determinant -1"
+
+    def matrix(self, axes: Sequence[str]) -> Array:
+        return np.diag([1 - 2 * self.value("mirror") if axis == "y" else 1.0 for axis in axes])
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if 1 in sense.axes:
@@ -121,6 +146,8 @@ class DataPoseLabel(WritingEffect):
     excited_by = "several dwells"
     look = "one dwell is a large rotation off, norm unchanged"
     axis_wise = True
+    leaves_nothing = True
+    repair = "samples"
 
     def written(self, axis: str, drive: Drive) -> Array | None:
         if axis != (self.axis or next(iter(drive.axes))):
@@ -141,6 +168,7 @@ class DataRotationSense(WritingEffect):
     excited_by = "any turn"
     look = "the readings follow the mirrored angle"
     axis_wise = True
+    mislabels = True
 
     def written(self, axis: str, drive: Drive) -> Array | None:
         if axis != (self.axis or next(iter(drive.axes))):

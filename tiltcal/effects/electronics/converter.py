@@ -8,6 +8,8 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
 from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage, TermEffect
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 
 ANALOG = frozenset({"accelerometer", "inclinometer", "gyro", "fog"})
 
@@ -41,6 +43,7 @@ class AdcGainError(PerChannel):
     excited_by = "any input"
     look = "one with the scale factor until the gain is switched"
     linear = True
+    same_law_as = "acc_scale"
 
     def change(self, u: Array, value: float, sense: Sense) -> Array:
         return u * (1 + value)
@@ -65,6 +68,14 @@ class AdcInl(PerChannel):
     excited_by = "the whole input range"
     look = "as K2, but tied to the voltage"
     linear = True
+    form = "any"
+    family = Family(reading=("input",))
+    superposes = True
+    nonlinear_in_input = True
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{}, {"odd": 1.0}]
 
     def change(self, u: Array, value: float, sense: Sense) -> Array:
         v = u / (sense.full_scale or 1.2 * G0)
@@ -85,6 +96,7 @@ class AdcQuantisation(SignalEffect):
     excited_by = "noise below one code"
     look = "a staircase"
     random = True  # a rounding error is noise: `--noise off` leaves it out
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         lsb = self.value("lsb")
@@ -121,6 +133,8 @@ class AdcStuckBit(SignalEffect):
     source = "effects list; PHYSICS 3.6"
     excited_by = "readings that use the bit"
     look = "half of all codes missing, jumps by one bit"
+    threshold = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         bit = self.value("bit_value")

@@ -1,10 +1,15 @@
 """Tones from outside."""
 
+from itertools import product
+
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Parameter, Sense, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.effects.spans import CoordinateRanges
+
+WANDER = 0.05  # Hz, of the mains about its frequency (PHYSICS 3.6); further off is another tone
 
 
 class MainsPickup(TermEffect):
@@ -25,6 +30,15 @@ class MainsPickup(TermEffect):
     excited_by = "any recording"
     look = "a line that does not turn with the pose"
     linear = False
+    spectral_line = "time"
+    wander = WANDER
+    leaves_nothing = True
+    follows = "frequency"
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        phases = (0.0, np.pi / 3, 2 * np.pi / 3)
+        return [{"frequency": f, "phase": p} for f, p in product(span.lines.tones, phases)]
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return self.channel_of(name[-1], sense), np.sin(

@@ -5,8 +5,10 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Parameter, Sense, SignalEffect
 from tiltcal.effects.electronics.converter import ANALOG
-from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.effects.hysteresis_and_lag import LAGS, first_order_lag
 from tiltcal.effects.sensor.environmental import FollowsState
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 
 
 class ReferenceDrift(SignalEffect):
@@ -29,6 +31,11 @@ class ReferenceDrift(SignalEffect):
     excited_by = "a temperature change on loaded channels"
     look = "the same ppm on every channel"
     linear = True
+    family = Family(scale=("temperature",))
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"lag": lag} for lag in LAGS]
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         own = first_order_lag(sense.time, sense.temperature, self.value("lag"))
@@ -49,6 +56,7 @@ class SupplyRatiometric(SignalEffect):
     excited_by = "time on loaded channels"
     look = "a gain that ramps, the same on every channel"
     linear = True
+    same_law_as = "reference_drift"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return (
@@ -72,6 +80,7 @@ class AdcOffsetDrift(FollowsState):
     source = "PHYSICS 3.6"
     excited_by = "a temperature change"
     look = "one with the sensor's own bias drift until the input is shorted"
+    same_law_as = "acc_temp_bias"
 
     def state(self, sense: Sense) -> Array:
         return sense.temperature

@@ -8,6 +8,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.effects.base import FrameEffect, Parameter, Sense, TermEffect
 from tiltcal.effects.hysteresis_and_lag import recursion
 from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 from tiltcal.setup.trajectory import Jet, sampled_jet
 
 
@@ -39,6 +41,12 @@ class FloorTiltDrift(FrameEffect):
     look = "a ramp of both channels that turns with the table's heading"
     linear = True
     on_table = True
+    form = "any"
+    family = Family(tilt=(("base", "time"),))
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"span": span.duration}]
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         elapsed = context.drive.elapsed
@@ -97,6 +105,7 @@ class MagneticField(TermEffect):
     excited_by = "heading and attitude changes of the FOG"
     look = "cosine of heading, as the Earth's rate, but towards magnetic north"
     linear = True
+    follows = "tilt"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         east = np.cross(sense.north, sense.up)

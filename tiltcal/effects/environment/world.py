@@ -6,6 +6,7 @@ import numpy as np
 
 from tiltcal.effects.base import Parameter, WorldEffect
 from tiltcal.effects.mechanisms import Shake, World
+from tiltcal.effects.spans import CoordinateRanges
 
 
 class GravityMagnitude(WorldEffect):
@@ -22,6 +23,7 @@ class GravityMagnitude(WorldEffect):
     excited_by = "any pose"
     look = "all scale factors shift alike; the norm is off by a constant"
     linear = True
+    told_apart_by = {"acc_scale": "only knowledge of the local g from outside"}
 
     def world(self, world: World) -> World:
         return replace(world, gravity=world.gravity * (1 + self.value("gravity_error")))
@@ -41,6 +43,7 @@ class EarthRate(WorldEffect):
     excited_by = "heading and attitude changes of a gyro"
     look = "cosine of heading on a horizontal gyro axis, constant on a vertical one"
     linear = True
+    follows = "rate"
 
     def world(self, world: World) -> World:
         return replace(world, earth=world.earth * (1 + self.value("rate_error")))
@@ -84,6 +87,14 @@ class BaseVibration(WorldEffect):
     excited_by = "any recording; a change of pose shows that it is fixed in the world"
     look = "a line in the spectrum, coherent over the axes"
     on_table = True
+    superposes = True
+    spectral_line = "time"
+    leaves_nothing = True
+    follows = "frequency"
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"frequency": f} for f in span.lines.shakes]
 
     def world(self, world: World) -> World:
         if self.is_identity:

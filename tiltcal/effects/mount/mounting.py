@@ -9,6 +9,7 @@ from tiltcal.effects.base import FrameEffect, Parameter
 from tiltcal.effects.hysteresis_and_lag import onset
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring, Turn
 from tiltcal.effects.table.drive import ringing
+from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Jet, sampled_jet
 
@@ -26,6 +27,8 @@ class MountMisalignment(FrameEffect):
     excited_by = "any two poses"
     look = "antisymmetric part of the sensitivity matrix: inside a full cross-axis calibration"
     linear = True
+    ordinary = True
+    same_law_as = "acc_cross_axis"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         return (
@@ -48,6 +51,8 @@ class MountSlip(FrameEffect):
     source = "PHYSICS 3.3"
     excited_by = "time"
     look = "a step of all channels at once, norm unchanged"
+    family = Family(tilt=(("mount", "time"),))
+    acts_from_an_instant = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
@@ -73,6 +78,8 @@ class MountThermalTilt(FrameEffect):
     excited_by = "a temperature change in several poses"
     look = "follows T, turns with the pose, norm unchanged"
     linear = True
+    family = Family(tilt=(("mount", "temperature"),))
+    felt_late = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":
@@ -150,6 +157,7 @@ class MountResonance(FrameEffect):
     source = "PHYSICS 3.3"
     excited_by = "the first samples after each move"
     look = "a decaying tone in body axes, whichever table axis moved"
+    same_law_as = "settling_transient"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "mount":

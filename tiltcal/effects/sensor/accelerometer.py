@@ -12,9 +12,12 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, TermEffect
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 
 WIDTH = Parameter("width", "unitless", (0.2, 0.2, 0.2), positive=True, shape=True)
 """In g, of what a law does about zero force; 0: sharp."""
+WIDTHS = (0.0, 0.03, 0.06, 0.12)
 
 
 class AccTerm(TermEffect):
@@ -48,6 +51,8 @@ class AccBias(AccTerm):
     equation = "reading_i += b_i"
     excited_by = "any pose"
     look = "a constant on its channel"
+    calibration_term = "bias"
+    ordinary = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return np.ones_like(fi)
@@ -61,6 +66,8 @@ class AccScale(AccTerm):
     equation = "reading_i += S_i f_i"
     excited_by = "tilting the axis"
     look = "proportional to its own force"
+    calibration_term = "scale"
+    ordinary = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi
@@ -78,6 +85,10 @@ class AccCrossAxis(TermEffect):
     source = "IEEE 1293 (misalignments); PHYSICS 3.4"
     excited_by = "tilting the other axis"
     look = "first harmonics of the other axes; the antisymmetric part is a mounting rotation"
+    calibration_term = "cross_axis"
+    ordinary = True
+    # x is the accelerometer's own x, and its y has no part along z
+    frame_convention = ("cross_xy", "cross_xz", "cross_yz")
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return self.channel_of(name[-2], sense), sense.force[:, "xyz".index(name[-1])]
@@ -93,6 +104,12 @@ class AccK2(AccTerm):
     equation = "reading_i += K2_i f_i^2 (g)"
     excited_by = "both signs of its own force"
     look = "constant and second harmonic; the norm gains first and third"
+    ordinary = True
+    family = Family(reading=("input",))
+    nonlinear_in_input = True
+    told_apart_by = {
+        "table_encoder_eccentricity": "compare the norm of all three axes: only K2 changes it"
+    }
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fi / G0
@@ -106,6 +123,10 @@ class AccK3(AccTerm):
     equation = "reading_i += K3_i f_i^3 (g)"
     excited_by = "at least eight angles of its own axis"
     look = "first and third harmonics; six positions hide it in the scale factor"
+    ordinary = True
+    family = Family(reading=("input",))
+    nonlinear_in_input = True
+    told_apart_by = {"acc_Koq": "nothing within 1 g: a centrifuge"}
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fi * fi / G0**2
@@ -119,6 +140,8 @@ class AccKoq(AccTerm):
     equation = "reading_i += Koq_i f_i |f_i| (g)"
     excited_by = "a dense sweep of its own axis"
     look = "as K3 (cosine 0.99 within 1 g)"
+    family = Family(reading=("input",))
+    nonlinear_in_input = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * np.abs(fi) / G0
@@ -132,6 +155,12 @@ class AccScaleAsym(AccTerm):
     equation = "reading_i += a_i/2 |f_i|, the kink as wide as given: sqrt(f_i^2 + width^2)"
     excited_by = "both signs of its own force"
     look = "a kink at zero; near K2"
+    family = Family(reading=("input",))
+    nonlinear_in_input = True
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"width": w} for w in WIDTHS]
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return np.hypot(fi, self.value("width") * G0) / 2
@@ -146,6 +175,12 @@ class AccBiasAsym(AccTerm):
     equation = "reading_i += b_i/2 sign(f_i), the step as wide as given: tanh(f_i / width)"
     excited_by = "crossing zero force"
     look = "a step at zero force"
+    family = Family(reading=("input",))
+    nonlinear_in_input = True
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"width": w} for w in WIDTHS]
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         width = self.value("width") * G0
@@ -160,6 +195,7 @@ class AccKip(AccTerm):
     equation = "reading_i += Kip_i f_i f_(i+1) (g)"
     excited_by = "both axes loaded at once (45 deg)"
     look = "second harmonics; invisible in six positions"
+    ordinary = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fp / G0
@@ -173,6 +209,7 @@ class AccKio(AccTerm):
     equation = "reading_i += Kio_i f_i f_(i+2) (g)"
     excited_by = "both axes loaded at once (45 deg)"
     look = "second harmonics; invisible in six positions"
+    ordinary = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fi * fo / G0
@@ -186,6 +223,7 @@ class AccKpo(AccTerm):
     equation = "reading_i += Kpo_i f_(i+1) f_(i+2) (g)"
     excited_by = "the two other axes loaded at once"
     look = "second harmonic of the other two axes; near an axis wobble"
+    ordinary = True
 
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         return fp * fo / G0

@@ -9,6 +9,7 @@ from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import smooth_lag, vibration_power
 from tiltcal.effects.sensor.environmental import GYROS
+from tiltcal.effects.traits import Family
 
 
 class AccBandwidth(SignalEffect):
@@ -53,6 +54,8 @@ class AccSaturation(SignalEffect):
     source = "PHYSICS 3.4"
     excited_by = "input beyond full scale"
     look = "flat tops"
+    threshold = True
+    repair = "samples"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         limit = self.value("full_scale")
@@ -91,6 +94,8 @@ class AccAngleBias(TermEffect):
     source = "seed S0; PHYSICS 3.4"
     excited_by = "turning about the sensitive axis"
     look = "the cross channel's bias as a function of the placing angle"
+    form = "unknown"
+    family = Family(reading=("table_outer", "table_inner", "table_middle"))
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         axis, n = name[-1], int(name[3])
@@ -147,6 +152,7 @@ class TiltConversion(SignalEffect):
     excited_by = "large tilts"
     look = "odd cubic of the angle"
     linear = True
+    family = Family(reading=("input",))
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return reading + self.value("mix") * (np.sin(reading) - reading)

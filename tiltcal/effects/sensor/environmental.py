@@ -1,6 +1,7 @@
-"""Errors that follow temperature and time: one set of laws, for accelerometers and for gyros."""
+"""Errors that follow temperature; memory of the force, and angular terms of an accelerometer."""
 
 from abc import abstractmethod
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -8,7 +9,9 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
 from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, Stage, TermEffect
-from tiltcal.effects.hysteresis_and_lag import onset, play, rounded_play
+from tiltcal.effects.hysteresis_and_lag import play, rounded_play
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 
 GYROS = frozenset({"gyro", "fog"})
 
@@ -47,6 +50,13 @@ class AccTempBias(FollowsState):
     equation = "reading_i += k_i (T - T0)"
     excited_by = "a temperature change"
     look = "follows the temperature record, the same in every pose"
+    ordinary = True
+    family = Family(reading=("temperature",))
+    felt_late = True
+    told_apart_by = {
+        "acc_drift": "take the temperature up and down again",
+        "acc_warmup": "restart at a settled temperature",
+    }
 
     def state(self, sense: Sense) -> Array:
         return sense.temperature
@@ -65,6 +75,9 @@ class AccTempScale(TermEffect):
     source = "PHYSICS 3.4"
     excited_by = "a temperature change on a loaded axis"
     look = "temperature times its own force"
+    ordinary = True
+    family = Family(scale=("temperature",))
+    felt_late = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return (
@@ -83,6 +96,7 @@ class AccThermalGradient(FollowsState):
     equation = "reading_i += k_i dT/dt"
     excited_by = "a temperature ramp"
     look = "changes sign between heating and cooling, gone when T settles"
+    family = Family(reading=("warming", "temperature"))
 
     def state(self, sense: Sense) -> Array:
         return warming_rate(sense)
@@ -104,104 +118,16 @@ class AccThermalHysteresis(FollowsState):
     )
     excited_by = "a temperature cycle"
     look = "a loop over temperature"
+    family = Family(reading=("temperature", "warming"))
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        low, high = span.ranges.get("temperature", (0.0, 0.0))
+        shares = (0.1, 0.2, 0.35, 0.5, 0.8) if high > low else ()
+        return [{"width": share * (high - low)} for share in shares] or [{}]
 
     def state(self, sense: Sense) -> Array:
         return play(sense.temperature, self.value("width") or float(np.ptp(sense.temperature)) / 2)
-
-
-class Warmup(TermEffect):
-    """reading_i += A_i exp(-t / tau), t from the first stamp."""
-
-    stage = "sensor"
-    order = 20
-    linear = False
-    equation = "reading_i += A_i exp(-t/tau)"
-    physics = "Self-heating after power-on relaxes exponentially, in every pose alike."
-    source = "PHYSICS 3.4"
-    excited_by = "time since power-on"
-    look = "an exponential from the first stamp on"
-
-    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), np.exp(-sense.elapsed / self.value("tau"))
-
-
-class AccWarmup(Warmup):
-    id = "acc_warmup"
-    needs = "time"
-    kinds = ACCELEROMETERS
-    title = "exponential after power-on"
-    parameters = (
-        Parameter("warmup_{axis}", "ug", (100, 3000, 10000)),
-        Parameter("tau", "s", (1800, 600, 300), positive=True, default=300.0),
-    )
-
-
-class GyrWarmup(Warmup):
-    id = "gyr_warmup"
-    needs = "time"
-    kinds = GYROS
-    title = "exponential after power-on"
-    parameters = (
-        Parameter("warmup_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
-        Parameter("tau", "s", (1800, 600, 300), positive=True, default=300.0),
-    )
-
-
-class BiasStep(TermEffect):
-    """reading_i += A_i from time_s on, or creeping there with the time constant creep_s."""
-
-    stage = "sensor"
-    order = 20
-    linear = False
-    equation = "reading_i += A_i from time_s on"
-    physics = "Trapped charge or a shifted suspension steps one axis at an instant."
-    source = "PHYSICS 3.4"
-    excited_by = "time"
-    look = "a step on one axis only, its neighbours unchanged"
-
-    def term(self, name: str, sense: Sense) -> tuple[int, Array]:
-        return self.channel_of(name[-1], sense), onset(
-            sense.elapsed, self.value("time"), self.value("creep")
-        )
-
-
-class AccBiasStep(BiasStep):
-    id = "acc_bias_step"
-    needs = "time"
-    kinds = ACCELEROMETERS
-    title = "step or popcorn of one axis"
-    parameters = (
-        Parameter("bias_step_{axis}", "ug", (50, 2000, 5000)),
-        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
-        Parameter("creep", "s", (30, 30, 30), positive=True, shape=True),
-    )
-
-
-class GyrBiasStep(BiasStep):
-    id = "gyr_bias_step"
-    needs = "time"
-    kinds = GYROS
-    title = "step of the bias"
-    parameters = (
-        Parameter("bias_step_{axis}", "deg_s", (1e-4, 0.05, 0.5)),
-        Parameter("time", "s", (1e5, 1e5, 1e5), positive=True, shape=True),
-        Parameter("creep", "s", (30, 30, 30), positive=True, shape=True),
-    )
-
-
-class AccDrift(FollowsState):
-    id = "acc_drift"
-    needs = "time"
-    kinds = ACCELEROMETERS
-    title = "linear bias ramp"
-    parameters = (Parameter("drift_{axis}", "ug", (50, 1000, 5000)),)
-    physics = "Slow relaxation that looks linear over one recording."
-    equation = "reading_i += d_i x(t), x = 0..1 over the recording"
-    excited_by = "time"
-    look = "a ramp in every pose"
-
-    def state(self, sense: Sense) -> Array:
-        return sense.elapsed / max(float(sense.elapsed[-1]), 1e-12)
 
 
 class AccTempMisalign(TermEffect):
@@ -222,29 +148,6 @@ class AccTempMisalign(TermEffect):
         return (
             self.channel_of(name[-2], sense),
             sense.temperature * sense.force[:, "xyz".index(name[-1])],
-        )
-
-
-class AccTurnOn(SignalEffect):
-    id = "acc_turn_on"
-    needs = "any"
-    stage = "sensor"
-    kinds = ACCELEROMETERS
-    order = 22
-    title = "run-to-run bias"
-    parameters = (Parameter("sigma", "ug", (160, 3500, 10000), positive=True),)
-    physics = "Each power-on finds another equilibrium of charge and stress."
-    equation = "reading_i += N(0, sigma), drawn once a recording"
-    source = "PHYSICS 3.4"
-    excited_by = "several recordings with power cycles between"
-    look = "a constant in one recording, another in the next"
-    random = True
-
-    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        return (
-            reading
-            if rng is None
-            else reading + rng.normal(0.0, self.value("sigma"), reading.shape[1])
         )
 
 
@@ -297,6 +200,14 @@ class AccHysteresis(SignalEffect):
     excited_by = "approaching the same force from both sides"
     look = "a loop over the axis' own force"
     linear = True
+    superposes = True
+    erased_by_shaking = True
+    follows = "tilt"
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        widths = (0.02, 0.1, 0.2, 0.4, 0.8)
+        return [{"width": w, "rounded": r} for w, r in product(widths, (0.0, 1.0))]
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         law = rounded_play if self.value("rounded") else play

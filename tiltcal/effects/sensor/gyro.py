@@ -9,6 +9,7 @@ from tiltcal.core.units import G0
 from tiltcal.effects.base import Parameter, Sense, SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import vibration_power
 from tiltcal.effects.sensor.environmental import GYROS, FollowsState, warming_rate
+from tiltcal.effects.traits import Family
 
 TRIAD = frozenset({"gyro"})
 FOG = frozenset({"fog"})
@@ -39,6 +40,8 @@ class GyrBias(GyrTerm):
     equation = "reading_i += b_i"
     excited_by = "any recording"
     look = "a constant"
+    calibration_term = "bias"
+    ordinary = True
 
     def column(self, w: Array) -> Array:
         return np.ones_like(w)
@@ -52,6 +55,8 @@ class GyrScale(GyrTerm):
     equation = "reading_i += S_i w_i"
     excited_by = "turning about the axis"
     look = "proportional to its own rate"
+    calibration_term = "scale"
+    ordinary = True
 
     def column(self, w: Array) -> Array:
         return w
@@ -65,6 +70,9 @@ class GyrScaleAsym(GyrTerm):
     equation = "reading_i += a_i/2 |w_i|"
     excited_by = "turns both ways"
     look = "even in the rate"
+    family = Family(reading=("input",))
+    nonlinear_in_input = True
+    follows = "rate"
 
     def column(self, w: Array) -> Array:
         return np.abs(w) / 2
@@ -79,6 +87,8 @@ class GyrNonlinearity(GyrTerm):
     equation = "reading_i += c_i w_i^3"
     excited_by = "turns at several rates"
     look = "odd in the rate, beyond a straight line"
+    family = Family(reading=("input",))
+    nonlinear_in_input = True
 
     def column(self, w: Array) -> Array:
         return w**3
@@ -109,6 +119,8 @@ class GyrMisalignment(TermEffect):
     excited_by = "turning about another axis"
     look = "rate on the axes that are not turned"
     linear = True
+    calibration_term = "cross_axis"
+    ordinary = True
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return self.channel_of(name[-2], sense), sense.rate[:, "xyz".index(name[-1])]
@@ -127,6 +139,8 @@ class GyrGsens(TermEffect):
     excited_by = "rest in several poses"
     look = "static bias follows the pose; integrates to zero over a full turn"
     linear = True
+    ordinary = True
+    family = Family(reading=("force_x", "force_y", "force_z"), effects=("gyr_g2sens",))
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         return self.channel_of(name[-2], sense), sense.force[:, "xyz".index(name[-1])] / G0
@@ -145,6 +159,7 @@ class GyrG2sens(TermEffect):
     excited_by = "rest in several poses"
     look = "even in the force, second harmonic over a turn"
     linear = True
+    family = Family(reading=("force_x", "force_y", "force_z"))
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         f = sense.force[:, "xyz".index(name[-1])] / G0
@@ -187,6 +202,9 @@ class GyrTemp(FollowsState):
     equation = "reading_i += k_i (T - T0)"
     excited_by = "a temperature change"
     look = "follows the temperature record, the same in every pose"
+    ordinary = True
+    family = Family(reading=("temperature",))
+    felt_late = True
 
     def state(self, sense: Sense) -> Array:
         return sense.temperature
@@ -202,6 +220,8 @@ class FogShupe(FollowsState):
     equation = "reading += k dT/dt"
     excited_by = "a temperature ramp"
     look = "changes sign between heating and cooling"
+    family = Family(reading=("warming",))
+    felt_late = True
 
     def state(self, sense: Sense) -> Array:
         return warming_rate(sense)
@@ -223,6 +243,8 @@ class FogAxisError(TermEffect):
     excited_by = "turning across the input axis"
     look = "transverse rate on the FOG; a field calibration takes it for scale, -du_i/u_i"
     linear = True
+    ordinary = True
+    follows = "rate"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         b1, b2 = transverse(sense.input_vector)
@@ -249,6 +271,9 @@ class FogDeadband(SignalEffect):
     source = "effects list; PHYSICS 3.5"
     excited_by = "rates near zero"
     look = "zeros where the Earth's rate should show; variance falls"
+    family = Family(reading=("input",))
+    threshold = True
+    follows = "rate"
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return np.where(np.abs(reading) < self.value("deadband"), 0.0, reading)
@@ -266,6 +291,7 @@ class FogFringe(SignalEffect):
     source = "effects list; PHYSICS 3.5"
     excited_by = "rates beyond the maximum"
     look = "jumps by twice the maximum rate"
+    threshold = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         limit = self.value("max_rate")

@@ -87,6 +87,7 @@ class AccNoise(Noise):
         Parameter("flicker", "ug", (5, 10, 100), positive=True),
         Parameter("walk", "ug_rts", (0.01, 0.3, 3), positive=True),
     )
+    ordinary = True
 
 
 class GyrNoise(Noise):
@@ -99,3 +100,4 @@ class GyrNoise(Noise):
         Parameter("flicker", "deg_h", (0.5, 10, 30), positive=True),
         Parameter("walk", "deg_h_rth", (0.5, 30, 300), positive=True),
     )
+    ordinary = True

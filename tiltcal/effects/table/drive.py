@@ -2,6 +2,8 @@
 after.
 """
 
+from itertools import product
+
 import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
@@ -15,7 +17,9 @@ from tiltcal.effects.mechanisms import (
     Ring,
     Spring,
 )
-from tiltcal.effects.table.readout import CROSSING, ReadoutError, TableSag, lost_motion
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.table.readout import CROSSING, CROSSINGS, ReadoutError, TableSag, lost_motion
+from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Drive, Jet, Rests
 
@@ -31,6 +35,9 @@ class ServoDroop(TableSag):
     equation = "true = command + d sin(angle), on the axis that gravity loads (readout = command)"
     look = "as sag, but visible in the encoder"
     size = "droop"
+    ordinary = False
+    same_law_as = "table_sag"
+    seen_by_encoder = True
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         axis = self.LOADED.get(rig.table)
@@ -53,6 +60,9 @@ class TableUnbalance(AngleEffect):
     look = "sag with a phase; a payload change moves it"
     linear = True
     mechanised = True
+    same_law_as = "table_encoder_eccentricity"
+    axis_by_gravity = True
+    told_apart_by = {"table_sag": "change the payload's mass and place"}
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
         return axis == (self.axis or TableSag.LOADED.get(rig.table))
@@ -97,6 +107,7 @@ class CableTorque(AngleEffect):
     excited_by = "a large range of the angle"
     look = "a rotation that grows with the angle and does not close at 360 deg"
     linear = True
+    family = Family(readout=("table_{axis}",))
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("pull"))
@@ -114,6 +125,7 @@ class RateError(CableTorque):
     excited_by = "turning"
     look = "a common scale of all gyro axes; angle closure after whole turns shows it"
     source = "PHYSICS 3.2"
+    same_law_as = "cable_torque"
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].scaled(self.value("rate"))
@@ -140,6 +152,12 @@ class ServoFrictionDeadband(AngleEffect):
     excited_by = "approaching the same angle from both sides"
     look = "as backlash; does not scale with the load"
     linear = True
+    alike_on_axes = True
+    seen_by_encoder = True
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"crossing": w} for w in CROSSINGS]
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return lost_motion(drive.axes[axis], self.value("width"), self.value("crossing"))
@@ -162,6 +180,8 @@ class ServoLag(AngleEffect):
     excited_by = "moves"
     look = "as latency, but in the encoder too; nothing at rest"
     linear = True
+    alike_on_axes = True
+    seen_by_encoder = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         jet, tau = drive.axes[axis], self.value("tau")
@@ -184,6 +204,7 @@ class ServoRipple(AngleEffect):
     source = "PHYSICS 3.2"
     excited_by = "turning, and stops at odd angles"
     look = "rate modulated at constant angle spacing; gyro and encoder both see it"
+    same_law_as = "table_encoder_sde"
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         n = self.value("poles")
@@ -210,6 +231,13 @@ class SettlingTransient(AngleEffect):
     excited_by = "the first samples after each move"
     look = "a decaying tone at the start of each dwell"
     linear = True
+    superposes = True
+    follows = "move"
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        rings = product((1.0, 2.0, 3.0, 5.0, 8.0, 12.0), (0.15, 0.5, 1.5))
+        return [{"frequency": f, "tau": t} for f, t in rings if f < 0.45 * span.rate_hz]
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return ringing(drive, *(self.value(n) for n in ("amplitude", "frequency", "tau")))
@@ -248,6 +276,13 @@ class EncoderSde(ReadoutError):
     excited_by = "angles that are no multiple of the line pitch"
     look = "a fast ripple over the angle; round steps alias it into a constant"
     linear = True
+    family = Family(readout=("table_{axis}",))
+    spectral_line = "angle"
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        usual = (20.0, 36.0, 72.0, 90.0, 180.0, 360.0, 720.0, 1024.0)
+        return [{"lines": n} for n in (*usual, *map(float, span.lines.ripples))]
 
     def error(self, true: Jet, axis: str) -> Jet:
         return true.harmonic(self.value("lines"), self.value("cos"), self.value("sin"))

@@ -7,6 +7,8 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import FrameEffect, LinkEffect, Parameter
 from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Jet
 
@@ -28,6 +30,7 @@ class TableLevelling(FrameEffect):
         " encoder's zero"
     )
     linear = True
+    ordinary = True
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "base":
@@ -53,6 +56,8 @@ class AxisNonorthogonality(FrameEffect):
         "dual": {"inner_bearing": ("y", "outer_inner")},
         "three": {"middle_bearing": ("x", "outer_middle"), "inner_bearing": ("z", "middle_inner")},
     }
+    ordinary = True
+    follows = "table_inner"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         place = self.SLOTS.get(context.rig.table, {}).get(slot)
@@ -80,6 +85,8 @@ class AxisWobble(FrameEffect):
     )
     linear = True
     ORDERS = (("m1", -1), ("p2", 2), ("m2", -2))
+    ordinary = True
+    family = Family(tilt=(("{axis}_bearing", "table_{axis}"),))
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         axis = self.axis or context.rig.axis_names[0]
@@ -116,6 +123,10 @@ class WobbleAsync(FrameEffect):
     source = "PHYSICS 3.2"
     excited_by = "several turns"
     look = "a wobble that differs from turn to turn and repeats with the cage"
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"ratio": r} for r in (0.38, 0.4, 0.42, 0.44, 0.46, 0.48)]
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         axis = self.axis or context.rig.axis_names[0]

@@ -1,12 +1,15 @@
 """Errors of the angle readout, and what makes the axis stand elsewhere than it says."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
 from tiltcal.effects.base import AngleEffect, Parameter
 from tiltcal.effects.hysteresis_and_lag import crossed
 from tiltcal.effects.mechanisms import Gap, Mechanism, Spring
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Drive, Jet
 
@@ -43,6 +46,12 @@ class EncoderZero(ReadoutError):
     excited_by = "any tilt"
     look = "a constant rotation about the axis; one with the mounting until a remount"
     linear = True
+    ordinary = True
+
+    @classmethod
+    def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
+        sizes = super().sizes_on(channels, rig)
+        return {n: p for n, p in sizes.items() if n.split("_")[0] in rig.axis_names}
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
         return bool(self.value(f"{axis}_zero"))
@@ -68,6 +77,9 @@ class EncoderEccentricity(ReadoutError):
     look = "constant and second harmonic on one channel, second on the other; norm unchanged"
     linear = True
     harmonic = 1
+    ordinary = True
+    family = Family(readout=("table_{axis}",))
+    told_apart_by = {"table_sag": "change the payload: sag changes, the encoder does not"}
 
     def error(self, true: Jet, axis: str) -> Jet:
         return true.harmonic(self.harmonic, self.value("cos"), self.value("sin"))
@@ -84,6 +96,7 @@ class Encoder2Rev(EncoderEccentricity):
     equation = "readout = true + c cos 2a + s sin 2a"
     look = "first and third harmonics on both channels; norm unchanged"
     harmonic = 2
+    told_apart_by = {}
 
 
 class IndexError_(AngleEffect):
@@ -97,6 +110,7 @@ class IndexError_(AngleEffect):
     excited_by = "several stops"
     look = "white from pose to pose, a common rotation of all channels, norm unchanged"
     random = True
+    scatters = True
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         zero = np.zeros(len(drive.time))
@@ -130,6 +144,10 @@ class TableSag(AngleEffect):
     mechanised = True
     LOADED = {"placing": "outer", "dual": "outer", "three": "middle"}
     size = "sag"
+    ordinary = True
+    family = Family(readout=("table_{axis}",))
+    harmonic = 1
+    axis_by_gravity = True
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
         return axis == (self.axis or self.LOADED.get(rig.table))
@@ -155,6 +173,7 @@ class TableSag(AngleEffect):
 
 CROSSING = Parameter("crossing", "deg", (0.01, 1, 5), positive=True, shape=True)
 """Travel over which lost motion passes from one side to the other; 0: at once."""
+CROSSINGS = (0.0, 0.01, 0.03, 0.1, 0.3)  # rad
 
 
 def lost_motion(readout: Jet, width: float, crossing: float) -> Jet:
@@ -182,6 +201,12 @@ class TableBacklash(AngleEffect):
     look = "a rotation that changes sign with the direction of approach; norm unchanged"
     linear = True
     mechanised = True
+    superposes = True
+    told_apart_by = {"servo_friction_deadband": "read encoder and command both"}
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        return [{"crossing": w} for w in CROSSINGS]
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return lost_motion(drive.axes[axis], self.value("width"), self.value("crossing"))

@@ -19,6 +19,7 @@ class DataLatency(DelayEffect):
     source = "PHYSICS 3.7"
     excited_by = "moves"
     look = "a rotation proportional to the rate, odd in it, nothing at rest"
+    told_apart_by = {"acc_bandwidth": "ramp"}
 
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
         return self.value("latency")
@@ -53,6 +54,7 @@ class ClockSkew(DelayEffect):
     source = "PHYSICS 3.7"
     excited_by = "moves late in a long recording"
     look = "a delay that grows"
+    shows_against_table = True
 
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
         return self.value("skew") * elapsed
@@ -71,6 +73,7 @@ class DataJitter(DelayEffect):
     excited_by = "moves"
     look = "noise proportional to the rate"
     random = True
+    scatters = True
 
     def delay(self, elapsed: Array, channel: int, rng: np.random.Generator | None) -> Array | float:
         return 0.0 if rng is None else rng.normal(0.0, self.value("jitter"), len(elapsed))

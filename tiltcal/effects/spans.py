@@ -1,0 +1,51 @@
+"""What recordings span, and which lines stand out of their residuals: what the shapes of an effect
+depend on.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class SpectralLines:
+    """Lines that stand out of a residual.
+
+    Args:
+        tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
+            ripples: a turn of an axis.
+    """
+
+    tones: tuple[float, ...] = ()
+    shakes: tuple[float, ...] = ()
+    echoes: tuple[float, ...] = ()
+    ripples: tuple[int, ...] = ()
+
+    def beside(self, known: "SpectralLines", width: float) -> "SpectralLines":
+        """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a
+        line.
+        """
+
+        def new(mine: Sequence[float], theirs: Sequence[float]) -> tuple[float, ...]:
+            return tuple(f for f in mine if all(abs(f - g) > 2 * width for g in theirs))
+
+        ripples = tuple(n for n in self.ripples if n not in known.ripples)
+        return SpectralLines(
+            new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples
+        )
+
+
+@dataclass(frozen=True)
+class CoordinateRanges:
+    """What recordings span.
+
+    Args:
+        duration: s; rate_hz: of the fastest sensor.
+        lines: that stand out of the residual.
+        ranges: least and largest value of each coordinate, SI; that of a sensor's own input under
+            ``<sensor>_input``.
+    """
+
+    duration: float
+    rate_hz: float
+    lines: SpectralLines = SpectralLines()
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)

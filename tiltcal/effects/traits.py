@@ -1,0 +1,103 @@
+"""What is known of an effect beside its equation: how a diagnosis, a design or a simulation treats
+it. The defaults are right for most effects.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from tiltcal.effects.spans import CoordinateRanges
+
+
+@dataclass(frozen=True)
+class Family:
+    """Curves and effects that complete the textbook form of an effect.
+
+    They keep where the effect acts and what it follows. ``{axis}`` stands for its table axis.
+
+    Args:
+        reading: coordinates of curves that are added to its channel.
+        scale: coordinates of curves that multiply the input of its channel.
+        readout: coordinates of errors of its axis' readout.
+        tilt: (slot, coordinate) of tilts of a frame.
+        effects: ids of effects of the same sensor.
+    """
+
+    reading: tuple[str, ...] = ()
+    scale: tuple[str, ...] = ()
+    readout: tuple[str, ...] = ()
+    tilt: tuple[tuple[str, str], ...] = ()
+    effects: tuple[str, ...] = ()
+
+    def has_tilt(self, slot: str, coordinate: str, axis: str | None) -> bool:
+        """Whether a tilt of a frame that follows a coordinate completes the form."""
+        pairs = ((s.format(axis=axis), c.format(axis=axis)) for s, c in self.tilt)
+        return (slot, coordinate) in pairs
+
+
+class Traits:
+    """Class attributes of an effect."""
+
+    # What it is to an instrument
+    calibration_term: ClassVar[str] = ""
+    """Name by which a sensor's ``adjustable`` terms free it, such as ``bias``."""
+    ordinary: ClassVar[bool] = False
+    """Every instrument, or table, of its kind has it."""
+
+    # Its law
+    same_law_as: ClassVar[str] = ""
+    """Id of an effect with the same readings under all circumstances, which stands for both."""
+    form: ClassVar[Literal["law", "any", "unknown"]] = "law"
+    """Whether the name implies a law; or holds for any form; or has no known form of its own."""
+    family: ClassVar[Family] = Family()
+    superposes: ClassVar[bool] = False
+    """It may act at several shapes at once."""
+    alike_on_axes: ClassVar[bool] = False
+    """One axis has it as another does: findings on two axes are one."""
+    nonlinear_in_input: ClassVar[bool] = False
+    """An additive function of its channel's own input; within 1 g such functions are much alike."""
+    harmonic: ClassVar[int] = 0
+    """Order over the angle of its table axis; 0: none."""
+    threshold: ClassVar[bool] = False
+    """Its parameter is a level beyond which it acts: readings are not in proportion to it."""
+    acts_from_an_instant: ClassVar[bool] = False
+    """It begins at its parameter ``time``."""
+    spectral_line: ClassVar[Literal["", "time", "angle"]] = ""
+    """Of what a line of its own frequency stands out: of time, or of the angle of an axis."""
+    wander: ClassVar[float] = 0.0
+    """Hz, by which its line may move about its frequency."""
+
+    # Where and when it shows
+    seen_by_encoder: ClassVar[bool] = False
+    """The encoder sees it: it shows only where the readout is the command."""
+    shows_against_table: ClassVar[bool] = False
+    """Nothing but the angles of a table shows it."""
+    axis_by_gravity: ClassVar[bool] = False
+    """It acts on the axis that gravity loads, where none is named."""
+    felt_late: ClassVar[bool] = False
+    """It follows a temperature that lags behind the thermometer's."""
+    erased_by_shaking: ClassVar[bool] = False
+    """What it remembers is lost when a hand shakes the instrument."""
+    frame_convention: ClassVar[tuple[str, ...]] = ()
+    """Sizes that only say how the body's axes are chosen, where no table shows them."""
+    leaves_nothing: ClassVar[bool] = False
+    """It belongs to one recording: the next one does not meet it, or not in the same phase."""
+
+    # What it does to data
+    mislabels: ClassVar[bool] = False
+    """A column means something else than its name says."""
+    repair: ClassVar[Literal["", "columns", "samples"]] = ""
+    """What is put right before anything is fitted: whole columns, or the samples that it spoils."""
+    scatters: ClassVar[bool] = False
+    """It sets each stop or each stamp elsewhere by chance: no re-simulation repeats it."""
+
+    # In words
+    follows: ClassVar[str] = ""
+    """Coordinate that it follows, where its needs do not say so."""
+    told_apart_by: ClassVar[Mapping[str, str]] = {}
+    """What to record to tell it from another id: a kind of block, or a phrase."""
+
+    @classmethod
+    def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
+        """Shapes at which a scan tries it, SI; none where the recordings cannot show it."""
+        return [{}]

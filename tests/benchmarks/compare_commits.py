@@ -72,7 +72,8 @@ class Difference:
     after: Any
 
     def __str__(self) -> str:
-        return f"{self.case}: {self.place}: {self.before!r} -> {self.after!r}"
+        before, after = (repr(x)[:80] for x in (self.before, self.after))
+        return f"{self.place}: {before} -> {after}"
 
 
 def blind_cases(folder: Path) -> list[Case]:

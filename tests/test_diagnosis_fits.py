@@ -15,22 +15,18 @@ from tiltcal.core.units import G0
 from tiltcal.diagnosis.conclusions.concluding import findings_of
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
-from tiltcal.diagnosis.data_quality.stop_errors import lawful_part
+from tiltcal.diagnosis.data_quality.setting_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
 from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import Alternative, preferred
-from tiltcal.diagnosis.search.forward_selection import (
-    NoiseGate,
-    drop_below_bic,
-    drop_implausible_sizes,
-    findings,
-    forward_selection,
-    merge_small_findings,
-)
+from tiltcal.diagnosis.search.backward_elimination import drop_below_bic, drop_implausible_sizes
+from tiltcal.diagnosis.search.dictionary import build_dictionary
+from tiltcal.diagnosis.search.forward_selection import forward_selection
+from tiltcal.diagnosis.search.merging import merge_small_findings
 from tiltcal.diagnosis.search.predictive_parameters import add_predictive_parameters
 from tiltcal.diagnosis.search.swap_search import description_length, plainly, swap_search
 from tiltcal.diagnosis.search.unlisted_curves import causes, prefer_unlisted_curve
@@ -124,11 +120,11 @@ def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
     large = hypothesis("settling_transient", ("amplitude",), None, "outer", **ring)
     small = hypothesis("settling_transient", ("amplitude",), None, "inner", **ring)
     both = with_terms(found, large, small)
-    assert len(findings(both)) == 2
-    assert [len(places) for places in findings(merge_small_findings(both, found.whitened))] == [2]
+    assert len(both.findings()) == 2
+    assert [len(places) for places in merge_small_findings(both, found.whitened).findings()] == [2]
     other = with_terms(found, large, hypothesis("acc_K2", ("k2_y",)))
     assert (
-        len(findings(merge_small_findings(other, found.whitened))) == 2
+        len(merge_small_findings(other, found.whitened).findings()) == 2
     )  # a pose does not excite what a move does
 
 
@@ -183,7 +179,9 @@ def test_lines_nearer_together_than_the_mains_wander_are_one(frequency, parts):
     both = with_terms(
         found, mains, hypothesis("base_vibration", ("ec", "es"), None, frequency=frequency)
     )
-    assert [len(places) for places in findings(merge_small_findings(both, found.whitened))] == parts
+    assert [
+        len(places) for places in merge_small_findings(both, found.whitened).findings()
+    ] == parts
 
 
 @pytest.mark.parametrize(("axis", "parts"), [("outer", [2]), ("inner", [1, 1])])
@@ -199,7 +197,9 @@ def test_a_small_ripple_of_an_encoder_is_a_part_of_its_curve(axis, parts):
     both = with_terms(
         found, large, hypothesis("table_encoder_sde", ("cos",), None, axis, lines=36.0)
     )
-    assert [len(places) for places in findings(merge_small_findings(both, found.whitened))] == parts
+    assert [
+        len(places) for places in merge_small_findings(both, found.whitened).findings()
+    ] == parts
 
 
 @pytest.mark.parametrize(("code", "kept"), [(1e-3, 1), (0.1, 0)])
@@ -350,7 +350,7 @@ def test_a_delay_that_a_skew_explains_most_of_is_a_part_of_it(latency_ms, parts)
         found, hypothesis("clock_skew", ("skew",)), hypothesis("data_latency", ("latency",))
     )
     assert [
-        len(places) for places in findings(merge_small_findings(fitted, found.whitened))
+        len(places) for places in merge_small_findings(fitted, found.whitened).findings()
     ] == parts
 
 

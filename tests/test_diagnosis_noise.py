@@ -10,8 +10,7 @@ from scipy.stats import binom
 from statistics_helpers import FALSE_ALARM, mean_band, variance_band
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.model.cosine_basis import cosines
-from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise
+from tiltcal.statistics.noise_spectrum import NoiseFit, cosines, estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 CONSTANT = cosines(np.ones(2000))[:, None]

@@ -15,15 +15,12 @@ from tiltcal.diagnosis.hypotheses.hypothesis import (
     step_suspects,
     steps_at,
 )
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, noise_under, refit
+from tiltcal.diagnosis.model.channel_noise import noise_under
+from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
 from tiltcal.diagnosis.search.alternatives import fair
-from tiltcal.diagnosis.search.forward_selection import (
-    ALPHA,
-    _grown,
-    finding_log_p_values,
-    findings,
-    merge_same_cause,
-)
+from tiltcal.diagnosis.search.forward_selection import _grown
+from tiltcal.diagnosis.search.merging import merge_same_cause
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
@@ -48,14 +45,14 @@ def step(time):
 def test_one_name_at_one_place_is_one_finding():
     k2 = term("acc_K2", {"k2_x": 1e-4}, ("k2_x",))
     fitted = merge_same_cause(FittedModel((), (), (shake(3.40), k2, shake(3.41))))
-    assert [[fitted.terms[k].hypothesis.id for k in places] for places in findings(fitted)] == [
+    assert [[fitted.terms[k].hypothesis.id for k in places] for places in fitted.findings()] == [
         ["base_vibration", "base_vibration"],
         ["acc_K2"],
     ]
 
 
 def test_two_steps_at_two_instants_are_two_findings():
-    assert len(findings(merge_same_cause(FittedModel((), (), (step(20.0), step(90.0)))))) == 2
+    assert len(merge_same_cause(FittedModel((), (), (step(20.0), step(90.0)))).findings()) == 2
 
 
 @pytest.mark.parametrize(("value", "good"), [(5e-3, True), (-5e-3, False), (700.0, False)])

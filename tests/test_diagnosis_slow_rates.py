@@ -13,8 +13,8 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
-from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.swap_search import refine_all_shapes
 from tiltcal.effects.hysteresis_and_lag import first_order_lag

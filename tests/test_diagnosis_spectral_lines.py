@@ -9,8 +9,8 @@ from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary, extend_dictionary
-from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of, wandering_of
+from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
+from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sequence import Step

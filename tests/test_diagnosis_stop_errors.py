@@ -10,13 +10,13 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, find_setting_error
+from tiltcal.diagnosis.data_quality.setting_errors import beside_stops, find_setting_error
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.cosine_basis import cosines
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, noise_under, noise_within_stops, refit
+from tiltcal.diagnosis.model.channel_noise import noise_under, noise_within_stops
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.effects import CATALOGUE
-from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}

@@ -28,28 +28,28 @@ from tiltcal.diagnosis.data_quality.prepare import (
     static_noise,
 )
 from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
-from tiltcal.diagnosis.data_quality.stop_errors import beside_stops, find_setting_error, lawful_part
-from tiltcal.diagnosis.hypotheses.dictionary import build_dictionary, extend_dictionary
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of
-from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
-from tiltcal.diagnosis.model.fitted_model import (
-    FittedModel,
-    noise_under,
-    refit,
-    shift_bias_to_start,
+from tiltcal.diagnosis.data_quality.setting_errors import (
+    beside_stops,
+    find_setting_error,
+    lawful_part,
 )
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.channel_noise import noise_under, shift_bias_to_start
+from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.forward_selection import (
-    NoiseGate,
+from tiltcal.diagnosis.search.backward_elimination import (
     backward_elimination,
     drop_below_bic,
     drop_implausible_sizes,
-    forward_selection,
-    merge_small_findings,
 )
+from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
+from tiltcal.diagnosis.search.forward_selection import forward_selection
+from tiltcal.diagnosis.search.merging import merge_small_findings
 from tiltcal.diagnosis.search.predictive_parameters import add_predictive_parameters
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
+from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.search.swap_search import refine_all_shapes, swap_search
 from tiltcal.diagnosis.search.unlisted_curves import drop_formless_names, prefer_unlisted_curve
 from tiltcal.effects import CATALOGUE, Effect

@@ -209,3 +209,10 @@ def estimate_noise(
         whole = np.concatenate([dof, np.ones(n - slow)])
         fit = NoiseFit.of(np.concatenate([left, tail]), whole, law)
     return fit
+
+
+def cosines(column: Array) -> Array:
+    """Orthonormal DCT-II along the last axis, (..., n)."""
+    from scipy.fft import dct
+
+    return np.asarray(dct(column, norm="ortho"))

@@ -26,18 +26,10 @@ from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cross_validation import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.diagnosis.model.removed_finding import RemovedFinding, price_of, remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import (
-    OWN,
-    Alternative,
-    RemovedFinding,
-    inseparable,
-    price_of,
-    rank_alternatives,
-    remove_finding,
-)
-from tiltcal.diagnosis.search.forward_selection import findings
+from tiltcal.diagnosis.search.alternatives import OWN, Alternative, inseparable, rank_alternatives
 from tiltcal.diagnosis.search.thermal_lag import thermal_lag_findings
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect, Parameter
@@ -57,7 +49,7 @@ def findings_of(
         log_p: corrected log p-value of each finding.
     """
     return [
-        _finding(fitted, whitened, places, log_p[k]) for k, places in enumerate(findings(fitted))
+        _finding(fitted, whitened, places, log_p[k]) for k, places in enumerate(fitted.findings())
     ]
 
 

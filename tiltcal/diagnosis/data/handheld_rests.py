@@ -9,12 +9,11 @@ from itertools import product
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.diagnosis.model.cosine_basis import cosines
 from tiltcal.forward.gravity_transport import EDGE
 from tiltcal.laboratory.handheld import stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import group_directions
-from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 from tiltcal.statistics.projection import column_space
 
 REST = "rest"  # extra column of an averaged log

@@ -16,16 +16,11 @@ from tiltcal.diagnosis.data_quality.lost_samples import find_lost_samples
 from tiltcal.diagnosis.data_quality.outliers import find_outliers
 from tiltcal.diagnosis.data_quality.quantisation_limit import code_floors
 from tiltcal.diagnosis.data_quality.readout_jumps import find_readout_jumps
-from tiltcal.diagnosis.data_quality.stop_errors import (
-    at_rest_only,
-    find_stamp_jitter,
-    find_wrong_stop,
-    stands_alone,
-)
+from tiltcal.diagnosis.data_quality.stop_errors import find_wrong_stop, stands_alone
 from tiltcal.diagnosis.data_quality.stuck_bit import with_bits
+from tiltcal.diagnosis.data_quality.timestamp_jitter import at_rest_only, find_stamp_jitter
 from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
-from tiltcal.diagnosis.model.cosine_basis import cosines
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -39,6 +34,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import (
     NoiseFit,
     NoiseModel,
+    cosines,
     estimate_noise,
     robust_white,
     white_noise,

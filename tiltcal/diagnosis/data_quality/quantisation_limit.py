@@ -8,7 +8,6 @@ import numpy as np
 from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, columns_of, refit, summed
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.forward_selection import findings
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
@@ -67,7 +66,7 @@ def drop_below_code(
     observations = whitened.observations
     calibration = columns_of(observations, fitted.nuisance, fitted.effects)
     kept: list[FittedTerm] = []
-    for places in findings(fitted):
+    for places in fitted.findings():
         inside = [fitted.terms[k] for k in places]
         curve = not inside[0].hypothesis.textbook  # it may be large where it was not held
         largest: dict[str, float] = {}

@@ -28,8 +28,9 @@ from tiltcal.diagnosis.investigation.rival_hypotheses import Question
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project
 from tiltcal.diagnosis.model.fitted_model import whitened_of
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.removed_finding import RemovedFinding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import LOOSE, Alternative, RemovedFinding
+from tiltcal.diagnosis.search.alternatives import LOOSE, Alternative
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, fresh

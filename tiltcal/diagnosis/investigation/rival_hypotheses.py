@@ -13,15 +13,17 @@ from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
-from tiltcal.diagnosis.hypotheses.dictionary import instants
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
-from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of
 from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, models, noise_under, refit
+from tiltcal.diagnosis.model.channel_noise import models, noise_under
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import Alternative, rank_alternatives, remove_finding
+from tiltcal.diagnosis.search.alternatives import Alternative, rank_alternatives
+from tiltcal.diagnosis.search.dictionary import instants
+from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned

@@ -9,13 +9,6 @@ from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 
 
-def cosines(column: Array) -> Array:
-    """Orthonormal DCT-II along the last axis, (..., n)."""
-    from scipy.fft import dct
-
-    return np.asarray(dct(column, norm="ortho"))
-
-
 def basis_of(columns: Sequence[Columns], lengths: Sequence[int]) -> list[Array]:
     """An orthonormal basis of some whitened columns, split by channel, (n, q) each."""
     return BlockDesignMatrix(columns, lengths).basis()

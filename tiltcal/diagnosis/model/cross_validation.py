@@ -10,7 +10,6 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.forward_selection import findings
 
 FOLDS = 6
 
@@ -31,7 +30,9 @@ def drop_unpredictive(fitted: FittedModel, whitened: WhitenedModel) -> FittedMod
     saw tells nothing of the others.
     """
     while True:
-        named = [places for places in findings(fitted) if fitted.terms[places[0]].hypothesis.listed]
+        named = [
+            places for places in fitted.findings() if fitted.terms[places[0]].hypothesis.listed
+        ]
         worth = [
             heldout_gain(fitted, whitened, p) + sum(len(fitted.terms[k].names) for k in p)
             for p in named

@@ -8,8 +8,8 @@ from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import ColumnBlock, ColumnStore, Waves
-from tiltcal.diagnosis.model.cosine_basis import cosines
 from tiltcal.effects.base import Effect
+from tiltcal.statistics.noise_spectrum import cosines
 
 
 class HypothesisColumns:

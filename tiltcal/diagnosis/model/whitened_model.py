@@ -9,11 +9,11 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import ColumnBlock
-from tiltcal.diagnosis.model.cosine_basis import cosines, project
+from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.score_test import ScoreTest
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseModel
+from tiltcal.statistics.noise_spectrum import NoiseModel, cosines
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.removed_finding import RemovedFinding, price_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import Alternative, RemovedFinding, explain, price_of
+from tiltcal.diagnosis.search.alternatives import Alternative, explain
 from tiltcal.effects.learned import ANGLES, Learned
 
 WIDTHS = (0.15, 0.3, 0.6)  # rad, of bumps and steps

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
 from tiltcal.diagnosis.model.normal_equations import normal_equations
+from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import remove_finding
 
 # deviance: a further size costs a prediction the variance of one; what brings twice that pays
 # (Akaike)

@@ -12,8 +12,9 @@ from tiltcal.diagnosis.data.table_channels import TableObservations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
+from tiltcal.diagnosis.model.removed_finding import RemovedFinding, price_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import LOOSE, RemovedFinding, explain, price_of
+from tiltcal.diagnosis.search.alternatives import LOOSE, explain
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.timing.delays import DataLatency
 

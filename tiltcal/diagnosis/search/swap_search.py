@@ -13,25 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
+from tiltcal.diagnosis.model.removed_finding import price_of, remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import (
-    EQUAL,
-    LOOSE,
-    preferred,
-    price_of,
-    rank_alternatives,
-    remove_finding,
-)
-from tiltcal.diagnosis.search.forward_selection import (
-    MOST,
-    NoiseGate,
-    backward_elimination,
-    best_alternatives,
-    findings,
-    merge_same_cause,
-    signal_of,
-)
+from tiltcal.diagnosis.search.alternatives import EQUAL, LOOSE, preferred, rank_alternatives
+from tiltcal.diagnosis.search.backward_elimination import backward_elimination
+from tiltcal.diagnosis.search.forward_selection import MOST, best_alternatives, signal_of
+from tiltcal.diagnosis.search.merging import merge_same_cause
 from tiltcal.diagnosis.search.shape_refinement import at_its_instant, refined, shapes
 from tiltcal.statistics.noise_spectrum import robust_white, white_noise
 
@@ -112,7 +101,7 @@ def plainly(
     not stand out.
     """
     fitted = refit(fitted, whitened)
-    while len(findings(fitted)) < MOST:
+    while len(fitted.findings()) < MOST:
         alternatives = best_alternatives(fitted, whitened, wanted, alone=True)
         if not alternatives:
             break
@@ -164,7 +153,7 @@ def exchanged(
 ) -> FittedModel:
     """The fitted model with each finding replaced by what explains more in its place."""
     for _ in range(EXCHANGES):
-        for places in findings(fitted):
+        for places in fitted.findings():
             removed = remove_finding(fitted, whitened, places)
             whole = sum(float(t @ t) for t in removed.target)
             left = sum(
@@ -198,7 +187,7 @@ def refine_all_shapes(fitted: FittedModel, whitened: WhitenedModel) -> FittedMod
     part of the others, and the
     noise was another.
     """
-    groups = findings(fitted)
+    groups = fitted.findings()
     for _ in range(EXCHANGES if len(groups) > 1 else 1):
         before = fitted.deviance
         for places in groups:
@@ -244,5 +233,5 @@ def description_length(fitted: FittedModel, whitened: WhitenedModel, gate: Noise
         refit(fitted, left).deviance
         + spread
         + price_of(whitened) * sizes
-        + FINDING * len(findings(fitted))
+        + FINDING * len(fitted.findings())
     )

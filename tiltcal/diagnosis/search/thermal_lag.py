@@ -9,12 +9,14 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.design.identifiability import SEPARABLE
-from tiltcal.diagnosis.model.cosine_basis import cosines, project
+from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.diagnosis.model.removed_finding import RemovedFinding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import LOOSE, RemovedFinding
+from tiltcal.diagnosis.search.alternatives import LOOSE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import LearnedReading
+from tiltcal.statistics.noise_spectrum import cosines
 from tiltcal.statistics.projection import column_space
 
 KNOTS = 5  # of a curve over temperature: bends as a quartic does

@@ -7,33 +7,20 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.fitted_model import (
-    FittedModel,
-    FittedTerm,
-    models,
-    noise_within_stops,
-    refit,
-)
+from tiltcal.diagnosis.model.channel_noise import models, noise_within_stops
+from tiltcal.diagnosis.model.finding_tests import ALPHA, NoiseGate, log_alternatives, log_tail
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
+from tiltcal.diagnosis.model.removed_finding import RemovedFinding, price_of, remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import (
     EQUAL,
     LOOSE,
     OWN,
     Alternative,
-    RemovedFinding,
     preferred,
-    price_of,
     rank_alternatives,
-    remove_finding,
 )
-from tiltcal.diagnosis.search.forward_selection import (
-    ALPHA,
-    NoiseGate,
-    backward_elimination,
-    findings,
-    log_alternatives,
-    log_tail,
-)
+from tiltcal.diagnosis.search.backward_elimination import backward_elimination
 from tiltcal.diagnosis.search.localised_curves import angle_of, echo, is_echo, local
 from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.effects.electronics.mains import WANDER
@@ -56,7 +43,7 @@ def prefer_unlisted_curve(
     """One cause in place of several where it explains as much, a curve where no name does; then
     what is left over.
     """
-    groups = findings(fitted)
+    groups = fitted.findings()
     together = [[k for places in groups for k in places]] if len(groups) > 1 else []
     for places in together + groups:
         inside = [fitted.terms[k] for k in places]
@@ -146,7 +133,7 @@ def drop_formless_names(fitted: FittedModel, whitened: WhitenedModel) -> FittedM
     """
     price = price_of(whitened)
     terms: list[FittedTerm] = []
-    for places in findings(fitted):
+    for places in fitted.findings():
         first, *rest = (fitted.terms[k] for k in places)
         told = (
             np.asarray(first.values) / np.maximum(fitted.sigmas(places[0]), np.finfo(float).tiny)
@@ -238,7 +225,7 @@ def _leftover(
     if values[-1] >= np.log(ALPHA) or _dear(trial, len(fitted.terms), whitened):
         return refit(fitted, whitened), whitened
     shares = [
-        _power(remove_finding(fitted, whitened, places).signal) for places in findings(fitted)
+        _power(remove_finding(fitted, whitened, places).signal) for places in fitted.findings()
     ]
     gains = [float(p.sum()) for p in shares]
     if (
@@ -246,7 +233,7 @@ def _leftover(
         and curve.gain < SHARE * max(gains)
         and _alike(shares[k := int(np.argmax(gains))], curve, trial, whitened)
     ):
-        places = findings(fitted)[k]
+        places = fitted.findings()[k]
         host = fitted.terms[places[0]].hypothesis
         rest = tuple(replace(t, host=host) for t in best)
         terms = fitted.terms[: places[-1] + 1] + rest + fitted.terms[places[-1] + 1 :]

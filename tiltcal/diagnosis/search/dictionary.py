@@ -13,9 +13,9 @@ from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects, step_suspects
-from tiltcal.diagnosis.hypotheses.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.effects.spans import SpectralLines
 
 MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row

@@ -1,0 +1,183 @@
+"""Random setting of an axis: every stop is off by a rotation of its own."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.model.channel_noise import models, noise_under, noise_within_stops
+from tiltcal.diagnosis.model.cosine_basis import basis_of, project
+from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values, log_tail
+from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.effects.table.readout import EncoderZero, IndexError_
+from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
+
+
+def find_setting_error(
+    fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int
+) -> tuple[Fault, list[Columns]] | None:
+    """Random setting of an axis: every stop is off by a rotation of its own, and nothing smooth
+    takes half of it away.
+
+    Returns:
+        The fault, and the change of the readings by each stop's own rotation; None when the stops
+        agree.
+    """
+    observations = whitened.observations
+    noise = noise_within_stops(fitted, whitened)
+    if noise is None:
+        return None
+    trials = {
+        axis: _stop_columns(observations, axis, fitted)
+        for axis in observations.scenario.rig.axis_names
+    }
+    trials = {axis: columns for axis, columns in trials.items() if len(columns) >= 8}
+    limit = float(np.log(ALPHA) - np.log(max(total, 1)))
+    chances = {
+        axis: _chance(columns, fitted, whitened, noise, limit) for axis, columns in trials.items()
+    }
+    axis = min(chances, key=lambda a: chances[a], default=None)
+    if axis is None or chances[axis] > limit:
+        return None
+    columns, within = trials[axis], whitened.under(models(noise))
+    gain, values, variances = _stops(columns, refit(fitted, within), within)
+    first = _stops(columns, refit(start, within), within)[0]
+    free = max(
+        len(columns) - sum(len(t.names) for t in fitted.terms), 1
+    )  # so many sizes take their share of chance as well
+    if gain / free < 0.5 * first / len(columns):
+        return None
+    spread = float(np.mean(values**2 - variances))
+    if spread <= 0:
+        return None
+    sigma = float(np.sqrt(spread))
+    names = tuple(dict.fromkeys(c.sensor for c in observations.channels))
+    axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
+    effect = IndexError_({"sigma": sigma}, None, axis, "found")
+    words = (
+        f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms:"
+        " each stop is a rotation of its own."
+    )
+    error = sigma / np.sqrt(2 * len(values))
+    return Fault(effect, names, axes, words, sigma={"sigma": error}), columns
+
+
+def _chance(
+    stops: Sequence[Columns],
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    noise: Sequence[NoiseFit],
+    limit: float,
+) -> float:
+    """Logarithm of the chance of what the stops' own rotations explain, in the noisiest way that
+    the stops allow.
+
+    Once it is above the limit it is not worked out further.
+
+    What differs from stop to stop but is no rotation about the axis tells how much noise there is
+    that the stops by themselves
+    do not show: the rotations have to stand out of that too.
+    """
+    levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
+    worst = -np.inf
+    for side in (0, 1):
+        bound = whitened.under([fit.bounds()[side] for fit in noise])
+        at_this = refit(fitted, bound)
+        gain, _, _ = _stops(stops, at_this, bound)
+        worst = max(worst, log_tail(gain, len(stops)))
+        if worst > limit:
+            break
+        other = _stops([*stops, *levels], at_this, bound)[0] - gain
+        free = len(levels) - len(stops) - at_this.basis[0].shape[1]
+        worst = max(worst, log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
+    return worst
+
+
+def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
+    """Logarithm of the chance that a ratio of mean squares exceeds that of ``gain`` over
+    ``other``.
+    """
+    from scipy.special import fdtrc
+
+    return float(np.log(max(float(fdtrc(dof, free, gain / dof / max(other / free, 1.0))), 1e-300)))
+
+
+def lawful_part(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
+    """The fitted model without its nameless curves, where these have as many numbers together as
+    there
+    are stops: each tells its own.
+    """
+    named = tuple(t for t in fitted.terms if (t.host or t.hypothesis).listed)
+    sizes = sum(len(t.names) for t in fitted.terms) - sum(len(t.names) for t in named)
+    few = sizes < sum(int(stop.max(initial=-1)) + 1 for stop in whitened.observations.stops)
+    return fitted if few else refit(replace(fitted, terms=named), whitened)
+
+
+def beside_stops(
+    fitted: FittedModel, stops: Sequence[Columns], whitened: WhitenedModel, total: int
+) -> FittedModel:
+    """The fitted model without the findings that rotations of every stop explain as well."""
+    lengths = [len(c.values) for c in whitened.observations.channels]
+    extra = {
+        i: np.column_stack([cosines(c.get(i, np.zeros(n))) for c in stops])
+        for i, n in enumerate(lengths)
+    }
+    beside = whitened.under(models(noise_under(fitted, whitened.columns, extra, whitened.law)))
+    values = finding_log_p_values(fitted, beside, total, stops)
+    kept = [
+        k
+        for places, value in zip(fitted.findings(), values, strict=True)
+        if value < np.log(ALPHA)
+        for k in places
+    ]
+    return refit(replace(fitted, terms=tuple(fitted.terms[k] for k in kept)), whitened)
+
+
+def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) -> list[Columns]:
+    """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes
+    over into the next.
+    """
+    zero = EncoderZero({f"{axis}_zero": 1e-4}, None, None, "found")
+    whole = observations.changes(zero, fitted.effects)
+    found = []
+    for number, course in enumerate(observations.courses):
+        resting = np.flatnonzero(course.stop >= 0)
+        for stop in range(int(course.stop.max(initial=-1)) + 1):
+            weight = np.interp(
+                np.arange(len(course.stop)), resting, (course.stop[resting] == stop).astype(float)
+            )
+            part = {
+                i: column * weight[observations.channels[i].rows] / -1e-4
+                for i, column in whole.items()
+                if observations.channels[i].recording == number
+            }
+            if any(np.any(c) for c in part.values()):
+                found.append(part)
+    return found
+
+
+def _stops(
+    columns: Sequence[Columns], fitted: FittedModel, whitened: WhitenedModel
+) -> tuple[float, Array, Array]:
+    """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
+    lengths = [len(c.values) for c in whitened.observations.channels]
+    residual = whitened.residual(fitted.effects)
+    scaled = [whitened.whiten(c) for c in columns]
+    left = project(fitted.basis, residual)
+    parts = [
+        dict(
+            enumerate(project(fitted.basis, [w.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))
+        )
+        for w in scaled
+    ]
+    Q = basis_of(parts, lengths)
+    along = np.sum([q.T @ r for q, r in zip(Q, left, strict=True)], axis=0)
+    energy = np.array([sum(float(c @ c) for c in w.values()) for w in scaled])
+    values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in scaled]) / np.maximum(
+        energy, 1e-300
+    )
+    return float(along @ along), values, 1 / np.maximum(energy, 1e-300)

@@ -1,0 +1,91 @@
+"""Time stamps that are wrong by chance."""
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index
+from tiltcal.diagnosis.data.channels import changed
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.stop_errors import SPOILS
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.effects.timing.delays import DataJitter, DataLatency
+from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.noise_spectrum import robust_white
+
+
+def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault | None:
+    """Stamps that are wrong by chance: the residual's variance grows with the square of how fast
+    the reading moves.
+    """
+    if not observations.courses:
+        return None
+    late = DataLatency({"latency": 1e-3}, None, None, "found")
+    slopes = observations.changes(late, fitted.effects)
+    noises = [
+        _quiet_noise(r, c.stop)
+        for r, c in zip(observations.residuals(fitted.effects), observations.channels, strict=True)
+    ]
+    top = bottom = smooth = 0.0
+    energy: dict[tuple[str, str], float] = {}
+    for i, r in enumerate(observations.residuals(fitted.effects)):
+        if i not in slopes:
+            continue
+        channel = observations.channels[i]
+        noise = noises[i]
+        s2 = (slopes[i] / 1e-3 / noise) ** 2
+        excess = np.minimum((r / noise) ** 2, 400.0) - 1
+        top += float(excess @ s2)
+        next_to = np.sqrt(s2[1:] * s2[:-1])
+        smooth += float(
+            np.clip(r[1:] * r[:-1] / noise**2, -400.0, 400.0) @ next_to
+        )  # a smooth misfit is like its neighbour
+        bottom += float(s2 @ s2)
+        energy[channel.sensor, channel.axis] = float(s2.sum())
+    if bottom <= 0:
+        return None
+    value, sigma = (
+        top / bottom,
+        np.sqrt(4.0 / bottom),
+    )  # heavier than Gaussian tails double the variance of a square
+    if value < 8 * sigma or smooth > 0.3 * top:
+        return None
+    strong = [
+        k
+        for k, e in sorted(energy.items(), key=lambda item: -item[1])
+        if e > 0.05 * sum(energy.values())
+    ]
+    effect = DataJitter({"jitter": float(np.sqrt(value))}, strong[0][0], None, "found")
+    words = (
+        f"Stamps are wrong by chance, {1e3 * np.sqrt(value):.3g} ms rms: the residual grows with"
+        " the rate of the reading."
+    )
+    return Fault(
+        effect,
+        tuple(dict.fromkeys(s for s, _ in strong)),
+        tuple(dict.fromkeys(a for _, a in strong)),
+        words,
+        sigma={"jitter": float(sigma / (2 * np.sqrt(value)))},
+    )
+
+
+def _quiet_noise(residual: Array, stop: Index) -> float:
+    """Standard deviation of a residual at rest; of its second differences where it never rests."""
+    still = stop >= 0
+    return float(np.std(residual[still])) if still.sum() > 32 else robust_white(residual)
+
+
+def at_rest_only(
+    observations: Observations, fitted: FittedModel, jitter: float
+) -> tuple[Recording, ...]:
+    """The recordings without the samples that random stamps (s, rms) spoil."""
+    late = DataLatency({"latency": 1e-3}, None, None, "found")
+    recordings = list(observations.recordings)
+    residuals = observations.residuals(fitted.effects)
+    for i, slope in observations.changes(late, fitted.effects).items():
+        channel = observations.channels[i]
+        spoiled = np.abs(slope) / 1e-3 * jitter > SPOILS * _quiet_noise(residuals[i], channel.stop)
+        sensor = observations.scenario.named(channel.sensor)
+        recordings[channel.recording] = changed(
+            recordings[channel.recording], sensor, channel.axis, channel.rows[spoiled], np.nan
+        )
+    return tuple(recordings)

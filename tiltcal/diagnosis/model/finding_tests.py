@@ -1,0 +1,126 @@
+"""How significant each finding is, in the noisiest way that the recording allows."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.channel_noise import models, noise_under
+from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
+from tiltcal.diagnosis.model.removed_finding import remove_finding
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.statistics.noise_spectrum import NoiseFit
+
+ALPHA = 0.01  # family-wise, over everything that was tried
+
+
+NEXT = 2.0  # samples to either side of a step's instant that it has to show without
+
+
+def log_tail(gain: float, dof: int) -> float:
+    """Natural logarithm of the chance that chi-square exceeds ``gain``."""
+    from scipy.special import gammaincc, gammaln
+
+    if dof <= 0:
+        return 0.0
+    p = float(gammaincc(dof / 2, gain / 2))
+    if p > 1e-290:
+        return float(np.log(p))
+    x = gain / 2
+    return float(-x + (dof / 2 - 1) * np.log(x) - gammaln(dof / 2))
+
+
+def log_alternatives(hypothesis: Hypothesis, kept: int, total: int) -> float:
+    """Logarithm of how many alternatives stood beside this choice: hypotheses, and subsets of its
+    sizes.
+    """
+    from scipy.special import gammaln
+
+    n = len(hypothesis.names)
+    return float(np.log(max(total, 1)) + gammaln(n + 1) - gammaln(kept + 1) - gammaln(n - kept + 1))
+
+
+@dataclass(frozen=True)
+class NoiseGate:
+    """The noise a term has to stand out of.
+
+    Args:
+        static: noise models of each channel from a record at rest, when there is one.
+        total: number of hypotheses tried.
+    """
+
+    static: tuple[NoiseFit, ...] | None
+    total: int
+
+    def noise(self, fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]:
+        """The noise when the whole fitted model may be true."""
+        return (
+            list(self.static)
+            if self.static is not None
+            else noise_under(fitted, whitened.columns, law=whitened.law)
+        )
+
+    def left_by(self, fitted: FittedModel, whitened: WhitenedModel) -> WhitenedModel:
+        """The same columns under the noise that a fitted model leaves."""
+        return whitened.under(models(self.noise(fitted, whitened)))
+
+    def log_p(
+        self, fitted: FittedModel, whitened: WhitenedModel
+    ) -> tuple[list[float], WhitenedModel]:
+        """Corrected log p-value of each finding under the noisiest models that the recording
+        allows, and the columns under the most likely noise.
+        """
+        fits = self.noise(fitted, whitened)
+        bounds = [f.bounds() for f in fits]
+        sides = [
+            finding_log_p_values(fitted, whitened.under([b[side] for b in bounds]), self.total)
+            for side in range(2)
+        ]
+        worst = [max(pair) for pair in zip(*sides, strict=True)]
+        return worst, whitened.under(models(fits))
+
+
+def finding_log_p_values(
+    fitted: FittedModel, whitened: WhitenedModel, total: int, beside: Sequence[Columns] = ()
+) -> list[float]:
+    """Corrected log p-value of each finding given all others, and columns ``beside`` them, under
+    the whitened model's noise.
+
+    That of a step is without the samples next to the instants of steps: what shows in them only is
+        a gross error.
+    """
+    found = []
+    near = [
+        column
+        for t in fitted.terms
+        if t.host is None
+        for column in _next_to_the_instant(t, whitened.observations)
+    ]
+    for places in fitted.findings():
+        inside = [fitted.terms[k] for k in places]
+        step = inside[0].hypothesis.is_step
+        removed = remove_finding(fitted, whitened, places, [*beside, *(near if step else ())])
+        lengths = [len(t) for t in removed.target]
+        columns = whitened_of(whitened, inside, fitted.effects)
+        mine = basis_of([projected(removed.basis, c, lengths) for c in columns], lengths)
+        along = np.sum([U.T @ r for U, r in zip(mine, removed.target, strict=True)], axis=0)
+        tries = sum(log_alternatives(t.hypothesis, len(t.names), total) for t in inside[:1])
+        found.append(log_tail(float(along @ along), mine[0].shape[1]) + tries)
+    return found
+
+
+def _next_to_the_instant(term: FittedTerm, observations: Observations) -> Iterator[Columns]:
+    """Each sample next to the instant of a step, one column for each."""
+    if not term.hypothesis.is_step:
+        return
+    for i, channel in enumerate(observations.channels):
+        if channel.derived or channel.recording or len(channel.time) < 2:
+            continue
+        away = np.abs(
+            channel.time - observations.recordings[0].time[0] - term.effect.values["time"]
+        )
+        for row in np.flatnonzero(away < NEXT * np.median(np.diff(channel.time))):
+            yield {i: (np.arange(len(away)) == row).astype(float)}

@@ -1,0 +1,61 @@
+"""A finding taken out of its fitted model: what has to be explained in its place."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Columns
+from tiltcal.diagnosis.model.cosine_basis import basis_of, project
+from tiltcal.diagnosis.model.fitted_model import FittedModel, whitened_of
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+
+
+def price_of(whitened: WhitenedModel) -> float:
+    """Deviance that one more size has to bring (BIC)."""
+    return float(np.log(max(whitened.observations.samples, 2)))
+
+
+@dataclass(frozen=True)
+class RemovedFinding:
+    """A finding taken out of its fitted model: what has to be explained.
+
+    Args:
+        basis: of nuisance and all other findings, by channel; target: what is left without the
+            finding, whitened.
+        signal: the finding's fitted signal without its part in the basis.
+    """
+
+    basis: list[Array]
+    target: list[Array]
+    signal: list[Array]
+
+
+def remove_finding(
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    places: Sequence[int],
+    beside: Sequence[Columns] = (),
+) -> RemovedFinding:
+    """What the terms at these places explain, and the fitted model without them; ``beside``:
+    further
+    columns of any size.
+    """
+    effects, lengths = fitted.effects, [len(c.values) for c in whitened.observations.channels]
+    inside = [fitted.terms[k] for k in places]
+    others = [*fitted.nuisance, *(t for k, t in enumerate(fitted.terms) if k not in places)]
+    basis = basis_of(
+        [*whitened_of(whitened, others, effects), *(whitened.whiten(c) for c in beside)], lengths
+    )
+    signal = [np.zeros(n) for n in lengths]
+    values = [
+        v / t.hypothesis.size(n) for t in inside for n, v in zip(t.names, t.values, strict=True)
+    ]
+    for value, column in zip(values, whitened_of(whitened, inside, effects), strict=True):
+        for i, part in column.items():
+            signal[i] = signal[i] + value * part
+    signal = project(basis, signal)
+    residual = whitened.residual(effects)
+    target = project(basis, [s + r for s, r in zip(signal, residual, strict=True)])
+    return RemovedFinding(basis, target, signal)

@@ -4,7 +4,7 @@ left out, in memory.
 
 import numpy as np
 
-from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, parse_scenario

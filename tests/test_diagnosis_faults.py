@@ -14,7 +14,7 @@ from diagnosis_fixtures import (
 from statistics_helpers import rng_of
 
 from tiltcal.diagnosis.data.observations import Channel
-from tiltcal.diagnosis.data_quality.flat_and_repeated import inspect
+from tiltcal.diagnosis.data_quality.inspection import inspect
 from tiltcal.diagnosis.data_quality.lost_samples import lost_as_another
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.readout_jumps import jump_of

@@ -14,13 +14,14 @@ from tiltcal.diagnosis.conclusions.concluding import (
     fitness_of,
     undetectable_of,
 )
+from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.conclusions.residual_plots import views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
 from tiltcal.diagnosis.conclusions.statements import summary
 from tiltcal.diagnosis.data.block_averaging import block_of
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.prepare import (
     PreparedData,
     averaged_blocks,
@@ -183,7 +184,7 @@ def _answer(
     before = refit(prepared.start, whitened)
     first, last = fitness_of(before, whitened), fitness_of(fitted, whitened)
     faults = [*prepared.faults, *chance]
-    answer = (*(f.finding() for f in faults), *sorted(found, key=lambda f: f.delta_bic))
+    answer = (*(finding_of(f) for f in faults), *sorted(found, key=lambda f: f.delta_bic))
     verdict = verdict_of(answer, told)
     source = "taken from the static record" if static else "taken from the recording itself"
     statement = summary(answer, verdict, first.chi2_per_dof, last.chi2_per_dof, source)

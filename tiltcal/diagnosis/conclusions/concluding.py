@@ -22,7 +22,7 @@ from tiltcal.diagnosis.conclusions.statements import (
     stage_of,
 )
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cross_validation import heldout_gain, heldout_misfit
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.effects.base import Effect
@@ -138,3 +138,12 @@ def meant_matrix(effect: Effect, sensor: Sensor) -> Array:
     return (
         effect.matrix(sensor.axes) if isinstance(effect, ColumnFault) else np.eye(len(sensor.axes))
     )
+
+
+FLAT = 0.3  # chance of a repeat above which a coarse code is flat everywhere
+
+
+def runs_of(same: Mask) -> tuple[Index, Index]:
+    """First and last index (exclusive) of runs of true in a mask, (m,) each."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+    return edges[::2], edges[1::2]

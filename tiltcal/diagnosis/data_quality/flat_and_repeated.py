@@ -7,177 +7,31 @@ rotation becomes an effect of the scenario, so that the model reads as the file 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index, Mask
-from tiltcal.core.quantisation import code_grid, code_width
-from tiltcal.diagnosis.conclusions.finding import Finding, Where
+from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.quantisation import code_width
 from tiltcal.diagnosis.data.channels import (
     CHANCE,
+    FLAT,
     at_least,
     changed,
     column_values,
     repeat_chance,
+    runs_of,
     written,
 )
+from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.stuck_bit import stuck_bit
-from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import Effect
 from tiltcal.effects.data.faults import DataDuplicate, DataStuck
-from tiltcal.effects.data.labelling_faults import DataTruncation
-from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit, GyrQuantisation
+from tiltcal.effects.electronics.converter import AdcStuckBit
 from tiltcal.effects.sensor.dynamics import AccSaturation, GyrSaturation
-from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A fault of the data.
-
-    Args:
-        effect: what the file does, at its size; it goes into the amended scenario.
-        sensors, axes: where.
-        interval: s from the first stamp.
-        names: ids that could be meant as well, itself first.
-        words: what was seen.
-        sigma: standard uncertainty of the sizes, by name, SI.
-    """
-
-    effect: Effect
-    sensors: tuple[str, ...]
-    axes: tuple[str, ...]
-    words: str
-    interval: tuple[float, float | None] | None = None
-    names: tuple[str, ...] = ()
-    sigma: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def ids(self) -> set[str]:
-        """What it may be."""
-        return {self.effect.id, *self.names}
-
-    def finding(self) -> Finding:
-        """As a finding."""
-        cls = CATALOGUE[self.effect.id]
-        parameters = {
-            f"{name}{p.suffix}": (value / p.factor, self.sigma.get(name, 0.0) / p.factor)
-            for p in cls.parameters
-            for name, value in self.effect.values.items()
-            if name == p.name or ("{" in p.name and name.startswith(p.name.split("{")[0]))
-        }
-        return Finding(
-            self.effect.id,
-            self.names or (self.effect.id,),
-            cls.stage,
-            self.sensors,
-            self.axes,
-            Where("sample", None, self.interval),
-            parameters,
-            CHANCE,
-            0.0,
-            0.0,
-            (),
-            self.words,
-            "look at the file and at what wrote it",
-        )
-
-
-@dataclass(frozen=True)
-class Inspected:
-    """Recordings after inspection.
-
-    Args:
-        recordings: repaired.
-        faults: found; their effects are not in the scenario yet.
-        notes: what is no mismatch but worth saying.
-    """
-
-    recordings: tuple[Recording, ...]
-    faults: tuple[Fault, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
-    """Look for faults that can be seen in the columns themselves: order of time, frozen, repeated,
-    clipped values, coarse codes.
-    """
-    known = {(e.id, e.sensor) for e in scenario.effects}
-    faults: list[Fault] = []
-    notes: list[str] = []
-    repaired = []
-    for recording in recordings:
-        recording, words = in_order(recording)
-        notes += words
-        faults += [f for f in _cut(recording, scenario) if (f.effect.id, None) not in known]
-        for sensor in scenario.sensor:
-            if not recording.has(sensor):
-                continue
-            recording, found = _coarse(recording, sensor)
-            faults += [
-                f for f in found if not f.ids & {id for id, name in known if name == sensor.name}
-            ]
-            fine = [
-                a for a in sensor.axes if all(a not in f.axes for f in found)
-            ]  # a coarse code stands still, and ends flat
-            if (AdcStuckBit.id, sensor.name) not in known:
-                lacking = _lacking_bits(recording, sensor, fine)
-                faults, fine = (
-                    faults + lacking,
-                    [a for a in fine if all(a not in f.axes for f in lacking)],
-                )
-            for look in (_stuck, _clipped, _repeated):
-                recording, found = look(recording, sensor, fine)
-                faults += [
-                    f
-                    for f in found
-                    if not f.ids & {id for id, name in known if name == sensor.name}
-                ]
-        repaired.append(recording)
-    return Inspected(tuple(repaired), tuple(_once(faults)), tuple(notes))
-
-
-def _once(faults: Sequence[Fault]) -> list[Fault]:
-    """One fault of a kind and place, though several recordings show it."""
-    kept: dict[tuple[str, str | None, tuple[str, ...], tuple[str, ...]], Fault] = {}
-    for f in faults:
-        kept.setdefault((f.effect.id, f.effect.axis, f.sensors, f.axes), f)
-    return list(kept.values())
-
-
-def in_order(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording with stamps that increase: rows that go back or repeat a stamp are left out,
-    and it is said.
-    """
-    time = recording.time
-    good = np.isfinite(time)
-    highest = np.maximum.accumulate(np.where(good, time, -np.inf))
-    keep = good & (time > np.concatenate([[-np.inf], highest[:-1]]))
-    lost = int((~keep).sum())
-    if lost == 0:
-        return recording, []
-    row = int(np.argmin(keep)) + 1
-    words = (
-        f"{recording.source}: {lost} row(s) whose time goes back or repeats, the first at data row"
-        f" {row}; they are left out"
-    )
-    columns = {name: recording.column(name)[keep] for name in recording.column_names}
-    labels = None if recording.labels is None else recording.labels[keep]
-    return Recording.from_columns(
-        time[keep], columns, labels=labels, metadata=recording.metadata, source=recording.source
-    ), [words]
-
-
-def _runs(same: Mask) -> tuple[Index, Index]:
-    """First and last index (exclusive) of runs of true in a mask, (m,) each."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    return edges[::2], edges[1::2]
-
-
-def _stuck(
+def stuck_values(
     recording: Recording, sensor: Sensor, fine: Sequence[str]
 ) -> tuple[Recording, list[Fault]]:
     """A channel that repeats one value for longer than chance and its codes allow."""
@@ -186,7 +40,7 @@ def _stuck(
         rows, time, values = column_values(recording, sensor, axis)
         if len(values) < 32:
             continue
-        first, last = _runs(np.diff(values) == 0)
+        first, last = runs_of(np.diff(values) == 0)
         runs = np.sort(last - first)
         usual = runs[:-1].sum() / max(
             len(values) - runs[-1:].sum(), 1
@@ -225,7 +79,7 @@ def _at_end(values: Array, value: float) -> bool:
     return bool(value in (values.max(), values.min()))
 
 
-def _lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> list[Fault]:
+def lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> list[Fault]:
     """Channels of a sensor with a bit that is never set, in what the file holds, whatever its zero
     and unit.
     """
@@ -250,7 +104,7 @@ def _lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> 
     return found
 
 
-def _clipped(
+def clipped_values(
     recording: Recording, sensor: Sensor, fine: Sequence[str]
 ) -> tuple[Recording, list[Fault]]:
     """A channel whose noise ends at its largest or smallest value."""
@@ -302,7 +156,7 @@ def _clipped(
 
 
 def _in_runs(mask: Mask) -> bool:
-    first, last = _runs(mask)
+    first, last = runs_of(mask)
     return bool(len(first) and (last - first).max() >= 3)
 
 
@@ -316,7 +170,7 @@ def noise_of(values: Array) -> float:
     )
 
 
-def _repeated(
+def repeated_samples(
     recording: Recording, sensor: Sensor, fine: Sequence[str]
 ) -> tuple[Recording, list[Fault]]:
     """Samples that repeat the one before more often than their codes explain."""
@@ -349,102 +203,3 @@ def _repeated(
     return recording, [
         Fault(effect, (sensor.name,), axes, words, sigma={"share": float(np.sqrt(share / n))})
     ]
-
-
-FLAT = 0.3  # chance of a repeat above which a coarse code is flat everywhere
-# code over noise: below it what rounding does is white to exp(-2 (pi / 1.5)^2), a part in 6000
-COARSE = 1.5
-
-
-def _coarse(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
-    """Codes that are not small beside the noise; raw codes of a converter that the scenario states
-    are no news.
-    """
-    if sensor.input is not None:
-        return recording, []
-    found = []
-    for axis in sensor.axes:
-        _, _, values = column_values(recording, sensor, axis)
-        width = code_grid(values) if len(values) >= 64 else None
-        spread = _spread_at_rest(values)
-        if width is not None and width > COARSE * spread:
-            found.append(
-                (
-                    axis,
-                    AdcQuantisation({"lsb": width}, sensor.name, None, "found"),
-                    width,
-                    spread,
-                )
-            )
-    if not found:
-        return recording, []
-    still = [
-        a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3
-    ]  # one code all along
-    axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
-    _, effect, width, spread = max(found, key=lambda item: item[2])
-    words = (
-        f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside"
-        " its noise."
-    )
-    names: tuple[str, ...] = (AdcQuantisation.id,)
-    if not sensor.is_accelerometer:
-        names, words = (
-            (*names, GyrQuantisation.id),
-            f"{words[:-1]}: by its own output or by the converter behind it.",
-        )
-    return recording, [
-        Fault(effect, (sensor.name,), axes, words, names=names, sigma={"lsb": 1e-3 * width})
-    ]
-
-
-CUT = (
-    0.002  # deg: no encoder that is worth a calibration has coarser steps, and no noise hides them
-)
-
-
-def _cut(recording: Recording, scenario: Scenario) -> list[Fault]:
-    """A readout of the table that was written with too few decimals."""
-    found = []
-    for axis in scenario.rig.axis_names:
-        angle = recording.table(axis)
-        if angle is None:
-            continue
-        angle = angle[~np.isnan(angle)]
-        step = code_grid(angle) if len(angle) >= 64 else None
-        if step is None or step < np.radians(CUT):
-            continue
-        counts = angle / step
-        if np.abs(counts - np.rint(counts)).max() < 0.03 and len(np.unique(np.rint(counts))) > 64:
-            effect = DataTruncation({"step": step}, None, axis, "found")
-            names = tuple(s.name for s in scenario.sensor)
-            words = f"The {axis} angle is written in steps of {np.degrees(step):.4g} deg."
-            found.append(
-                Fault(
-                    effect,
-                    names[:1],
-                    tuple(scenario.sensor[0].axes),
-                    words,
-                    sigma={"step": 1e-3 * step},
-                )
-            )
-    return found
-
-
-def _spread_at_rest(values: Array) -> float:
-    """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table
-    rests a fifth of the time.
-
-    What stands at the largest or smallest value of all may be clipped, the longest stretch of one
-        value frozen: both are left
-    out, where anything else is left.
-    """
-    first, last = _runs(np.diff(values) == 0)
-    if len(first):
-        k = int(np.argmax(last - first))
-        rest = np.concatenate([values[: first[k]], values[last[k] + 1 :]])
-        values = rest if len(rest) > len(values) // 4 else values
-    inside = values[(values < values.max()) & (values > values.min())]
-    values = inside if len(inside) > max(len(values) // 4, 32) else values
-    blocks = values[: len(values) // 16 * 16].reshape(-1, 16)
-    return float(np.quantile(blocks.std(axis=1), 0.2)) if len(blocks) else float(values.std())

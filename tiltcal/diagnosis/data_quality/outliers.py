@@ -11,7 +11,8 @@ from tiltcal.core.quantisation import code_width
 from tiltcal.diagnosis.data.channels import changed
 from tiltcal.diagnosis.data.handheld_rests import known_stops
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, noise_of
+from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_quality.flat_and_repeated import noise_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataOutlier
 from tiltcal.recordings.recording import Recording

@@ -11,7 +11,8 @@ import numpy as np
 from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
-from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault, inspect
+from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_quality.inspection import inspect
 from tiltcal.diagnosis.data_quality.lost_samples import find_lost_samples
 from tiltcal.diagnosis.data_quality.outliers import find_outliers
 from tiltcal.diagnosis.data_quality.quantisation_limit import code_floors

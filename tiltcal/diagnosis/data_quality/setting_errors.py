@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
-from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, noise_within_stops
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values, log_tail

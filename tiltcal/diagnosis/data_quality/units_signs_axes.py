@@ -9,9 +9,9 @@ other way is often no more than a sign of a column: what the motion adds tells t
     nothing does.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 
@@ -19,13 +19,18 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.data.channels import meant_matrix
-from tiltcal.diagnosis.data_quality.flat_and_repeated import Fault
+from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_quality.labelling import (
+    FAR,
+    LEAST,
+    affine_fit,
+    faults_of_sensor,
+    misfit_of,
+)
+from tiltcal.diagnosis.data_quality.labelling_by_hand import labelling_faults_by_hand
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import (
-    DataAxisSwap,
-    DataHand,
     DataRotationSense,
-    DataSign,
     DataUnit,
 )
 from tiltcal.effects.events import as_met
@@ -36,18 +41,6 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.setup.setup import Sensor
 
-FACTORS = (
-    9.80665,
-    57.29577951308232,
-    1000.0,
-    1e6,
-    3600.0,
-    206264.806,
-    60.0,
-)  # between the units that people mix up
-LIKELY = 0.1  # relative: how near to such a factor
-FAR = 9.0  # times the misfit, at least, that the words have to be worse by
-LEAST = 1e-3  # of the square of the largest reading: below it the columns mean what they say
 ROWS = 4000  # compared
 EXACT = 1e-9  # of the largest reading: a recording without noise is no nearer than this
 
@@ -82,7 +75,7 @@ def find_labelling_faults(scenario: Scenario, recording: Recording) -> list[Faul
     if any(e.mislabels for e in scenario.effects):
         return []
     if not scenario.rig.axes:
-        return _by_hand(scenario, recording)
+        return labelling_faults_by_hand(scenario, recording)
     try:
         course = restored(
             replay(recording, scenario, scenario.climate.reference_degC), scenario.effects
@@ -131,89 +124,6 @@ def _likeliest(versions: Sequence[Version]) -> list[Fault]:
     return faults
 
 
-def _by_hand(scenario: Scenario, recording: Recording) -> list[Fault]:
-    """A FOG against a gyro triad turned together: one factor between them, which should be one, and
-    the triad's columns.
-    """
-    faults: list[Fault] = []
-    gyros = [s for s in scenario.sensors("gyro") if recording.has(s) and len(s.axes) == 3]
-    for fog in scenario.sensors("fog") if gyros else ():
-        if not recording.has(fog):
-            continue
-        samples, triad = recording.sensor(fog), recording.sensor(gyros[0])
-        whole = ~np.isnan(triad.values).any(axis=1)
-        there = ~np.isnan(samples.values[:, 0])
-        if whole.sum() < 16 or there.sum() < 16:
-            continue
-        rate = np.column_stack(
-            [np.interp(samples.time[there], triad.time[whole], v[whole]) for v in triad.values.T]
-        )
-        rate, y = (
-            rate - rate.mean(axis=0),
-            samples.values[there, 0] - samples.values[there, 0].mean(),
-        )
-        left, k, P = _as_the_fog_says(rate, y, fog.input_vector)
-        if left * FAR > float(y @ y):
-            continue  # they do not turn together
-        faults += _of_factor(
-            k, fog, gyros[0], float(np.abs(y).max()), float(np.abs(rate @ fog.input_vector).max())
-        )
-        faults += _of_permutation(P, gyros[0])
-    return faults
-
-
-def _as_the_fog_says(rate: Array, y: Array, input_vector: Array) -> tuple[float, float, Array]:
-    """The factor k and the signed permutation P for which ``y = k rate P input_vector`` fits best,
-    and what that leaves.
-
-    The columns as they are written, unless they fit far worse.
-
-    Args:
-        rate: of the triad, rad/s, (n, 3); y: of the FOG, (n,); both without their means.
-        input_vector: of the FOG, (3,).
-    """
-    trials = []
-    for P in _signed_permutations(3):
-        f = rate @ P @ input_vector
-        k = float(f @ y) / max(float(f @ f), 1e-300)
-        changed = 2.0 * (k < 0) - float(np.trace(P))  # the FOG turned round counts as one column
-        trials.append((float(np.sum((y - k * f) ** 2)), changed, k, P))
-    written = next(t for t in trials if np.array_equal(t[3], np.eye(3)))
-    best = min(trials, key=lambda t: (t[0], t[1]))
-    left, _, k, P = written if written[0] < max(FAR * best[0], LEAST * float(y @ y)) else best
-    return left, k, P
-
-
-def _signed_permutations(n: int) -> Iterator[Array]:
-    """Matrices that exchange channels and turn their signs round, (n, n)."""
-    for order, signs in product(permutations(range(n)), product((1.0, -1.0), repeat=n)):
-        P = np.zeros((n, n))
-        P[range(n), order] = signs
-        yield P
-
-
-def _of_factor(k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float) -> list[Fault]:
-    """Unit and sign behind a FOG's readings that are k times what the gyros say; largest rates
-    rad/s.
-    """
-    faults = []
-    factor = next(
-        (s for c in FACTORS for s in (c, 1 / c) if abs(np.log(abs(k) / s)) < LIKELY), None
-    )
-    if factor is not None and (abs(k) > 2 or abs(k) < 0.5):
-        wrong = (
-            fog if abs(np.log(fastest)) > abs(np.log(gyros)) else gyro
-        )  # a hand turns by about a radian a second
-        own = factor if wrong is fog else 1 / factor
-        effect = DataUnit({"factor": own}, wrong.name, None, "found")
-        words = f"{wrong.name} reads {own:.6g} times what its unit says."
-        faults.append(Fault(effect, (wrong.name,), wrong.axes, words, sigma={"factor": 1e-3 * own}))
-    if k < 0:
-        sign = DataSign({"flip_a": 1.0}, fog.name, None, "found")
-        faults.append(Fault(sign, (fog.name,), fog.axes, f"{fog.name} has the opposite sign."))
-    return faults
-
-
 def _version(
     scenario: Scenario, recording: Recording, course: "object", reversed_: Sequence[str]
 ) -> Version:
@@ -230,15 +140,15 @@ def _version(
     for sensor in scenario.sensor:
         if recording.has(sensor):
             y, f = _pair(scenario, recording, course, sensor, effects)
-            own = _of_sensor(y, f, sensor)
+            own = faults_of_sensor(y, f, sensor)
             faults += own
             size = max(float(np.abs(f).max(initial=0.0)), 1e-12)
             misfit += (
-                _misfit(_meant(y, own, sensor) / size, f / size, np.eye(f.shape[1]))
+                misfit_of(_relabelled(y, own, sensor) / size, f / size, np.eye(f.shape[1]))
                 if len(y)
                 else 0.0
             )
-            left += [max(float(v), (EXACT * size) ** 2) for v in _affine(y, f)]
+            left += [max(float(v), (EXACT * size) ** 2) for v in affine_fit(y, f)]
             rows += [len(y)] * y.shape[1]
     signs = sum(
         1 if isinstance(f.effect, DataRotationSense) else len(f.axes)
@@ -248,21 +158,11 @@ def _version(
     return Version(tuple(faults), signs, misfit, np.array(left), np.array(rows))
 
 
-def _meant(y: Array, faults: Sequence[Fault], sensor: Sensor) -> Array:
+def _relabelled(y: Array, faults: Sequence[Fault], sensor: Sensor) -> Array:
     """Columns with these faults of their meaning undone."""
     for fault in reversed(faults):
         y = y @ np.linalg.inv(meant_matrix(fault.effect, sensor)).T
     return y
-
-
-def _affine(y: Array, f: Array) -> Array:
-    """Mean square that an affine map of the predictions leaves of each column, (k,)."""
-    X = np.column_stack([np.ones(len(f)), f])
-    return (
-        np.asarray(((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2).mean(axis=0))
-        if len(y)
-        else np.ones(y.shape[1])
-    )
 
 
 def _pair(
@@ -281,86 +181,3 @@ def _pair(
         sensor.name
     ]
     return samples.values[some], predicted
-
-
-def _misfit(y: Array, f: Array, P: Array) -> float:
-    """Mean square of what is left of ``y`` after ``P f`` and a constant."""
-    left = y - f @ P.T
-    return float(np.mean((left - left.mean(axis=0)) ** 2))
-
-
-def _of_sensor(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
-    """Unit, exchanged columns and signs of one sensor, by what it read and should have read, (n, k)
-    each.
-    """
-    if len(y) < 16 or float(np.abs(f).max()) == 0:
-        return []
-    faults = []
-    k = float(np.sqrt(np.sum(y * y) / max(np.sum(f * f), 1e-300)))
-    factor = next((s for c in FACTORS for s in (c, 1 / c) if abs(np.log(k / s)) < LIKELY), None)
-    if factor is not None and (k > 2 or k < 0.5):
-        effect = DataUnit({"factor": factor}, sensor.name, None, "found")
-        words = f"{sensor.name} reads {factor:.6g} times what its unit says."
-        faults.append(
-            Fault(effect, (sensor.name,), sensor.axes, words, sigma={"factor": 1e-3 * factor})
-        )
-        y = y / factor
-    return faults + _permuted(y, f, sensor)
-
-
-def _permuted(y: Array, f: Array, sensor: Sensor) -> list[Fault]:
-    """A signed permutation of the channels that fits far better than none."""
-    n = f.shape[1]
-    size = float(np.abs(f).max())
-    y, f = y / size, f / size
-    level = _misfit(y, f, np.eye(n))
-    trials = [(_misfit(y, f, P), -float(np.trace(P)), P) for P in _signed_permutations(n)]
-    best, _, P = min(trials, key=lambda t: (t[0], t[1]))
-    return [] if level < FAR * best or level < LEAST else _of_permutation(P, sensor)
-
-
-def _of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
-    """Exchanged columns and signs of a sensor that reads P times what it should, (n, n)."""
-    n = len(P)
-    moved = [i for i in range(n) if P[i, i] == 0]
-    flipped = [i for i in range(n) if P[i].sum() < 0]
-    faults = []
-    if len(moved) == 2:
-        pair = "".join(sensor.axes[i] for i in moved)
-        name = f"swap_{'zx' if pair == 'xz' else pair}"
-        effect = DataAxisSwap({name: 1.0}, sensor.name, None, "found")
-        faults.append(
-            Fault(
-                effect,
-                (sensor.name,),
-                tuple(pair),
-                f"The columns {' and '.join(pair)} of {sensor.name} are exchanged.",
-            )
-        )
-    if len(moved) == 3:
-        first, second = (
-            ("swap_xy", "swap_yz") if P[0, 1] or P[0].argmax() == 1 else ("swap_xy", "swap_zx")
-        )
-        effect = DataAxisSwap({first: 1.0, second: 1.0}, sensor.name, None, "found")
-        faults.append(
-            Fault(
-                effect,
-                (sensor.name,),
-                sensor.axes,
-                f"The columns of {sensor.name} are exchanged in a ring.",
-            )
-        )
-    if flipped:
-        axes = tuple(sensor.axes[i] for i in flipped)
-        sign = DataSign({f"flip_{a}": 1.0 for a in axes}, sensor.name, None, "found")
-        names = (DataSign.id, DataHand.id) if axes == ("y",) and n == 3 else (DataSign.id,)
-        faults.append(
-            Fault(
-                sign,
-                (sensor.name,),
-                axes,
-                f"{sensor.name} {', '.join(axes)} has the opposite sign.",
-                names=names,
-            )
-        )
-    return faults

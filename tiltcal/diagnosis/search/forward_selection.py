@@ -202,9 +202,6 @@ def _hosted(
     return terms
 
 
-KINDS = ("motion", "direction", "vibration")  # of excitation, whose laws are alike
-
-
 def signal_of(
     alternative: Alternative, fitted: FittedModel, whitened: WhitenedModel
 ) -> list[Array]:

@@ -16,7 +16,6 @@ from tiltcal.diagnosis.search.alternatives import (
     LOOSE,
     OWN,
 )
-from tiltcal.diagnosis.search.forward_selection import KINDS
 from tiltcal.effects.base import Effect
 from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.table.readout import ReadoutError
@@ -126,3 +125,6 @@ def _one_event(one: Hypothesis, other: Hypothesis) -> bool:
     creeps = [s.effect.values.get("creep", 0.0) for s in (one, other)]
     apart = abs(one.effect.values["time"] - other.effect.values["time"])
     return min(creeps) == 0 and apart < max(creeps)
+
+
+KINDS = ("motion", "direction", "vibration")  # of excitation, whose laws are alike

@@ -1,0 +1,105 @@
+"""Faults that can be seen in the columns themselves, and recordings without them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.diagnosis.data_quality.coarse_codes import coarse_codes, truncated_angles
+from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_quality.flat_and_repeated import (
+    clipped_values,
+    lacking_bits,
+    repeated_samples,
+    stuck_values,
+)
+from tiltcal.effects.electronics.converter import AdcStuckBit
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """Recordings after inspection.
+
+    Args:
+        recordings: repaired.
+        faults: found; their effects are not in the scenario yet.
+        notes: what is no mismatch but worth saying.
+    """
+
+    recordings: tuple[Recording, ...]
+    faults: tuple[Fault, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
+    """Look for faults that can be seen in the columns themselves: order of time, frozen, repeated,
+    clipped values, coarse codes.
+    """
+    known = {(e.id, e.sensor) for e in scenario.effects}
+    faults: list[Fault] = []
+    notes: list[str] = []
+    repaired = []
+    for recording in recordings:
+        recording, words = in_order(recording)
+        notes += words
+        faults += [
+            f for f in truncated_angles(recording, scenario) if (f.effect.id, None) not in known
+        ]
+        for sensor in scenario.sensor:
+            if not recording.has(sensor):
+                continue
+            recording, found = coarse_codes(recording, sensor)
+            faults += [
+                f for f in found if not f.ids & {id for id, name in known if name == sensor.name}
+            ]
+            fine = [
+                a for a in sensor.axes if all(a not in f.axes for f in found)
+            ]  # a coarse code stands still, and ends flat
+            if (AdcStuckBit.id, sensor.name) not in known:
+                lacking = lacking_bits(recording, sensor, fine)
+                faults, fine = (
+                    faults + lacking,
+                    [a for a in fine if all(a not in f.axes for f in lacking)],
+                )
+            for look in (stuck_values, clipped_values, repeated_samples):
+                recording, found = look(recording, sensor, fine)
+                faults += [
+                    f
+                    for f in found
+                    if not f.ids & {id for id, name in known if name == sensor.name}
+                ]
+        repaired.append(recording)
+    return Inspected(tuple(repaired), tuple(_once(faults)), tuple(notes))
+
+
+def _once(faults: Sequence[Fault]) -> list[Fault]:
+    """One fault of a kind and place, though several recordings show it."""
+    kept: dict[tuple[str, str | None, tuple[str, ...], tuple[str, ...]], Fault] = {}
+    for f in faults:
+        kept.setdefault((f.effect.id, f.effect.axis, f.sensors, f.axes), f)
+    return list(kept.values())
+
+
+def in_order(recording: Recording) -> tuple[Recording, list[str]]:
+    """The recording with stamps that increase: rows that go back or repeat a stamp are left out,
+    and it is said.
+    """
+    time = recording.time
+    good = np.isfinite(time)
+    highest = np.maximum.accumulate(np.where(good, time, -np.inf))
+    keep = good & (time > np.concatenate([[-np.inf], highest[:-1]]))
+    lost = int((~keep).sum())
+    if lost == 0:
+        return recording, []
+    row = int(np.argmin(keep)) + 1
+    words = (
+        f"{recording.source}: {lost} row(s) whose time goes back or repeats, the first at data row"
+        f" {row}; they are left out"
+    )
+    columns = {name: recording.column(name)[keep] for name in recording.column_names}
+    labels = None if recording.labels is None else recording.labels[keep]
+    return Recording.from_columns(
+        time[keep], columns, labels=labels, metadata=recording.metadata, source=recording.source
+    ), [words]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from builders import ACCEL, GYRO, setup_of
 
-from tiltcal.diagnosis.data.block_averaging import MOST_ROWS, ROWS, block_of
 from tiltcal.diagnosis.data.table_channels import TableObservations
+from tiltcal.diagnosis.hypotheses.block_averaging import MOST_ROWS, ROWS, block_of
 from tiltcal.effects import make_effect
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.laboratory import SimulatedLaboratory

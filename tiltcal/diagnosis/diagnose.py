@@ -19,7 +19,6 @@ from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, verdict_of
 from tiltcal.diagnosis.conclusions.residual_plots import views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
 from tiltcal.diagnosis.conclusions.statements import summary
-from tiltcal.diagnosis.data.block_averaging import block_of
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.prepare import (
@@ -34,6 +33,7 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
     find_setting_error,
     lawful_part,
 )
+from tiltcal.diagnosis.hypotheses.block_averaging import block_of
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import noise_under, shift_bias_to_start
 from tiltcal.diagnosis.model.cross_validation import drop_unpredictive

@@ -1,0 +1,66 @@
+"""A noise model is one class: laws that each has to keep, and one from outside in a diagnosis."""
+
+import numpy as np
+import pytest
+from autoregressive_noise import AutoRegressive2
+from diagnosis_fixtures import bench, honest, recorded
+from scipy.signal import lfilter
+
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.statistics.noise_spectrum import CONFIDENCE, NoiseFit, cosines, estimate_noise
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+
+MODELS = [
+    WhiteFlickerWalk(1.0),
+    WhiteFlickerWalk(0.8, 0.3),
+    WhiteFlickerWalk(1.0, 0.05, 0.02),
+    AutoRegressive2(1.0, 0.5, -0.3),
+    AutoRegressive2(2.0, 1.2, -0.5),
+]
+
+
+@pytest.mark.parametrize("model", MODELS, ids=str)
+def test_a_scaled_model_has_a_scaled_spectrum(model):
+    np.testing.assert_allclose(model.scaled(3.0).spectrum(500), 9 * model.spectrum(500))
+
+
+@pytest.mark.parametrize("model", MODELS, ids=str)
+def test_an_excess_raises_the_weighed_spectrum_by_itself(model):
+    weights = np.linspace(0.0, 1.0, 400)
+    before, after = (m.spectrum(400) for m in (model, model.with_excess(weights, 7.0)))
+    assert weights @ after - weights @ before == pytest.approx(7.0)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=str)
+def test_the_fit_is_no_less_likely_than_the_truth_and_its_bounds_as_stated(model, rng):
+    n = 4000
+    e = rng.normal(size=n) * np.sqrt(model.spectrum(n))
+    fit = NoiseFit.of(e, np.ones(n), type(model))
+
+    def deviance(noise):
+        S = noise.spectrum(n)[1:]
+        return float((np.log(S) + e[1:] ** 2 / S).sum())
+
+    assert deviance(fit.model) < deviance(model) + 1.0
+    for bound in fit.bounds():  # the spectrum is binned: the deviance is that of the bins
+        assert deviance(bound) - deviance(fit.model) < CONFIDENCE + 1.0
+    assert any(bound != fit.model for bound in fit.bounds())
+
+
+def test_an_autoregressive_process_has_the_spectrum_that_the_class_says(rng):
+    """scipy's filter makes the process; the class has to find its coefficients again."""
+    x = lfilter([1.0], [1.0, -1.2, 0.5], rng.normal(0.0, 0.3, 20000))
+    found = estimate_noise(cosines(x), cosines(np.ones(len(x)))[:, None], AutoRegressive2).model
+    error = 3 / np.sqrt(len(x))  # the Cramer-Rao bound of a coefficient is sqrt((1 - a2^2) / n)
+    assert (found.a1, found.a2) == pytest.approx((1.2, -0.5), abs=error)
+    assert found.white == pytest.approx(0.3, rel=3 / np.sqrt(2 * len(x)))
+
+
+@pytest.mark.slow
+def test_a_diagnosis_takes_another_noise_model_as_an_argument():
+    hidden = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0})
+    found = diagnose(honest(hidden), [recorded(hidden, 3)], noise=AutoRegressive2)
+    assert [f.effect for f in found.findings] == ["acc_K2"]
+    assert (
+        diagnose(honest(bench()), [recorded(bench(), 4)], noise=AutoRegressive2).verdict == "match"
+    )

@@ -1,5 +1,6 @@
 """What an effect is. One class holds one physical effect, written once: injected, fitted, named,
-printed and tested from it.
+printed and tested from it. What else is known of it, such as the shapes that a scan tries, is in
+``traits``.
 
 The places where an effect may act, each an abstract class that asks one question:
 

@@ -1,5 +1,5 @@
-"""What is known of an effect beside its equation: how a diagnosis, a design or a simulation treats
-it. The defaults are right for most effects.
+"""What is known of an effect beside its equation. Diagnosis, design and simulation ask for it here
+and never for the id, so that an effect of another package is treated like any other.
 """
 
 from collections.abc import Mapping
@@ -36,36 +36,36 @@ class Family:
 
 
 class Traits:
-    """Class attributes of an effect."""
+    """What an effect says of itself; each default is what holds for most effects."""
 
     # What it is to an instrument
     calibration_term: ClassVar[str] = ""
     """Name by which a sensor's ``adjustable`` terms free it, such as ``bias``."""
     ordinary: ClassVar[bool] = False
-    """Every instrument, or table, of its kind has it."""
+    """Every instrument of its kind, or every table, has it."""
 
     # Its law
     same_law_as: ClassVar[str] = ""
     """Id of an effect with the same readings under all circumstances, which stands for both."""
     form: ClassVar[Literal["law", "any", "unknown"]] = "law"
-    """Whether the name implies a law; or holds for any form; or has no known form of its own."""
+    """Whether the name implies a law, holds for a curve of any form, or stands for curves only."""
     family: ClassVar[Family] = Family()
     superposes: ClassVar[bool] = False
-    """It may act at several shapes at once."""
+    """It may act at several shapes at once: findings at further shapes belong to the first."""
     alike_on_axes: ClassVar[bool] = False
-    """One axis has it as another does: findings on two axes are one."""
+    """All axes of the table have it alike: findings on further axes belong to the first."""
     nonlinear_in_input: ClassVar[bool] = False
     """An additive function of its channel's own input; within 1 g such functions are much alike."""
     harmonic: ClassVar[int] = 0
     """Order over the angle of its table axis; 0: none."""
     threshold: ClassVar[bool] = False
-    """Its parameter is a level beyond which it acts: readings are not in proportion to it."""
+    """Its parameter is a level at which it begins to act: readings are not in proportion to it."""
     acts_from_an_instant: ClassVar[bool] = False
     """It begins at its parameter ``time``."""
     spectral_line: ClassVar[Literal["", "time", "angle"]] = ""
-    """Of what a line of its own frequency stands out: of time, or of the angle of an axis."""
+    """It is a narrow line in the spectrum over time, or over the angle of an axis."""
     wander: ClassVar[float] = 0.0
-    """Hz, by which its line may move about its frequency."""
+    """How far its line may move about its frequency, Hz; 0: it keeps to it."""
 
     # Where and when it shows
     seen_by_encoder: ClassVar[bool] = False

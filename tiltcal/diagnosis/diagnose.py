@@ -124,18 +124,18 @@ def diagnose(
     progress("what no name fits")
     fitted, whitened = prefer_unlisted_curve(fitted, whitened, gate)
     fitted, whitened = backward_elimination(fitted, whitened, gate)
-    fitted = add_predictive_parameters(
-        refine_all_shapes(fitted, whitened), whitened
-    )  # in the noise that is left now
+    # in the noise that is left now
+    fitted = add_predictive_parameters(refine_all_shapes(fitted, whitened), whitened)
     progress("rivals")
     chance: list[Fault] = []
     if prepared.floors:
         fitted = drop_below_code(fitted, whitened, prepared.floors, blurred)
     else:
         fitted, chance = _by_chance(fitted, prepared.start, whitened, gate)
+    # its sizes have been fitted again since
     fitted = drop_unpredictive(
         drop_implausible_sizes(drop_formless_names(fitted, whitened), whitened), whitened
-    )  # its sizes have been fitted again since
+    )
     fitted, whitened = drop_below_bic(fitted, whitened, gate)
     if prepared.floors:  # in the noise that is left now its sizes are others
         fitted = drop_below_code(fitted, whitened, prepared.floors, blurred)

@@ -1,9 +1,8 @@
 """Recordings turned by hand, without any angle readout: only what is redundant in them has a model.
 
 A FOG against the gyro triad; at rest the length of the accelerometer's reading, the gyro's reading
-against the force, and,
-in a long rest, how each accelerometer axis wanders; gravity's direction after a turn, carried there
-by the gyro.
+against the force, and, in a long rest, how each accelerometer axis wanders; gravity's direction
+after a turn, carried there by the gyro.
 """
 
 from collections.abc import Iterator, Sequence
@@ -68,8 +67,7 @@ class HandheldObservations(Observations):
         """How readings change with a small effect.
 
         What was found is left out of the others: in second order it would lend its shape to the
-            calibration terms, of which
-        only some combinations can be seen here.
+        calibration terms, of which only some combinations can be seen here.
         """
         names = list(effect.sizes)
         found = self.columns(effect, names, around)

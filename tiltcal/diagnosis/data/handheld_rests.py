@@ -95,8 +95,8 @@ def no_less(fit: NoiseFit, steps: Array, residual: Array, mean: Array) -> NoiseF
     than the spectrum says.
 
     One bias that wanders is seen with another sign and share in each pose: from rest to rest that
-        is no flicker of a
-    channel's rows, and their spectrum, of which few coefficients are that slow, hardly shows it.
+    is no flicker of a channel's rows, and their spectrum, of which few coefficients are that slow,
+    hardly shows it.
 
     Args:
         fit: white, flicker and walk as the spectrum of all rows has them.

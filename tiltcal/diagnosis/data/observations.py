@@ -28,8 +28,7 @@ class Channel:
     Args:
         recording: number of the recording.
         sensor, axis: whose; the axis ``norm`` is the length of an accelerometer's reading at rest,
-            ``turn`` gravity's
-            direction after a turn against the one carried there.
+            ``turn`` gravity's direction after a turn against the one carried there.
         column: of the sensor's readings.
         rows: of the recording, (n,).
         time: s, (n,).

@@ -2,9 +2,8 @@
 hand.
 
 One pass for all sizes of an effect: what it adds to the reading, at the motion that the calibrated
-    sensors say; force and
-rate in the body then change by minus that through the inverse sensor matrix, and every channel
-answers to them linearly.
+sensors say; force and rate in the body then change by minus that through the inverse sensor matrix,
+and every channel answers to them linearly.
 """
 
 from collections.abc import Mapping, Sequence
@@ -153,9 +152,8 @@ class HandheldMotion:
         if sensor.name not in self._senses:
             rows = self.recording.sensor(sensor).rows
             force, rate = np.where(np.isnan(self.force), 0.0, self.force), self.rate
-            rate = (
-                np.zeros_like(rate) if sensor.kind == "accelerometer" else rate
-            )  # a lever arm by hand is nobody's
+            # a lever arm by hand is nobody's
+            rate = np.zeros_like(rate) if sensor.kind == "accelerometer" else rate
             length = np.linalg.norm(self.mean, axis=1)[:, None]
             g = self.scenario.site.gravity
             full = np.where(length > 0, self.mean * g / np.where(length > 0, length, 1.0), force)

@@ -26,8 +26,8 @@ class TableObservations(Observations):
     """Recordings on a table whose angles were read.
 
     ``averaged`` has blocks of samples in place of samples, of readings and predictions alike: a
-    long record needs no more to
-    tell what physics it holds, and noise stays what it was, white, flicker and walk.
+    long record needs no more to tell what physics it holds, and noise stays what it was, white,
+    flicker and walk.
     """
 
     def __init__(
@@ -43,9 +43,8 @@ class TableObservations(Observations):
                 replay(recording, scenario, reference), as_met(known, recording.fingerprint)
             )
             self.courses.append(course)
-            reference = (
-                course.reference if reference is None else reference
-            )  # T0 stays that of the first recording
+            # T0 stays that of the first recording
+            reference = course.reference if reference is None else reference
         self.stops = [course.stop for course in self.courses]
         self.channels = tuple(self._channels())
         self._watches: dict[bytes, list[NominalMotion]] = {}
@@ -116,8 +115,8 @@ class TableObservations(Observations):
         """What each channel should have read.
 
         Of blocks: the prediction at their middles, and how far the mean over a block was from that
-            at first, of the motion's
-        bend within it; what is quick beside a block is predicted at every sample.
+        at first, of the motion's bend within it; what is quick beside a block is predicted at every
+        sample.
         """
         if self._whole is None:
             return self._everywhere(effects)
@@ -266,9 +265,8 @@ class TableObservations(Observations):
 
     def depends_on(self, around: Sequence[Effect]) -> bytes:
         """The sensor matrices of these effects."""
-        if self._around is None or self._around[0] != tuple(
-            around
-        ):  # asked for each column of a fitted model
+        # asked for each column of a fitted model
+        if self._around is None or self._around[0] != tuple(around):
             self._around = (
                 tuple(around),
                 b"".join(m.tobytes() for m in self._matrices(around).values()),

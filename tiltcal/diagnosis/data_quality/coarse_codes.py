@@ -41,9 +41,8 @@ def coarse_codes(recording: Recording, sensor: Sensor) -> tuple[Recording, list[
             )
     if not found:
         return recording, []
-    still = [
-        a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3
-    ]  # one code all along
+    # one code all along
+    still = [a for a in sensor.axes if len(np.unique(column_values(recording, sensor, a)[2])) < 3]
     axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
     _, effect, width, spread = max(found, key=lambda item: item[2])
     words = (
@@ -99,8 +98,7 @@ def _spread_at_rest(values: Array) -> float:
     rests a fifth of the time.
 
     What stands at the largest or smallest value of all may be clipped, the longest stretch of one
-        value frozen: both are left
-    out, where anything else is left.
+    value frozen: both are left out, where anything else is left.
     """
     first, last = runs_of(np.diff(values) == 0)
     if len(first):

@@ -2,8 +2,8 @@
 repaired so that the rest can be seen.
 
 What was repaired: frozen, repeated, clipped and gross values become missing; a wrong unit, sign,
-    permutation or sense of
-rotation becomes an effect of the scenario, so that the model reads as the file does.
+permutation or sense of rotation becomes an effect of the scenario, so that the model reads as the
+file does.
 """
 
 from collections.abc import Sequence
@@ -42,9 +42,8 @@ def stuck_values(
             continue
         first, last = runs_of(np.diff(values) == 0)
         runs = np.sort(last - first)
-        usual = runs[:-1].sum() / max(
-            len(values) - runs[-1:].sum(), 1
-        )  # how often it repeats outside the longest run
+        # how often it repeats outside the longest run
+        usual = runs[:-1].sum() / max(len(values) - runs[-1:].sum(), 1)
         p = max(repeat_chance(values), float(usual))
         least = max(5, int(np.ceil(np.log(CHANCE / len(values)) / np.log(np.clip(p, 1e-3, 0.95)))))
         long = [
@@ -112,9 +111,8 @@ def clipped_values(
     cls = AccSaturation if sensor.is_accelerometer else GyrSaturation
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
-        free = values[
-            (values > values.min()) & (values < values.max())
-        ]  # most of a recording may be clipped
+        # most of a recording may be clipped
+        free = values[(values > values.min()) & (values < values.max())]
         if len(free) < 32 or repeat_chance(free) > FLAT:
             continue
         noise = noise_of(free)

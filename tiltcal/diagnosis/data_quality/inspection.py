@@ -54,9 +54,8 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
             faults += [
                 f for f in found if not f.ids & {id for id, name in known if name == sensor.name}
             ]
-            fine = [
-                a for a in sensor.axes if all(a not in f.axes for f in found)
-            ]  # a coarse code stands still, and ends flat
+            # a coarse code stands still, and ends flat
+            fine = [a for a in sensor.axes if all(a not in f.axes for f in found)]
             if (AdcStuckBit.id, sensor.name) not in known:
                 lacking = lacking_bits(recording, sensor, fine)
                 faults, fine = (

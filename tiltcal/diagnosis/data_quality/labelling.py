@@ -35,9 +35,8 @@ def fault_of_factor(
         (s for c in FACTORS for s in (c, 1 / c) if abs(np.log(abs(k) / s)) < LIKELY), None
     )
     if factor is not None and (abs(k) > 2 or abs(k) < 0.5):
-        wrong = (
-            fog if abs(np.log(fastest)) > abs(np.log(gyros)) else gyro
-        )  # a hand turns by about a radian a second
+        # a hand turns by about a radian a second
+        wrong = fog if abs(np.log(fastest)) > abs(np.log(gyros)) else gyro
         own = factor if wrong is fog else 1 / factor
         effect = DataUnit({"factor": own}, wrong.name, None, "found")
         words = f"{wrong.name} reads {own:.6g} times what its unit says."
@@ -135,6 +134,7 @@ def faults_of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
     return faults
 
 
+# between the units that people mix up
 FACTORS = (
     9.80665,
     57.29577951308232,
@@ -143,7 +143,7 @@ FACTORS = (
     3600.0,
     206264.806,
     60.0,
-)  # between the units that people mix up
+)
 
 
 LIKELY = 0.1  # relative: how near to such a factor

@@ -129,8 +129,7 @@ def _instant(own: Sequence[tuple[Channel, Array]], start: float, end: float, los
     early, s.
 
     In the middle of all instants that the readings allow: between two moves any will do, amid a
-        move hardly one. By what they
-    change from row to row, for the fit has been spoiled by the loss.
+    move hardly one. By what they change from row to row, for the fit has been spoiled by the loss.
     """
     common = reduce(np.intersect1d, [channel.rows for channel, _ in own])
     ahead = common + lost * int(np.median(np.diff(common)))

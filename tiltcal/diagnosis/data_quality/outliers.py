@@ -31,9 +31,8 @@ def find_outliers(
     the recordings without them.
 
     On a table a few by themselves are left out too, and no fault: no physics is that quick, but a
-        hand may be. Sensors whose
-    codes, or whose model's angles, are ``coarse`` are left alone: a step of theirs stands off its
-    neighbours.
+    hand may be. Sensors whose codes, or whose model's angles, are ``coarse`` are left alone: a step
+    of theirs stands off its neighbours.
     """
     scenario = observations.scenario
     heavy = TAIL if scenario.rig.axes or scenario.sensors("fog") else TOUCHED
@@ -98,20 +97,17 @@ def off_neighbours(values: Array) -> Array:
     off = np.abs(values - median_filter(values, 5, mode="nearest"))
     bent = np.zeros(len(values))  # off the cubic through two neighbours on each side
     bent[2:-2] = values[2:-2] - (4 * (values[1:-3] + values[3:-1]) - (values[:-4] + values[4:])) / 6
-    off[2:-2] = np.minimum(off, np.abs(bent))[
-        2:-2
-    ]  # the crest of a quick turn is where its flanks say
+    # the crest of a quick turn is where its flanks say
+    off[2:-2] = np.minimum(off, np.abs(bent))[2:-2]
     local = 1.4826 * median_filter(off, 51, mode="nearest")
     beside = np.maximum(np.concatenate([[0.0], off[:-1]]), np.concatenate([off[1:], [0.0]]))
     alone = beside < ISOLATED * off  # the corner of a move drags its neighbours along
-    mended = np.zeros(
-        len(values)
-    )  # how far the neighbours are off theirs once a value is put where they say
+    # how far the neighbours are off theirs once a value is put where they say
+    mended = np.zeros(len(values))
     mended[1:-1] = np.maximum(
         np.abs(bent[:-2] + bent[1:-1] / 1.5), np.abs(bent[2:] + bent[1:-1] / 1.5)
     )
-    alone &= mended < np.maximum(
-        ISOLATED * off, 4 * local
-    )  # a knock is quick, and still some samples wide
+    # a knock is quick, and still some samples wide
+    alone &= mended < np.maximum(ISOLATED * off, 4 * local)
     least = max(noise_of(values), code_width(values))  # of coarse codes most differences are none
     return np.asarray(np.where(alone, off / np.maximum(local, least), 0.0))

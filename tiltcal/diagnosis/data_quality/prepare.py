@@ -1,6 +1,5 @@
 """Recordings on the prepared data: what is wrong with their data mended, layer by layer, and the
-adjustable
-terms fitted.
+adjustable terms fitted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -142,13 +141,11 @@ def _with_right_stops(
     if slip is None:
         return prepared
     mended = prepared.over(observe(prepared.observations.scenario, slip[1], known))
-    if not stands_alone(
-        prepared.observations, mended.observations, mended.start
-    ):  # a law that is strongest there
+    # a law that is strongest there
+    if not stands_alone(prepared.observations, mended.observations, mended.start):
         return prepared
-    fault, _ = (
-        find_wrong_stop(prepared.observations, mended.start) or slip
-    )  # sized again, by a calibration that it has not spoiled
+    # sized again, by a calibration that it has not spoiled
+    fault, _ = find_wrong_stop(prepared.observations, mended.start) or slip
     return mended if stated else replace(mended, faults=(*mended.faults, fault))
 
 
@@ -159,9 +156,8 @@ def _sound(
     inspected = inspect(scenario, recordings)
     faults = list(inspected.faults)
     meant = find_labelling_faults(scenario, inspected.recordings[0])
-    other_unit = {
-        f.effect.sensor for f in meant if isinstance(f.effect, DataUnit)
-    }  # its digits were meant for another size
+    # its digits were meant for another size
+    other_unit = {f.effect.sensor for f in meant if isinstance(f.effect, DataUnit)}
     faults = [
         f
         for f in faults

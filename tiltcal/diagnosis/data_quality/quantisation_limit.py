@@ -26,9 +26,8 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
         if isinstance(fault.effect, AdcQuantisation):
             for name in fault.sensors:
                 floors[name] = max(floors.get(name, 0.0), fault.effect.value("lsb"))
-        if (
-            isinstance(fault.effect, AdcStuckBit) and not scenario.rig.axes
-        ):  # nothing but a table tells which readings lack it
+        # nothing but a table tells which readings lack it
+        if isinstance(fault.effect, AdcStuckBit) and not scenario.rig.axes:
             floors[fault.sensors[0]] = max(
                 floors.get(fault.sensors[0], 0.0), fault.effect.value("bit_value")
             )
@@ -56,9 +55,7 @@ def drop_below_code(
     fitted: FittedModel, whitened: WhitenedModel, floors: Mapping[str, float], blurred: bool = False
 ) -> FittedModel:
     """The fitted model without findings that are nowhere larger than what coarse codes do; curves,
-    all
-    in all, beyond what calibration
-    takes of them.
+    all in all, beyond what calibration takes of them.
 
     Args:
         blurred: whether the table's angles are cut.

@@ -2,9 +2,8 @@
 followed.
 
 A wrong angle of one stop is far off where gravity tells (``randoms.wrong_stop``). Of an axis that
-stands upright gravity tells
-nothing, and beside another stop of the same angle the search for stops finds none; but between two
-samples no table goes far.
+stands upright gravity tells nothing, and beside another stop of the same angle the search for stops
+finds none; but between two samples no table goes far.
 """
 
 from collections.abc import Sequence

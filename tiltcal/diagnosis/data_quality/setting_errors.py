@@ -46,9 +46,8 @@ def find_setting_error(
     columns, within = trials[axis], whitened.under(models(noise))
     gain, values, variances = _stops(columns, refit(fitted, within), within)
     first = _stops(columns, refit(start, within), within)[0]
-    free = max(
-        len(columns) - sum(len(t.names) for t in fitted.terms), 1
-    )  # so many sizes take their share of chance as well
+    # so many sizes take their share of chance as well
+    free = max(len(columns) - sum(len(t.names) for t in fitted.terms), 1)
     if gain / free < 0.5 * first / len(columns):
         return None
     spread = float(np.mean(values**2 - variances))
@@ -79,8 +78,7 @@ def _chance(
     Once it is above the limit it is not worked out further.
 
     What differs from stop to stop but is no rotation about the axis tells how much noise there is
-    that the stops by themselves
-    do not show: the rotations have to stand out of that too.
+    that the stops by themselves do not show: the rotations have to stand out of that too.
     """
     levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
     worst = -np.inf
@@ -108,8 +106,7 @@ def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
 
 def lawful_part(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """The fitted model without its nameless curves, where these have as many numbers together as
-    there
-    are stops: each tells its own.
+    there are stops: each tells its own.
     """
     named = tuple(t for t in fitted.terms if (t.host or t.hypothesis).listed)
     sizes = sum(len(t.names) for t in fitted.terms) - sum(len(t.names) for t in named)

@@ -102,9 +102,8 @@ def mistyped(
     """The fault of a wrong angle (rad) written on some rows, (n,) mask, of one stop, and the
     recording without its readout.
     """
-    stop = (
-        observations.courses[number].stop[: np.argmax(rows)].max(initial=-1) + 1
-    )  # it need not have been found itself
+    # it need not have been found itself
+    stop = observations.courses[number].stop[: np.argmax(rows)].max(initial=-1) + 1
     time = recording.time[rows] - recording.time[0]
     effect = DataPoseLabel(
         {"error": error, "stop": float(stop)}, None, axis, "found", seen_in=recording.fingerprint

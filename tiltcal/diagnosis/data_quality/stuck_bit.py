@@ -2,9 +2,8 @@
 the readings go.
 
 Which readings lack the bit only a prediction tells: it is put back where that brings a reading
-    nearer to what the table's
-motion says. By hand a FOG predicts a gyro along its axis; where nothing does, the smoothest course
-that the codes allow is taken.
+nearer to what the table's motion says. By hand a FOG predicts a gyro along its axis; where nothing
+does, the smoothest course that the codes allow is taken.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -120,12 +119,10 @@ def with_bits(
     bits: Mapping[tuple[str, str], float],
 ) -> tuple[Recording, ...]:
     """The recordings with each missing bit put back where the fitted model, fitted to
-    ``observations``
-    of them, says that it was set.
+    ``observations`` of them, says that it was set.
 
     The first time it is still missing there, and the fitted model goes between the readings with it
-    and
-    those without.
+    and those without.
 
     Args:
         bits: SI, by sensor and axis.
@@ -146,9 +143,8 @@ def with_bits(
         side = np.ones(len(r))
         if _with_sign(before, bit / unit):  # what lacks its bit may read nothing, of either sign
             side = np.sign(np.where(before == 0, values - r, before))
-        lacks = (
-            side * (unit * (now - before) - r) / bit
-        )  # 0 where the bit was not set, 1 where it was
+        # 0 where the bit was not set, 1 where it was
+        lacks = side * (unit * (now - before) - r) / bit
         between = 0.5 if np.any(now != before) else float(np.quantile(lacks, [0.05, 0.95]).mean())
         whole = before + np.where(lacks > between, side * bit / unit, 0.0)
         restored[number] = changed(restored[number], sensor, axis, rows, whole)
@@ -175,9 +171,8 @@ def _predicted(
                 read, _, _ = column_values(
                     observations.sources[channel.recording], scenario.named(name), axis
                 )
-                quiet = channel.values[
-                    channel.stop >= 0
-                ]  # of what is left the missing bit makes noise
+                # of what is left the missing bit makes noise
+                quiet = channel.values[channel.stop >= 0]
                 told = (
                     scenario.named(name).kind == "gyro"
                     and len(quiet) > 2

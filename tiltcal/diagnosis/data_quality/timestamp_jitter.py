@@ -36,17 +36,17 @@ def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault 
         excess = np.minimum((r / noise) ** 2, 400.0) - 1
         top += float(excess @ s2)
         next_to = np.sqrt(s2[1:] * s2[:-1])
-        smooth += float(
-            np.clip(r[1:] * r[:-1] / noise**2, -400.0, 400.0) @ next_to
-        )  # a smooth misfit is like its neighbour
+        # a smooth misfit is like its neighbour
+        smooth += float(np.clip(r[1:] * r[:-1] / noise**2, -400.0, 400.0) @ next_to)
         bottom += float(s2 @ s2)
         energy[channel.sensor, channel.axis] = float(s2.sum())
     if bottom <= 0:
         return None
+    # heavier than Gaussian tails double the variance of a square
     value, sigma = (
         top / bottom,
         np.sqrt(4.0 / bottom),
-    )  # heavier than Gaussian tails double the variance of a square
+    )
     if value < 8 * sigma or smooth > 0.3 * top:
         return None
     strong = [

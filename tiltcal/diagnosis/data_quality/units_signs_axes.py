@@ -2,11 +2,9 @@
 way.
 
 Every reading of the columns (48 signed permutations of a triad, each axis of the table either way)
-is compared with the
-model; one that fits far better than the words of the scenario is what the file holds. To gravity an
-axis that counts the
-other way is often no more than a sign of a column: what the motion adds tells them apart, or
-    nothing does.
+is compared with the model; one that fits far better than the words of the scenario is what the file
+holds. To gravity an axis that counts the other way is often no more than a sign of a column: what
+the motion adds tells them apart, or nothing does.
 """
 
 from collections.abc import Sequence

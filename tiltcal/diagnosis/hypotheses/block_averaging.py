@@ -25,9 +25,8 @@ def block_of(observations: Observations, lines: SpectralLines) -> int:
     least, most = -(-longest // MOST_ROWS), -(-longest // ROWS)
     ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
     beats = [*lines.tones, *lines.shakes, *lines.echoes]
-    beats += [
-        f for f in ripples if f * step * least < HALF
-    ]  # what a quick turn blurs anyway asks for nothing
+    # what a quick turn blurs anyway asks for nothing
+    beats += [f for f in ripples if f * step * least < HALF]
     left = {
         block: min((_survives(f * step, block) for f in beats), default=1.0)
         for block in range(least, most + 1)

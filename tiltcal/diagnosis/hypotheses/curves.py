@@ -22,6 +22,7 @@ from tiltcal.setup.setup import Sensor
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SHOWS = 7.0  # times a lag that a recording has to last
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
+# of a force or a rate; whether odd
 POWERS = (
     (0.5, False),
     (0.5, True),
@@ -29,16 +30,15 @@ POWERS = (
     (2.0, False),
     (2.0, True),
     (3.0, True),
-)  # of a force or a rate; whether odd
+)
 
 
 def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Curves over every coordinate at every place of the chain: the open world."""
     scenario = observations.scenario
     read = {c.sensor for c in observations.channels}
-    if (
-        not scenario.rig.axes
-    ):  # the gyros say where the FOG should be: what is wrong with them shows in it
+    # the gyros say where the FOG should be: what is wrong with them shows in it
+    if not scenario.rig.axes:
         read |= {s.name for s in scenario.sensors("gyro")}
     for sensor in scenario.sensor:
         for axis in sensor.axes:
@@ -123,9 +123,8 @@ def _reading_curves(
             if not sensor.is_accelerometer:  # its own law is in the catalogue
                 yield _straight(scale)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
-    if (
-        scenario.rig.axes or not sensor.is_accelerometer
-    ):  # by hand only the length of its reading is known
+    # by hand only the length of its reading is known
+    if scenario.rig.axes or not sensor.is_accelerometer:
         yield from _histories(sensor, axis, inputs, span)
 
 

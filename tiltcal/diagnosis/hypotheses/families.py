@@ -2,9 +2,8 @@
 form.
 
 A family keeps where the effect acts and what it follows, and frees how: an encoder's error of its
-    angle keeps to that angle,
-a bias that follows temperature may follow it late or bent. A curve of another place or coordinate
-is another effect.
+angle keeps to that angle, a bias that follows temperature may follow it late or bent. A curve of
+another place or coordinate is another effect.
 """
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis

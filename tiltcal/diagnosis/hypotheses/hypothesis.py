@@ -138,9 +138,8 @@ def listed_suspects(
         sensors: Sequence[Sensor | None] = (None,)
         if cls.kinds:
             sensors = [s for s in scenario.sensor if cls.senses(s.kind)]
-        if (
-            issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing"
-        ):  # the recorder's own: all sensors alike
+        # the recorder's own: all sensors alike
+        if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":
             sensors = (*sensors, None) if scenario.rig.axes else sensors
         for sensor, axis in product(sensors, _axes(cls, scenario)):
             shapes = cls.shapes(span)

@@ -2,14 +2,11 @@
 time (T-optimal design).
 
 For a block, the recordings so far and an imagined recording of it are put together. Each rival in
-turn is taken for the truth, at
-the size that the recordings give it; every other one is fitted to what it would read, with the
-adjustable terms and the other
-findings, at the noise and by the threshold of `diagnose`. What is left is the separated
-non-centrality of the pair; the
-difference of their deviances is then N(lambda, 4 lambda).
-Source: Atkinson and Fedorov, "The design of experiments for discriminating between two rival
-    models", Biometrika 62 (1975).
+turn is taken for the truth, at the size that the recordings give it; every other one is fitted to
+what it would read, with the adjustable terms and the other findings, at the noise and by the
+threshold of `diagnose`. What is left is the separated non-centrality of the pair; the difference of
+their deviances is then N(lambda, 4 lambda). Source: Atkinson and Fedorov, "The design of
+experiments for discriminating between two rival models", Biometrika 62 (1975).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -223,9 +220,8 @@ def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Rec
     )
     steps = (away, Step(action="move", **first, dwell_s=1.0), *block.steps)
     recording = blank(replace(block, steps=steps), scenario)
-    known = (
-        recording.time >= build_schedule((away,), scenario.rig).times[1]
-    )  # how it got away is no part of the block
+    # how it got away is no part of the block
+    known = recording.time >= build_schedule((away,), scenario.rig).times[1]
     columns = {n: recording.column(n)[known] for n in recording.column_names}
     return Recording.from_columns(
         recording.time[known], columns, metadata=recording.metadata, source=recording.source

@@ -1,6 +1,5 @@
 """Columns of a least-squares design by the channels that they change: a term of calibration changes
-one of them, most of a
-dense matrix would be zeros.
+one of them, most of a dense matrix would be zeros.
 """
 
 from collections.abc import Sequence
@@ -87,9 +86,10 @@ class BlockDesignMatrix:
             _without(block @ turn[numbers], Q)
             for numbers, block, Q in zip(index, rest, own, strict=True)
         ]
+        # rounding, once more
         values, vectors = np.linalg.eigh(
             sum((B.T @ B for B in found), np.zeros((int(keep.sum()),) * 2))
-        )  # rounding, once more
+        )
         return [B @ (vectors / np.sqrt(values)) for B in found]
 
 

@@ -105,10 +105,8 @@ def shift_bias_to_start(
     """The fitted model with the biases that the first recording began with.
 
     A random walk starts anew with each recording; the fit has its mean over the record, a new
-    recording begins where this
-    one did. The walk in what is left, told from flicker and white noise by the spectrum that the
-    channels of a sensor share,
-    says by how much they differ.
+    recording begins where this one did. The walk in what is left, told from flicker and white noise
+    by the spectrum that the channels of a sensor share, says by how much they differ.
     """
     from scipy.fft import idct
 

@@ -1,10 +1,9 @@
 """Where a whitened model keeps the columns of its hypotheses: cosine coefficients, in single
-precision, a
-column block for some hundred of them.
+precision, a column block for some hundred of them.
 
 A column is written where it stays and is read as it lies. Forms and curves stand on column store of
-their own, as do channels:
-most questions are about one kind, and pass the column store of the other by.
+their own, as do channels: most questions are about one kind, and pass the column store of the other
+by.
 """
 
 from collections.abc import Sequence

@@ -23,8 +23,7 @@ def heldout_gain(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[
 
 def drop_unpredictive(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """The fitted model without names that predict left-out blocks worse than nothing does, by more
-    than
-    their numbers cost.
+    than their numbers cost.
 
     A law holds where it was not fitted to. A nameless curve only says where: a bump that one block
     saw tells nothing of the others.

@@ -1,6 +1,5 @@
 """A fitted model of a recording: calibration terms and hypotheses at fitted sizes, with what is
-left
-over.
+left over.
 """
 
 from collections.abc import Sequence

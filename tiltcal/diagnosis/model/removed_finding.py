@@ -39,8 +39,7 @@ def remove_finding(
     beside: Sequence[Columns] = (),
 ) -> RemovedFinding:
     """What the terms at these places explain, and the fitted model without them; ``beside``:
-    further
-    columns of any size.
+    further columns of any size.
     """
     effects, lengths = fitted.effects, [len(c.values) for c in whitened.observations.channels]
     inside = [fitted.terms[k] for k in places]

@@ -70,8 +70,7 @@ def rank_alternatives(
     alone: bool = False,
 ) -> list[Alternative]:
     """Every wanted hypothesis near the signal, each at its best shape with its family (or alone),
-    the
-    worthiest first.
+    the worthiest first.
     """
     energy = sum(float(s @ s) for s in removed.signal)
     seen: dict[Any, tuple[float, Hypothesis]] = {}
@@ -80,11 +79,12 @@ def rank_alternatives(
         if energy > 0 and score.gain()[0] < NEAR**2 * energy:
             continue
         worth = score.best(price)[0] - 2 * np.log(score.hypothesis.variants)
+        # felt late: another form
         key = (
             (score.hypothesis.place, score.hypothesis.alias)
             if score.hypothesis.listed
             else id(score.hypothesis)
-        )  # felt late: another form
+        )
         if key not in seen or worth > seen[key][0]:
             seen[key] = (worth, score.hypothesis)
     best = sorted(seen.values(), key=lambda item: -item[0])[:LOOKED_AT]
@@ -224,11 +224,9 @@ def preferred(
     """The worthiest; among equals the likelier kind.
 
     What shows in one channel only is likelier of that channel's sensor; what shows in several moves
-    them all: table or mount.
-    A converter's transfer curve is the last thing to blame for what a sensor does as well. A form
-    that is as worthy without
-    what completes it is as plain as any. A size that some grade of instrument has is likelier than
-    one that none has.
+    them all: table or mount. A converter's transfer curve is the last thing to blame for what a
+    sensor does as well. A form that is as worthy without what completes it is as plain as any. A
+    size that some grade of instrument has is likelier than one that none has.
     """
     top = max(r.worth for r in alternatives)
     level = {id(r): top - EQUAL - LOOSE * r.gain for r in alternatives}
@@ -270,12 +268,10 @@ def inseparable(best: Alternative, alternatives: Sequence[Alternative]) -> list[
 
 def _gap(best: Alternative, r: Alternative) -> float:
     """What tells a alternative from the best: where the best needs no curve to complete it, the
-    alternative's
-    own curves do not count.
+    alternative's own curves do not count.
 
     A free curve makes many laws of one law: where a textbook form fits to the noise, a form that
-        needs a curve for it is told
-    apart by what it leaves by itself.
+    needs a curve for it is told apart by what it leaves by itself.
     """
     if len(best.terms) == 1 and len(r.terms) > 1:
         return r.separation

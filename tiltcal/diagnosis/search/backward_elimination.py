@@ -38,8 +38,7 @@ def drop_below_bic(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, WhitenedModel]:
     """The fitted model under the noise that it leaves itself, without findings that bring less
-    there
-    than their numbers cost.
+    there than their numbers cost.
     """
     while True:
         whitened = gate.left_by(fitted, whitened)

@@ -1,6 +1,5 @@
 """Putting hypotheses on the whitened model: all of them at first, then those whose lines stand out
-once the
-first findings are away.
+once the first findings are away.
 """
 
 from dataclasses import replace
@@ -41,11 +40,10 @@ def extend_dictionary(
     columns: HypothesisColumns, fitted: FittedModel, known: SpectralLines
 ) -> bool:
     """Put on the whitened model what beats in what a fitted model leaves and did not stand out
-    before; whether
-    there is any.
+    before; whether there is any.
 
     Where nothing was found, lines that wander too: beside a law that is some per cent off its form
-        that scan finds the table's.
+    that scan finds the table's.
     """
     observations = columns.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))

@@ -66,12 +66,10 @@ def forward_selection(
     not needed.
 
     The scan weighs by white noise at first, so that no effect is taken for noise; what does not
-    stand out of the noise that
-    is left when it is taken away waits, and may pass together with another. With each that is kept
-    the noise is known better;
-    where nothing stands out of it any more the scan weighs by white noise again, for a slow effect
-    was in that noise, and in
-    the end by the noise within the stops, where what differs from stop to stop is no random walk.
+    stand out of the noise that is left when it is taken away waits, and may pass together with
+    another. With each that is kept the noise is known better; where nothing stands out of it any
+    more the scan weighs by white noise again, for a slow effect was in that noise, and in the end
+    by the noise within the stops, where what differs from stop to stop is no random walk.
     """
     waiting: tuple[FittedTerm, ...] = ()
     banned: set[int] = set()
@@ -82,9 +80,8 @@ def forward_selection(
         alternatives = best_alternatives(trial, whitened, _outside(wanted, frozenset(banned)))
         if look is _white_noise:  # some curve fits any slow noise: only a form of its own
             alternatives = [r for r in alternatives if r.own >= OWN]
-        if (
-            not alternatives
-        ):  # look again in another noise: without those who wait, then white, then within the stops
+        # look again in another noise: without those who wait, then white, then within the stops
+        if not alternatives:
             noise: list[NoiseFit] | None = None
             if waiting:
                 noise = gate.noise(refit(fitted, whitened), whitened)

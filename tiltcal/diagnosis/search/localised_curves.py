@@ -91,9 +91,8 @@ def echo(alternative: Alternative, removed: RemovedFinding, whitened: WhitenedMo
             removed,
             whitened,
         )
-        found = [
-            replace(r, worth=r.gain - price_of(whitened) * r.sizes) for r in found
-        ]  # it beats once, wherever it was looked for
+        # it beats once, wherever it was looked for
+        found = [replace(r, worth=r.gain - price_of(whitened) * r.sizes) for r in found]
         best, apart = max([best, *found], key=lambda r: r.worth), apart / 2
     return best
 
@@ -247,8 +246,7 @@ def _best_of(
     whitened: WhitenedModel,
 ) -> list[Alternative]:
     """The best two of some shapes, each on all axes that the alternative acts on; all that were
-    tried are
-    paid for.
+    tried are paid for.
     """
     own = whitened.alone(list(_shaped(alternative, shapes)), ())
     best: dict[Shape, float] = {}

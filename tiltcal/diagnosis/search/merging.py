@@ -23,12 +23,11 @@ from tiltcal.effects.table.readout import ReadoutError
 
 def merge_small_findings(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """The fitted model with small findings made a part of a much larger one that the same kind of
-    motion
-    excites, in its channels.
+    motion excites, in its channels.
 
     A law that is some per cent off its textbook form leaves something of its own kind over, and a
-        neighbour takes it: a share of
-    what the law explains without that neighbour, for both may do nearly the same.
+    neighbour takes it: a share of what the law explains without that neighbour, for both may do
+    nearly the same.
     """
     groups = fitted.findings()
 
@@ -72,9 +71,8 @@ def _left_over(small: Effect, large: Effect) -> float:
     """Share of the energy of a large effect that may be left over of it in the form of a small one.
 
     All of it where a line wanders: it leaves lines beside it. Motion that excites both, or one
-        encoder's curve over its angle,
-    is never quite of a textbook form. Laws of one sensor's own input are told apart to a
-    thousandth.
+    encoder's curve over its angle, is never quite of a textbook form. Laws of one sensor's own
+    input are told apart to a thousandth.
     """
     both = (small, large)
     if all(e.spectral_line == "time" for e in both):
@@ -89,8 +87,7 @@ def _left_over(small: Effect, large: Effect) -> float:
 
 def merge_same_cause(fitted: FittedModel) -> FittedModel:
     """The fitted model with a second finding of one name at one place made a part of the first: a
-    law at
-    a further shape.
+    law at a further shape.
     """
     groups = fitted.findings()
     order: list[list[FittedTerm]] = []

@@ -16,8 +16,7 @@ BETTER = 2.0
 
 def add_predictive_parameters(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """The fitted model with all sizes of its findings that a prediction is better with, whether or
-    not
-    each stands out by itself.
+    not each stands out by itself.
     """
     terms = list(fitted.terms)
     for k in range(len(terms)):

@@ -87,8 +87,7 @@ def _top(before: float, here: float, after: float) -> float:
 
 def shapes(hypothesis: Hypothesis) -> dict[str, float]:
     """The continuous shapes of a hypothesis; of a curve its lag, and its period where it begins
-    anew
-    with each move.
+    anew with each move.
     """
     effect = hypothesis.effect
     if isinstance(effect, Learned):
@@ -115,8 +114,7 @@ def _shapes_of(terms: Sequence[FittedTerm]) -> dict[str, float]:
 
 def normalise_tone_phase(fitted: FittedModel, observations: Observations) -> FittedModel:
     """The fitted model with tones of a positive amplitude, the largest of their channels: a
-    negative one
-    is half a turn of the phase.
+    negative one is half a turn of the phase.
 
     By hand one sensor that is early is the other one that is late.
     """

@@ -92,9 +92,8 @@ def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
             for column in world.T:
                 found += _lines(watch.time, column)
     duration = float(np.ptp(observations.recordings[0].time))
-    slowest = max(
-        20 / duration, 4 * fastest(observations) / (2 * np.pi)
-    )  # slower than that the table's own turns look like lines
+    # slower than that the table's own turns look like lines
+    slowest = max(20 / duration, 4 * fastest(observations) / (2 * np.pi))
     return _apart([(power, f) for power, f in found if f > slowest], lambda _: 2 / duration)
 
 
@@ -110,10 +109,11 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
             channel = observations.channels[i]
             angle = observations.courses[channel.recording].angles[axis][channel.rows]
             noise = robust_white(left[i])
+            # what n lines do to the readings: of_angle + 1j n of_rate
             of_angle, of_rate = (
                 turned.real,
                 turned.imag / PROBE,
-            )  # what n lines do to the readings: of_angle + 1j n of_rate
+            )
             power += _harmonics(angle, of_angle * left[i] / noise**2) + 1j * each * _harmonics(
                 angle, of_rate * left[i] / noise**2
             )

@@ -1,10 +1,9 @@
 """A second way to a fitted model: textbook forms only, several at once, each exchanged for another
-as
-long as that is better.
+as long as that is better.
 
 A form with its family is supple: where two effects are at work, the family of one takes a part of
-    the other with it. Plain
-forms have no such reach. Whichever fitted model says the same with fewer numbers is kept.
+the other with it. Plain forms have no such reach. Whichever fitted model says the same with fewer
+numbers is kept.
 """
 
 from collections.abc import Callable, Sequence
@@ -119,17 +118,17 @@ def plainly(
 
 def trimmed(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """The fitted model without sizes that bring less than they cost: a finding had them from what
-    others
-    explain since.
+    others explain since.
 
     The last size of a finding stays: whether it is needed is asked of findings as a whole.
     """
     price = price_of(whitened)
     while True:
         fitted = refit(fitted, whitened)
+        # 0: not determined
         sigmas = [
             np.maximum(fitted.sigmas(k), np.finfo(float).tiny) for k in range(len(fitted.terms))
-        ]  # 0: not determined
+        ]
         told = [
             (np.asarray(t.values) / sigma) ** 2
             for t, sigma in zip(fitted.terms, sigmas, strict=True)
@@ -183,9 +182,7 @@ def exchanged(
 
 def refine_all_shapes(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """The fitted model with the shapes of its findings found again: one that was found by itself
-    took a
-    part of the others, and the
-    noise was another.
+    took a part of the others, and the noise was another.
     """
     groups = fitted.findings()
     for _ in range(EXCHANGES if len(groups) > 1 else 1):
@@ -200,8 +197,7 @@ def refine_all_shapes(fitted: FittedModel, whitened: WhitenedModel) -> FittedMod
 
 def _reshaped(fitted: FittedModel, places: Sequence[int], whitened: WhitenedModel) -> FittedModel:
     """The fitted model with one finding at its best shape nearby, where that is better; the sizes
-    of all
-    others are free meanwhile.
+    of all others are free meanwhile.
     """
     others = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
     new = refined(
@@ -220,8 +216,7 @@ def description_length(fitted: FittedModel, whitened: WhitenedModel, gate: Noise
     all findings.
 
     Under the noise that the fitted model itself leaves: under that of another it would be charged
-        for
-        what it calls noise.
+    for what it calls noise.
     """
     left = gate.left_by(fitted, whitened)
     spread = sum(

@@ -33,8 +33,8 @@ def thermal_lag_findings(
     well where no one lag does.
 
     Curves over temperature without lag are fitted in its place first; what it explains beyond them
-    is the difference between
-    warming and cooling. Each law of such a difference is then given those curves too.
+    is the difference between warming and cooling. Each law of such a difference is then given those
+    curves too.
 
     Args:
         inside: the terms of the finding.
@@ -94,9 +94,8 @@ def _curves(
         for s in whitened.hypotheses
         if isinstance(s.effect, LearnedReading) and s.effect.knots
     )
-    over = next(
-        e.knots for e in curves if e.coordinate == late.coordinate
-    )  # a law with one number has no knots of its own
+    # a law with one number has no knots of its own
+    over = next(e.knots for e in curves if e.coordinate == late.coordinate)
     names = [f"c{k}" for k in range(KNOTS)]
     still = replace(
         late,

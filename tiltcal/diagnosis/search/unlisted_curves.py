@@ -27,9 +27,8 @@ from tiltcal.effects.electronics.mains import WANDER
 from tiltcal.effects.learned import LearnedReading
 
 MARGIN = 10.0  # nats of evidence, twice, that a nameless curve has to be better by than a name
-SHARE = (
-    1 - OWN
-)  # and this share of the gain: a law that is some per cent off its textbook form keeps its name
+# and this share of the gain: a law that is some per cent off its textbook form keeps its name
+SHARE = 1 - OWN
 
 
 def is_curve(hypothesis: Hypothesis) -> bool:
@@ -84,9 +83,8 @@ def _better(
     ]
     single = preferred(named, removed.signal) if named else None
     joint, several = _worth_of(inside, removed, whitened), sum(t.host is None for t in inside)
-    if (
-        several > 1 and single is not None
-    ):  # it may miss a share, but not where it needs more numbers for it: these fit anything
+    # it may miss a share, but not where it needs more numbers for it: these fit anything
+    if several > 1 and single is not None:
         as_few = single.sizes <= sum(len(t.names) for t in inside)
         miss = (
             EQUAL + min(LOOSE * single.gain, SHARE * weakest) if as_few else MARGIN * (several - 1)
@@ -107,29 +105,25 @@ def _better(
         several == 1 and any(r.hypothesis.place == inside[0].hypothesis.place for r in named)
     )
     level = 0.0 if single is None else max(single.worth, joint if fits else 0.0)
-    of_any_form = several_lines(inside) or (
-        single is not None and single.form < OWN
-    )  # no form that a name could keep to
+    # no form that a name could keep to
+    of_any_form = several_lines(inside) or (single is not None and single.form < OWN)
     far_off = curve.worth > level + MARGIN + (0.0 if of_any_form else SHARE * curve.gain)
-    if (
-        several == 1 and not fits
-    ):  # a name whose own form says little: a curve that says as much by itself goes before it
+    # a name whose own form says little: a curve that says as much by itself goes before it
+    if several == 1 and not fits:
         far_off &= curve.worth > joint - EQUAL - LOOSE * curve.gain
     if (
         several > 1
         and curve.sizes <= sum(len(t.names) for t in inside)
         and curve.worth > joint - EQUAL
     ):
-        return (
-            curve if far_off else single
-        )  # one cause with as few numbers says the same as several
+        # one cause with as few numbers says the same as several
+        return curve if far_off else single
     return curve if far_off else None
 
 
 def drop_formless_names(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
     """The fitted model with names taken from findings that hold by the curves beside them: no size
-    of
-    their own stands out any more.
+    of their own stands out any more.
     """
     price = price_of(whitened)
     terms: list[FittedTerm] = []
@@ -191,9 +185,8 @@ def leftover_curve(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, WhitenedModel]:
     """What is left over and significant, looked for in the noise within the stops too: what differs
-    from stop to stop by any
-    law of its own is a random walk to the spectrum of the whole record, and within the stops it is
-    not there.
+    from stop to stop by any law of its own is a random walk to the spectrum of the whole record,
+    and within the stops it is not there.
     """
     if gate.static is None and (still := noise_within_stops(fitted, whitened)) is not None:
         within = whitened.under(models(still))
@@ -281,9 +274,8 @@ def best_curve(removed: RemovedFinding, whitened: WhitenedModel) -> Alternative 
     ]
     top = max(r.worth for r in trials)
     equal = [r for r in trials if r.worth > top - EQUAL - LOOSE * r.gain]
-    moves_all = any(
-        r.hypothesis.effect.sensor is None for r in equal
-    )  # the table or the mount may be to blame as well
+    # the table or the mount may be to blame as well
+    moves_all = any(r.hypothesis.effect.sensor is None for r in equal)
 
     def rank(
         r: Alternative,

@@ -15,7 +15,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG, G0
 from tiltcal.forward.kinematics import closed_form, true_angles
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
-from tiltcal.setup.setup import TABLE_AXES
+from tiltcal.setup.tables import BUILT_IN
 from tiltcal.setup.trajectory import Jet
 from tiltsim import build, log
 from tiltsim import dynamics as module
@@ -398,11 +398,11 @@ def test_the_tremor_has_the_stated_rms(rng):
     assert noise.std(axis=0) == pytest.approx(1.0, abs=4 / np.sqrt(2 * independent))
 
 
-@pytest.mark.parametrize("table", TABLE_AXES)
+@pytest.mark.parametrize("table", BUILT_IN)
 def test_every_table_records_by_time_steps(table):
     step = {
         "action": "turn",
-        "axis": "outer" if TABLE_AXES[table] else "x",
+        "axis": "outer" if BUILT_IN[table].axes else "x",
         "angle_deg": 10,
         "dwell_s": 1,
     }

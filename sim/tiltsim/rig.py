@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation, unit
 from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
@@ -21,6 +20,7 @@ from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, S
 from tiltcal.forward.kinematics import link_offset, turns_at
 from tiltcal.laboratory.scenario import Dynamics
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
 
@@ -71,7 +71,7 @@ class RigBuilder:
 
     def __init__(self, setup: Setup, world: World, mount: Array) -> None:
         self.setup, self.world = setup, world
-        self.spec = mujoco.MjSpec.from_file(str(folder("models") / f"{setup.rig.table}.xml"))
+        self.spec = mujoco.MjSpec.from_file(str(setup.rig.kind.mjcf))
         self.spec.option.gravity = [0.0, 0.0, -world.gravity]
         self.spec.body("mount").quat = quaternion(mount)
         for site in ("accel", "accel_x", "accel_y", "accel_z", "inclinometer", "gyro", "fog"):
@@ -93,8 +93,7 @@ class RigBuilder:
     ) -> None:
         """Build the turns of frame effects into their slots."""
         rig, gravity = self.setup.rig, self.world.gravity
-        slots = ["base", *(f"{name}_bearing" for name in self.setup.rig.axis_names), "mount"]
-        for slot in slots:
+        for slot in rig.kind.slots:
             turns = [
                 t
                 for e in effects
@@ -133,9 +132,9 @@ class RigBuilder:
     def install_offsets(self, effects: Sequence[Effect]) -> None:
         """Displace the frames behind bearings whose axes do not intersect."""
         for name in self.setup.rig.axis_names:
-            r = link_offset(self.setup, effects, f"{name}_bearing")
+            r = link_offset(self.setup, effects, bearing(name))
             if np.any(r):
-                self.spec.body(f"{name}_bearing").pos = r
+                self.spec.body(bearing(name)).pos = r
                 self.displaced = True
 
     def install_shakes(self, drive: Drive) -> None:
@@ -264,7 +263,7 @@ class RigBuilder:
         """The rig for prescribed motion: no actuators, no constraints, inertia that nothing else
         can move.
         """
-        spec, free = self.spec, self.setup.rig.table == "handheld"
+        spec, free = self.spec, not self.setup.rig.axes
         flags = mujoco.mjtDisableBit
         spec.option.disableflags |= (
             int(flags.mjDSBL_ACTUATION) | int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
@@ -304,7 +303,7 @@ class RigBuilder:
         """The rig for a run by time steps: everything moves as its inertia lets it; a hand carries
         the weight.
         """
-        spec, free = self.spec, self.setup.rig.table == "handheld"
+        spec, free = self.spec, not self.setup.rig.axes
         flags = mujoco.mjtDisableBit
         for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_SENSOR, flags.mjDSBL_AUTORESET):
             spec.option.disableflags |= int(flag)

@@ -408,8 +408,10 @@ def test_every_table_records_by_time_steps(table):
     }
     recording = MujocoLaboratory().record(scenario_of(table, [step]), 4)
     force = np.column_stack([recording.column(recording.channel(f"accel_{a}")) for a in "xyz"])
-    tilt = {"vertical": (0, 0), "placing": (-G0 * np.sin(10 * DEG), 0), "three": (0, 0)}
-    expected = tilt.get(table, (0, G0 * np.sin(10 * DEG)))
+    side = G0 * np.sin(10 * DEG)
+    expected = {"z": (0, 0), "y": (-side, 0)}.get(
+        "".join(BUILT_IN[table].directions[:1]), (0, side)
+    )
     assert force[-1, :2] == pytest.approx(expected, abs=1e-6)
     assert np.linalg.norm(force, axis=1) == pytest.approx(G0, abs=1e-9)  # no lever arm
 

@@ -86,8 +86,9 @@ VERTICAL = Table("vertical", (("outer", "z"),))
 PLACING = Table("placing", (("outer", "y"),))
 DUAL = Table("dual", (("outer", "x"), ("inner", "z")))
 THREE = Table("three", (("outer", "z"), ("middle", "y"), ("inner", "x")))
+FOUR = Table("four", (*THREE.axes, ("head", "z")))
 HANDHELD = Table("handheld", ())
-BUILT_IN = {table.name: table for table in (VERTICAL, PLACING, DUAL, THREE, HANDHELD)}
+BUILT_IN = {table.name: table for table in (VERTICAL, PLACING, DUAL, THREE, FOUR, HANDHELD)}
 FILE_AXES = THREE.axis_names
 """Axes that every sequence file has a column for, whether its table has them or not."""
 

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation, unit
 from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
@@ -20,7 +21,7 @@ from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, S
 from tiltcal.forward.kinematics import link_offset, turns_at
 from tiltcal.laboratory.scenario import Dynamics
 from tiltcal.setup.setup import Setup
-from tiltcal.setup.tables import bearing
+from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
 
@@ -66,12 +67,42 @@ def quaternion(R: Array) -> Array:
     return q
 
 
+def open_model(table: Table) -> "mujoco.MjSpec":
+    """The model of a table. It includes ``instrument.xml``, which need not lie beside it.
+
+    Raises:
+        TiltcalError: the file does not open, or lacks a body or joint that the table needs.
+    """
+    instrument = folder("models") / "instrument.xml"
+    included = {instrument.name: instrument.read_bytes()}
+    try:
+        spec = mujoco.MjSpec.from_file(str(table.mjcf), include=included)
+    except ValueError as error:
+        raise TiltcalError(
+            f"table {table.name}",
+            found=str(error),
+            need=f"its MJCF at {table.mjcf}",
+            do="correct the path or the file",
+        ) from error
+    bodies = ("pier", *table.slots, *table.axis_names) if table.axes else ("hand", "mount")
+    missing = [f"body {name}" for name in bodies if spec.body(name) is None]
+    missing += [f"joint {name}" for name in table.axis_names if spec.joint(name) is None]
+    if missing:
+        raise TiltcalError(
+            f"table {table.name}, {table.mjcf.name}",
+            found=f"no {', no '.join(missing)}",
+            need="a body and a joint for each axis, and the frames around them",
+            do="name them as in models/dual.xml",
+        )
+    return spec
+
+
 class RigBuilder:
     """Builds one rig: open the model, place effects in it, compile."""
 
     def __init__(self, setup: Setup, world: World, mount: Array) -> None:
         self.setup, self.world = setup, world
-        self.spec = mujoco.MjSpec.from_file(str(setup.rig.kind.mjcf))
+        self.spec = open_model(setup.rig.kind)
         self.spec.option.gravity = [0.0, 0.0, -world.gravity]
         self.spec.body("mount").quat = quaternion(mount)
         for site in ("accel", "accel_x", "accel_y", "accel_z", "inclinometer", "gyro", "fog"):

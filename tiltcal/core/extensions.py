@@ -54,7 +54,7 @@ def members(
         if wrong or not brought:
             raise TiltcalError(
                 subject,
-                found=repr(wrong[0]) if wrong else f"no {what}",
+                found=repr(wrong[0]) if wrong else "nothing",
                 need=f"{what}, a sequence of them, or a module that defines them",
                 do="correct the entry point",
             )

@@ -14,6 +14,7 @@ from pathlib import Path
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.extensions import members
+from tiltcal.core.frames import AXES
 
 GROUP = "tiltcal.tables"
 CHANNEL = "table_"
@@ -114,6 +115,14 @@ def tables() -> Mapping[str, Table]:
                 found=f"table '{table.name}', which exists already",
                 need="a name of its own",
                 do="rename it",
+            )
+        distinct = len(set(table.axis_names)) == len(table.axes)
+        if not distinct or not set(table.directions) <= set(AXES):
+            raise TiltcalError(
+                subject,
+                found=f"table '{table.name}' with axes {', '.join(map(' '.join, table.axes))}",
+                need="a name of its own for each axis, and x, y or z that it turns about",
+                do="correct the declaration",
             )
         found[table.name] = table
     return found

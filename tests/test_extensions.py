@@ -141,6 +141,16 @@ def test_help_looks_for_no_package(run):
     assert run("-c", code).splitlines()[-1] == "set()"
 
 
+@pytest.mark.parametrize(
+    ("page", "file"),
+    [("effect", "wobble.py"), ("table", "gimbal.py"), ("method", "opposite_faces.py")],
+)
+def test_the_guide_shows_the_code_of_the_package(page, file):
+    shown = (PACKAGE.parents[1] / "docs" / f"extend_{page}.md").read_text(encoding="utf-8")
+    code = (PACKAGE / "src" / "rotary_lab" / file).read_text(encoding="utf-8")
+    assert f"```python\n{code}```" in shown
+
+
 # --------------------------------------------------------------------------------------------------
 # what is refused
 

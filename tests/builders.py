@@ -11,13 +11,14 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import readings
 from tiltcal.setup.schedule import Schedule, build_schedule
 from tiltcal.setup.sequence import Climate, Step
-from tiltcal.setup.setup import TABLE_AXES, Rig, Sensor, Setup, Site
+from tiltcal.setup.setup import Rig, Sensor, Setup, Site
+from tiltcal.setup.tables import BUILT_IN
 from tiltcal.setup.trajectory import Attitude, Drive, Jet, Motion
 
 G = 9.80123
 LATITUDE = 39.9
-TABLES = tuple(TABLE_AXES)
-AXLED = tuple(table for table in TABLES if TABLE_AXES[table])
+TABLES = tuple(BUILT_IN)
+AXLED = tuple(name for name, table in BUILT_IN.items() if table.axes)
 ACCEL = Sensor(name="accel", kind="accelerometer", rate_hz=20)
 INCL = Sensor(name="incl", kind="inclinometer", axes=("x", "y"), rate_hz=20)
 GYRO = Sensor(name="gyro", kind="gyro", rate_hz=20)

@@ -25,6 +25,7 @@ from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.design.time_budget import Clock, unwound
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.tables import find_table
 
 BARS = {
     ("linear", False, 300): 92.64,
@@ -94,7 +95,7 @@ def test_the_model_reproduces_what_24_positions_are_known_to_reach(cell):
     problem = problem_of(kind, drift, budget)
     tried = []
     for dwell in (5.0, 10.0, 20.0):
-        angles = unwound(np.tile(planes(45, "dual"), (4, 1)), problem.clock.limits)
+        angles = unwound(np.tile(planes(45), (4, 1)), problem.clock.limits)
         cost = np.cumsum(problem.clock.moves(angles) + problem.clock.settle + dwell)
         angles = angles[: np.searchsorted(cost, budget, side="right")]
         tried.append(
@@ -196,7 +197,7 @@ def test_textbook_models_have_the_parameters_they_are_known_for(kind):
 @pytest.mark.parametrize("name", CLASSIC)
 @pytest.mark.parametrize("table", ["dual", "three", "placing"])
 def test_every_classic_sequence_is_there_for_every_table_that_turns_gravity(name, table):
-    angles = classic(name, table)
+    angles = classic(name, find_table(table))
     assert angles.shape[1] == (1 if table == "placing" else 2)
     assert len(angles) >= 2
 
@@ -341,7 +342,7 @@ def test_the_scenario_takes_the_table_time_that_was_planned(table):
     clock = Clock(150.0, limits=(None,) * len(still.axes))
     model, _ = scenario_model(scenario, scenario.sensor[0], Wanted(terms), 150.0)
     plan = design(
-        Problem(model, clock), still.axes, table, effort=Effort(starts=3, rounds=1, trials=10)
+        Problem(model, clock), scenario.rig.kind, effort=Effort(starts=3, rounds=1, trials=10)
     )
     steps = steps_of(plan, still.up(plan.angles))
     again = parse_scenario(designed_table(scenario, steps, "designed"))

@@ -15,7 +15,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG, G0
 from tiltcal.forward.kinematics import closed_form, true_angles
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
-from tiltcal.setup.setup import TABLE_AXES
+from tiltcal.setup.tables import BUILT_IN
 from tiltcal.setup.trajectory import Jet
 from tiltsim import build, log
 from tiltsim import dynamics as module
@@ -398,18 +398,20 @@ def test_the_tremor_has_the_stated_rms(rng):
     assert noise.std(axis=0) == pytest.approx(1.0, abs=4 / np.sqrt(2 * independent))
 
 
-@pytest.mark.parametrize("table", TABLE_AXES)
+@pytest.mark.parametrize("table", BUILT_IN)
 def test_every_table_records_by_time_steps(table):
     step = {
         "action": "turn",
-        "axis": "outer" if TABLE_AXES[table] else "x",
+        "axis": "outer" if BUILT_IN[table].axes else "x",
         "angle_deg": 10,
         "dwell_s": 1,
     }
     recording = MujocoLaboratory().record(scenario_of(table, [step]), 4)
     force = np.column_stack([recording.column(recording.channel(f"accel_{a}")) for a in "xyz"])
-    tilt = {"vertical": (0, 0), "placing": (-G0 * np.sin(10 * DEG), 0), "three": (0, 0)}
-    expected = tilt.get(table, (0, G0 * np.sin(10 * DEG)))
+    side = G0 * np.sin(10 * DEG)
+    expected = {"z": (0, 0), "y": (-side, 0)}.get(
+        "".join(BUILT_IN[table].directions[:1]), (0, side)
+    )
     assert force[-1, :2] == pytest.approx(expected, abs=1e-6)
     assert np.linalg.norm(force, axis=1) == pytest.approx(G0, abs=1e-9)  # no lever arm
 

@@ -93,6 +93,8 @@ EACH_AXIS = {
     "outer_zero_arcsec",
     "middle_zero_arcsec",
     "inner_zero_arcsec",
+    "head_zero_arcsec",
+    "inner_head_arcsec",  # <axis>_<next axis>_arcsec
 }  # <axis>_zero_arcsec of the list
 needs_list = pytest.mark.skipif(
     not EFFECTS_TXT.exists(), reason="the list of effects lies beside the checkout, not here"
@@ -111,7 +113,7 @@ def test_parameters_are_named_as_the_contract_names_them(id):
     cls = CATALOGUE[id]
     template = {"axis": "<axis>", "matrix": "<axis><direction>", "pair": "<axis><direction>"}
     mine = {p.name.format(**template) + p.suffix for p in cls.parameters}
-    mine |= {re.sub(r"^(outer|middle|inner)_(?=zero)", "<axis>_", name) for name in mine}
+    mine |= {re.sub(r"^(outer|middle|inner|head)_(?=zero)", "<axis>_", name) for name in mine}
     mine = {re.sub(r"_[xyz]_", "_<axis>_", name) if cls.kinds else name for name in mine}
     theirs = {
         re.sub(r"_a_(?=deg)|_[xyz]_" if cls.kinds else r"_a_(?=deg)", "_<axis>_", n)

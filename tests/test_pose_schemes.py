@@ -79,7 +79,7 @@ def test_labels_are_short_where_they_can_be():
 def test_a_table_that_cannot_reach_them_and_a_scheme_that_is_none_are_refused():
     with pytest.raises(
         TiltcalError,
-        match=r"sequence step 1 \(scheme\): found table placing, need dual, three or handheld",
+        match=r"step 1 \(scheme\): found table placing, need dual, three, four or handheld",
     ):
         build_schedule([Step(action="scheme", scheme="6", dwell_s=1)], Rig(table="placing"))
     with pytest.raises(ValidationError, match="action scheme needs scheme"):

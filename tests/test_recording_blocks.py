@@ -32,7 +32,7 @@ def test_a_narrow_reach_is_kept_by_the_blocks_that_are_left() -> None:
     kept = [b for b in candidates(table) if within(b, table)]
     assert {"circle outer", "reverse outer", "spin outer", "repeat"} <= {b.name for b in kept}
     for block in kept:
-        assert all(s.outer_deg is None or -45 <= s.outer_deg <= 45 for s in block.steps)
+        assert all(-45 <= s.angles_deg.get("outer", 0.0) <= 45 for s in block.steps)
 
 
 def test_a_block_out_of_reach_is_known() -> None:
@@ -48,8 +48,8 @@ def test_flipped_poses_are_the_same_attitude_of_the_body() -> None:
     flip = next(b for b in candidates(table_of("dual")) if b.name == "flip")
     up = []
     for step in flip.steps:
-        R = rotation("x", np.radians(step.outer_deg or 0.0)) @ rotation(
-            "z", np.radians(step.inner_deg or 0.0)
+        R = rotation("x", np.radians(step.angles_deg.get("outer", 0.0))) @ rotation(
+            "z", np.radians(step.angles_deg.get("inner", 0.0))
         )
         up.append(R.T @ [0, 0, 1])
     np.testing.assert_allclose(up[::2], up[1::2], atol=1e-12)

@@ -10,11 +10,11 @@ import pytest
 from tiltcal.core.errors import TiltcalError
 from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
-from tiltcal.setup.sequence_files import COLUMNS, read_sequence, sequence_text
+from tiltcal.setup.sequence_files import read_sequence, sequence_columns, sequence_text
 from tiltcal.setup.setup import Rig
 
 DUAL = Rig(table="dual")
-HEAD = ",".join(COLUMNS) + "\n"
+HEAD = ",".join(sequence_columns(())) + "\n"
 
 
 def written(tmp_path: Path, text: str) -> Path:

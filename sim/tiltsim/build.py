@@ -85,7 +85,7 @@ def build(
     world = world_of(scenario, effects)
     drive = scenario.schedule.drive(np.array(scenario.schedule.times[:1]))
     context = Context(drive, drive.axes, scenario.rig, world.gravity)
-    slots = ["base", *(f"{name}_bearing" for name in scenario.rig.axis_names), "mount"]
+    slots = scenario.rig.kind.slots
     frames = [e for e in effects if isinstance(e, FrameEffect)]
     fixed = [
         e for e in frames if all(t.angle.constant for slot in slots for t in e.turns(slot, context))

@@ -75,7 +75,7 @@ def run_dynamics(
     """
     effects = [e for e in scenario.effects if not e.is_identity]
     driver: _Driver
-    if scenario.rig.table == "handheld":
+    if not scenario.rig.axes:
         driver = _Hand(scenario, effects, seed)
     else:
         driver = _Servos(scenario, effects)
@@ -109,7 +109,7 @@ class DynamicCourse:
     def drive(self, time: Array) -> Drive:
         """Readout, structure and (hand-held) attitude at these times, (n,)."""
         asked = self.scenario.schedule.drive(time)
-        if self.scenario.rig.table == "handheld":
+        if not self.scenario.rig.axes:
             return replace(asked, attitude=self.log.attitude(time))
         states = self.log.joints(time)
         parts = [np.asarray(part) for part in (states.x, states.v, states.a)]

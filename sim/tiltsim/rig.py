@@ -21,6 +21,7 @@ from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, S
 from tiltcal.forward.kinematics import link_offset, turns_at
 from tiltcal.laboratory.scenario import Dynamics
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
 
@@ -66,12 +67,42 @@ def quaternion(R: Array) -> Array:
     return q
 
 
+def open_model(table: Table) -> "mujoco.MjSpec":
+    """The model of a table. It includes ``instrument.xml``, which need not lie beside it.
+
+    Raises:
+        TiltcalError: the file does not open, or lacks a body or joint that the table needs.
+    """
+    instrument = folder("models") / "instrument.xml"
+    included = {instrument.name: instrument.read_bytes()}
+    try:
+        spec = mujoco.MjSpec.from_file(str(table.mjcf), include=included)
+    except ValueError as error:
+        raise TiltcalError(
+            f"table {table.name}",
+            found=str(error),
+            need=f"its MJCF at {table.mjcf}",
+            do="correct the path or the file",
+        ) from error
+    bodies = ("pier", *table.slots, *table.axis_names) if table.axes else ("hand", "mount")
+    missing = [f"body {name}" for name in bodies if spec.body(name) is None]
+    missing += [f"joint {name}" for name in table.axis_names if spec.joint(name) is None]
+    if missing:
+        raise TiltcalError(
+            f"table {table.name}, {table.mjcf.name}",
+            found=f"no {', no '.join(missing)}",
+            need="a body and a joint for each axis, and the frames around them",
+            do="name them as in models/dual.xml",
+        )
+    return spec
+
+
 class RigBuilder:
     """Builds one rig: open the model, place effects in it, compile."""
 
     def __init__(self, setup: Setup, world: World, mount: Array) -> None:
         self.setup, self.world = setup, world
-        self.spec = mujoco.MjSpec.from_file(str(folder("models") / f"{setup.rig.table}.xml"))
+        self.spec = open_model(setup.rig.kind)
         self.spec.option.gravity = [0.0, 0.0, -world.gravity]
         self.spec.body("mount").quat = quaternion(mount)
         for site in ("accel", "accel_x", "accel_y", "accel_z", "inclinometer", "gyro", "fog"):
@@ -93,8 +124,7 @@ class RigBuilder:
     ) -> None:
         """Build the turns of frame effects into their slots."""
         rig, gravity = self.setup.rig, self.world.gravity
-        slots = ["base", *(f"{name}_bearing" for name in self.setup.rig.axis_names), "mount"]
-        for slot in slots:
+        for slot in rig.kind.slots:
             turns = [
                 t
                 for e in effects
@@ -133,9 +163,9 @@ class RigBuilder:
     def install_offsets(self, effects: Sequence[Effect]) -> None:
         """Displace the frames behind bearings whose axes do not intersect."""
         for name in self.setup.rig.axis_names:
-            r = link_offset(self.setup, effects, f"{name}_bearing")
+            r = link_offset(self.setup, effects, bearing(name))
             if np.any(r):
-                self.spec.body(f"{name}_bearing").pos = r
+                self.spec.body(bearing(name)).pos = r
                 self.displaced = True
 
     def install_shakes(self, drive: Drive) -> None:
@@ -264,7 +294,7 @@ class RigBuilder:
         """The rig for prescribed motion: no actuators, no constraints, inertia that nothing else
         can move.
         """
-        spec, free = self.spec, self.setup.rig.table == "handheld"
+        spec, free = self.spec, not self.setup.rig.axes
         flags = mujoco.mjtDisableBit
         spec.option.disableflags |= (
             int(flags.mjDSBL_ACTUATION) | int(flags.mjDSBL_CONTACT) | int(flags.mjDSBL_CONSTRAINT)
@@ -304,7 +334,7 @@ class RigBuilder:
         """The rig for a run by time steps: everything moves as its inertia lets it; a hand carries
         the weight.
         """
-        spec, free = self.spec, self.setup.rig.table == "handheld"
+        spec, free = self.spec, not self.setup.rig.axes
         flags = mujoco.mjtDisableBit
         for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_SENSOR, flags.mjDSBL_AUTORESET):
             spec.option.disableflags |= int(flag)

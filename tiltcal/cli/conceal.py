@@ -34,6 +34,7 @@ from tiltcal.effects.table.readout import (
     TableSag,
 )
 from tiltcal.effects.timing.delays import ChannelMuxSkew, DataLatency
+from tiltcal.setup.tables import DUAL, angle_key
 
 GRADE = GRADES.index("mid_mems")
 SIZES = (0.3, 1.0)  # of the plausible size
@@ -81,7 +82,7 @@ def bench() -> dict[str, Any]:
         "schema": 1,
         "name": "concealed physics",
         "site": {"gravity_m_s2": 9.80123, "latitude_deg": 39.9},
-        "rig": {"table": "dual"},
+        "rig": {"table": DUAL.name},
         "climate": {"swing_degC": 1.5, "period_s": 130.0},
         "sensor": [
             {
@@ -94,8 +95,7 @@ def bench() -> dict[str, Any]:
         "sequence": [
             {
                 "action": "move",
-                "outer_deg": float(a),
-                "inner_deg": float(b),
+                **dict(zip(map(angle_key, DUAL.axis_names), (float(a), float(b)), strict=True)),
                 "rate_deg_s": 25.0,
                 "dwell_s": 3.0,
             }
@@ -127,7 +127,7 @@ def concealed(rng: np.random.Generator) -> dict[str, Any]:
     if cls.kinds:
         table["sensor"] = "accel"
     if cls.axis_wise:
-        table["axis"] = "outer"
+        table["axis"] = DUAL.axis_names[0]
     axis = str(rng.choice(list("xyz")))
     for p in cls.parameters:
         if p.name in SHAPES:

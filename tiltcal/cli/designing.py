@@ -20,12 +20,13 @@ from tiltcal.design.time_budget import Clock
 from tiltcal.effects.sensor.noise import AccNoise
 from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
 from tiltcal.setup.setup import Sensor
+from tiltcal.setup.tables import DUAL
 
 TEXTBOOK = {
     "schema": 1,
     "name": "textbook triad on a dual table",
     "site": {"gravity_m_s2": G0},
-    "rig": {"table": "dual"},
+    "rig": {"table": DUAL.name},
     "sensor": [
         {
             "name": "accel",
@@ -61,7 +62,7 @@ def design_(args: argparse.Namespace) -> int:
     problem, unseen = problem_of(args, scenario, clock)
     untold = check_possible(problem, still.axes, everything="all" in args.terms)
     with progress_line() as notice:
-        plan = design(problem, still.axes, scenario.rig.table, args.seed, notice=notice)
+        plan = design(problem, scenario.rig.kind, args.seed, notice=notice)
     up = still.up(plan.angles)
     if args.output:
         write_plan(plan, scenario, up, make_folder(Path(args.output)))

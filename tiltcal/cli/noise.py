@@ -13,6 +13,7 @@ from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import dwells, find_segments
+from tiltcal.setup.tables import axis_of
 from tiltcal.statistics.allan import NAMES, TERMS, NoiseModel, allan_deviation, fit_noise
 
 SUFFIX = {"Q": " s", "N": "/rtHz", "B": "", "K": "/rts", "R": "/s"}
@@ -24,9 +25,7 @@ def noise(args: argparse.Namespace) -> int:
     models = {}
     for name in recording.column_names:
         unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
-        if unit.quantity in ("acceleration", "angle", "rate", "raw") and not name.startswith(
-            "table_"
-        ):
+        if unit.quantity in ("acceleration", "angle", "rate", "raw") and axis_of(name) is None:
             values, rate = longest_rest(recording, name)
             models[name] = fit_noise(allan_deviation(values, rate))
     if not models:

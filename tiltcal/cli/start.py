@@ -14,6 +14,7 @@ from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording, write_recording
 from tiltcal.setup.setup import RESERVED
+from tiltcal.setup.tables import DUAL, HANDHELD, Table, angle_channel, axis_names, tables
 
 SEQUENCE = """
 # What the table does: rest, move, turn, sweep, oscillate or remount. Labels are the operator's.
@@ -120,16 +121,8 @@ def init(args: argparse.Namespace) -> int:
 
 
 def _rig(recording: Recording | None) -> list[str]:
-    table = "dual"
-    if recording is not None:
-        axes = tuple(
-            a for a in ("outer", "middle", "inner") if recording.channel(f"table_{a}") is not None
-        )
-        table = {
-            ("outer",): "vertical",
-            ("outer", "inner"): "dual",
-            ("outer", "middle", "inner"): "three",
-        }.get(axes, "handheld")
+    table = DUAL if recording is None else _table_of(recording)
+    *names, last = tables()
     mount = (
         "identity"
         if recording is None
@@ -137,7 +130,7 @@ def _rig(recording: Recording | None) -> list[str]:
     )
     return [
         "[rig]",
-        f'table = "{table}"               # vertical, placing, dual, three or handheld',
+        f'table = "{table.name}"               # {", ".join(names)} or {last}',
         (
             'readout = "encoder"          # or "command": the table columns are what was asked of'
             " the drive"
@@ -145,6 +138,12 @@ def _rig(recording: Recording | None) -> list[str]:
         f'mount = "{mount}"           # or for example "Rz(180)"',
         "",
     ]
+
+
+def _table_of(recording: Recording) -> Table:
+    """The first table with the axes that a recording has columns of; by hand when there is none."""
+    read = {a for a in axis_names() if recording.channel(angle_channel(a)) is not None}
+    return next((t for t in tables().values() if set(t.axis_names) == read), HANDHELD)
 
 
 def _default_sensor() -> list[str]:

@@ -14,13 +14,16 @@ from tiltcal.design.gradient_search import Draft, Problem
 from tiltcal.design.time_budget import unwound
 from tiltcal.setup.pose_schemes import directions, table_angles
 from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import DUAL, Table
 
 CLASSIC = ("six", "8", "12", "24", "tumble", "sweep", "two_position", "spiral")
+ONE_PLANE = {"six": 90, "8": 45, "12": 30, "24": 15, "tumble": 30, "spiral": 15}
+"""Step of each sequence on a table that turns in one plane only, deg."""
 MOST = 400  # poses that a baseline is tried with
 
 
-def classic(name: str, table: str = "dual") -> Array:
-    """Angles of one cycle of a classic sequence, rad, (n, axes), in its customary order.
+def classic(name: str, table: Table = DUAL) -> Array:
+    """Angles of one cycle of a classic sequence, rad, (n, tilting axes), in its customary order.
 
     ``six``: the faces. ``8``: the corners. ``12``: the edges. ``24``: eight positions every 45 deg
     in three planes.
@@ -28,28 +31,19 @@ def classic(name: str, table: str = "dual") -> Array:
     about the first axis.
     ``two_position``: two poses 180 deg apart about the horizontal. ``spiral``: 24 equally spread
     directions, each from the
-    nearest. A table with one axis goes through the positions of one plane.
+    nearest. A table that cannot turn every direction up goes through the positions of one plane;
+    axes that are not needed stay at zero.
 
     Raises:
         TiltcalError: there is no such sequence.
     """
     one_of(name, CLASSIC, "classic sequence")
-    axes = 1 if table == "placing" else 2
     if name in ("sweep", "two_position"):
         up = np.arange(0, 91, 10.0)
         first = np.concatenate([up, up[-2::-1]]) if name == "sweep" else np.array([90.0, 270.0])
-        return np.asarray(
-            np.column_stack([first, *[np.zeros(len(first))] * (axes - 1)]) * DEG, dtype=np.float64
-        )
-    if axes == 1:
-        return (
-            np.arange(
-                0.0,
-                360.0,
-                {"six": 90, "8": 45, "12": 30, "24": 15, "tumble": 30, "spiral": 15}[name],
-            )[:, None]
-            * DEG
-        )
+        return _padded(first[:, None] * DEG, table)
+    if table.pointing is None:
+        return _padded(np.arange(0.0, 360.0, ONE_PLANE[name])[:, None] * DEG, table)
     if name in ("24", "tumble"):
         return planes(45 if name == "24" else 30, table)
     up = {
@@ -61,10 +55,17 @@ def classic(name: str, table: str = "dual") -> Array:
     return angles_of(up if name == "six" else nearest_order(up), table)
 
 
-def planes(step: int, table: str) -> Array:
-    """Every ``step`` deg in three planes, rad, (n, 2)."""
+def _padded(angles: Array, table: Table) -> Array:
+    """Angles of the first axes that tilt, with zeros for the others, (n, tilting axes)."""
+    others = np.zeros((len(angles), len(table.tilting) - angles.shape[1]))
+    return np.hstack([angles, others])
+
+
+def planes(step: int, table: Table = DUAL) -> Array:
+    """Every ``step`` deg in three planes, rad, (n, tilting axes)."""
     turn = np.arange(0, 360, step)
-    if table == "three":  # up = (-sin m, cos m sin i, cos m cos i)
+    assert table.pointing is not None
+    if table.pointing[1][1] != "z":  # both axes horizontal at zero
         parts = [
             np.column_stack([0 * turn, turn]),
             np.column_stack([turn, 0 * turn]),
@@ -76,16 +77,15 @@ def planes(step: int, table: str) -> Array:
             np.column_stack([turn, 0 * turn + 90]),
             np.column_stack([0 * turn + 90, turn]),
         ]
-    return np.asarray(np.vstack(parts) * DEG, dtype=np.float64)
+    return _padded(np.asarray(np.vstack(parts) * DEG, dtype=np.float64), table)
 
 
-def angles_of(up: Array, table: str) -> Array:
-    """Angles of the axes that turn gravity, for directions of up on a straight mount, rad, (n,
-    2).
+def angles_of(up: Array, table: Table) -> Array:
+    """Angles of the axes that tilt, for directions of up on a straight mount, rad, (n, tilting
+    axes).
     """
-    rig = Rig(table="three" if table == "three" else "dual")
-    found = np.array([table_angles(rig, u, 0, "classic sequence") for u in up])
-    return found[:, 1:] if table == "three" else found
+    found = [table_angles(Rig(table=table.name), u, 0, "classic sequence") for u in up]
+    return np.array(found)[:, -len(table.tilting) :]
 
 
 def nearest_order(up: Array) -> Array:
@@ -98,7 +98,7 @@ def nearest_order(up: Array) -> Array:
     return up[order]
 
 
-def baseline(problem: Problem, name: str, table: str = "dual") -> Draft:
+def baseline(problem: Problem, name: str, table: Table = DUAL) -> Draft:
     """A classic sequence repeated, or cut short, with the number of poses that serves the criterion
     best; equal dwells.
 

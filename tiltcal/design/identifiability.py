@@ -238,15 +238,22 @@ def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:
 
 
 def reference_scenario(id: str) -> Scenario:
-    """The scenario of the catalogue that exercises an effect.
+    """The scenario of the catalogue that exercises an effect; of an installed package's effect,
+    one that exercises an effect of its stage on such a sensor.
 
     Raises:
         TiltcalError: none does.
     """
-    for path in sorted(folder("scenarios").glob("catalogue_*.toml")):
-        scenario = load_scenario(path)
-        if any(t.id == id for t in scenario.effect):
-            return scenario
+    from tiltcal.effects import CATALOGUE
+
+    paths = sorted(folder("scenarios").glob("catalogue_*.toml"))
+    scenarios = [load_scenario(path) for path in paths]
+    place = {i: (c.stage, c.kinds) for i, c in CATALOGUE.items()}
+    alike = {i for i in place if id in place and place[i] == place[id]}
+    for ids in ({id}, alike):
+        for scenario in scenarios:
+            if any(t.id in ids for t in scenario.effect):
+                return scenario
     raise TiltcalError(
         f"effect {id}",
         found="no scenario that exercises it",

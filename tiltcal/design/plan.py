@@ -12,6 +12,7 @@ from tiltcal.design.classic import CLASSIC, baseline
 from tiltcal.design.criteria import gain, tilt_rms
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.search import Effort, poses_worth, search
+from tiltcal.setup.tables import DUAL, Table
 
 LARGE = 60  # parameters beyond which fewer paths are tried
 SPARING = Effort(starts=6, first=25, then=60, kept=2, rounds=1, trials=20)
@@ -116,8 +117,7 @@ def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
 
 def design(
     problem: Problem,
-    axes: tuple[str, ...] = ("outer", "inner"),
-    table: str = "dual",
+    table: Table = DUAL,
     seed: int = 0,
     effort: Effort | None = None,
     notice: Progress = silent,
@@ -126,7 +126,7 @@ def design(
 
     Args:
         problem: model, clock and criterion.
-        axes: names of the angles; table: whose classic sequences are the baselines.
+        table: whose axes are moved, and whose classic sequences are the baselines.
         seed: of the search: the same gives the same design.
         effort: how much is tried.
         notice: told what goes on.
@@ -140,4 +140,4 @@ def design(
         name: forecast(problem, d.angles, problem.dwells(d.angles, d.z))
         for name, d in drafts.items()
     }
-    return Plan(problem, best.angles, problem.dwells(best.angles, best.z), axes, done)
+    return Plan(problem, best.angles, problem.dwells(best.angles, best.z), table.tilting, done)

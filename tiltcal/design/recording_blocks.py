@@ -9,6 +9,7 @@ from math import ceil
 from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import DUAL, angle_key
 
 WORDS = {
     "circle": "go once round with the {axis} axis: whole circles separate what a part of one mixes",
@@ -32,7 +33,7 @@ WORDS = {
 """What each block does, and why."""
 
 
-def said(kind: str, axis: str = "outer", mount: str = "180 deg") -> str:
+def said(kind: str, axis: str = DUAL.axis_names[0], mount: str = "180 deg") -> str:
     """A kind of block in words."""
     return WORDS[kind].format(axis=axis, mount=mount)
 
@@ -115,7 +116,7 @@ def candidates(table: Table) -> Iterator[Block]:
     if len(names) > 1:
         yield Block("tumble", said("tumble"), _poses(table, _spread(table)))
         yield Block("short tumble", said("tumble"), _poses(table, _spread(table)[::2]))
-    if table.rig.table == "dual" and all(table.round_trip(a) for a in names):
+    if table.rig.directions[1:] == ("z",) and all(table.round_trip(a) for a in names):
         pairs = [(a, b) for a in (30.0, 75.0, 120.0) for b in (0.0, 135.0)]
         poses = [pose for a, b in pairs for pose in ((a, b), (360 - a, b + 180))]
         yield Block("flip", said("flip"), _poses(table, poses))
@@ -130,13 +131,13 @@ def candidates(table: Table) -> Iterator[Block]:
 def _of_axis(table: Table, axis: str) -> Iterator[Block]:
     """Blocks that move one axis, the others where they tell most."""
     for others in _elsewhere(table, axis):
-        at = {f"{k}_deg": v for k, v in others.items()}
+        at = {angle_key(k): v for k, v in others.items()}
         where = "".join(f" at {k} {v:g}" for k, v in others.items())
         low, high = table.reach[axis]
 
         def block(kind: str, moves: Sequence[tuple[float, float, float]], more: str = "") -> Block:
             go = [
-                {f"{axis}_deg": angle, "rate_deg_s": rate, "dwell_s": dwell}
+                {angle_key(axis): angle, "rate_deg_s": rate, "dwell_s": dwell}
                 for angle, rate, dwell in moves
             ]
             go[0] |= at  # noqa: B023
@@ -186,21 +187,17 @@ def _spread(table: Table) -> list[tuple[float, ...]]:
     poses = []
     for k, a in enumerate(outer):
         for b in inner[k % 2 :: 2] if k % 4 < 2 else inner[k % 2 :: 2][::-1]:
-            middle = (
-                ()
-                if len(names) == 2
-                else (
-                    table.reach[names[1]][0]
-                    + (k % 3) / 3 * (table.reach[names[1]][1] - table.reach[names[1]][0]),
-                )
-            )
+            middle = [
+                table.reach[name][0] + (k % 3) / 3 * (table.reach[name][1] - table.reach[name][0])
+                for name in names[1:-1]
+            ]
             poses.append((a, *middle, b + (15.0 if table.round_trip(names[-1]) else 0.0)))
     return poses
 
 
 def _poses(table: Table, poses: Sequence[Sequence[float]]) -> tuple[Step, ...]:
     """Moves to poses, with a dwell at each."""
-    names = [f"{n}_deg" for n in table.rig.axis_names]
+    names = [angle_key(n) for n in table.rig.axis_names]
     common = {"action": "move", "rate_deg_s": table.rate, "dwell_s": table.dwell}
     return tuple(
         Step.model_validate({**common, **dict(zip(names, pose, strict=True))}) for pose in poses
@@ -211,7 +208,7 @@ def within(block: Block, table: Table) -> bool:
     """Whether every angle of a block is allowed."""
     for step in block.steps:
         for axis, (low, high) in table.reach.items():
-            angle = getattr(step, f"{axis}_deg")
+            angle = step.angles_deg.get(axis)
             if angle is not None and not low - 1e-9 <= angle <= high + 1e-9:
                 return False
     return True

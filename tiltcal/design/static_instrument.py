@@ -13,6 +13,7 @@ from tiltcal.effects.base import Effect, Sense, SignalEffect, TermEffect
 from tiltcal.forward.jacobian import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
+from tiltcal.setup.tables import tables
 from tiltcal.setup.trajectory import Drive, Jet
 
 POINTWISE = ("pose", "time", "temperature", "any")  # needs of effects that may show in a pose
@@ -39,16 +40,16 @@ class Still:
             TiltcalError: the table has none.
         """
         rig = self.scenario.rig
-        moved = tuple(name for k, (name, about) in enumerate(rig.axes) if k > 0 or about != "z")
-        if not moved:
+        if not rig.kind.tilting:
             turns = "turns about the vertical only" if rig.axes else "has no axis to command"
+            *able, last = (table.name for table in tables().values() if table.tilting)
             raise TiltcalError(
                 f"design, table {rig.table}",
                 found=f"a table that {turns}: no pose of it changes what gravity does to a sensor",
-                need="placing, dual or three",
+                need=f"{', '.join(able)} or {last}",
                 do="design for another table",
             )
-        return moved
+        return rig.kind.tilting
 
     def up(self, angles: Array) -> Array:
         """Up in the body frame, (n, 3). angles: of ``axes``, rad, (n, axes)."""

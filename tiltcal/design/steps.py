@@ -16,18 +16,9 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.pose_schemes import label_of
 from tiltcal.setup.schedule import move_time
 from tiltcal.setup.sequence import Step
+from tiltcal.setup.sequence_files import sequence_columns
+from tiltcal.setup.tables import angle_key
 
-COLUMNS = (
-    "step",
-    "action",
-    "outer_deg",
-    "middle_deg",
-    "inner_deg",
-    "rate_deg_s",
-    "dwell_s",
-    "mount",
-    "label",
-)
 DECIMALS = 6  # of a degree
 
 
@@ -46,7 +37,7 @@ def steps_of(plan: Plan, up: Array) -> list[Step]:
         taken = move_time(distance, clock.rate) if distance > 0 else 0.0
         stay = distance / clock.rate + clock.settle + float(dwell) - taken
         where = {
-            f"{name}_deg": round(float(a) / DEG, DECIMALS) + 0.0
+            angle_key(name): round(float(a) / DEG, DECIMALS) + 0.0
             for name, a in zip(plan.axes, angles, strict=True)
         }
         steps.append(
@@ -66,10 +57,11 @@ def steps_csv(steps: list[Step]) -> str:
     """The steps in the columns that a laboratory reads; empty cells mean unchanged."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    columns = sequence_columns([axis for step in steps for axis in step.angles_deg])
+    writer.writerow(columns)
     for number, step in enumerate(steps, start=1):
         values = {"step": number, **step.model_dump(exclude_none=True)}
-        writer.writerow([values.get(name, "") for name in COLUMNS])
+        writer.writerow([values.get(name, "") for name in columns])
     return text.getvalue()
 
 

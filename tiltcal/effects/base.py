@@ -22,7 +22,7 @@ electronics, data
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -32,6 +32,7 @@ from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
 from tiltcal.effects.traits import Traits
 from tiltcal.setup.setup import Rig, Sensor
+from tiltcal.setup.tables import Table, tables
 from tiltcal.setup.trajectory import Drive, Jet, Rests
 
 Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
@@ -70,6 +71,7 @@ class Parameter:
         shape: whether it says when, how fast or how wide and not how much; so does everything with
             a default.
         whole: whether it counts what comes in ones.
+        tables: names of the tables that have it; empty: any.
     """
 
     name: str
@@ -79,6 +81,11 @@ class Parameter:
     default: float = 0.0
     shape: bool = False
     whole: bool = False
+    tables: frozenset[str] = frozenset()
+
+    def stands_on(self, rig: Rig) -> bool:
+        """Whether the table of a rig has it."""
+        return not self.tables or rig.table in self.tables
 
     def expand(self, axes: Sequence[str]) -> list[str]:
         """Bare names for a sensor with these axes."""
@@ -104,6 +111,37 @@ class Parameter:
     def factor(self) -> float:
         """SI value of one ``unit``."""
         return PARAMETER_UNITS[self.unit].factor
+
+
+@dataclass(frozen=True)
+class PerTable:
+    """Parameters whose names follow from the axes of a table: those of all tables together.
+
+    Args:
+        names: bare names on one table.
+        unit, plausible: as of a Parameter.
+        order: names that come first, in this order.
+    """
+
+    names: Callable[[Table], Sequence[str]]
+    unit: str
+    plausible: tuple[float, float, float]
+    order: Callable[[], Sequence[str]] = tuple
+
+    def __get__(self, effect: "Effect | None", cls: type["Effect"]) -> tuple[Parameter, ...]:
+        return _on_all_tables(self)
+
+
+@cache
+def _on_all_tables(each: PerTable) -> tuple[Parameter, ...]:
+    found: dict[str, set[str]] = {name: set() for name in each.order()}
+    for table in tables().values():
+        for name in each.names(table):
+            found.setdefault(name, set()).add(table.name)
+    return tuple(
+        Parameter(name, each.unit, each.plausible, tables=frozenset(of))
+        for name, of in found.items()
+    )
 
 
 Streams = Callable[["Effect"], np.random.Generator | None]
@@ -181,7 +219,8 @@ class Effect(Traits, ABC):
     @classmethod
     def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
         """The sizes by their bare names, for a sensor with these channels on a rig."""
-        return {n: p for p in cls.parameters if not p.is_shape for n in p.expand(channels)}
+        sizes = [p for p in cls.parameters if not p.is_shape and p.stands_on(rig)]
+        return {n: p for p in sizes for n in p.expand(channels)}
 
     def value(self, name: str) -> float:
         """SI value of a bare parameter name."""

@@ -2,12 +2,15 @@
 
 import importlib
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from math import isfinite
+from types import ModuleType
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError, nearest, one_of
+from tiltcal.core.extensions import members
 from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects.base import STAGES, Effect, Parameter
 from tiltcal.effects.learned import Learned, learned_table, make_learned
@@ -37,23 +40,89 @@ FAMILIES = (
 )
 
 
-def _collect() -> dict[str, type[Effect]]:
-    found: dict[str, type[Effect]] = {}
-    for family in FAMILIES:
-        module = importlib.import_module(f"tiltcal.effects.{family}")
-        for _, cls in inspect.getmembers(module, inspect.isclass):
-            if (
-                issubclass(cls, Effect)
-                and cls.id
-                and not inspect.isabstract(cls)
-                and cls.__module__ == module.__name__
-            ):
-                found[cls.id] = cls
-    return dict(sorted(found.items(), key=lambda item: (STAGES.index(item[1].stage), item[0])))
+GROUP = "tiltcal.effects"
+STATED = (
+    "stage",
+    "title",
+    "parameters",
+    "physics",
+    "equation",
+    "source",
+    "excited_by",
+    "look",
+)
+"""What a class has to say of its effect."""
 
 
-CATALOGUE: dict[str, type[Effect]] = _collect()
-"""Effect class of each id, in the order of the chain."""
+def _is_effect(item: Any) -> bool:
+    return (
+        inspect.isclass(item)
+        and issubclass(item, Effect)
+        and bool(item.id)
+        and not inspect.isabstract(item)
+    )
+
+
+def _defined_in(module: ModuleType) -> list[type[Effect]]:
+    own = [item for item in vars(module).values() if _is_effect(item)]
+    return [cls for cls in own if cls.__module__ == module.__name__]
+
+
+def _built_in() -> dict[str, type[Effect]]:
+    modules = (importlib.import_module(f"tiltcal.effects.{family}") for family in FAMILIES)
+    return {cls.id: cls for module in modules for cls in _defined_in(module)}
+
+
+def _with_installed() -> dict[str, type[Effect]]:
+    """The built-in effects and those of installed packages.
+
+    Raises:
+        TiltcalError: an entry point names no effect, an unfinished one, or one whose id is taken.
+    """
+    found = _built_in()
+    for subject, cls in members(GROUP, _is_effect, "an Effect with an id", _defined_in):
+        missing = [name for name in STATED if not hasattr(cls, name)]
+        if missing:
+            raise TiltcalError(
+                subject,
+                found=f"{cls.__name__} without {', '.join(missing)}",
+                need="a class that describes its effect",
+                do="state them",
+            )
+        if cls.id in (*found, Learned.id):
+            raise TiltcalError(
+                subject,
+                found=f"effect '{cls.id}', which exists already",
+                need="an id of its own",
+                do="rename it",
+            )
+        found[cls.id] = cls
+    return found
+
+
+class Catalogue(Mapping[str, type[Effect]]):
+    """Effect class of each id, in the order of the chain; installed packages are asked for theirs
+    when it is first used.
+    """
+
+    @cached_property
+    def _classes(self) -> dict[str, type[Effect]]:
+        place = {stage: k for k, stage in enumerate(STAGES)}
+        found = _with_installed().items()
+        return dict(sorted(found, key=lambda item: (place[item[1].stage], item[0])))
+
+    def __getitem__(self, id: str) -> type[Effect]:
+        return self._classes[id]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._classes)
+
+    def __len__(self) -> int:
+        return len(self._classes)
+
+
+CATALOGUE = Catalogue()
+"""Every effect there is."""
 
 
 def make_effect(

@@ -33,16 +33,15 @@ from tiltcal.effects.base import (
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import angle_channel, axis_names, axis_of
 from tiltcal.setup.trajectory import Drive, Jet
 
-ANGLES = {f"table_{axis}": axis for axis in ("outer", "middle", "inner")}
 INPUTS = {
     f"{quantity}_{axis}": (quantity, "xyz".index(axis))
     for quantity in ("force", "rate")
     for axis in "xyz"
 }
 COORDINATES = (
-    *ANGLES,
     *INPUTS,
     "input",
     "transverse",
@@ -52,7 +51,7 @@ COORDINATES = (
     "since_move",
     "moves",
 )
-"""What a curve may follow.
+"""What a curve may follow, beside the angle of a table axis: ``table_<axis>``.
 
 ``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt;
 ``moves``: how many there were.
@@ -195,8 +194,8 @@ class Learned(Effect):
 
     def each_along(self, drive: Drive) -> Jet:
         """The curve of each coefficient along a drive, (n, p)."""
-        if self.coordinate in ANGLES:
-            return self.each(drive.axes[ANGLES[self.coordinate]])
+        if (axis := axis_of(self.coordinate)) is not None:
+            return self.each(drive.axes[axis])
         if self.coordinate == "time":
             one = np.ones_like(drive.elapsed)
             return self.each(Jet(drive.elapsed, one, 0 * one))
@@ -230,9 +229,8 @@ class LearnedReading(Learned, SignalEffect):
         """What one of each coefficient adds to that channel, (n, p)."""
         own = sense.true_input()[:, self.channel(sense)]
         if self.beside:
-            return _products(
-                *(sense.angles[ANGLES[name]] for name in (self.coordinate, self.beside))
-            )
+            axes = (axis_of(self.coordinate), axis_of(self.beside))
+            return _products(*(sense.angles[str(axis)] for axis in axes))
         basis = self.basis(coordinate_of(self.coordinate, sense, own, self.lag))
         return basis * own[:, None] if self.per_input else basis
 
@@ -283,8 +281,8 @@ def coordinate_of(name: str, sense: Sense, own: Array, lag: float = 0.0) -> Arra
 
 
 def _prompt(name: str, sense: Sense, own: Array) -> Array:
-    if name in ANGLES:
-        return sense.angles[ANGLES[name]]
+    if (own_axis := axis_of(name)) is not None:
+        return sense.angles[own_axis]
     if name in INPUTS:
         quantity, axis = INPUTS[name]
         return np.asarray((sense.force if quantity == "force" else sense.rate)[:, axis])
@@ -342,7 +340,7 @@ def make_learned(
                 do=nearest(key, sorted(_KEYS)),
             )
     on = _word(table, "on", "reading", KINDS, subject)
-    coordinate = _word(table, "coordinate", "", COORDINATES, subject)
+    coordinate = _word(table, "coordinate", "", (*_angles(), *COORDINATES), subject)
     place = _word(table, "place", "sensor", STAGES, subject)
     knots, numbers = (
         _numbers(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
@@ -384,6 +382,10 @@ def make_learned(
     )
 
 
+def _angles() -> list[str]:
+    return [angle_channel(axis) for axis in axis_names()]
+
+
 def _amount(table: Mapping[str, Any], key: str, subject: str) -> float:
     value = table.get(key, 0.0)
     if not isinstance(value, int | float) or not value >= 0:
@@ -396,11 +398,11 @@ def _beside(table: Mapping[str, Any], on: str, setup: Setup, subject: str) -> st
     """The second angle of a product; empty where there is none."""
     if "beside" not in table:
         return ""
-    beside = _word(table, "beside", "", ANGLES, subject)
+    beside = _word(table, "beside", "", _angles(), subject)
     if (
         on != "reading"
-        or ANGLES[beside] not in setup.rig.axis_names
-        or table.get("coordinate") not in ANGLES
+        or axis_of(beside) not in setup.rig.axis_names
+        or axis_of(str(table.get("coordinate"))) is None
     ):
         raise TiltcalError(
             f"{subject}, key beside",
@@ -423,14 +425,15 @@ def _where(
     """Slot and turn of a tilt, both empty for the others, once coordinate and axis are known to fit
     the place.
     """
-    if on != "reading" and coordinate not in (*ANGLES, "time", "temperature"):
+    axis_named = axis_of(coordinate)
+    if on != "reading" and axis_named is None and coordinate not in ("time", "temperature"):
         raise TiltcalError(
             subject,
             found=f"coordinate '{coordinate}'",
             need="a table angle, time or temperature",
             do="correct it",
         )
-    if coordinate in ANGLES and ANGLES[coordinate] not in setup.rig.axis_names:
+    if axis_named is not None and axis_named not in setup.rig.axis_names:
         raise TiltcalError(
             subject,
             found=f"coordinate '{coordinate}'",
@@ -441,8 +444,8 @@ def _where(
     if on != "tilt":
         one_of(str(axis), axes, subject, "axis")
         return "", ""
-    slots = ("base", *(f"{name}_bearing" for name in setup.rig.axis_names), "mount")
-    return _word(table, "slot", "", slots, subject), _word(table, "turn", "", AXES, subject)
+    slot = _word(table, "slot", "", setup.rig.kind.slots, subject)
+    return slot, _word(table, "turn", "", AXES, subject)
 
 
 def _word(

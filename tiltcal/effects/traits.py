@@ -93,7 +93,9 @@ class Traits:
 
     # In words
     follows: ClassVar[str] = ""
-    """Coordinate that it follows, where its needs do not say so."""
+    """Coordinate that it follows, where its needs do not say so; ``{innermost}`` stands for the
+    innermost table axis.
+    """
     told_apart_by: ClassVar[Mapping[str, str]] = {}
     """What to record to tell it from another id: a kind of block, or a phrase."""
 

@@ -119,8 +119,8 @@ def candidates(
         for sensor in sensors:
             for axis in axes:
                 for p in cls.parameters:
-                    if p.is_shape:
-                        continue  # a shape, not a size
+                    if p.is_shape or not p.stands_on(setup.rig):
+                        continue  # a shape, not a size; or of another table
                     for name in p.expand(sensor.axes if sensor else ()):
                         yield id, sensor.name if sensor else None, axis, name, p, sizes(p, grade)
 

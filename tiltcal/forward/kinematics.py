@@ -27,6 +27,7 @@ from tiltcal.effects.base import (
 )
 from tiltcal.effects.mechanisms import Context, Ring, Turn, World
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Drive, Jet, Motion
 
 Vector = list[Array]
@@ -97,7 +98,7 @@ def force_and_rate(
 def _displaced(setup: Setup, world: World, effects: Sequence[Effect]) -> bool:
     """Whether the sensors are off the axes' common point, or that point is shaken."""
     off_axis = any(
-        np.any(link_offset(setup, effects, f"{name}_bearing")) for name in setup.rig.axis_names
+        np.any(link_offset(setup, effects, bearing(name))) for name in setup.rig.axis_names
     )
     return bool(np.any(world.lever)) or bool(world.shakes) or off_axis
 
@@ -120,8 +121,8 @@ def _carried(
 
     slot("base")
     for name, axis in setup.rig.axes:
-        link.offset(link_offset(setup, effects, f"{name}_bearing"))
-        slot(f"{name}_bearing")
+        link.offset(link_offset(setup, effects, bearing(name)))
+        slot(bearing(name))
         link.turn(Turn(axis, angles[name]))
     if drive.attitude is not None:
         link.take(drive.attitude.R_wb, drive.attitude.rate, drive.attitude.acceleration)

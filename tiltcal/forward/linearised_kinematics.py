@@ -85,7 +85,7 @@ class Responses:
             }
         assert isinstance(effect, FrameEffect)
         found: dict[Place, Jet] = {}
-        for slot in ("base", *(f"{name}_bearing" for name in rig.axis_names), "mount"):
+        for slot in rig.kind.slots:
             for turn in effect.turns(slot, self._context):
                 place = (slot, turn.axis)
                 found[place] = found[place] + turn.angle if place in found else turn.angle

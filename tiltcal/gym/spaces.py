@@ -9,6 +9,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.gym.calibrations import Bench, Task
 from tiltcal.setup.pose_schemes import table_angles
 from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import DUAL
 
 DEEPEST = -20.0  # log of posterior over prior that is shown at most
 DWELLS = (5.0, 10.0, 20.0)  # s, of the discrete variant
@@ -57,7 +58,7 @@ def menu() -> Array:
     """The discrete variant's poses as continuous angles, rad, (26, 2): faces, edges and corners."""
     up = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
     up /= np.linalg.norm(up, axis=1)[:, None]
-    return np.array([table_angles(Rig(table="dual"), u, 0, "environment") for u in up])
+    return np.array([table_angles(Rig(table=DUAL.name), u, 0, "environment") for u in up])
 
 
 def action_of(

@@ -21,6 +21,7 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
 from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.tables import CHANNEL, angle_channel
 from tiltcal.setup.trajectory import Course, Drive, Jet
 
 # fingerprint of a recording that does not exist yet: events that were seen in another are over
@@ -81,7 +82,7 @@ class SimulatedLaboratory:
                 time = np.union1d(time, stamps)
         drive = course.drive(time)
         columns = {
-            f"table_{name}_deg": angle / DEG
+            f"{angle_channel(name)}_deg": angle / DEG
             for name, angle in written_readout(scenario.effects, drive).items()
         }
         for sensor in scenario.sensor:
@@ -111,7 +112,7 @@ class SimulatedLaboratory:
     def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
         """What the model says ``motion`` should have read."""
         effects = as_met(scenario.effects, motion.fingerprint)
-        if scenario.rig.table == "handheld":
+        if not scenario.rig.axes:
             values = predicted_readings(scenario, motion.require_increasing(), effects)
         else:
             course = restored(replay(motion, scenario, scenario.climate.reference_degC), effects)
@@ -126,7 +127,7 @@ class SimulatedLaboratory:
         kept = {
             n: motion.column(n)
             for n in motion.column_names
-            if n.startswith(("table_", "temperature_"))
+            if n.startswith((CHANNEL, "temperature_"))
         }
         metadata = dict(motion.metadata) | _metadata(scenario, seed) | {"predicts": motion.source}
         return Recording.from_columns(

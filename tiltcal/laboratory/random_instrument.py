@@ -46,9 +46,9 @@ def draw_instrument(setup: Setup, grade: str, seed: int) -> list[Effect]:
                         size = p.plausible[GRADES.index(grade)] * np.exp(
                             rng.uniform(*np.log(SPREAD))
                         )
-                        values[f"{name}{p.suffix}"] = float(
-                            size if p.positive else size * rng.choice([-1.0, 1.0])
-                        )
+                        drawn = size if p.positive else size * rng.choice([-1.0, 1.0])
+                        if p.stands_on(setup.rig):
+                            values[f"{name}{p.suffix}"] = float(drawn)
                 found.append(
                     make_effect(
                         cls.id, values, setup, sensor=sensor.name if sensor else None, axis=axis

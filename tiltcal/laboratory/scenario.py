@@ -335,7 +335,7 @@ def _fields_at(location: tuple[Any, ...]) -> list[str]:
         if not models:
             return []
         model = models[0]
-    return [f.alias or name for name, f in model.model_fields.items()]
+    return model.keys() if issubclass(model, Part) else list(model.model_fields)
 
 
 def _arguments(annotation: Any) -> list[Any]:

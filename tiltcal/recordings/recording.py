@@ -16,6 +16,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.temperature import smooth_temperature
 from tiltcal.setup.setup import Sensor
+from tiltcal.setup.tables import angle_channel, axis_of
 
 Rows = npt.NDArray[np.intp]
 Labels = npt.NDArray[np.object_]
@@ -206,7 +207,7 @@ class Recording:
         """Readout of a table axis, rad, (n,), NaN where it was not read; None without such a
         column.
         """
-        return self._scaled(f"table_{axis}{suffix}")
+        return self._scaled(angle_channel(axis, suffix))
 
     def temperature(self) -> Array | None:
         """Temperature, degC, (n,), smooth over rounding, noise and the rows where it was not
@@ -267,7 +268,7 @@ class Recording:
             name
             for name in self.column_names
             if (c := split_unit(name)[0]) not in prefixes
-            and not c.startswith("table_")
+            and axis_of(c) is None
             and c != "temperature"
         ]
         return strange + list(self.extra)

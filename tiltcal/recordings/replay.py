@@ -19,6 +19,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
 from tiltcal.recordings.segmentation import resting_rows
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet, Rests
 
 EDGE = 2  # samples beside a move that are left to the polynomial
@@ -128,7 +129,7 @@ def replay(
         if angle is None or np.isnan(angle).all():
             raise TiltcalError(
                 f"{recording.source}",
-                found=f"no column table_{axis}_<unit>",
+                found=f"no column {angle_channel(axis)}_<unit>",
                 need=f"the readout of the {setup.rig.table} table",
                 do="record it, or label the poses",
             )

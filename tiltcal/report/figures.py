@@ -96,8 +96,8 @@ def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Any:
 
 
 def residual_figures(recording: Recording, setup: Setup, calibration: Calibration) -> list[Any]:
-    """Residuals of the dwells against time and against the outer angle, where attitudes are known;
-    else of the norm.
+    """Residuals of the dwells against time and against the outermost angle, where attitudes are
+    known; else of the norm.
     """
     names = calibration.sensors()
     if not names or not setup.named(names[0]).is_accelerometer:
@@ -111,13 +111,13 @@ def residual_figures(recording: Recording, setup: Setup, calibration: Calibratio
         poses.means, poses.up, poses.sensor.axes, setup, calibration
     )
     figures = [_scatter(middle, residual, channels, "time, s", f"Residuals of the dwells, {unit}")]
-    if "outer" in poses.angles:
+    for name, angle in list(poses.angles.items())[:1]:
         figures.append(
             _scatter(
-                poses.angles["outer"] / DEG,
+                angle / DEG,
                 residual,
                 channels,
-                "table outer, deg",
+                f"table {name}, deg",
                 f"Residuals of the dwells, {unit}",
             )
         )

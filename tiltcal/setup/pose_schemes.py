@@ -10,6 +10,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
 from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import Axis, tables
 
 TUMBLE_STEP = 30  # deg
 
@@ -63,17 +64,35 @@ def table_angles(rig: Rig, up: Array, number: int, subject: str) -> Array:
     Raises:
         TiltcalError: the table cannot reach every direction.
     """
-    x, y, z = rig.mount_rotation @ up
-    if rig.table == "dual":  # up in the table's inner frame is (sin a sin b, sin a cos b, cos a)
-        return np.array(
-            [np.arctan2(np.hypot(x, y), z), np.arctan2(x, y) if np.hypot(x, y) > 1e-9 else 0.0]
+    table = rig.kind
+    if table.pointing is None:
+        *able, last = (t.name for t in tables().values() if t.pointing or not t.axes)
+        raise TiltcalError(
+            subject,
+            found=f"table {rig.table}",
+            need=f"{', '.join(able)} or {last}",
+            do="write the moves one by one",
         )
-    if rig.table == "three":  # (-sin m, cos m sin i, cos m cos i)
-        inner = np.arctan2(y, z) if np.hypot(y, z) > 1e-9 else 0.0
-        return np.array([(number // 6) * 90 * DEG, -np.arcsin(np.clip(x, -1, 1)), inner])
-    raise TiltcalError(
-        subject,
-        found=f"table {rig.table}",
-        need="dual, three or handheld",
-        do="write the moves one by one",
+    (tilt, _), (turn, _) = table.pointing
+    angles = dict.fromkeys(table.axis_names, 0.0)
+    angles[tilt], angles[turn] = _pointed(table.pointing, rig.mount_rotation @ up)
+    if table.axis_names[0] not in table.tilting:
+        angles[table.axis_names[0]] = (number // 6) * 90 * DEG
+    return np.array(list(angles.values()))
+
+
+def _pointed(axes: tuple[Axis, Axis], up: Array) -> tuple[float, float]:
+    """Angles a, b of axes about e and d, rad, with ``R_d(b)^T R_e(a)^T z = up``.
+
+    R_e(a)^T z = z cos a + (z x e) sin a has a component along d, which b leaves as it is, and one
+    across it, which b turns; a is chosen so that the latter is not negative.
+    """
+    z = np.eye(3)[2]
+    (_, e), (_, d) = ((name, np.eye(3)["xyz".index(about)]) for name, about in axes)
+    side = np.cross(z, e)
+    along, across = d @ up, np.linalg.norm(np.cross(d, up))
+    a, start = (
+        (np.arctan2(across, along), side) if d @ z else (np.arctan2((side @ d) * along, across), z)
     )
+    b = np.arctan2(np.cross(up, start) @ d, up @ start) if across > 1e-9 else 0.0
+    return float(a), float(b)

@@ -234,10 +234,8 @@ class _Builder:
 
     def _target(self, step: Step) -> Array:
         target = self.q.copy()
-        for name in ("outer", "middle", "inner"):
-            angle = getattr(step, f"{name}_deg")
-            if angle is not None:
-                target[self._index(name)] = angle * DEG
+        for name, angle in step.angles_deg.items():
+            target[self._index(name)] = angle * DEG
         return target
 
     def _index(self, name: str) -> int:
@@ -282,9 +280,7 @@ class _Builder:
             self._dwell(step.dwell_s)
 
     def _by_hand(self, step: Step) -> None:
-        if step.action in ("sweep", "oscillate") or any(
-            getattr(step, f"{n}_deg") is not None for n in ("outer", "middle", "inner")
-        ):
+        if step.action in ("sweep", "oscillate") or step.angles_deg:
             raise TiltcalError(
                 self.subject,
                 found="table words",

@@ -1,14 +1,16 @@
 """A sequence in laboratory words, and the climate it runs in."""
 
 from math import pi
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import parse_up
 from tiltcal.setup.setup import Part, readable_mount
+from tiltcal.setup.tables import angle_key, axis_names, built_in_axes
 
 
 class Climate(Part):
@@ -40,6 +42,22 @@ class Climate(Part):
         )
 
 
+def _angle_keys() -> list[str]:
+    return [angle_key(axis) for axis in axis_names()]
+
+
+def _is_angle_key(key: str) -> str:
+    if key not in map(angle_key, built_in_axes()) and key not in _angle_keys():
+        raise PydanticCustomError("extra_forbidden", "Extra inputs are not permitted")
+    return key
+
+
+def _list_angles(schema: dict[str, Any]) -> None:
+    number = schema["additionalProperties"]
+    schema["properties"] |= dict.fromkeys(_angle_keys(), number)
+    schema["additionalProperties"] = False
+
+
 class Step(Part):
     """One step of a sequence: what to do, then how long to dwell there.
 
@@ -49,13 +67,14 @@ class Step(Part):
     dwelling at each;
     ``oscillate`` swings ``axis``; ``remount`` changes the mounting; ``scheme`` goes through all
     positions of a measuring
-    ``scheme`` of the library, dwelling at each. Angles left out stay as they are.
+    ``scheme`` of the library, dwelling at each. Angles are keys ``<axis>_deg``, of any axis of any
+    table; those left out stay as they are.
     """
 
+    model_config = ConfigDict(extra="allow", json_schema_extra=_list_angles)
+    __pydantic_extra__: dict[Annotated[str, AfterValidator(_is_angle_key)], float | None]
+
     action: Literal["rest", "move", "turn", "sweep", "oscillate", "remount", "scheme"]
-    outer_deg: float | None = None
-    middle_deg: float | None = None
-    inner_deg: float | None = None
     rate_deg_s: Annotated[float, Field(gt=0)] = 20.0
     dwell_s: Annotated[float, Field(ge=0)] = 0.0
     mount: str | None = None
@@ -68,6 +87,16 @@ class Step(Part):
     cycles: Annotated[int, Field(gt=0)] = 5
     up: str | None = None
     scheme: Literal["6", "8", "12", "24", "tumble"] | None = None
+
+    @classmethod
+    def keys(cls) -> list[str]:
+        return [*super().keys(), *_angle_keys()]
+
+    @property
+    def angles_deg(self) -> dict[str, float]:
+        """Angle of each axis that the step names, deg."""
+        given = {name: (self.model_extra or {}).get(angle_key(name)) for name in axis_names()}
+        return {name: angle for name, angle in given.items() if angle is not None}
 
     @field_validator("up")
     @classmethod

@@ -14,18 +14,8 @@ from tiltcal.core.units import DEG
 from tiltcal.setup.schedule import Leg, build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names
 
-COLUMNS = (
-    "step",
-    "action",
-    "outer_deg",
-    "middle_deg",
-    "inner_deg",
-    "rate_deg_s",
-    "dwell_s",
-    "mount",
-    "label",
-)
 GOING = (
     "move",
     "turn",
@@ -33,6 +23,12 @@ GOING = (
 )  # all go to the angles of their row; a turn and a sweep say that the way there matters
 ACTIONS = ("rest", *GOING, "remount")
 WHOLE_TURN = 360 * DEG
+
+
+def sequence_columns(axes: Sequence[str]) -> tuple[str, ...]:
+    """Columns of a sequence file: the angles of the usual axes, and of any further one."""
+    angles = map(angle_key, dict.fromkeys((*FILE_AXES, *axes)))
+    return ("step", "action", *angles, "rate_deg_s", "dwell_s", "mount", "label")
 
 
 def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
@@ -44,7 +40,7 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
     if not rig.axes:
         raise TiltcalError(
             "sequence file",
-            found="table handheld",
+            found=f"table {rig.table}",
             need="a table with axes",
             do="write the steps down in words",
         )
@@ -71,7 +67,7 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
                 {"action": "rest", "dwell_s": _number(leg.t1 - leg.t0), "label": leg.label or ""}
             )
     text = StringIO()
-    writer = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
+    writer = csv.DictWriter(text, sequence_columns(rig.axis_names), restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows({"step": str(k), **row} for k, row in enumerate(rows, start=1))
     return text.getvalue()
@@ -85,7 +81,7 @@ def _going(
     action = "turn" if np.abs(leg.dq).max() >= WHOLE_TURN - 1e-9 else "move"
     target = leg.q0 + leg.dq
     angles = {
-        f"{name}_deg": _number(target[k] / DEG)
+        angle_key(name): _number(target[k] / DEG)
         for k, name in enumerate(rig.axis_names)
         if target[k] != here[k]
     }
@@ -118,13 +114,14 @@ def read_sequence(path: Path | str) -> tuple[Step, ...]:
             need="a CSV in UTF-8",
             do="check the file",
         ) from error
+    columns = sequence_columns(axis_names())
     for name in head:
-        if name not in COLUMNS:
+        if name not in columns:
             raise TiltcalError(
                 f"sequence {path.name}",
                 found=f"column '{name}'",
-                need=_words(COLUMNS),
-                do=nearest(name, [*COLUMNS]),
+                need=_words(columns),
+                do=nearest(name, [*columns]),
             )
     if "action" not in head or not rows:
         raise TiltcalError(
@@ -148,7 +145,7 @@ def _step(row: Mapping[str, str | None], subject: str) -> Step:
             do=nearest(action, [*ACTIONS]),
         )
     known: dict[str, float] = {}
-    for name in COLUMNS[2:7]:
+    for name in (*map(angle_key, axis_names()), "rate_deg_s", "dwell_s"):
         cell = (row.get(name) or "").strip()
         if cell:
             known[name] = _value(cell, name, subject)

@@ -3,25 +3,17 @@ properties.
 """
 
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import earth_rate, parse_mount, unit
 from tiltcal.core.units import COLUMN_UNITS, DEG, G0
-
-TABLE_AXES: dict[str, tuple[tuple[str, str], ...]] = {
-    "vertical": (("outer", "z"),),
-    "placing": (("outer", "y"),),
-    "dual": (("outer", "x"), ("inner", "z")),
-    "three": (("outer", "z"), ("middle", "y"), ("inner", "x")),
-    "handheld": (),
-}
-"""Axes of each table, outermost first, and the coordinate axis each turns about (CONTRACT: frames).
-"""
+from tiltcal.setup.tables import BUILT_IN, Axis, Table, find_table, tables
 
 RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
 QUANTITY = {"accelerometer": "acceleration", "inclinometer": "angle", "gyro": "rate", "fog": "rate"}
@@ -32,6 +24,11 @@ class Part(BaseModel):
     """A frozen part of a scenario; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, ignored_types=(cached_property,))
+
+    @classmethod
+    def keys(cls) -> list[str]:
+        """Its keys in a file."""
+        return [f.alias or name for name, f in cls.model_fields.items()]
 
 
 class Site(Part):
@@ -67,10 +64,22 @@ def readable_mount(text: str) -> str:
     return text
 
 
+def known_table(name: str) -> str:
+    """``name`` when it is a table's; an error for pydantic otherwise."""
+    if name not in BUILT_IN and name not in tables():
+        *others, last = (f"'{table}'" for table in tables())
+        raise PydanticCustomError("literal_error", f"Input should be {', '.join(others)} or {last}")
+    return name
+
+
+def _list_tables(schema: dict[str, Any]) -> None:
+    schema["enum"] = list(tables())
+
+
 class Rig(Part):
     """The table and how the instrument sits on it."""
 
-    table: Literal["vertical", "placing", "dual", "three", "handheld"]
+    table: Annotated[str, AfterValidator(known_table), Field(json_schema_extra=_list_tables)]
     readout: Literal["encoder", "command"] = "encoder"
     mount: str = "identity"
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -80,10 +89,15 @@ class Rig(Part):
     def _mount_reads(cls, text: str) -> str:
         return readable_mount(text)
 
+    @cached_property
+    def kind(self) -> Table:
+        """The declaration of its table."""
+        return find_table(self.table)
+
     @property
-    def axes(self) -> tuple[tuple[str, str], ...]:
+    def axes(self) -> tuple[Axis, ...]:
         """(name, coordinate axis) of each table axis, outermost first."""
-        return TABLE_AXES[self.table]
+        return self.kind.axes
 
     @property
     def mount_rotation(self) -> Array:
@@ -91,9 +105,14 @@ class Rig(Part):
         return parse_mount(self.mount)
 
     @property
+    def directions(self) -> tuple[str, ...]:
+        """Coordinate axis of each table axis, outermost first."""
+        return self.kind.directions
+
+    @property
     def axis_names(self) -> tuple[str, ...]:
         """Names of the table's axes, outermost first."""
-        return tuple(name for name, _ in self.axes)
+        return self.kind.axis_names
 
 
 def _not_zero(value: float) -> float:

@@ -27,10 +27,12 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.tables import PLACING, angle_channel
 from tiltcal.statistics.least_squares import Fit, linear_fit
 
 NAME = "placing_table"
 ORDERS = (1, 2, 3, 4)
+READOUT = angle_channel(PLACING.axis_names[0])
 REPEATED = 0.5  # of the angles; with fewer repeated visits the drift is hardly known
 REMOUNT = {"x": "Rz(90)", "y": "identity"}
 
@@ -86,9 +88,9 @@ def placing_table(
     if not known.any():
         raise TiltcalError(
             recording.source,
-            found="dwells without a readout of table_outer",
+            found=f"dwells without a readout of {READOUT}",
             need="the angle of every dwell",
-            do="record table_outer_deg",
+            do=f"record {READOUT}_deg",
         )
     poses = poses.subset(known)
     require_mounting(
@@ -133,11 +135,11 @@ def placing_table(
 def _require(
     recording: Recording, setup: Setup, sensor: str | None, lookup: str, harmonics: int | None
 ) -> Sensor:
-    if setup.rig.table != "placing":
+    if setup.rig.directions != PLACING.directions:
         raise TiltcalError(
             f"method {NAME}",
             found=f"table {setup.rig.table}",
-            need="table placing: one horizontal axis along the sensitive axis",
+            need=f"table {PLACING.name}: one horizontal axis along the sensitive axis",
             do="correct rig.table, or use six_position",
         )
     if lookup not in LOOKUPS:

@@ -11,7 +11,9 @@ from tiltcal.core.units import DEG
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import VERTICAL, angle_channel
 
+READOUT = angle_channel(VERTICAL.axis_names[0])
 LEAST_SPREAD = 30 * DEG
 
 
@@ -19,27 +21,30 @@ def require_vertical(setup: Setup, method: str, do: str) -> None:
     """Refuse any other table.
 
     Raises:
-        TiltcalError: the table is not ``vertical``.
+        TiltcalError: the table has another axis than one about the vertical.
     """
-    if setup.rig.table != "vertical":
+    if setup.rig.directions != VERTICAL.directions:
         raise TiltcalError(
-            f"method {method}", found=f"table {setup.rig.table}", need="table vertical", do=do
+            f"method {method}",
+            found=f"table {setup.rig.table}",
+            need=f"table {VERTICAL.name}",
+            do=do,
         )
 
 
 def dwell_angles(poses: Poses, recording: Recording) -> Array:
-    """Angle of the outer axis at each dwell, rad, (m,).
+    """Angle of the outermost axis at each dwell, rad, (m,).
 
     Raises:
         TiltcalError: it was not read, or the dwells are not at different angles.
     """
-    angles = poses.angles.get("outer")
+    angles = next(iter(poses.angles.values()), None)
     if angles is None or np.isnan(angles).any():
         raise TiltcalError(
             recording.source,
-            found="dwells without a readout of table_outer",
+            found=f"dwells without a readout of {READOUT}",
             need="the angle of every position",
-            do="record table_outer_deg, or name the dwells with --segments",
+            do=f"record {READOUT}_deg, or name the dwells with --segments",
         )
     spread = np.abs(np.angle(np.exp(1j * (angles - angles[0])))).max()
     if len(poses) < 2 or spread < LEAST_SPREAD:

@@ -30,7 +30,7 @@ def _effects(commands: Commands) -> None:
 def _confuse(commands: Commands) -> None:
     sub = commands.add(
         "confuse",
-        "confusing",
+        "confuse",
         "confuse_",
         "what a scenario's recording can and cannot tell apart",
         "For every effect of the catalogue: the share that the adjustable terms absorb, the size it"
@@ -49,7 +49,7 @@ def _confuse(commands: Commands) -> None:
 def _explain_frames(commands: Commands) -> None:
     sub = commands.add(
         "explain-frames",
-        "confusing",
+        "confuse",
         "explain_frames",
         "what each channel should read at the six faces and small turns",
         "The first thing to compare with a real set-up.",

@@ -66,7 +66,9 @@ def _finding(
     gain = sum(float(t @ t) for t in removed.target) - fitted.deviance
     held = heldout_gain(fitted, whitened, places)
     where = Where(
-        coordinate_of_effect(effect, observations.scenario), harmonic_of(effect), _interval(effect)
+        coordinate_of_effect(effect, observations.scenario),
+        harmonic_of(effect, observations.scenario.rig),
+        _interval(effect),
     )
     if not term.hypothesis.listed and isinstance(effect, Learned):
         named = rank_alternatives(removed, whitened, lambda s: s.listed)

@@ -9,6 +9,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.setup.tables import angle_channel
 
 POINTS = 150  # of a picture: few enough that a mean shows what single samples hide
 
@@ -82,7 +83,7 @@ def _coordinates(observations: Observations, channel: Channel) -> dict[str, Arra
     if observations.courses:
         course = observations.courses[channel.recording]
         found |= {
-            f"table_{name}_deg": np.degrees(angle[channel.rows])
+            f"{angle_channel(name)}_deg": np.degrees(angle[channel.rows])
             for name, angle in course.angles.items()
         }
     temperature = recording.temperature()

@@ -6,8 +6,9 @@ from tiltcal.design.identifiability import tie_breaker
 from tiltcal.diagnosis.conclusions.finding import Finding
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
-from tiltcal.effects.learned import ANGLES, ORDERS, Learned, LearnedReadout, LearnedTilt
-from tiltcal.setup.setup import Setup
+from tiltcal.effects.learned import ORDERS, Learned, LearnedReadout, LearnedTilt
+from tiltcal.setup.setup import Rig, Setup
+from tiltcal.setup.tables import angle_channel, axis_of
 
 FOLLOWS = {
     "temperature": "temperature",
@@ -40,14 +41,16 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
             return "rate"
         return LEARNED_WORD.get(effect.coordinate, effect.coordinate)
     if effect.follows:
-        return effect.follows
+        innermost = setup.rig.axis_names[-1:]
+        return effect.follows.format(innermost="".join(innermost))
     if effect.axis_wise and effect.needs == "pose":
-        return f"table_{effect.axis or setup.rig.axis_names[0]}"
+        return angle_channel(effect.axis or setup.rig.axis_names[0])
     if effect.needs in FOLLOWS:
         return FOLLOWS[effect.needs]
     if effect.stage == "data":
         return "sample"
-    return "tilt" if effect.stage in ("sensor", "electronics", "mount") else "table_outer"
+    on_body = effect.stage in ("sensor", "electronics", "mount") or not setup.rig.axes
+    return "tilt" if on_body else angle_channel(setup.rig.axis_names[0])
 
 
 def stage_of(effect: Effect) -> str:
@@ -55,8 +58,8 @@ def stage_of(effect: Effect) -> str:
     return effect.place if isinstance(effect, Learned) else effect.stage
 
 
-def harmonic_of(effect: Effect) -> tuple[int, int] | None:
-    """Orders over the outer and the inner angle, where an effect has one."""
+def harmonic_of(effect: Effect, rig: Rig) -> tuple[int, int] | None:
+    """Orders over the outermost angle and over another one, where an effect has one."""
     order = effect.harmonic or None
     if isinstance(effect, Learned) and effect.beside:
         m, n = divmod(int(np.argmax(np.abs(effect.coefficients))) // 4, ORDERS)
@@ -65,25 +68,18 @@ def harmonic_of(effect: Effect) -> tuple[int, int] | None:
         order is None
         and isinstance(effect, Learned)
         and not effect.knots
-        and effect.coordinate in ANGLES
+        and axis_of(effect.coordinate)
     ):
         order = 1 + int(np.argmax(np.abs(effect.coefficients))) // 2
     if order is None:
         return None
-    axis = (
-        effect.axis
-        or (ANGLES.get(effect.coordinate) if isinstance(effect, Learned) else None)
-        or "outer"
-    )
-    return (order, 0) if axis == "outer" else (0, order)
+    axis = effect.axis or (axis_of(effect.coordinate) if isinstance(effect, Learned) else None)
+    return (order, 0) if axis in (None, rig.axis_names[0]) else (0, order)
 
 
 def learned_name(effect: Learned) -> str:
     """A curve in words."""
     words = {
-        "table_outer": "the outer angle",
-        "table_inner": "the inner angle",
-        "table_middle": "the middle angle",
         "input": "its own input",
         "transverse": "the rate across its axis",
         "warming": "the rate of warming",
@@ -91,8 +87,10 @@ def learned_name(effect: Learned) -> str:
         "moves": "the number of moves",
     }
     what = words.get(effect.coordinate, effect.coordinate.replace("_", " along body "))
+    if axis := axis_of(effect.coordinate):
+        what = f"the {axis} angle"
     if effect.beside:
-        what += f" times {words[effect.beside]}"
+        what += f" times the {axis_of(effect.beside)} angle"
     if effect.period and effect.coordinate in ("since_move", "moves"):
         what += (
             ", with a period of"

@@ -11,6 +11,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import ColumnFault
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.tables import axis_of
 
 
 def column_values(recording: Recording, sensor: Sensor, axis: str) -> tuple[Index, Array, Array]:
@@ -80,7 +81,7 @@ def without_readout(recording: Recording, rows: Index) -> Recording:
     """A copy whose table was not read on some rows."""
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     for name in columns:
-        if name.startswith("table_"):
+        if axis_of(name) is not None:
             columns[name][rows] = np.nan
     return _rewritten(recording, columns)
 

@@ -18,6 +18,7 @@ from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedRead
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.setup import Sensor
+from tiltcal.setup.tables import PLACING, angle_channel, bearing
 
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SHOWS = 7.0  # times a lag that a recording has to last
@@ -55,7 +56,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                         LearnedTilt,
                         f"table_{other}",
                         basis,
-                        slot=f"{axis}_bearing",
+                        slot=bearing(axis),
                         turn=turn,
                         place="table",
                     )
@@ -163,9 +164,10 @@ def _angle_curves(
         yield _curve(
             LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where
         )
-    if scenario.rig.table == "placing":  # its form is nobody's law, its place is
-        for cls in _of_any_form(sensor, "table_outer", "unknown"):
-            yield replace(_curve(LearnedReading, "table_outer", _waves(6), **where), alias=cls.id)
+    if scenario.rig.directions == PLACING.directions:  # its form is nobody's law, its place is
+        angle = angle_channel(names[0])
+        for cls in _of_any_form(sensor, angle, "unknown"):
+            yield replace(_curve(LearnedReading, angle, _waves(6), **where), alias=cls.id)
 
 
 def lags_of(duration: float) -> tuple[float, ...]:

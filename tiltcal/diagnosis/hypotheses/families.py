@@ -39,7 +39,7 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
             return False
         return effect.coordinate in (family.scale if effect.per_input else family.reading)
     if isinstance(effect, LearnedReadout):
-        axis = host.effect.axis or "outer"
+        axis = host.effect.axis or effect.axis
         own = [coordinate.format(axis=axis) for coordinate in family.readout]
         return effect.axis == axis and effect.coordinate in own
     assert isinstance(effect, LearnedTilt)

@@ -34,6 +34,7 @@ from tiltcal.laboratory.scenario import Scenario, fresh
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.schedule import build_schedule
 from tiltcal.setup.sequence import Step
+from tiltcal.setup.tables import angle_key, axis_of
 
 ENOUGH = 0.95  # chance of telling a pair apart at which a block is good enough
 READOUT = 0.05 * ARCSEC / DEG  # deg, noise of an imagined readout
@@ -211,12 +212,12 @@ def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Rec
     """
     if block.remounts or not sides:
         return blank(block, scenario)
-    first = {f"{axis}_deg": 0.0 for axis in sides}
+    first = {angle_key(axis): 0.0 for axis in sides}
     for step in reversed(block.steps):
         first |= {key: angle for key in first if (angle := getattr(step, key)) is not None}
     away = Step(
         action="move",
-        **{f"{axis}_deg": first[f"{axis}_deg"] - side * COMING for axis, side in sides.items()},
+        **{angle_key(axis): first[angle_key(axis)] - side * COMING for axis, side in sides.items()},
     )
     steps = (away, Step(action="move", **first, dwell_s=1.0), *block.steps)
     recording = blank(replace(block, steps=steps), scenario)
@@ -238,7 +239,7 @@ def blank(block: Block, scenario: Scenario) -> Recording:
     rng = np.random.default_rng(0)
     columns = {n: recording.column(n) for n in recording.column_names}
     for name in columns:
-        if name.startswith("table_"):
+        if axis_of(name) is not None:
             columns[name] = columns[name] + READOUT * rng.standard_normal(len(recording))
     return Recording.from_columns(
         recording.time, columns, metadata=recording.metadata, source=f"block {block.name}"

@@ -11,7 +11,8 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.removed_finding import RemovedFinding, price_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import Alternative, explain
-from tiltcal.effects.learned import ANGLES, Learned
+from tiltcal.effects.learned import Learned
+from tiltcal.setup.tables import axis_of
 
 WIDTHS = (0.15, 0.3, 0.6)  # rad, of bumps and steps
 SHARPER = 4  # times three
@@ -54,7 +55,7 @@ def local(
     angles = [
         a
         for r in whitened.observations.recordings
-        if (a := r.table(ANGLES[coordinate])) is not None
+        if (a := r.table(str(axis_of(coordinate)))) is not None
     ]
     low, high = min(float(np.nanmin(a)) for a in angles), max(float(np.nanmax(a)) for a in angles)
     found = _best_of(_bumps(low, high), alternative, removed, whitened)
@@ -108,7 +109,7 @@ def angle_of(alternative: Alternative) -> str | None:
     effect = alternative.hypothesis.effect
     return (
         effect.coordinate
-        if isinstance(effect, Learned) and effect.coordinate in ANGLES and not effect.beside
+        if isinstance(effect, Learned) and axis_of(effect.coordinate) and not effect.beside
         else None
     )
 

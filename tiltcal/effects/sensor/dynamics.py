@@ -10,6 +10,7 @@ from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect,
 from tiltcal.effects.hysteresis_and_lag import smooth_lag, vibration_power
 from tiltcal.effects.sensor.environmental import GYROS
 from tiltcal.effects.traits import Family
+from tiltcal.setup.tables import angle_channel, built_in_axes
 
 
 class AccBandwidth(SignalEffect):
@@ -95,7 +96,7 @@ class AccAngleBias(TermEffect):
     excited_by = "turning about the sensitive axis"
     look = "the cross channel's bias as a function of the placing angle"
     form = "unknown"
-    family = Family(reading=("table_outer", "table_inner", "table_middle"))
+    family = Family(reading=tuple(map(angle_channel, built_in_axes())))
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         axis, n = name[-1], int(name[3])

@@ -40,7 +40,7 @@ class ServoDroop(TableSag):
     seen_by_encoder = True
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        axis = self.LOADED.get(rig.table)
+        axis = rig.kind.loaded
         return (
             (Ballast(axis, self.value("droop")),)
             if axis is not None and self.acts_on(axis, rig)
@@ -65,13 +65,13 @@ class TableUnbalance(AngleEffect):
     told_apart_by = {"table_sag": "change the payload's mass and place"}
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
-        return axis == (self.axis or TableSag.LOADED.get(rig.table))
+        return axis == (self.axis or rig.kind.loaded)
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].harmonic(1, self.value("cos"), self.value("sin"))
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        axis = TableSag.LOADED.get(rig.table)
+        axis = rig.kind.loaded
         size = float(np.hypot(self.value("cos"), self.value("sin")))
         if size == 0 or axis is None or not self.acts_on(axis, rig):
             return ()

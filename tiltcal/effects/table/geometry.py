@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import FrameEffect, LinkEffect, Parameter
+from tiltcal.effects.base import FrameEffect, LinkEffect, Parameter, PerTable
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Jet
 
 
@@ -42,26 +43,27 @@ class AxisNonorthogonality(FrameEffect):
     id = "axis_nonorthogonality"
     stage = "table"
     title = "table axes are not perpendicular"
-    parameters = tuple(
-        Parameter(n, "arcsec", (5, 60, 1800))
-        for n in ("outer_inner", "outer_middle", "middle_inner")
+    parameters = PerTable(
+        lambda table: tuple(f"{a}_{b}" for a, b, _ in table.joints), "arcsec", (5, 60, 1800)
     )
     physics = "Successive axes were bored a little off square."
-    equation = "dual: Ry(e) between the axes; three: Rx(e1) after outer, Rz(e2) after middle"
+    equation = (
+        "R(e) between successive axes, about the perpendicular of both; dual: Ry; three: Rx after"
+        " outer, Rz after middle"
+    )
     source = "effects list; PHYSICS 3.2"
     excited_by = "both angles changing"
     look = "product of both angles; invisible on one axis"
     linear = True
-    SLOTS = {
-        "dual": {"inner_bearing": ("y", "outer_inner")},
-        "three": {"middle_bearing": ("x", "outer_middle"), "inner_bearing": ("z", "middle_inner")},
-    }
     ordinary = True
-    follows = "table_inner"
+    follows = "table_{innermost}"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
-        place = self.SLOTS.get(context.rig.table, {}).get(slot)
-        return () if place is None else (Turn(place[0], Jet(self.value(place[1]))),)
+        return tuple(
+            Turn(about, Jet(self.value(f"{a}_{b}")))
+            for a, b, about in context.rig.kind.joints
+            if slot == bearing(b)
+        )
 
 
 class AxisWobble(FrameEffect):
@@ -90,7 +92,7 @@ class AxisWobble(FrameEffect):
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         axis = self.axis or context.rig.axis_names[0]
-        if slot != f"{axis}_bearing":
+        if slot != bearing(axis):
             return ()
         angle = context.axes[axis]
         real, imaginary = Jet(0.0), Jet(0.0)
@@ -130,7 +132,7 @@ class WobbleAsync(FrameEffect):
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         axis = self.axis or context.rig.axis_names[0]
-        if slot != f"{axis}_bearing":
+        if slot != bearing(axis):
             return ()
         angle, r, c, s = (
             context.axes[axis],
@@ -153,15 +155,17 @@ class AxisNonintersection(LinkEffect):
     physics = (
         "The inner axes pass beside the outer one: a lever arm that depends on which axis turns."
     )
-    equation = "inner axes displaced: dual along y, three along x, of the outer stage"
+    equation = (
+        "inner axes displaced along the perpendicular of the first two: dual along y, three along"
+        " x, of the outer stage"
+    )
     source = "effects list; PHYSICS 3.2"
     excited_by = "turning the outer axis"
     look = "centripetal and tangential, as a lever arm, but fixed to the outer stage"
     linear = True
-    PLACE = {"dual": ("inner_bearing", 1), "three": ("middle_bearing", 0)}
 
     def offset(self, slot: str, rig: Rig) -> Array:
-        place, component = self.PLACE.get(rig.table, ("", 0))
         r = np.zeros(3)
-        r[component] = self.value("offset") if slot == place else 0.0
+        for _, inner, along in rig.kind.joints[:1]:
+            r["xyz".index(along)] = self.value("offset") if slot == bearing(inner) else 0.0
         return r

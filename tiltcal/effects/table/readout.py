@@ -1,16 +1,16 @@
 """Errors of the angle readout, and what makes the axis stand elsewhere than it says."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.effects.base import AngleEffect, Parameter
+from tiltcal.effects.base import AngleEffect, Parameter, PerTable
 from tiltcal.effects.hysteresis_and_lag import crossed
 from tiltcal.effects.mechanisms import Gap, Mechanism, Spring
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import axis_names
 from tiltcal.setup.trajectory import Drive, Jet
 
 
@@ -33,11 +33,19 @@ class ReadoutError(AngleEffect):
         return self.error(drive.axes[axis], axis).scaled(-1.0)
 
 
+def zero_of(axis: str) -> str:
+    """Bare name of the parameter that is the zero of an axis."""
+    return f"{axis}_zero"
+
+
 class EncoderZero(ReadoutError):
     id = "table_encoder_zero"
     title = "zero of the angle readout"
-    parameters = tuple(
-        Parameter(f"{axis}_zero", "arcsec", (3, 60, 1800)) for axis in ("outer", "middle", "inner")
+    parameters = PerTable(
+        lambda table: tuple(map(zero_of, table.axis_names)),
+        "arcsec",
+        (3, 60, 1800),
+        order=lambda: tuple(map(zero_of, axis_names())),
     )
     axis_wise = False
     physics = "The readout's zero is not where the scenario's frame has it."
@@ -48,16 +56,11 @@ class EncoderZero(ReadoutError):
     linear = True
     ordinary = True
 
-    @classmethod
-    def sizes_on(cls, channels: Sequence[str], rig: Rig) -> dict[str, Parameter]:
-        sizes = super().sizes_on(channels, rig)
-        return {n: p for n, p in sizes.items() if n.split("_")[0] in rig.axis_names}
-
     def acts_on(self, axis: str, rig: Rig) -> bool:
-        return bool(self.value(f"{axis}_zero"))
+        return bool(self.value(zero_of(axis)))
 
     def error(self, true: Jet, axis: str) -> Jet:
-        return Jet(self.value(f"{axis}_zero") + 0 * true.x)
+        return Jet(self.value(zero_of(axis)) + 0 * true.x)
 
 
 class EncoderEccentricity(ReadoutError):
@@ -142,7 +145,6 @@ class TableSag(AngleEffect):
     look = "twin of the encoder's once-per-turn sine on one table; a payload change splits them"
     linear = True
     mechanised = True
-    LOADED = {"placing": "outer", "dual": "outer", "three": "middle"}
     size = "sag"
     ordinary = True
     family = Family(readout=("table_{axis}",))
@@ -150,13 +152,13 @@ class TableSag(AngleEffect):
     axis_by_gravity = True
 
     def acts_on(self, axis: str, rig: Rig) -> bool:
-        return axis == (self.axis or self.LOADED.get(rig.table))
+        return axis == (self.axis or rig.kind.loaded)
 
     def deviation(self, drive: Drive, axis: str, rng: np.random.Generator | None) -> Jet:
         return drive.axes[axis].harmonic(1, 0.0, self.value(self.size))
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        sag, axis = self.value(self.size), self.LOADED.get(rig.table)
+        sag, axis = self.value(self.size), rig.kind.loaded
         if sag == 0 or axis is None or not self.acts_on(axis, rig):
             return ()
         mass, arm = 0.5, np.copysign(0.1, sag)  # only m g l / k = d matters

@@ -1,0 +1,169 @@
+"""The tables. Each is declared here once, beside its MJCF in ``models/``.
+
+Everything that depends on the kind of a table follows from its axes: names of columns, angles that
+turn a direction up, the axis that gravity loads, where axes may be out of square. An installed
+package adds tables through the entry point group ``tiltcal.tables``.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import pairwise
+from pathlib import Path
+
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.extensions import members
+from tiltcal.core.frames import AXES
+
+GROUP = "tiltcal.tables"
+CHANNEL = "table_"
+Axis = tuple[str, str]
+"""Name of a table axis, and the coordinate axis it turns about when all angles are zero."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A kind of table; R_table is the product of the rotations about its axes, in order.
+
+    Args:
+        name: as ``rig.table`` states it.
+        axes: outermost first; empty: the instrument is turned by hand.
+        model: its MJCF; None: ``<name>.xml`` among the models of this installation.
+    """
+
+    name: str
+    axes: tuple[Axis, ...]
+    model: Path | None = None
+
+    @property
+    def mjcf(self) -> Path:
+        """The file of its MuJoCo model."""
+        return self.model or folder("models") / f"{self.name}.xml"
+
+    @cached_property
+    def axis_names(self) -> tuple[str, ...]:
+        """Names of the axes, outermost first."""
+        return tuple(name for name, _ in self.axes)
+
+    @cached_property
+    def directions(self) -> tuple[str, ...]:
+        """Coordinate axis of each axis, outermost first."""
+        return tuple(direction for _, direction in self.axes)
+
+    @cached_property
+    def slots(self) -> tuple[str, ...]:
+        """Frames that an effect may turn or displace, outermost first."""
+        return ("base", *(bearing(name) for name in self.axis_names), "mount")
+
+    @cached_property
+    def tilting(self) -> tuple[str, ...]:
+        """Names of the axes that change the direction of gravity in the body frame."""
+        upright = self.directions[:1] == ("z",)
+        return self.axis_names[1:] if upright else self.axis_names
+
+    @cached_property
+    def loaded(self) -> str | None:
+        """Name of the outermost axis that does not turn about the vertical: gravity loads it."""
+        return next((name for name, direction in self.axes if direction != "z"), None)
+
+    @cached_property
+    def pointing(self) -> tuple[Axis, Axis] | None:
+        """The two axes that turn any body direction up: the loaded one, and the next across it."""
+        inward = [pair for pair in pairwise(self.axes) if pair[0][0] == self.loaded]
+        return next((pair for pair in inward if pair[0][1] != pair[1][1]), None)
+
+    @cached_property
+    def joints(self) -> tuple[tuple[str, str, str], ...]:
+        """(outer axis, next axis, coordinate axis perpendicular to both) of successive axes."""
+        return tuple(
+            (a, b, ("xyz".replace(i, "").replace(j, "")))
+            for (a, i), (b, j) in pairwise(self.axes)
+            if i != j
+        )
+
+
+VERTICAL = Table("vertical", (("outer", "z"),))
+PLACING = Table("placing", (("outer", "y"),))
+DUAL = Table("dual", (("outer", "x"), ("inner", "z")))
+THREE = Table("three", (("outer", "z"), ("middle", "y"), ("inner", "x")))
+FOUR = Table("four", (*THREE.axes, ("head", "z")))
+HANDHELD = Table("handheld", ())
+BUILT_IN = {table.name: table for table in (VERTICAL, PLACING, DUAL, THREE, FOUR, HANDHELD)}
+FILE_AXES = THREE.axis_names
+"""Axes that every sequence file has a column for, whether its table has them or not."""
+
+
+@cache
+def tables() -> Mapping[str, Table]:
+    """All tables by name: the built-in ones, then those of installed packages.
+
+    Raises:
+        TiltcalError: an entry point names no table, or a table whose name is taken.
+    """
+    found = dict(BUILT_IN)
+    brought = members(
+        GROUP,
+        lambda item: isinstance(item, Table),
+        "a tiltcal.setup.tables.Table",
+        lambda module: [item for item in vars(module).values() if isinstance(item, Table)],
+    )
+    for subject, table in brought:
+        if table.name in found:
+            raise TiltcalError(
+                subject,
+                found=f"table '{table.name}', which exists already",
+                need="a name of its own",
+                do="rename it",
+            )
+        distinct = len(set(table.axis_names)) == len(table.axes)
+        if not distinct or not set(table.directions) <= set(AXES):
+            raise TiltcalError(
+                subject,
+                found=f"table '{table.name}' with axes {', '.join(map(' '.join, table.axes))}",
+                need="a name of its own for each axis, and x, y or z that it turns about",
+                do="correct the declaration",
+            )
+        found[table.name] = table
+    return found
+
+
+def find_table(name: str) -> Table:
+    """The table of that name; installed packages are asked when no built-in table has it.
+
+    Raises:
+        KeyError: there is none.
+    """
+    return BUILT_IN[name] if name in BUILT_IN else tables()[name]
+
+
+def built_in_axes() -> tuple[str, ...]:
+    """Names of the axes of the built-in tables, those of the table with most axes first."""
+    longest = sorted(BUILT_IN.values(), key=lambda table: -len(table.axes))
+    return tuple(dict.fromkeys(name for table in longest for name in table.axis_names))
+
+
+def axis_names() -> tuple[str, ...]:
+    """Names of the axes of all tables, those of the built-in ones first."""
+    others = (name for table in tables().values() for name in table.axis_names)
+    return tuple(dict.fromkeys((*built_in_axes(), *others)))
+
+
+def bearing(axis: str) -> str:
+    """The frame on the stator side of an axis."""
+    return f"{axis}_bearing"
+
+
+def angle_key(axis: str) -> str:
+    """Key of an axis' angle in a sequence."""
+    return f"{axis}_deg"
+
+
+def angle_channel(axis: str, suffix: str = "") -> str:
+    """Channel of an axis' readout in a recording, without its unit."""
+    return f"{CHANNEL}{axis}{suffix}"
+
+
+def axis_of(channel: str) -> str | None:
+    """The axis whose readout a channel is; None where it is none."""
+    return channel.removeprefix(CHANNEL) if channel.startswith(CHANNEL) else None

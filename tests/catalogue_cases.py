@@ -14,12 +14,13 @@ SETTINGS = {"time": 20.0, "start": 20.0, "frequency": 3.3, "tau": 30.0}
 """Where and when an effect acts in these short recordings, in file units; any other with a default
 keeps that.
 """
+# plausible ones are beyond the recordings
 SMALL = {
     "full_scale": 5.0,
     "max_rate": 10.0,
     "samples": 25.0,
     "length": 10.0,
-}  # plausible ones are beyond the recordings
+}
 
 
 def is_setting(parameter: Parameter) -> bool:

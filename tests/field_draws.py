@@ -12,9 +12,8 @@ MEMS, FOG_NOISE = 0.34 * DEG / 60, 0.02 * DEG / 60  # rad per square root of s
 RATE, TURN, REST = 60 * DEG, 390 * DEG, 10.0
 SCALE = np.array([2e-3, -2e-3, 1e-3])
 NSUM2 = MEMS**2 + FOG_NOISE**2
-PLAIN = np.sqrt(
-    NSUM2 / (U[0] ** 2 * RATE * TURN)
-)  # white noise only: what the patent's filter claims
+# white noise only: what the patent's filter claims
+PLAIN = np.sqrt(NSUM2 / (U[0] ** 2 * RATE * TURN))
 BOUND = np.sqrt(PLAIN**2 + NSUM2 / REST * (TURN / RATE) ** 2 / (U[0] * TURN) ** 2)
 
 

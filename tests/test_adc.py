@@ -16,9 +16,8 @@ AD7705 = Converter()
 
 def gain_at(frequency, converter=AD7705, channel=0, delay=0.0):
     """Complex gain of the chain at a frequency, by a cosine and a sine."""
-    time = (
-        1.0 + np.arange(200) * 0.05 + 1e-4 * np.arange(200)
-    )  # stamps that do not beat with the tone
+    # stamps that do not beat with the tone
+    time = 1.0 + np.arange(200) * 0.05 + 1e-4 * np.arange(200)
     grid = fine_grid(converter, time, delay)
     read = [
         converted(
@@ -36,9 +35,8 @@ def test_the_code_is_that_of_the_paper_with_and_without_the_amplifier():
     assert np.arcsin(AD7705.code / G0) / ARCSEC == pytest.approx(1.75, abs=0.005)
     bare = Converter(amplifier=1.0)
     assert np.arcsin(bare.code / G0) / ARCSEC == pytest.approx(157, abs=0.5)
-    assert np.degrees(np.arcsin(AD7705.limit / G0)) == pytest.approx(
-        16.1, abs=0.05
-    )  # +- 15 deg fit, with a little room
+    # +- 15 deg fit, with a little room
+    assert np.degrees(np.arcsin(AD7705.limit / G0)) == pytest.approx(16.1, abs=0.05)
 
 
 @pytest.mark.parametrize("frequency", [1.0, 10.0, 50.0, 100.0])
@@ -60,11 +58,12 @@ def test_the_channels_are_taken_in_turn_sixteen_milliseconds_apart():
     first, second = (np.angle(np.mean(gain_at(f, channel=c))) for c in (0, 1))
     assert (second - first) / (2 * np.pi * f) == pytest.approx(AD7705.turn_s, rel=1e-3)
     assert AD7705.turn_s == pytest.approx(0.016)
+    # half the window, and the low-pass
     group = (
         1.5 / AD7705.output_hz
         - 1.5 / AD7705.modulator_hz
         + np.arctan(f / AD7705.lowpass_hz) / (2 * np.pi * f)
-    )  # half the window, and the low-pass
+    )
     assert -second / (2 * np.pi * f) == pytest.approx(group, rel=0.002)
 
 

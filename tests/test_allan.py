@@ -45,9 +45,8 @@ def test_white_noise_and_random_walk_average_to_their_closed_forms(white, walk):
     ]
     mean = np.mean([c.deviation**2 for c in curves], axis=0)
     m = tau * RATE
-    expected = white**2 / tau + walk**2 * tau / 3 * (
-        1 + 1 / (2 * m**2)
-    )  # the walk is sampled: (2 m^2 + 1) / (6 m)
+    # the walk is sampled: (2 m^2 + 1) / (6 m)
+    expected = white**2 / tau + walk**2 * tau / 3 * (1 + 1 / (2 * m**2))
     freedom = curves[0].freedom * draws
     chance = np.array([chi2.isf(1e-4, f) / f - 1 for f in freedom * (1.0 if white else 0.25)])
     assert np.all(np.abs(mean / expected - 1) < np.maximum(chance, 0.01)), mean / expected
@@ -78,9 +77,8 @@ def test_flicker_drawn_by_the_laboratory_is_found_again():
     )
     floor = np.sqrt(2 * log(2) / pi) * B
     assert FLICKER_TAUS[0] < 4 < 250 < FLICKER_TAUS[-1]
-    assert np.median(curve.deviation) == pytest.approx(
-        floor, rel=0.1
-    )  # a sum of six processes ripples by some per cent
+    # a sum of six processes ripples by some per cent
+    assert np.median(curve.deviation) == pytest.approx(floor, rel=0.1)
 
 
 def test_the_coefficients_of_an_exact_curve_come_back_exactly():

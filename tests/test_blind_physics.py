@@ -211,9 +211,8 @@ def test_the_products_simulator_reads_the_same_for_the_same_motion(kind, here):
     for s, sensor in enumerate(lab.sensors):
         own = [c for c, (k, _) in enumerate(lab.channels) if k == s]
         error = told.sensor(scenario.named(sensor.name)).values - rows.y[:, own]
-        limit = (
-            3e-5 if sensor.kind in ("gyro", "fog") else 5e-6
-        )  # the readout is written in steps of 0.04 arcsec, 1.7e-7 rad
+        # the readout is written in steps of 0.04 arcsec, 1.7e-7 rad
+        limit = 3e-5 if sensor.kind in ("gyro", "fog") else 5e-6
         assert np.abs(error).max() < limit, sensor.name
 
 

@@ -122,18 +122,16 @@ def test_integers_agree_with_python_to_their_unit(folder, forces):
 def test_rounding_takes_the_same_entry_as_python(folder, forces):
     program = host.build(folder / "level.h", "-DLEVEL_DOUBLE", "-DLEVEL_ROUNDED")
     error = differ(host.run(program, "correct", forces)[0], python(forces, "rounded")[0])
-    assert (
-        np.mean(error > 1e-13) < 1e-5
-    )  # an angle just on the edge between two entries may fall to either
+    # an angle just on the edge between two entries may fall to either
+    assert np.mean(error > 1e-13) < 1e-5
     assert error.max() < 5e-4
     given = np.round(forces * 1e6)
     exact = python(given * 1e-6, "rounded")[0] * 1e6
     integers = differ(
         host.run(host.build(folder / "level.h", "-DLEVEL_ROUNDED"), "integer", given)[0], exact
     )
-    assert (
-        np.mean(integers > 1) < 1e-3
-    )  # codes of 1 um/s2 move the edges, and the first pass picks another entry there
+    # codes of 1 um/s2 move the edges, and the first pass picks another entry there
+    assert np.mean(integers > 1) < 1e-3
 
 
 @needs_compiler
@@ -145,9 +143,8 @@ def test_look_ups_by_angle_agree_with_python(folder):
     for what in ("rounded", "interpolated"):
         exact = np.column_stack([tables[a].at(mdeg[:, 0] * 1e-3 * DEG, what) for a in "xy"])
         error = differ(host.run(program, what, mdeg * 1e-3 * DEG)[0], exact)
-        assert (
-            np.mean(error > 1e-13) < 2e-3 * (what == "rounded") + 1e-9
-        )  # exactly half a degree may fall to either side
+        # exactly half a degree may fall to either side
+        assert np.mean(error > 1e-13) < 2e-3 * (what == "rounded") + 1e-9
         found = host.run(program, f"{what}_mdeg", mdeg)[0]
         found[found == -(2**31)] = np.nan
         assert (

@@ -63,9 +63,8 @@ def test_gravity_of_a_new_scenario_follows_latitude_and_height(capsys):
     main(["init", "--latitude", "45", "--height", "1000", "-o", "a.toml"])
     table = load_scenario("a.toml")
     assert table.site.latitude_deg == 45
-    assert table.site.gravity == pytest.approx(
-        9.8061978 - 1000 * 3.086e-6, abs=1e-6
-    )  # WGS 84 at 45 deg; free air
+    # WGS 84 at 45 deg; free air
+    assert table.site.gravity == pytest.approx(9.8061978 - 1000 * 3.086e-6, abs=1e-6)
     capsys.readouterr()
     main(["init"])
     assert capsys.readouterr().out.startswith("# A tiltcal scenario")

@@ -70,9 +70,8 @@ def test_check_rejects_a_sensor_that_has_changed(good, here, capsys):
         capsys, "check", good / "CAL.json", "aged.csv", "--scenario", good / "bench.toml", status=1
     )
     faces = [p["error_arcsec"] for p in found["poses"]]
-    assert max(faces) == pytest.approx(
-        206.2648, rel=0.05
-    )  # a milli-g of bias across up is a milliradian of tilt
+    # a milli-g of bias across up is a milliradian of tilt
+    assert max(faces) == pytest.approx(206.2648, rel=0.05)
 
 
 def test_without_attitudes_check_judges_the_norm(good, here, capsys):
@@ -135,10 +134,11 @@ def test_verify_runs_a_folder_and_one_bad_scenario_rejects_it(here, capsys):
     ):
         (here / "claims" / f"{name}.toml").write_text(text)
     found = answer(capsys, "verify", "claims", "-o", "out", status=1)
+    # the model claims nothing
     assert [s["source"] for s in found["scenarios"]] == [
         "a.toml",
         "b.toml",
-    ]  # the model claims nothing
+    ]
     assert [s["accepted"] for s in found["scenarios"]] == [True, False]
     assert "6 dwells" in found["scenarios"][1]["methods"][0]["error"]
     assert (here / "out" / "report.html").exists()

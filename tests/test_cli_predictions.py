@@ -69,10 +69,11 @@ def test_the_mounting_of_the_recording_overrides_the_scenario_s(good):
         predicted(good / "bench.toml", "turned.csv"),
     )
     rest = at_rest(good)
+    # what is sensed turns over, the bias stays
     for name, bias_ug in (
         ("accel_x_m_s2", 3000),
         ("accel_y_m_s2", -1500),
-    ):  # what is sensed turns over, the bias stays
+    ):
         bias = bias_ug * 9.80665e-6
         expected = bias - (plain.column(name) - bias)
         np.testing.assert_allclose(turned.column(name)[rest], expected[rest], atol=1e-9)
@@ -131,7 +132,6 @@ def test_a_fog_turned_by_hand_is_predicted_from_the_gyro(here):
     np.testing.assert_allclose(
         found[3:-3], expected[3:-3], rtol=0, atol=1e-6 * np.abs(expected).max()
     )
-    np.testing.assert_allclose(
-        found, expected, rtol=0, atol=1e-4 * np.abs(expected).max()
-    )  # at the ends there is one side only
+    # at the ends there is one side only
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * np.abs(expected).max())
     np.testing.assert_allclose(model.column("gyro_x_deg_s"), rate[:, 0], rtol=1e-14)

@@ -154,9 +154,8 @@ def test_the_error_of_a_base_is_the_angle_between_the_axes():
     error = tilt_error(setup, [levelling], found)
     up = base_rotation(np.radians(3), np.radians(4))[2, 2]
     assert error.before == pytest.approx(np.arccos(up))
-    assert error.after == pytest.approx(
-        1e-5, rel=1e-6
-    )  # pitch turns about the base's own second axis
+    # pitch turns about the base's own second axis
+    assert error.after == pytest.approx(1e-5, rel=1e-6)
     assert error.bound == pytest.approx(np.sqrt(2) * 1e-6)
 
 
@@ -166,15 +165,17 @@ def test_the_normalised_error_is_a_mahalanobis_distance():
         "six_position", "good", {n: Estimate(1.0, 1.0, "1") for n in ("a.x", "a.y")}, covariance
     )
     value, dof = normalised_error(found, {"a.x": -1.0, "a.y": 0.0, "a.z": 5.0})
+    # (2, 1) C^-1 (2, 1)', C^-1 = [[1, -1], [-1, 4]] / 3
     assert (value, dof) == (
         pytest.approx(4 / 3),
         2,
-    )  # (2, 1) C^-1 (2, 1)', C^-1 = [[1, -1], [-1, 4]] / 3
+    )
     twins = Calibration("norm", "good", found.parameters, np.ones((2, 2)))
+    # one number of two names
     assert normalised_error(twins, {"a.x": -2.0, "a.y": -2.0}) == (
         pytest.approx(9.0),
         1,
-    )  # one number of two names
+    )
     assert normalised_error(found, {}) == (0.0, 0)
 
 

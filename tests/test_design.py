@@ -102,9 +102,8 @@ def test_the_model_reproduces_what_24_positions_are_known_to_reach(cell):
             tilt_rms(problem.information(angles, np.full(len(angles), dwell)), problem.model.loss)
             / ARCSEC
         )
-    assert min(tried) == pytest.approx(
-        TWENTY_FOUR[cell], abs=0.006
-    )  # the table's last digit, and 400 directions for all
+    # the table's last digit, and 400 directions for all
+    assert min(tried) == pytest.approx(TWENTY_FOUR[cell], abs=0.006)
 
 
 @pytest.mark.parametrize("cell", BARS, ids=str)
@@ -124,9 +123,8 @@ def test_six_positions_are_at_the_bound_of_the_linear_terms_and_no_design_claims
     assert efficiency(classic("six")) == pytest.approx(1.0, abs=1e-12)
     up = dual_up(classic("six"))
     F = np.column_stack([np.ones(6), up])
-    assert np.linalg.det(F.T @ F / 6) ** 0.25 == pytest.approx(
-        (1 / 27) ** 0.25, rel=1e-12
-    )  # worked by hand: diag(1, 1/3, 1/3, 1/3)
+    # worked by hand: diag(1, 1/3, 1/3, 1/3)
+    assert np.linalg.det(F.T @ F / 6) ** 0.25 == pytest.approx((1 / 27) ** 0.25, rel=1e-12)
     rng = rng_of("no design claims more")
     for n in (6, 12, 24):
         assert efficiency(rng.uniform(-np.pi, np.pi, (n, 2))) <= 1 + 1e-12
@@ -303,9 +301,10 @@ def test_table_effects_at_a_pose_are_the_closed_form_differenced():
     index = model.names.index("table_encoder_eccentricity[outer].cos")
     small = make_effect("table_encoder_eccentricity", {"cos_arcsec": 1.0}, scenario, axis="outer")
     change = watch(Still(scenario, 300.0), angles).changes(small)["accel"]
+    # an arcsecond's own square
     assert rows[:, :, index] == pytest.approx(
         change * model.prior[index], abs=5e-6 * np.abs(rows).max()
-    )  # an arcsecond's own square
+    )
     k3 = rows[:, 0, model.names.index("accel.k3_x")]
     assert k3 == pytest.approx(
         dual_up(angles)[:, 0] ** 3 * 9.80123**3 / 9.80665**2 * 200e-6, rel=1e-6
@@ -327,9 +326,8 @@ def test_an_inclinometer_reads_angles_and_its_steep_end_is_not_exploited():
     slope = 1e-6 * 9.80665 / 9.80123
     assert bias == pytest.approx(slope / np.cos(np.minimum(tilts, 60 * DEG)), rel=1e-9)
     east = rows[:, 1, model.names.index("table_levelling.tilt_east")]
-    assert east[:3] == pytest.approx(
-        np.full(3, east[0]), rel=1e-3
-    )  # an angle is an angle, whatever the tilt
+    # an angle is an angle, whatever the tilt
+    assert east[:3] == pytest.approx(np.full(3, east[0]), rel=1e-3)
 
 
 @pytest.mark.parametrize("table", ["dual", "three", "placing"])
@@ -354,9 +352,8 @@ def test_the_scenario_takes_the_table_time_that_was_planned(table):
         assert np.asarray(drive.axes[axis].x) == pytest.approx(plan.angles[:, k], abs=1e-6)
         assert np.asarray(drive.axes[axis].v) == pytest.approx(0.0, abs=1e-12)
     begin = schedule.drive(middles - plan.dwell / 2 - clock.settle + 1.0)
-    assert all(
-        np.asarray(jet.v) == pytest.approx(0.0, abs=1e-12) for jet in begin.axes.values()
-    )  # ramps end inside the settling
+    # ramps end inside the settling
+    assert all(np.asarray(jet.v) == pytest.approx(0.0, abs=1e-12) for jet in begin.axes.values())
 
 
 def test_the_command_writes_what_a_laboratory_a_calibration_and_a_person_can_follow(

@@ -158,9 +158,8 @@ def test_a_calibration_that_fits_a_drift_reaches_what_a_design_with_drift_promis
         ),
     )
     for k in range(trials):
-        truth = np.where(
-            model.interest, 0.1 * rng.standard_normal(len(model.names)), 0.02
-        )  # 600 ug of drift
+        # 600 ug of drift
+        truth = np.where(model.interest, 0.1 * rng.standard_normal(len(model.names)), 0.02)
         recording = MujocoLaboratory().record(
             drawn(plan, truth, designed), seed_of(f"fitted drift {k}")
         )

@@ -119,9 +119,8 @@ def test_a_recording_with_nothing_left_out_is_a_match():
         found = diagnose(honest(truth), [recorded(truth, seed)])
         assert (found.verdict, found.findings) == ("match", ())
         seen = {u.effect: u for u in found.undetectable}
-        assert (
-            seen["gravity_magnitude"].absorbed > 0.999
-        )  # one with the scale factors, whatever is recorded
+        # one with the scale factors, whatever is recorded
+        assert seen["gravity_magnitude"].absorbed > 0.999
         assert seen["gravity_magnitude"].size == {}
         assert seen["acc_K2"].size["k2_x_ug_g2"] > 0
 

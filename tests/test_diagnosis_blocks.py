@@ -95,6 +95,5 @@ def test_a_long_record_keeps_as_many_rows_however_long_it_is():
 def test_a_line_keeps_its_power_where_the_rows_allow_it():
     assert block_of(Long(60000), SpectralLines()) == 10
     assert block_of(Long(60000), SpectralLines(tones=(4.5,))) == 5
-    assert (
-        block_of(Long(60000), SpectralLines(tones=(30.0,))) == 5
-    )  # a mean over ten samples would hold three whole periods, and nothing
+    # a mean over ten samples would hold three whole periods, and nothing
+    assert block_of(Long(60000), SpectralLines(tones=(30.0,))) == 5

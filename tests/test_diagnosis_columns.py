@@ -1,6 +1,5 @@
 """The algebra beneath a diagnosis: sparse designs and column store of columns say what dense
-matrices
-say, and noise is fitted best.
+matrices say, and noise is fitted best.
 """
 
 from dataclasses import replace

@@ -53,9 +53,8 @@ def test_when_a_move_begins_is_told_to_a_part_of_a_sample():
     true, told = truth.schedule.rests(), replay(whole, honest(truth)).rests
     assert np.abs(told.end[:-1] - true.end[:-1]).max() < 0.2 / 25.0  # a fifth of a sample
     np.testing.assert_array_equal(told.moves(true.begin + 0.5), np.arange(31))
-    np.testing.assert_array_equal(
-        told.moves(true.begin[1:] - 0.2), np.arange(1, 31)
-    )  # amid the last of it
+    # amid the last of it
+    np.testing.assert_array_equal(told.moves(true.begin[1:] - 0.2), np.arange(1, 31))
 
 
 def test_what_beats_after_each_move_is_no_vibration():

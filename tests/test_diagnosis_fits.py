@@ -1,6 +1,5 @@
 """Fitting and pruning a fitted model: steps that run away, what belongs to a larger finding, what
-codes
-hide, plainer words.
+codes hide, plainer words.
 """
 
 from dataclasses import replace
@@ -123,16 +122,14 @@ def test_a_small_finding_of_the_same_kind_of_motion_is_a_part_of_a_large_one():
     assert len(both.findings()) == 2
     assert [len(places) for places in merge_small_findings(both, found.whitened).findings()] == [2]
     other = with_terms(found, large, hypothesis("acc_K2", ("k2_y",)))
-    assert (
-        len(merge_small_findings(other, found.whitened).findings()) == 2
-    )  # a pose does not excite what a move does
+    # a pose does not excite what a move does
+    assert len(merge_small_findings(other, found.whitened).findings()) == 2
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_random_walk_is_not_worth_five_warm_ups(seed):
     """Each fitted model under the noise that it leaves: under that of the warm-ups, which take the
-    walk,
-    the other pays for it.
+    walk, the other pays for it.
     """
     truth, rng = bench(K2), np.random.default_rng(seed)
     whole = recorded(truth, 8)
@@ -207,9 +204,8 @@ def test_what_is_nowhere_larger_than_a_code_is_not_named(code, kept):
     found = prepared(K2)
     fitted = with_terms(found, hypothesis("acc_K2", ("k2_x",)))  # 800 ug at 1 g: 8e-3 m/s2
     assert len(drop_below_code(fitted, found.whitened, {"accel": code}).terms) == kept
-    assert (
-        len(drop_below_code(fitted, found.whitened, {"gyro": code}).terms) == 1
-    )  # another sensor's codes hide nothing here
+    # another sensor's codes hide nothing here
+    assert len(drop_below_code(fitted, found.whitened, {"gyro": code}).terms) == 1
 
 
 @pytest.mark.parametrize(("bend", "kept"), [(0.0, 0), (0.1, 1)])
@@ -416,9 +412,8 @@ def test_a_reference_that_is_felt_late_is_named_before_scale_factors():
     )
     sound = recorded(truth, 8)
     felt = sound.column("temperature_degC")
-    ahead = felt + 16.0 * np.gradient(
-        felt, sound.time
-    )  # what the reference feels is this, 16 s late
+    # what the reference feels is this, 16 s late
+    ahead = felt + 16.0 * np.gradient(felt, sound.time)
     found = prepare(honest(truth), [rewritten(sound, temperature_degC=ahead)])
     build_dictionary(found.whitened.columns, found.start, SpectralLines())
     gate = NoiseGate(None, len(found.whitened.hypotheses))

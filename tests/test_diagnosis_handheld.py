@@ -218,9 +218,8 @@ def test_gravity_is_carried_across_a_turn_as_rotations_compose():
     windows = Windows.around(time, [(90, 210)])
     assert np.abs(GravityTransport(windows, force, rate).errors).max() < 1e-12
     late = np.vstack([rate[3:], rate[:3]])  # a gyro that runs ahead turns it somewhere else
-    assert (
-        np.abs(GravityTransport(windows, force, late).errors).max() < 1e-12
-    )  # ... but not from rest to rest
+    # ... but not from rest to rest
+    assert np.abs(GravityTransport(windows, force, late).errors).max() < 1e-12
     assert np.abs(GravityTransport(windows, force, 1.01 * rate).errors).max() > 0.01
 
 

@@ -40,9 +40,8 @@ def test_a_saw_over_an_angle_is_learned_as_a_saw(table, sensor, column, size, un
     (effect,) = [e for e in found.amended["effect"] if e["id"] == "learned"]
     travel = np.abs(np.diff(angle)).max()
     assert effect["period"] == pytest.approx(period, abs=2 * travel / (np.ptp(angle) / period - 1))
-    sigma = WHITE * np.sqrt(
-        12 / len(whole)
-    )  # of the height of a saw, whose rms is that over the root of 12
+    # of the height of a saw, whose rms is that over the root of 12
+    sigma = WHITE * np.sqrt(12 / len(whole))
     assert np.ptp(effect["coefficients"]) == pytest.approx(size * unit, abs=4 * sigma)
 
 
@@ -126,8 +125,7 @@ def test_a_step_that_creeps_on_is_one_event_with_one_time_constant():
     found = diagnose(honest(truth), [recorded(truth, 5)])
     steps = [e for e in found.amended["effect"] if e["id"] == "acc_bias_step"]
     assert [f.effect for f in found.findings] == ["acc_bias_step"]
-    assert [e["time_s"] for e in steps if "creep_s" not in e] == [
-        pytest.approx(100.03, abs=0.1)
-    ]  # a sample
+    # a sample
+    assert [e["time_s"] for e in steps if "creep_s" not in e] == [pytest.approx(100.03, abs=0.1)]
     assert [e["creep_s"] for e in steps if "creep_s" in e] == [pytest.approx(15.0, rel=0.15)]
     assert sum(e["bias_step_y_ug"] for e in steps) == pytest.approx(2000.0, rel=0.02)

@@ -49,9 +49,8 @@ def test_white_noise_and_walk_are_found(rng):
     ]
     white = np.array([f.white for f in fits])
     assert abs(white.mean() - 1) < mean_band(white) + 0.01
-    slow = np.array(
-        [np.sqrt(f.flicker**2 / 0.02 + f.walk**2 / 0.02**2) for f in fits]
-    )  # together, where they are alike
+    # together, where they are alike
+    slow = np.array([np.sqrt(f.flicker**2 / 0.02 + f.walk**2 / 0.02**2) for f in fits])
     assert 0.7 < np.median(slow) / (0.05 / 0.02) < 1.4
 
 

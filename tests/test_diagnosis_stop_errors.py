@@ -41,9 +41,8 @@ def test_noise_within_parts_of_a_record_is_that_of_the_record(walk, rng):
         for n in [80, 60] * 40
     ]
     model = NoiseFit.within([cosines(part) for part in parts], WhiteFlickerWalk).model
-    assert model.white == pytest.approx(
-        1.0, rel=0.06
-    )  # 5600 samples: 1 %; what a walk takes of the white noise is less sure
+    # 5600 samples: 1 %; what a walk takes of the white noise is less sure
+    assert model.white == pytest.approx(1.0, rel=0.06)
     assert model.walk == pytest.approx(walk, abs=0.06)
 
 
@@ -67,9 +66,8 @@ def test_a_setting_error_is_told_beside_what_else_is_there():
     assert setting is not None
     fault, stops = setting
     assert fault.effect.axis == "outer"
-    assert fault.effect.value("sigma") == pytest.approx(
-        np.radians(60 / 3600), rel=0.5
-    )  # 31 draws: 13 %, four times that
+    # 31 draws: 13 %, four times that
+    assert fault.effect.value("sigma") == pytest.approx(np.radians(60 / 3600), rel=0.5)
     kept = beside_stops(fitted, stops, found.whitened, 300)
     assert [t.hypothesis.id for t in kept.terms] == ["acc_hysteresis"]
 

@@ -30,9 +30,8 @@ def test_a_rate_is_told_on_its_own_side_of_a_corner(corner, rng):
     level = np.where(np.arange(len(time)) < 60, angle[0], angle)
     v, _ = differentiate(time, level + NOISE * rng.standard_normal(len(time)), resting)
     near = slice(480, 520)
-    assert (
-        np.abs(v - truth)[near].max() < 4 * 0.97 * NOISE / STEP
-    )  # no worse than one difference of readings: 15 at one side
+    # no worse than one difference of readings: 15 at one side
+    assert np.abs(v - truth)[near].max() < 4 * 0.97 * NOISE / STEP
 
 
 def moves(time, start, jerk=0.4, long=1.2):
@@ -40,9 +39,8 @@ def moves(time, start, jerk=0.4, long=1.2):
     again.
     """
     u = np.clip((time - start) / long, 0, 1)
-    angle = (
-        jerk * long**3 * (u**3 / 3 - u**4 / 2 + u**5 / 5)
-    )  # rate jerk long2 u2 (1 - u)2: zero with a bend at both ends
+    # rate jerk long2 u2 (1 - u)2: zero with a bend at both ends
+    angle = jerk * long**3 * (u**3 / 3 - u**4 / 2 + u**5 / 5)
     return angle, jerk * long**2 * u**2 * (1 - u) ** 2
 
 
@@ -54,10 +52,11 @@ def test_beside_a_rest_a_rate_is_as_good_as_inside_a_move(start, turned, rng):
     """
     time = np.arange(0, 6, STEP)
     at = np.maximum(time - start, 0.0)
+    # a step of the acceleration
     angle, truth = (
         0.05 * at**2 + 0.01 * at**3,
         0.1 * at + 0.03 * at**2,
-    )  # a step of the acceleration
+    )
     if turned:
         angle, truth = angle[::-1], -truth[::-1]
     still = angle == angle.min()
@@ -83,9 +82,8 @@ def test_stamps_that_jitter_leave_the_rates_of_a_swing_alone(rng):
     v, _ = differentiate(
         time, angle + NOISE * rng.standard_normal(len(time)), np.zeros(len(time), bool)
     )
-    assert (
-        np.std((v - truth)[20:-20]) < 0.6 * NOISE / STEP
-    )  # on straight lines between the rows: 33
+    # on straight lines between the rows: 33
+    assert np.std((v - truth)[20:-20]) < 0.6 * NOISE / STEP
 
 
 def test_a_fast_swing_is_told_by_a_longer_window_of_a_higher_degree(rng):

@@ -1,6 +1,5 @@
 """Blocks that tell alternatives apart: what they should bring is what they bring, and what none can
-bring
-is said.
+bring is said.
 """
 
 from typing import Any
@@ -122,15 +121,13 @@ def test_the_separation_is_what_least_squares_leaves(cubic: tuple[Scenario, Ques
         signal = value * f**2 / G0
         left = signal - A @ np.linalg.lstsq(A, signal, rcond=None)[0]
         total += float(left @ left) / question.noise["accel", name[-1]].white ** 2
-    assert pair.separation == pytest.approx(
-        total, rel=0.1
-    )  # moves are averaged in blocks of samples
+    # moves are averaged in blocks of samples
+    assert pair.separation == pytest.approx(total, rel=0.1)
 
 
 def test_the_chance_is_how_often_the_likelihoods_tell_apart() -> None:
     """Two alternatives by hand: how often the deviances differ by enough, against the normal law of
-    their
-    difference.
+    their difference.
     """
     rng = np.random.default_rng(seed_of("the chance is how often"))
     x = np.linspace(-1, 1, 60)

@@ -72,9 +72,8 @@ def test_friction_of_the_scenario_and_of_the_effect_add_up():
     own = {"id": "servo_friction_deadband", "width_arcsec": 20}
     course = run("dual", THERE_AND_BACK, own, dynamics={"friction_N_m": 2.0}, readout="command")
     found, told = error_of(course, (UP,))
-    assert found[0] - told[0] == pytest.approx(
-        -2.0 / servo_of("dual", "outer")[0], rel=0.05
-    )  # creep of both
+    # creep of both
+    assert found[0] - told[0] == pytest.approx(-2.0 / servo_of("dual", "outer")[0], rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -115,9 +114,8 @@ def test_a_servo_gives_way_to_a_ballast_by_its_droop(droop, readout):
     )
     found, told = error_of(course, (UP, 6.5))
     assert told == pytest.approx(droop * ARCSEC * np.sin([20 * DEG, 40 * DEG]))
-    second_order = (
-        abs(droop) * ARCSEC / np.tan(20 * DEG)
-    )  # relative: the torque grows with the deflection
+    # relative: the torque grows with the deflection
+    second_order = abs(droop) * ARCSEC / np.tan(20 * DEG)
     assert found == pytest.approx(told, rel=1.01 * second_order + 1e-7)
     assert "outer_sag" not in at(course, UP).structure  # the encoder sees it: no structure bends
 
@@ -155,9 +153,8 @@ def test_cogging_ripples_the_angle_as_the_servo_lets_it_through(rate):
     )
     second_order = 1e-3 + omega * STEP  # of the ripple; the damping acts half a step late
     assert abs(sine + 1j * cosine - through) < second_order
-    assert (
-        abs(sine + 1j * cosine - 1) < abs(through - 1) + second_order
-    )  # the closed form is the slow limit
+    # the closed form is the slow limit
+    assert abs(sine + 1j * cosine - 1) < abs(through - 1) + second_order
     if rate == 1:
         assert abs(through - 1) < 0.01
 
@@ -232,9 +229,8 @@ def test_a_move_lets_the_structure_go_at_its_amplitude(frequency, tau):
     behind = inertia_of(
         "placing", "outer_ring_y", {"id": "settling_transient", "amplitude_arcsec": 1}
     )
-    gives = (
-        behind * omega**2 / abs(kp + 1j * omega * (kv + damping))
-    )  # how far the servo goes along
+    # how far the servo goes along
+    gives = behind * omega**2 / abs(kp + 1j * omega * (kv + damping))
     started = time > time[0] + 0.02
     assert np.abs(told).max() > 19 * ARCSEC
     within = 1 / (omega * tau) + gives + omega * (span[1] - span[0])
@@ -248,9 +244,8 @@ def test_the_structure_bends_back_while_the_table_speeds_up():
     bent = asked.structure["outer"].x
     slow = -np.asarray(asked.axes["outer"].a) / (2 * np.pi * 20) ** 2
     assert np.abs(slow).max() > 20 * ARCSEC
-    transient = (2 * np.pi / 0.4 / (2 * np.pi * 20)) + 1 / (
-        2 * np.pi * 20 * 0.2
-    )  # of the start against the swing
+    # of the start against the swing
+    transient = (2 * np.pi / 0.4 / (2 * np.pi * 20)) + 1 / (2 * np.pi * 20 * 0.2)
     assert np.abs(bent - slow).max() < transient * np.abs(slow).max()
 
 
@@ -264,9 +259,8 @@ def test_the_mount_rings_in_its_own_axes(frequency, tau):
         (c, s, decay, w), _ = ring_of(time - time[0], drive.structure[name].x, frequency, tau)
         assert decay == pytest.approx(1 / tau, rel=5e-3)
         assert w == pytest.approx(omega, rel=5e-4)
-        if (
-            name == "mount_ring_y"
-        ):  # about the other axis than the table turned: nothing else shook it
+        # about the other axis than the table turned: nothing else shook it
+        if name == "mount_ring_y":
             assert np.hypot(c - 10 * ARCSEC, s) < 10 * ARCSEC * (
                 1 / (omega * tau) + omega * 2 * STEP
             )
@@ -339,9 +333,8 @@ def test_all_of_them_together_settle_on_the_sum_of_their_closed_forms():
     quick = FACES[5] | {"tau_s": 0.1}
     found, told = rest(*FACES[1:5], quick)
     assert abs(told) > 1 * ARCSEC
-    second_order = (
-        1e-3 * 60 * ARCSEC
-    )  # the slope of the cogging against its kp, over what the others displace it
+    # the slope of the cogging against its kp, over what the others displace it
+    second_order = 1e-3 * 60 * ARCSEC
     assert found == pytest.approx(told, abs=second_order + 40 * ARCSEC * np.exp(-1.5 / 0.1))
     with_friction, _ = rest(FACES[0], *FACES[1:5], quick)
     assert 0.01 * ARCSEC < abs(with_friction - told) < 10 * ARCSEC

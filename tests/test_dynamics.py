@@ -81,9 +81,8 @@ def test_a_move_settles_on_the_command_and_the_droop_of_its_ballast():
     (drive,) = [at(run("placing", THERE_AND_BACK, sag), UP)]
     weight, arm = 0.5 * G0, 0.1  # the ballast of table_sag
     droop = weight * arm * np.sin(20 * DEG) / servo_of("placing", "outer")[0]  # toward the fall
-    second_order = (
-        10 * ARCSEC + droop
-    )  # relative: the torque grows by cot(angle) times the deflections
+    # relative: the torque grows by cot(angle) times the deflections
+    second_order = 10 * ARCSEC + droop
     assert drive.axes["outer"].x[0] - 20 * DEG == pytest.approx(droop, rel=3 * second_order)
     expected = 10 * ARCSEC * np.sin(20 * DEG)
     assert drive.structure["outer_sag"].x[0] == pytest.approx(expected, rel=3 * second_order)
@@ -128,9 +127,8 @@ def test_backlash_rests_on_the_side_of_approach_as_its_closed_form_says():
     expected = np.interp([UP, DOWN], time, effect.deviation(asked, "outer", None).x)
     gap = at(course, UP, DOWN).structure["outer"].x
     assert expected == pytest.approx([-20 * ARCSEC, 20 * ARCSEC])
-    assert gap == pytest.approx(
-        expected, abs=0.02 * ARCSEC
-    )  # how far the stops give way under the servo's push
+    # how far the stops give way under the servo's push
+    assert gap == pytest.approx(expected, abs=0.02 * ARCSEC)
 
 
 def test_the_load_does_not_rattle_between_the_stops_of_its_play():
@@ -171,9 +169,8 @@ def test_after_a_remount_the_bend_follows_the_body():
 def test_a_counterweighted_mount_does_not_load_the_table():
     course = run("dual", THERE_AND_BACK, BENDS, {"id": "table_sag", "sag_arcsec": 10})
     sag = at(course, UP).structure["outer_sag"].x[0]
-    assert sag == pytest.approx(
-        10 * ARCSEC * np.sin(20 * DEG), rel=1e-3
-    )  # a bend of 60 arcsec moves 3e-4 of a load
+    # a bend of 60 arcsec moves 3e-4 of a load
+    assert sag == pytest.approx(10 * ARCSEC * np.sin(20 * DEG), rel=1e-3)
 
 
 def test_a_spring_too_stiff_for_the_time_step_is_left_to_the_reader():
@@ -222,9 +219,8 @@ def test_vibration_of_the_base_makes_the_mount_ring_by_its_transfer_function(sha
     period = 2 * np.pi / (share * omega)
     time = 1.0 + period * np.arange(40 * 16) / 16
     bend = shaken(share * omega / (2 * np.pi)).drive(time).structure["bend_y"].x
-    expected = (
-        30 * ARCSEC * 0.02 / (1 - share**2 + 2j * zeta * share)
-    )  # an acceleration East bends by +y
+    # an acceleration East bends by +y
+    expected = 30 * ARCSEC * 0.02 / (1 - share**2 + 2j * zeta * share)
     amplitude = 2 * np.mean(bend * np.exp(-1j * share * omega * time))
     step = (omega * DT) ** 2  # second differences fall short by step / 12, first by step / 6
     hanging = 30 * ARCSEC  # m g l / k, the ballast as a pendulum
@@ -273,9 +269,8 @@ def test_readings_on_the_move_are_the_second_derivative_of_where_the_sensor_was(
     expected = R[rows].inv().apply(a + np.array([0, 0, G0]))
     read = mujoco_motion(course.scenario, course.drive(log.time[rows]), course.scenario.effects)
     assert np.abs(expected - R[rows].inv().apply([0, 0, G0])).max() > 0.05  # it does move
-    assert (
-        np.abs(read.force - expected).max() < 1e-8
-    )  # rounding of 0.1 m twice differenced, 16 eps r / (12 h^2)
+    # rounding of 0.1 m twice differenced, 16 eps r / (12 h^2)
+    assert np.abs(read.force - expected).max() < 1e-8
 
 
 def test_between_two_rows_the_log_is_a_curve_with_its_own_derivatives(rng):
@@ -310,9 +305,8 @@ def test_a_command_readout_holds_the_command_and_moves_the_same():
     time = np.linspace(*told.times, 500)
     asked, one, two = told.scenario.schedule.drive(time), told.drive(time), read.drive(time)
     assert np.array_equal(one.axes["outer"].x, asked.axes["outer"].x)
-    assert (
-        np.abs(one.axes["outer"].x - two.axes["outer"].x).max() > 1e-3
-    )  # the encoder sees the lag
+    # the encoder sees the lag
+    assert np.abs(one.axes["outer"].x - two.axes["outer"].x).max() > 1e-3
     for part in ("x", "v", "a"):
         angles = [
             true_angles(c.scenario, d, c.scenario.effects)["outer"]
@@ -392,9 +386,8 @@ def test_a_hands_rate_is_the_derivative_of_its_attitude():
 
 def test_the_tremor_has_the_stated_rms(rng):
     noise = module._Tremor(0.0005).draw(rng, 400_000)
-    independent = (
-        400_000 * 0.0005 * 2 * np.pi * module.TREMOR / 2
-    )  # samples, about: correlation of some 2 / corner
+    # samples, about: correlation of some 2 / corner
+    independent = 400_000 * 0.0005 * 2 * np.pi * module.TREMOR / 2
     assert noise.std(axis=0) == pytest.approx(1.0, abs=4 / np.sqrt(2 * independent))
 
 
@@ -441,8 +434,9 @@ def test_lost_motion_that_is_crossed_gradually_is_added_to_the_run_by_algebra(id
         true_angles(course.scenario, drive, course.scenario.effects)["outer"].x
         - drive.axes["outer"].x
     )
+    # 20 of 30 deg from the middle of the play; at 40 pushed; 20 back
     expected = [
         -40 / 3 * ARCSEC,
         -20 / 3 * ARCSEC,
-    ]  # 20 of 30 deg from the middle of the play; at 40 pushed; 20 back
+    ]
     np.testing.assert_allclose(np.interp([UP, DOWN], drive.time, lag), expected, atol=0.05 * ARCSEC)

@@ -12,15 +12,15 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.forward.signal_chain import readings
 from tiltcal.setup.schedule import Leg, Schedule
 
-EXACT = (
-    1e-11 + 0.1 * EARTH_RATE**2
-)  # a point 0.1 m off the laboratory's origin feels the Earth turn
+# a point 0.1 m off the laboratory's origin feels the Earth turn
+EXACT = 1e-11 + 0.1 * EARTH_RATE**2
+# nothing at all in one pose at rest and constant temperature
 SILENT = {
     "motion",
     "temperature",
     "vibration",
     "direction",
-}  # nothing at all in one pose at rest and constant temperature
+}
 POSE = {"outer": 33.0, "middle": -21.0, "inner": 47.0}
 
 

@@ -24,9 +24,8 @@ from tiltcal.effects.electronics.converter import AdcQuantisation
 EFFECTS_TXT = Path(__file__).parents[1].parent / "shared" / "effects.txt"
 IDS = tuple(CATALOGUE)
 RANDOM = tuple(id for id, cls in CATALOGUE.items() if cls.random)
-ROUNDING = tuple(
-    id for id, cls in CATALOGUE.items() if issubclass(cls, AdcQuantisation)
-)  # chance draws nothing
+# chance draws nothing
+ROUNDING = tuple(id for id, cls in CATALOGUE.items() if issubclass(cls, AdcQuantisation))
 WRITING = tuple(id for id, cls in CATALOGUE.items() if issubclass(cls, WritingEffect))
 LINEAR = tuple(id for id, cls in CATALOGUE.items() if cls.linear)
 
@@ -47,9 +46,8 @@ def test_an_effect_of_no_size_changes_no_reading(id, table, monkeypatch):
     nothing = lively_readings(table, seed=1)
     for sensor in sensors_for(cls, setup):
         for axis in rig_axes(cls, setup):
-            zero = plausible(
-                id, setup, sensor, axis=axis, size=0.0
-            )  # where and when alone are no size
+            # where and when alone are no size
+            zero = plausible(id, setup, sensor, axis=axis, size=0.0)
             assert zero.is_identity
             with monkeypatch.context() as patch:
                 patch.setattr(cls, "is_identity", False)  # so that the chain does not skip it
@@ -89,13 +87,14 @@ def promised(text: str) -> set[str]:
     return {name for name in names if name == "samples" or split_unit(name, PARAMETER_UNITS)[1]}
 
 
+# <axis>_zero_arcsec of the list
 EACH_AXIS = {
     "outer_zero_arcsec",
     "middle_zero_arcsec",
     "inner_zero_arcsec",
     "head_zero_arcsec",
     "inner_head_arcsec",  # <axis>_<next axis>_arcsec
-}  # <axis>_zero_arcsec of the list
+}
 needs_list = pytest.mark.skipif(
     not EFFECTS_TXT.exists(), reason="the list of effects lies beside the checkout, not here"
 )
@@ -139,9 +138,8 @@ def test_an_effect_describes_itself(id):
     for p in cls.parameters:
         assert p.unit in PARAMETER_UNITS
         assert all(size > 0 for size in p.plausible)
-    assert bool(cls.kinds) == issubclass(
-        cls, SignalEffect | DelayEffect
-    )  # on a sensor, or on the rig
+    # on a sensor, or on the rig
+    assert bool(cls.kinds) == issubclass(cls, SignalEffect | DelayEffect)
 
 
 @pytest.mark.parametrize("id", IDS)

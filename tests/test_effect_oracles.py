@@ -293,12 +293,13 @@ def test_a_frozen_axis_leaves_the_others():
 def test_hysteresis_is_a_play_of_the_axis_own_force_or_dahl_s_where_it_is_rounded():
     setup = setup_of("placing", ACCEL)
     degrees = np.array([0.0, -30.0, -90.0, -30.0])  # f_x = g sin: 0, 1/2, 1, 1/2 g
+    # half a width of 1 g: the play is not taken up
     for words, state in (
         ({}, [0, 1, 1, -1]),  # width 0.2 g: every step is longer than the gap
         (
             {"width_unitless": 2.0},
             [0, 0.5, 1.0, 0.5],
-        ),  # half a width of 1 g: the play is not taken up
+        ),
         (
             {"width_unitless": 0.5, "rounded_unitless": 1},
             [0, 1 - np.exp(-1), 1 - np.exp(-2), (2 - np.exp(-2)) * np.exp(-1) - 1],
@@ -308,9 +309,8 @@ def test_hysteresis_is_a_play_of_the_axis_own_force_or_dahl_s_where_it_is_rounde
         plain, looped = (
             read_poses(setup, still(setup, outer=degrees), *e)["accel"] for e in ((), (effect,))
         )
-        np.testing.assert_allclose(
-            (looped - plain)[:, X] / (1e-4 * G), state, atol=2e-3
-        )  # local gravity against the standard one
+        # local gravity against the standard one
+        np.testing.assert_allclose((looped - plain)[:, X] / (1e-4 * G), state, atol=2e-3)
         assert not (looped - plain)[:, 1:].any()
 
 

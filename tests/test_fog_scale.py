@@ -69,9 +69,8 @@ def test_variance_nees_and_coverage_lie_in_their_bands():
     p = FAMILY / 5 / 2  # three variances, NEES, coverage
     assert chi2.ppf(p, 3 * draws) < nees < chi2.isf(p, 3 * draws), nees / 3 / draws
     ratio = (errors**2).sum(axis=0) / BOUND**2
-    assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws) * 1.01)), (
-        ratio / draws
-    )  # (1 + S)^2 of the bound
+    # (1 + S)^2 of the bound
+    assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws) * 1.01)), ratio / draws
     assert np.all((inside / draws > 0.94) & (inside / draws < 0.96))
     assert binom.cdf(0.94 * draws, draws, 0.95) < p
 
@@ -196,9 +195,8 @@ def test_a_rest_that_is_too_short_is_named():
 
 def test_an_instrument_that_was_moved_during_its_rest_is_named():
     log = recorded(rest(), turn("x"), turn("y"), turn("z"))
-    slow = np.where(
-        (log.time > 5) & (log.time < 12), 0.05, 0.0
-    )  # deg/s: too slow for the eye of a dwell finder
+    # deg/s: too slow for the eye of a dwell finder
+    slow = np.where((log.time > 5) & (log.time < 12), 0.05, 0.0)
     columns = {n: log.column(n) for n in log.column_names}
     for a, u in zip("xyz", U, strict=True):
         columns[f"gyro_{a}_deg_s"] = columns[f"gyro_{a}_deg_s"] + slow * u

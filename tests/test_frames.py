@@ -138,9 +138,8 @@ def test_a_gyro_reads_the_table_rate_about_the_right_axis_and_sense():
         }
     )
     rate = closed_form(setup, turning).rate[0] - closed_form(setup, drive).rate[0]
-    np.testing.assert_allclose(
-        rate, [0, 1, 0], atol=1e-15
-    )  # roll 90 deg, azimuth 1 rad/s (verify_signs.py)
+    # roll 90 deg, azimuth 1 rad/s (verify_signs.py)
+    np.testing.assert_allclose(rate, [0, 1, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -297,9 +296,8 @@ def test_angles_between_vectors_are_accurate_when_small_and_when_opposite():
 def test_the_sphere_is_covered_evenly():
     points = frames.sphere(400)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)
-    np.testing.assert_allclose(
-        points.T @ points / 400, np.eye(3) / 3, atol=2e-3
-    )  # as the even distribution
+    # as the even distribution
+    np.testing.assert_allclose(points.T @ points / 400, np.eye(3) / 3, atol=2e-3)
     assert np.abs(points.mean(axis=0)).max() < 2e-3
 
 

@@ -70,9 +70,8 @@ def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
         for j in range(3):
             columns[3 + 3 * i + j, :, i] = w[:, j]
     sigma = 1e-4
-    variance = sigma**2 / np.array(
-        [blocks] * 3 + [20] * 9
-    )  # rates both ways: bias and slope do not mix
+    # rates both ways: bias and slope do not mix
+    variance = sigma**2 / np.array([blocks] * 3 + [20] * 9)
     errors, nees, inside = np.empty((draws, 12)), 0.0, np.zeros(12)
     for k in range(draws):
         fit = fit_blocks(names, columns, rng.normal(0, sigma, (blocks, 3)), np.eye(3) / sigma)

@@ -29,11 +29,12 @@ SCENARIO = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
 
 FAMILY = 1e-3
 TURNS, SAMPLES, STEP = 15, 8, 0.1  # 0.8 s each
+# rad a rest's edge, rad/s a sample, rad/s a rest
 DIRECTION, RATE_NOISE, REST_NOISE = (
     1e-4,
     5e-4,
     2e-5,
-)  # rad a rest's edge, rad/s a sample, rad/s a rest
+)
 NAMES = parameter_names("gyro", TERMS)
 TRUE = np.array(
     [
@@ -78,9 +79,8 @@ def random_turns(rng):
     at their ends.
     """
     axes = rng.normal(size=(TURNS, 2, 3))
-    w = np.repeat(
-        axes / np.linalg.norm(axes, axis=2)[..., None] * 1.7, SAMPLES // 2, axis=1
-    )  # 10 deg a sample
+    # 10 deg a sample
+    w = np.repeat(axes / np.linalg.norm(axes, axis=2)[..., None] * 1.7, SAMPLES // 2, axis=1)
     up = np.empty((TURNS, SAMPLES + 1, 3))
     up[:, 0] = np.array([d / np.linalg.norm(d) for d in rng.normal(size=(TURNS, 3))])
     for k in range(SAMPLES):
@@ -195,9 +195,8 @@ def test_its_uncertainty_is_consistent_over_seeds():
 def test_a_noiseless_record_gives_back_what_was_injected():
     found = calibrate("gyro_turns", SimulatedLaboratory().record(SCENARIO), SCENARIO)
     for name, value in true_parameters(SCENARIO, SCENARIO.effects, found).items():
-        assert found.value(name) == pytest.approx(value, abs=3e-5), (
-            name
-        )  # sums of 100 Hz samples stand for the integral
+        # sums of 100 Hz samples stand for the integral
+        assert found.value(name) == pytest.approx(value, abs=3e-5), name
 
 
 def test_a_hand_that_still_turns_at_the_edges_of_a_rest_does_no_harm():

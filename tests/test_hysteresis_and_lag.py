@@ -157,9 +157,8 @@ def test_a_lag_delays_a_slow_sine_by_its_phase():
     time = np.linspace(0, 40, 40001)
     y = first_order_lag(time, np.sin(w * time), tau)
     expected = np.sin(w * time - np.arctan(w * tau)) / np.hypot(1, w * tau)
-    np.testing.assert_allclose(
-        y[time > 10], expected[time > 10], atol=(w * 1e-3) ** 2
-    )  # linear between samples: O((w dt)^2)
+    # linear between samples: O((w dt)^2)
+    np.testing.assert_allclose(y[time > 10], expected[time > 10], atol=(w * 1e-3) ** 2)
 
 
 def test_further_stamps_on_the_same_lines_change_nothing(rng):

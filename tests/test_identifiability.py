@@ -224,9 +224,8 @@ dwell_s = 3
 """)
     found = confuse(load_scenario(path))
     sights = {s.column.label: s for s in found.sights}
-    assert (
-        sights["table_levelling.tilt_east"].absorbed > 0.999
-    )  # a constant on y: one with its bias
+    # a constant on y: one with its bias
+    assert sights["table_levelling.tilt_east"].absorbed > 0.999
     assert np.isinf(sights["gravity_magnitude.gravity_error"].detectable)
     assert "table_encoder_eccentricity[outer].sin" in dict(sights["table_sag[outer].sag"].rivals)
     assert any({"table_sag", "table_encoder_eccentricity"} <= set(g) for g in classes(found))

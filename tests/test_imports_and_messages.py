@@ -121,9 +121,8 @@ def test_no_except_catches_everything(path):
                 if node.type
                 else {"Exception"}
             )
-            named = any(
-                isinstance(n, ast.Raise) and n.cause is not None for n in ast.walk(node)
-            )  # said in words, cause kept
+            # said in words, cause kept
+            named = any(isinstance(n, ast.Raise) and n.cause is not None for n in ast.walk(node))
             assert named or not names & {"Exception", "BaseException"}, (
                 f"{name_of(path)}:{node.lineno}"
             )

@@ -77,12 +77,12 @@ def test_every_column_is_the_change_of_the_chain_s_readings(table):
                 angle = (
                     size * p.factor if PARAMETER_UNITS[p.unit].quantity.startswith("angle") else 0.0
                 )
+                # gyros: 1 rad/s
                 largest = {"accelerometer": G, "inclinometer": 1.0 / np.cos(1.2)}.get(
                     sensor.kind, 1.0
-                )  # gyros: 1 rad/s
-                second = (
-                    angle**2 * largest * np.sqrt(len(expected)) / white_noise(sensor, ())
-                )  # order of a small turn squared
+                )
+                # order of a small turn squared
+                second = angle**2 * largest * np.sqrt(len(expected)) / white_noise(sensor, ())
                 allowed = 0.03 * np.linalg.norm(expected[keep]) + 4 * second + 1e-6
                 assert error <= allowed, (column.label, sensor.name, k)
 

@@ -166,9 +166,8 @@ def test_coordinates_are_what_their_names_say():
         np.testing.assert_allclose(
             found, np.broadcast_to(expected, N), atol=1e-11, err_msg=coordinate
         )
-    across = np.linalg.norm(
-        rate - np.outer(rate @ np.ones(3) / 3, np.ones(3)), axis=1
-    )  # what is not along (1, 1, 1)
+    # what is not along (1, 1, 1)
+    across = np.linalg.norm(rate - np.outer(rate @ np.ones(3) / 3, np.ones(3)), axis=1)
     np.testing.assert_allclose(
         added(learned("fog", "a", coordinate="transverse", **line), "fog")[:, 0], across, atol=1e-11
     )
@@ -261,9 +260,8 @@ def test_derivatives_of_a_learned_curve_are_those_of_its_values():
         for order in (1, 2):
             slope = np.gradient(effect.curve(x, order - 1), x)
             np.testing.assert_allclose(effect.curve(x, order)[5:-5], slope[5:-5], atol=0.02)
-    jet = effect.jet(
-        Jet(np.array([20.0]), np.array([3.0]), np.array([1.0]))
-    )  # beyond the last knot: held, at rest
+    # beyond the last knot: held, at rest
+    jet = effect.jet(Jet(np.array([20.0]), np.array([3.0]), np.array([1.0])))
     assert (jet.x, jet.v, jet.a) == (pytest.approx([0.5]), [0.0], [0.0])
 
 

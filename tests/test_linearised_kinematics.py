@@ -30,9 +30,8 @@ def test_a_small_effect_changes_force_and_rate_as_the_whole_chain_says(id, lever
     with_it, without = force_and_rate(setup, drive, [effect]), force_and_rate(setup, drive)
     for change, a, b in zip(told, with_it, without, strict=True):
         assert np.abs(change).max() > 0
-        np.testing.assert_allclose(
-            change, a - b, atol=2e-4 * np.abs(a - b).max()
-        )  # the turns are 1e-5 rad: second order
+        # the turns are 1e-5 rad: second order
+        np.testing.assert_allclose(change, a - b, atol=2e-4 * np.abs(a - b).max())
 
 
 def test_many_turns_of_one_place_are_answered_at_once(rng):

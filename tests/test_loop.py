@@ -76,9 +76,8 @@ def test_the_simulated_laboratory_follows_a_sequence_file(tmp_path: Path) -> Non
     outer = np.degrees(np.asarray(recording.table("outer")))
     assert outer[-1] == pytest.approx(50, abs=1e-6)
     x = recording.column("accel_x_m_s2")
-    assert x[-50:].mean() == pytest.approx(
-        9.8 * np.sin(np.radians(50)) + 900e-6 * 9.8, abs=0.01
-    )  # turned round: +x now
+    # turned round: +x now
+    assert x[-50:].mean() == pytest.approx(9.8 * np.sin(np.radians(50)) + 900e-6 * 9.8, abs=0.01)
 
 
 def test_what_happened_once_lies_behind_the_simulated_laboratory(tmp_path: Path) -> None:

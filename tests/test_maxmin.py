@@ -132,9 +132,8 @@ def test_classic_schemes_are_blind_to_something_and_the_designed_one_is_not():
         assert judge.shares(classic(name)).min() < most, name
     assert found.efficiency >= REQUIRED
     assert found.reference_gap <= 0.005
-    assert (
-        0.99 * found.bounds[1] <= found.shares.min() <= found.bounds[1] <= found.bounds[0]
-    )  # nothing is left on the table
+    # nothing is left on the table
+    assert 0.99 * found.bounds[1] <= found.shares.min() <= found.bounds[1] <= found.bounds[0]
     assert min(found.in_order.values()) >= 0.5
     said = json.loads(json.dumps(summary(found)))
     assert said["least_share"] == pytest.approx(min(said["shares"].values()))

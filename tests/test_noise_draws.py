@@ -45,9 +45,8 @@ def test_white_noise_averages_down_as_one_over_tau(m, rng):
 def test_a_random_walk_climbs_as_tau_over_three(m, rng):
     estimate = allan_variance(channels(rng, 1024, walk=0.2), m)
     tau = m / RATE
-    assert abs(estimate.mean() - 0.04 * tau / 3 * (1 + 0.5 / m**2)) < mean_band(
-        estimate
-    )  # K^2 tau / 3, of a sum of steps
+    # K^2 tau / 3, of a sum of steps
+    assert abs(estimate.mean() - 0.04 * tau / 3 * (1 + 0.5 / m**2)) < mean_band(estimate)
 
 
 def test_a_random_walk_spreads_with_the_square_root_of_time(rng):
@@ -72,9 +71,8 @@ def test_flicker_has_the_allan_variance_of_its_processes(m, rng):
 
 def test_the_flicker_floor_is_the_bias_instability_well_inside_the_corners():
     floor = [flicker_allan(m) for m in (32, 64, 128, 256, 512)]  # 16 ... 256 s of 1 ... 1024 s
-    np.testing.assert_allclose(
-        np.sqrt(floor), np.sqrt(2 * log(2) / pi), rtol=0.05
-    )  # six processes for one straight spectrum
+    # six processes for one straight spectrum
+    np.testing.assert_allclose(np.sqrt(floor), np.sqrt(2 * log(2) / pi), rtol=0.05)
 
 
 def test_flicker_starts_stationary(rng):

@@ -66,9 +66,8 @@ def test_it_converges_from_half_the_scale_and_half_a_g_off(sign):
 
 @pytest.mark.slow
 def test_four_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
-    monkeypatch.setattr(
-        norm_module, "_leave_directions_out", lambda *_: (0.0, 1.0)
-    )  # costs most, changes no parameter
+    # costs most, changes no parameter
+    monkeypatch.setattr(norm_module, "_leave_directions_out", lambda *_: (0.0, 1.0))
     draws, names = 4000, list(truth(9))
     clean = log()
     segments = find_segments(clean)
@@ -214,9 +213,8 @@ def test_the_iteration_that_does_not_converge_says_so():
     far = 300 * G * np.ones(3)
     assert not product_and_sum(G * FACES + far, G).converged
     found = calibrate("norm", log(bias=far, M=np.eye(3)), SETUP, terms=6)
-    assert found.value("accel.bias_x") == pytest.approx(
-        far[0], rel=1e-6
-    )  # the likelihood fit starts from an ellipsoid
+    # the likelihood fit starts from an ellipsoid
+    assert found.value("accel.bias_x") == pytest.approx(far[0], rel=1e-6)
     assert any("does not converge in 30 steps" in w for w in found.warnings)
 
 

@@ -188,9 +188,8 @@ def test_variance_nees_and_coverage_lie_in_one_computed_band(angles):
     fog, level = FOG_SIGMA / np.sqrt(DWELL), ACCEL_SIGMA / np.sqrt(DWELL)
     slope = EARTH_RATE * np.cos(40 * DEG) * (abs(np.sin(azimuth)) if m == 2 else 1.0)
     tilt = level / G / np.sqrt(m)
-    lean = (
-        np.tan(40 * DEG) * tilt / (abs(np.sin(azimuth)) if m == 2 else 1.0)
-    )  # the tilt's own noise, through tan(latitude)
+    # the tilt's own noise, through tan(latitude)
+    lean = np.tan(40 * DEG) * tilt / (abs(np.sin(azimuth)) if m == 2 else 1.0)
     sigma = np.array(
         [
             np.hypot(fog / slope / np.sqrt(2), lean),

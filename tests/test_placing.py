@@ -91,9 +91,8 @@ def test_each_axis_gives_the_other_its_angle():
 
 def test_two_channels_know_the_third_from_gravity():
     f = level(5000, rng_of("two channels"))
-    f = f[
-        f[:, 2] > 0.5 * G
-    ]  # what two passes leave grows as (b'/f_z)^2 b: here 0.006 arcsec of each axis
+    # what two passes leave grows as (b'/f_z)^2 b: here 0.006 arcsec of each axis
+    f = f[f[:, 2] > 0.5 * G]
     reading = f.copy()
     reading[:, 0] += truth("x", f)
     reading[:, 1] += truth("y", f)

@@ -40,9 +40,8 @@ def readings(mount: int, outer: np.ndarray, lean: float = 0.0) -> np.ndarray:
     e = G * lean + zero  # the North end of the table's axis is high by this angle
     f = {0: (-s, e), 90: (e, s), 180: (s, -e), 270: (-e, -s)}[mount]
     beta = {0: ("y", outer), 90: ("x", outer), 180: ("y", -outer), 270: ("x", -outer)}[mount]
-    across = {"x": bias("x", zero), "y": bias("y", zero)} | {
-        beta[0]: bias(*beta)
-    }  # the other axis stands at 0
+    # the other axis stands at 0
+    across = {"x": bias("x", zero), "y": bias("y", zero)} | {beta[0]: bias(*beta)}
     return np.column_stack(f) + np.column_stack([across["x"], across["y"]])
 
 
@@ -130,9 +129,8 @@ def test_an_ascending_sweep_hides_a_linear_drift_and_says_so_and_up_and_down_hid
     passed = np.polyfit(UP, wrong, 1)[0] * 90 / (drift * seconds)
     assert passed > 0.94  # from the first dwell to the last: what the table took of the drift ...
     left = wrong - np.polyval(np.polyfit(UP, wrong, 1), UP)
-    assert (
-        1 - np.sum(left**2) / np.sum((wrong - wrong.mean()) ** 2) > 0.999
-    )  # ... is all of it, and nothing is left to show it
+    # ... is all of it, and nothing is left to show it
+    assert 1 - np.sum(left**2) / np.sum((wrong - wrong.mean()) ** 2) > 0.999
     assert one_way.dof <= 0 or one_way.chi2_per_dof < 1
     assert one_way.verdict == "suspect"
     (test,) = [t for t in one_way.tests if t.name == "up and down"]
@@ -286,9 +284,8 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     clean = log((0, sweep), (90, sweep))
     segments = dwells(clean)
     known = static_poses._known_up(clean, SETUP, segments)
-    monkeypatch.setattr(
-        static_poses, "_known_up", lambda *_: known
-    )  # the readout is the same in every draw: read it once
+    # the readout is the same in every draw: read it once
+    monkeypatch.setattr(static_poses, "_known_up", lambda *_: known)
     rng = rng_of("placing table at its bound")
     columns = np.column_stack([clean.column(f"accel_{a}_m_s2") for a in "xy"])
     truth = dict(
@@ -322,9 +319,8 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     p = FAMILY / (len(exact) + 1) / 2
     low, high = chi2.ppf(p, draws - 1) / (draws - 1), chi2.isf(p, draws - 1) / (draws - 1)
     assert np.all((ratio > low) & (ratio < high)), ratio
-    residuals = (
-        2 * len(segments) * 39
-    )  # samples about their dwell means, from which the noise is estimated
+    # samples about their dwell means, from which the noise is estimated
+    residuals = 2 * len(segments) * 39
     assert (
         chi2.ppf(p, 10 * draws) / (10 * draws)
         < nees.mean() / 10
@@ -342,10 +338,11 @@ def _bound(segments, sweep, angles) -> np.ndarray:
     counts = np.array([s.last - s.first for s in segments], dtype=float)
     times = np.array([(s.start + s.end) / 2 for s in segments])
     tables, smooth = [], []
+    # x in the second sweep, y in the first
     for half in (
         slice(len(sweep), None),
         slice(0, len(sweep)),
-    ):  # x in the second sweep, y in the first
+    ):
         t, w = times[half] - times[half].mean(), counts[half] / SIGMA**2
         b = np.radians(sweep)
         for basis, out in (

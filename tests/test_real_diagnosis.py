@@ -112,12 +112,10 @@ def test_xsens_lacks_cross_axis_terms_and_then_the_g_sensitivity_of_its_gyro_and
 
 def test_xsens_reaches_the_careful_fit_of_gravity_in_directions_left_out(xsens):
     _, observations = xsens
-    assert (
-        heldout(*in_poses(observations, "accel.norm")) / MILLI_G <= LOGS["xsens"][3]
-    )  # what `norm` reaches
-    assert (
-        heldout(*in_poses(observations, "accel.norm", CROSS_AXIS)) / MILLI_G > 5.0
-    )  # bias and scale alone: 6.95
+    # what `norm` reaches
+    assert heldout(*in_poses(observations, "accel.norm")) / MILLI_G <= LOGS["xsens"][3]
+    # bias and scale alone: 6.95
+    assert heldout(*in_poses(observations, "accel.norm", CROSS_AXIS)) / MILLI_G > 5.0
 
 
 def test_xsens_reaches_the_careful_fit_of_the_gyro_at_rest(xsens):

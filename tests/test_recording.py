@@ -48,9 +48,8 @@ def test_the_unit_is_read_from_the_right_longest_first(name, parts):
 def test_compound_units_of_parameters_have_their_size():
     assert split_unit("temp_bias_x_ug_degC", PARAMETER_UNITS) == ("temp_bias_x", "ug_degC")
     assert PARAMETER_UNITS["ug_degC"].factor == pytest.approx(1e-6 * G0)
-    assert PARAMETER_UNITS["deg_rth"].factor == pytest.approx(
-        DEG / 60
-    )  # 1 deg/rt h = 1/60 deg/rt s
+    # 1 deg/rt h = 1/60 deg/rt s
+    assert PARAMETER_UNITS["deg_rth"].factor == pytest.approx(DEG / 60)
     assert PARAMETER_UNITS["deg_h_rth"].factor == pytest.approx(DEG / 3600 / 60)
     assert COLUMN_UNITS["arcsec"].factor == pytest.approx(np.pi / 180 / 3600)
 

@@ -42,9 +42,8 @@ def test_the_stated_uncertainty_is_that_of_the_errors(estimator, share):
     n = np.size(errors)
     ratio = np.mean(np.square(errors)) / np.mean(stated)
     p = FAMILY / 10 / 2
-    small_sample = (
-        0.06 if share and estimator == "median" else 0.03
-    )  # (1 + 3/N), and a MAD that the wide part raises
+    # (1 + 3/N), and a MAD that the wide part raises
+    small_sample = 0.06 if share and estimator == "median" else 0.03
     assert (
         chi2.ppf(p, n) / n * (1 - small_sample) < ratio < chi2.isf(p, n) / n * (1 + small_sample)
     ), ratio
@@ -95,9 +94,8 @@ def test_the_median_of_codes_is_a_trap_and_the_mean_of_inliers_the_remedy():
     assert rms["mean"] == pytest.approx(
         np.hypot(50, 30.5 / np.sqrt(12)) * 1e-6 / np.sqrt(2 * N) / ARCSEC, rel=band
     )
-    assert rms["median"] == pytest.approx(
-        1.47, rel=3.3 * np.sqrt(1 / (4 * draws) + 1 / 800)
-    )  # 400 trials there
+    # 400 trials there
+    assert rms["median"] == pytest.approx(1.47, rel=3.3 * np.sqrt(1 / (4 * draws) + 1 / 800))
     assert rms["inliers"] < 1.03 * rms["mean"]
 
 

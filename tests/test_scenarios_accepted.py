@@ -59,9 +59,8 @@ def test_the_closed_form_gives_the_recording_of_mujoco(name):
     assert mechanics.column_names == algebra.column_names
     for sensor in scenario.sensor:
         a, b = mechanics.sensor(sensor), algebra.sensor(sensor)
-        size = (
-            scenario.site.gravity if sensor.kind == "inclinometer" else 1.0
-        )  # an angle, as a force
+        # an angle, as a force
+        size = scenario.site.gravity if sensor.kind == "inclinometer" else 1.0
         assert np.abs(a.values - b.values).max() * size < 1e-9, sensor.name
 
 

@@ -125,9 +125,8 @@ def test_a_hand_held_turn_about_a_body_axis_and_a_move_to_up():
         {"action": "move", "up": "-x"},
     )
     R = schedule.drive(np.array([leg.t1 for leg in schedule.legs])).attitude.R_wb
-    np.testing.assert_allclose(
-        R[:, 2], [[0, 1, 0], [1, 0, 0], [-1, 0, 0]], atol=1e-12
-    )  # up in the body frame
+    # up in the body frame
+    np.testing.assert_allclose(R[:, 2], [[0, 1, 0], [1, 0, 0], [-1, 0, 0]], atol=1e-12)
     assert [leg.label for leg in schedule.legs] == [None, "+x", "-x"]
 
 

@@ -60,9 +60,8 @@ def test_the_sigmas_are_those_worked_out_by_hand():
 
 @pytest.mark.slow
 def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
-    monkeypatch.setattr(
-        six_position, "_heldout", lambda *_: {}
-    )  # these two cost most and change no parameter
+    # these two cost most and change no parameter
+    monkeypatch.setattr(six_position, "_heldout", lambda *_: {})
     monkeypatch.setattr(six_position, "_fit_tests", lambda *_: [])
     draws, names = 10_000, list(truth())
     clean = noiseless()
@@ -87,9 +86,8 @@ def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatc
     p = FAMILY / 13 / 2  # one family: twelve variances and the NEES
     low, high = chi2.ppf(p, draws - 1) / (draws - 1), chi2.isf(p, draws - 1) / (draws - 1)
     assert np.all((ratio > low) & (ratio < high)), ratio
-    estimated_noise = 1 + 2 / (
-        3 * 5 * (DWELL - 20)
-    )  # the covariance comes from some hundred residuals, not from the truth
+    # the covariance comes from some hundred residuals, not from the truth
+    estimated_noise = 1 + 2 / (3 * 5 * (DWELL - 20))
     assert low_nees(draws, p) < nees.mean() / 12 < high_nees(draws, p) * estimated_noise
     coverage = inside / draws
     assert np.all((coverage > 0.94) & (coverage < 0.96)), coverage

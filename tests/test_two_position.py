@@ -128,9 +128,8 @@ def test_four_thousand_reversals_reach_the_bound_and_their_intervals_cover():
     p = 1e-3 / 9 / 2  # one family: four variances, four coverages, the NEES
     ratio = (errors**2).sum(axis=0) / bound
     assert np.all((ratio > chi2.ppf(p, draws)) & (ratio < chi2.isf(p, draws))), ratio / draws
-    freedom = (
-        2 * SAMPLES - 2
-    )  # of the noise: its inverse is that much larger on average, in two channels
+    # of the noise: its inverse is that much larger on average, in two channels
+    freedom = 2 * SAMPLES - 2
     assert chi2.ppf(p, 4 * draws) < nees < chi2.isf(p, 4 * draws) * freedom / (freedom - 3), (
         nees / 4 / draws
     )
@@ -184,9 +183,8 @@ def test_the_uncertainty_is_consistent_for_an_inclinometer():
         error = np.array([found.value("base.roll") - 0.01, found.value("base.pitch") + 0.02])
         total += error @ np.linalg.solve(found.covariance[:2, :2], error)
     low, high = chi2.ppf([P, 1 - P], 2 * draws) / (2 * draws)
-    assert (
-        low < total / (2 * draws) < high * (1 + 2 / 250)
-    )  # noise estimated from some 250 residuals
+    # noise estimated from some 250 residuals
+    assert low < total / (2 * draws) < high * (1 + 2 / 250)
 
 
 def test_a_median_that_sticks_to_codes_is_warned_about():

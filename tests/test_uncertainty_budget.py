@@ -85,9 +85,8 @@ def test_by_hand_a_sensor_s_own_readings_stand_for_what_it_senses():
 def test_an_axis_error_of_the_fog_is_minus_du_over_u_in_the_scale():
     stated = tables({"id": "fog_axis", "axis_u_arcsec": 60, "axis_v_arcsec": 60})
     _, budget = make_budget("fog_scale", LAB.record(FIELD, 3), FIELD, stated)
-    across = (
-        60 * ARCSEC * np.array([1, -1, 0]) / np.sqrt(2) * np.sqrt(3)
-    )  # b1 over u = (1, 1, 1)/sqrt 3
+    # b1 over u = (1, 1, 1)/sqrt 3
+    across = 60 * ARCSEC * np.array([1, -1, 0]) / np.sqrt(2) * np.sqrt(3)
     for a, size in zip("xyz", np.abs(across), strict=True):
         assert line(budget, "axis_u").contributions[f"gyro.scale_{a}"] == pytest.approx(
             size, rel=0.03, abs=1e-6
@@ -108,9 +107,8 @@ def test_every_method_has_a_budget_of_the_usual_sources():
         options = (
             {} if method != "gyro_rates" else {"terms": ["bias", "scale", "cross_axis", "gsens"]}
         )
-        few = (
-            tables({"id": "gravity", "gravity_ppm": 10}) if method == "gyro_turns" else ()
-        )  # a long log: one source will do
+        # a long log: one source will do
+        few = tables({"id": "gravity", "gravity_ppm": 10}) if method == "gyro_turns" else ()
         found, budget = make_budget(method, LAB.record(scenario, 2), scenario, few, **options)
         assert all(
             np.isfinite(u) and u >= found.parameters[n].sigma for n, u in budget.combined.items()
@@ -240,9 +238,8 @@ def test_the_combined_uncertainty_is_the_spread_of_a_monte_carlo_to_five_per_cen
     scenario = Scenario.model_validate(scenario.model_dump(by_alias=True) | {"dynamics": None})
     rng, values = rng_of(f"budget {method}"), []
     _, budget = make_budget(method, LAB.record(scenario, 5), scenario, stated, **options)
-    names = [
-        n for n in budget.units if not (method == "fog_scale" and ".bias_" in n)
-    ]  # the Earth's rate is a part of it
+    # the Earth's rate is a part of it
+    names = [n for n in budget.units if not (method == "fog_scale" and ".bias_" in n)]
     ordinary = scenario.effects
     for k in range(draws):
         copy = scenario.model_copy()

@@ -135,9 +135,8 @@ def test_an_installed_entry_point_stands_wherever_a_name_does(here, monkeypatch,
     assert judged(here, capsys, 'name = "lab_six"', status=0)["accepted"]
     assert main(["methods"]) == 0
     assert "lab_six" in capsys.readouterr().out
-    assert (
-        main(["calibrate", "x.csv", "--scenario", "claim.toml", "--method", "lab_sic"]) == 2
-    )  # the recording comes first
+    # the recording comes first
+    assert main(["calibrate", "x.csv", "--scenario", "claim.toml", "--method", "lab_sic"]) == 2
     (here / "x.csv").write_text("time_s\n1\n")
     assert main(["calibrate", "x.csv", "--scenario", "claim.toml", "--method", "lab_sic"]) == 2
     assert "did you mean 'lab_six'?" in capsys.readouterr().err

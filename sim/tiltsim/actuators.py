@@ -16,11 +16,9 @@ ring            a hinge with the inertia behind it     let go at the end of a mo
 ==========================================================
 
 A ring is the mechanics of one hinge. Each move winds it up, slowly at first, to the stated size,
-and lets go as it
-stops: A exp(-t/tau) (cos wt + sin(wt) / (w tau)), the closed form but for the release from rest.
-    Like any structure
-it also bends by -acceleration / w^2 while the table speeds up; its weight is trimmed, sag is an
-effect of its own.
+and lets go as it stops: A exp(-t/tau) (cos wt + sin(wt) / (w tau)), the closed form but for the
+release from rest. Like any structure it also bends by -acceleration / w^2 while the table speeds
+up; its weight is trimmed, sag is an effect of its own.
 """
 
 from collections.abc import Sequence
@@ -92,9 +90,8 @@ def tune(model: "mujoco.MjModel", data: "mujoco.MjData", rings: Sequence[Ring]) 
     """Give each ring the stiffness and damping with which the stepped model, servos and all, has
     its frequency and decay.
 
-    A mode z^n of the integrator, whose damping is implicit, obeys D(z) q = 0 with
-    D = M (z - 1)^2 / (z dt^2) + C (z - 1) / dt + K; so the ring's own k + c (z - 1) / dt is minus
-    the Schur
+    A mode z^n of the integrator, whose damping is implicit, obeys D(z) q = 0 with D = M (z - 1)^2 /
+    (z dt^2) + C (z - 1) / dt + K; so the ring's own k + c (z - 1) / dt is minus the Schur
     complement of the rest. A ring that its servo damps faster than stated keeps no damping of its
     own.
 
@@ -106,12 +103,10 @@ def tune(model: "mujoco.MjModel", data: "mujoco.MjData", rings: Sequence[Ring]) 
     mujoco.mj_fullM(model, data, inertia)
     axes = [int(model.joint(model.actuator(i).name).dofadr[0]) for i in range(model.nu)]
     dt = float(model.opt.timestep)
-    held = {
-        i for i in range(model.nv) if model.joint(i).name.endswith("_gap")
-    }  # a load with play, at rest
-    held |= {
-        int(model.joint(ring.joint).dofadr[0]) for ring in rings
-    }  # each by itself: equal ones would be one mode
+    # a load with play, at rest
+    held = {i for i in range(model.nv) if model.joint(i).name.endswith("_gap")}
+    # each by itself: equal ones would be one mode
+    held |= {int(model.joint(ring.joint).dofadr[0]) for ring in rings}
     others = [i for i in range(model.nv) if i not in held]
     for ring in rings:
         joint = model.joint(ring.joint)

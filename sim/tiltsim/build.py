@@ -67,9 +67,8 @@ def resolved(
     data, inertia = mujoco.MjData(rig.model), np.empty((rig.model.nv, rig.model.nv))
     mujoco.mj_forward(rig.model, data)
     mujoco.mj_fullM(rig.model, data, inertia)
-    mobility = np.diag(
-        np.linalg.inv(inertia)
-    )  # of each joint with all others free: the fastest it can swing
+    # of each joint with all others free: the fastest it can swing
+    mobility = np.diag(np.linalg.inv(inertia))
     soft = {
         name.removesuffix("_sag")
         for name, k in rig.springs.items()

@@ -2,9 +2,8 @@
 rings.
 
 ``run_dynamics`` steps the mechanics once, keeps a log of the joints and returns it as a Course. The
-readings
-come from the exact reader of prescribed motion (``motion.py``) at the logged states: none is one
-step old.
+readings come from the exact reader of prescribed motion (``motion.py``) at the logged states: none
+is one step old.
 
 - The log takes positions from the integrator, rates and accelerations from differences of its own
   step
@@ -26,8 +25,7 @@ step old.
   does, and ROWS at most: runs beyond half an hour have wider rows.
 
 Errors: the implicit damping c of a joint adds c dt / 2 to its inertia: a mount of 30 arcsec/g rings
-    2 % too
-low at 0.5 ms. Friction creeps by some 0.05 arcsec/s.
+2 % too low at 0.5 ms. Friction creeps by some 0.05 arcsec/s.
 """
 
 from collections.abc import Mapping, Sequence

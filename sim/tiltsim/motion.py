@@ -1,11 +1,9 @@
 """Prescribed motion through MuJoCo: exact readings on all threads.
 
 Every joint gets an inertia of 1e15 and the force 1e15 x qacc, so that ``mj_forward`` returns the
-prescribed acceleration
-and its accelerometer the exact specific force (a plain ``mj_forward`` lets the gimbals fall).
-MuJoCo's world is the
-Earth-fixed laboratory; Earth's rate and the Coriolis acceleration are added in the body frame
-afterwards.
+prescribed acceleration and its accelerometer the exact specific force (a plain ``mj_forward`` lets
+the gimbals fall). MuJoCo's world is the Earth-fixed laboratory; Earth's rate and the Coriolis
+acceleration are added in the body frame afterwards.
 """
 
 from collections.abc import Callable, Iterator, Sequence

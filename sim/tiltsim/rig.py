@@ -217,8 +217,7 @@ class RigBuilder:
         """Springs and gaps.
 
         Either way the mount's ballasts are no load for the table: ``light`` makes them tiny, else
-        counterweights
-        hold them, as a table is trimmed for its payload.
+        counterweights hold them, as a table is trimmed for its payload.
         """
         springs = combined([m for m in mechanisms if isinstance(m, Spring)])
         self.lock_mount({spring.body for spring in springs})
@@ -263,8 +262,7 @@ class RigBuilder:
         """Lost motion: a second hinge between hard limits.
 
         The friction that holds the load back is the bearing's, against the stator, so it acts on
-        the sum of the two
-        angles: a tendon (friction inside the gap would carry the load along).
+        the sum of the two angles: a tendon (friction inside the gap would carry the load along).
         """
         joint = self.spec.body(gap.axis).add_joint(
             name=f"{gap.axis}_gap",

@@ -5,12 +5,10 @@ prose exactly.
     1e-9] [--only TEXT]
 
 The inputs are the same for both: 60 blind cases of a fixed seed, the cases below DIR (folders with
-    `recording.csv` and
-`scenario.toml`), and every scenario of BASE. Each commit is built as a wheel into a folder of its
-own and run from there.
-Answers are kept below `build/compare`, so that an interrupted comparison goes on where it stopped.
-HEAD may be `.`, the
-working tree: then nothing is kept for the next call.
+`recording.csv` and `scenario.toml`), and every scenario of BASE. Each commit is built as a wheel
+into a folder of its own and run from there. Answers are kept below `build/compare`, so that an
+interrupted comparison goes on where it stopped. HEAD may be `.`, the working tree: then nothing is
+kept for the next call.
 
 Exit status: 0 the same; 1 something differs; 2 the command line is wrong.
 """

@@ -13,15 +13,15 @@ TWINS = (
     {"data_drop", "data_gap"},
     {"table_index_error", "table_wobble_async"},
 )
-CONTAINED = {
-    "mount_thermal_tilt": "acc_temp_misalign"
-}  # any small tilt is three of its six numbers; it is not drawn itself
+# any small tilt is three of its six numbers; it is not drawn itself
+CONTAINED = {"mount_thermal_tilt": "acc_temp_misalign"}
+# one and the same seen by a single axis
 TURNED = {
     "data_sign",
     "data_hand",
     "data_rotation_sense",
     "data_axis_swap",
-}  # one and the same seen by a single axis
+}
 
 
 def judge(truth: Plain, answer: Plain | None, heldout: float | None) -> Plain:

@@ -2,9 +2,8 @@
 a sequence on a concealed table.
 
 CASE.json holds no physics, only the numbers that the concealed case is drawn from: ``conceal``
-draws one whose first recording is
-poor (a few poses of a tumble, a placing sweep of a quarter turn) and leaves more than one name
-possible.
+draws one whose first recording is poor (a few poses of a tumble, a placing sweep of a quarter turn)
+and leaves more than one name possible.
 """
 
 import hashlib
@@ -73,9 +72,10 @@ def poor(rng: np.random.Generator, kind: str) -> Track:
     if way == 1:  # few inner angles, one direction
         poses = [[a, b] for b in (0.0, 90.0) for a in np.arange(0, 360, 30.0)]
         return _through(poses, rate, dwell)
+    # half of the sphere
     poses = [
         [a, b] for a in (0.0, 45.0, 90.0, 135.0) for b in (0.0, 60.0, 120.0, 180.0, 240.0, 300.0)
-    ]  # half of the sphere
+    ]
     return _through(poses, rate, dwell)
 
 
@@ -89,9 +89,8 @@ def rich() -> Track:
 
 
 def _through(poses: Sequence[Sequence[float]], rate: float, dwell: float) -> Track:
-    plan = Plan(
-        [(x - COMING) * DEG for x in poses[0]]
-    )  # play and friction know where the first pose was come to from
+    # play and friction know where the first pose was come to from
+    plan = Plan([(x - COMING) * DEG for x in poses[0]])
     for pose in poses:
         plan.go({k: x * DEG for k, x in enumerate(pose)}, rate)
         plan.dwell(dwell)

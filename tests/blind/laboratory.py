@@ -93,11 +93,12 @@ class Lab:
     T0: float = 0.0
     written: bool = True  # table columns stand in the file
     unlocked: bool = False  # they are empty while moving
+    # body to faceplate
     mount: tuple[tuple[float, float, float], ...] = (
         (1.0, 0.0, 0.0),
         (0.0, 1.0, 0.0),
         (0.0, 0.0, 1.0),
-    )  # body to faceplate
+    )
     past: dict = field(default_factory=dict, compare=False)
 
     @property
@@ -409,10 +410,11 @@ def another(rng: np.random.Generator, lab: Lab) -> Lab:
     reference temperature.
     """
     reach = lab.track.angles(np.linspace(0, lab.track.end_s, 2000))
+    # no farther than the recording has been
     low, high = (
         reach.min(0),
         np.minimum(reach.max(0), reach.min(0) + 2 * np.pi),
-    )  # no farther than the recording has been
+    )
     plan = Plan(list(lab.track.home))
     rate = rng.uniform(15, 28) if lab.rate_hz < 40 else rng.uniform(40, 110)
     for _ in range(22):

@@ -27,10 +27,11 @@ from blind.table import wilson
 from blind.trial import _run
 
 Plain = dict[str, Any]
+# as the blocks are recorded: the yardstick is not made longer than they are
 DWELL_S, RATE_DEG_S = (
     3.0,
     30.0,
-)  # as the blocks are recorded: the yardstick is not made longer than they are
+)
 
 
 def scheme_minutes(kind: str) -> float:

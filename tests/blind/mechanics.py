@@ -286,10 +286,11 @@ def _drive(lab: Lab) -> list[Spec]:
     def moved(curve: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray, Shape], Physics]:
         return lambda p, shape: _readout(k, lab, lambda past, t, a: p[0] * curve(a))
 
+    # a horizontal axis feels the load. true = readout + d sin(readout)
     if lab.table in (
         "placing",
         "dual",
-    ):  # a horizontal axis feels the load. true = readout + d sin(readout)
+    ):
 
         def sag(p: np.ndarray, shape: Shape) -> Physics:
             return _readout(
@@ -344,6 +345,7 @@ def _drive(lab: Lab) -> list[Spec]:
         )
 
     rounded = lambda r, lab: {"width": r.uniform(3, 15) * DEG}  # noqa: E731
+    # there it shows as pulses of rate only, whose course nobody knows
     specs += [
         Spec(
             "cable_torque",
@@ -366,7 +368,7 @@ def _drive(lab: Lab) -> list[Spec]:
             odd=rounded,
             axes=("outer",),
             drawn=lab.table != "three",
-        ),  # there it shows as pulses of rate only, whose course nobody knows
+        ),
     ]
     if lab.readout == "command":
         specs += [

@@ -4,9 +4,8 @@ import numpy as np
 
 from blind.laboratory import Lab
 
-FLICKER_TAUS = 4.0 ** np.arange(
-    6
-)  # s: a sum of exponentials passes for 1/f over the length of a recording
+# s: a sum of exponentials passes for 1/f over the length of a recording
+FLICKER_TAUS = 4.0 ** np.arange(6)
 TAIL = 2.0  # of the heavier part: 8 sigma stay as rare as they ought to be
 
 

@@ -1,8 +1,8 @@
 """How far an effect stands out of the noise, and which others could pass for it.
 
 The recording is thinned to some 800 instants, each standing for a mean of its neighbours. Columns
-are differences of the
-full model, whitened with the true noise; the adjustable terms are projected out.
+are differences of the full model, whitened with the true noise; the adjustable terms are projected
+out.
 """
 
 from collections.abc import Sequence
@@ -51,11 +51,12 @@ class Oracle:
     """The adjustable terms and the noise of one recording, ready to judge signals."""
 
     def __init__(self, lab: Lab, rng: np.random.Generator) -> None:
+        # a grid of rivals draws no case's numbers
         self.lab, self.rng, self.past = (
             lab,
             rng.spawn(1)[0],
             Past(lab),
-        )  # a grid of rivals draws no case's numbers
+        )
         n = int(lab.track.end_s * lab.rate_hz)
         self.every = max(1, n // INSTANTS)
         self.t = (np.arange(0, n - self.every + 1, self.every) + self.every / 2) / lab.rate_hz
@@ -141,9 +142,8 @@ class Oracle:
         """
         best = np.inf
         for U in columns:
-            size = np.linalg.solve(
-                U.T @ U + np.eye(U.shape[1]), U.T @ r
-            )  # what is not seen stays small
+            # what is not seen stays small
+            size = np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ r)
             if np.abs(size).max() <= CREDIBLE:
                 best = min(best, float(((r - U @ size) ** 2).sum()))
         return best

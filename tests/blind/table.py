@@ -43,9 +43,8 @@ def wilson(k: int, n: int, z: float = 1.959964) -> tuple[float, float]:
         return 0.0, 1.0
     p, c = k / n, z * z / n
     middle, half = (p + c / 2) / (1 + c), z * math.sqrt(p * (1 - p) / n + c / (4 * n)) / (1 + c)
-    return (middle - half if k else 0.0), (
-        middle + half if k < n else 1.0
-    )  # at its ends free of rounding
+    # at its ends free of rounding
+    return (middle - half if k else 0.0), (middle + half if k < n else 1.0)
 
 
 def _rate(name: str, values: Iterable[Any], limit: tuple[str, float] | None = None) -> Line:

@@ -22,9 +22,8 @@ from blind.files import UNITS, write_recording, write_scenario
 from blind.judge import judge
 
 Plain = dict[str, Any]
-STOPPED = tuple(
-    f"exit {-number}:" for number in (signal.SIGINT, signal.SIGTERM)
-)  # by somebody else: not finished
+# by somebody else: not finished
+STOPPED = tuple(f"exit {-number}:" for number in (signal.SIGINT, signal.SIGTERM))
 KEPT = ("diagnosis.json", "amended.toml", "report.html")
 
 

@@ -47,8 +47,7 @@ class BiasTable:
 
         Errors:
             Interpolated: step^2/8 of the largest second derivative; rounded: step/2 of the largest
-                first one. For
-            1 mg cos(n beta) at 1 deg that is 0.0079 n^2 and 1.80 n arcsec.
+                first one. For 1 mg cos(n beta) at 1 deg that is 0.0079 n^2 and 1.80 n arcsec.
         """
         t = (beta - self.start) * (1 / self.step)
         last = len(self.values) - 1
@@ -143,10 +142,9 @@ class PlacingCorrector:
     """The on-line corrector of a two-axis level: constant memory, constant time a sample.
 
     Contract's frame: ``beta_x = atan2(f_y, f_z)``, ``beta_y = atan2(-f_x, f_z)``; without a z
-    channel
-    ``f_z = sqrt(g^2 - f_x^2 - f_y^2)``, so that an instrument upside down cannot be told from an
-    upright one. The angles
-    come from the raw readings first (as in the patent), then once more from the corrected ones.
+    channel ``f_z = sqrt(g^2 - f_x^2 - f_y^2)``, so that an instrument upside down cannot be told
+    from an upright one. The angles come from the raw readings first (as in the patent), then once
+    more from the corrected ones.
 
     Args:
         tables: of the axes ``x`` and ``y``; one may be missing and is passed on as it is.
@@ -188,9 +186,8 @@ class PlacingCorrector:
                 b_x = self._x.at(atan2(y, up)) if y * y + up * up > least else nan
             if self._y is not None:
                 b_y = self._y.at(atan2(-x, up)) if x * x + up * up > least else nan
-            x = (
-                f_x - b_x if b_x == b_x else f_x
-            )  # outside its table an axis still gives the other its angle
+            # outside its table an axis still gives the other its angle
+            x = f_x - b_x if b_x == b_x else f_x
             y = f_y - b_y if b_y == b_y else f_y
         return f_x - b_x, f_y - b_y
 

@@ -82,9 +82,8 @@ def corrected_columns(
             )
         if sensor.is_accelerometer:
             angles = tilt_angles(fixed, sensor, g)
-            if (
-                calibration.bias_tables
-            ):  # a level of two axes: what its z channel reads is not corrected
+            # a level of two axes: what its z channel reads is not corrected
+            if calibration.bias_tables:
                 angles = {
                     axis: tilt_of_force(fixed[:, sensor.axes.index(axis)], g) for axis in angles
                 }
@@ -190,9 +189,8 @@ def correct_stream(path: Path, calibration: Calibration, out: IO[bytes]) -> Corr
             writer = pacsv.CSVWriter(
                 out, schema, write_options=pacsv.WriteOptions(include_header=False)
             )
-        writer.write_table(
-            pa.table([columns[name] for name in names], names=names)
-        )  # gaps may order a chunk otherwise
+        # gaps may order a chunk otherwise
+        writer.write_table(pa.table([columns[name] for name in names], names=names))
         done.count(chunk, added, calibration)
     if writer is not None:
         writer.close()

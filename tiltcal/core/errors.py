@@ -53,6 +53,5 @@ def _near(word: str, valid: list[str]) -> list[str]:
     import difflib
 
     close = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
-    return (
-        close or [v for v in valid if word[:4] and v.startswith(word[:4])][:1]
-    )  # a word's beginning often survives
+    # a word's beginning often survives
+    return close or [v for v in valid if word[:4] and v.startswith(word[:4])][:1]

@@ -1,8 +1,7 @@
 """Sign conventions, all of them: rotations, mountings, tilt, gravity, Earth's rate.
 
 World: x East, y North, z Up, gravity (0, 0, -g). An accelerometer senses the specific force f = a -
-    gravity, so
-level at rest it reads (0, 0, +g). ``R_ab`` takes components in b to components in a.
+gravity, so level at rest it reads (0, 0, +g). ``R_ab`` takes components in b to components in a.
 """
 
 import re

@@ -2,12 +2,10 @@
 search.
 
 scipy's own spends 2.5 ms an iteration on threads for these few hundred variables where the
-criterion takes 1 ms, and its
-import a second; this one spends 0.1 ms.
+criterion takes 1 ms, and its import a second; this one spends 0.1 ms.
 
 Source: Nocedal and Wright, Numerical Optimization, algorithms 7.4 (two-loop recursion) and 3.1
-    (backtracking); Bertsekas
-1982 (projection, with the variables at a bound that want to leave held).
+(backtracking); Bertsekas 1982 (projection, with the variables at a bound that want to leave held).
 """
 
 from collections import deque

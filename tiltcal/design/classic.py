@@ -26,13 +26,11 @@ def classic(name: str, table: Table = DUAL) -> Array:
     """Angles of one cycle of a classic sequence, rad, (n, tilting axes), in its customary order.
 
     ``six``: the faces. ``8``: the corners. ``12``: the edges. ``24``: eight positions every 45 deg
-    in three planes.
-    ``tumble``: three planes every 30 deg (IEEE 1293). ``sweep``: 0 to 90 deg and back by 10 deg
-    about the first axis.
-    ``two_position``: two poses 180 deg apart about the horizontal. ``spiral``: 24 equally spread
-    directions, each from the
-    nearest. A table that cannot turn every direction up goes through the positions of one plane;
-    axes that are not needed stay at zero.
+    in three planes. ``tumble``: three planes every 30 deg (IEEE 1293). ``sweep``: 0 to 90 deg and
+    back by 10 deg about the first axis. ``two_position``: two poses 180 deg apart about the
+    horizontal. ``spiral``: 24 equally spread directions, each from the nearest. A table that cannot
+    turn every direction up goes through the positions of one plane; axes that are not needed stay
+    at zero.
 
     Raises:
         TiltcalError: there is no such sequence.

@@ -20,8 +20,7 @@ def check_possible(
 
     Raises:
         TiltcalError: the budget is shorter than one pose; or a parameter of interest is not told by
-            any set of poses, or
-            not by those that the table's limits allow.
+            any set of poses, or not by those that the table's limits allow.
     """
     clock = problem.clock
     least = clock.settle + clock.shortest
@@ -93,9 +92,8 @@ def _untold(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype
     flat = rows.reshape(-1, len(model.names))
     values, vectors = np.linalg.eigh(flat.T @ flat)
     seen = values > 1e-9 * values[-1]
-    left = 1 - (vectors[:, seen] ** 2).sum(
-        axis=1
-    )  # share of each parameter that lies where the data say nothing
+    # share of each parameter that lies where the data say nothing
+    left = 1 - (vectors[:, seen] ** 2).sum(axis=1)
     return np.flatnonzero((left > 1 - TOLD**2) & model.interest)
 
 

@@ -2,10 +2,8 @@
 table time.
 
 A move's largest axis is smoothed upwards (a p-norm), so that what is found never overruns. Dwells
-share what time is left
-after moves, settling and shortest dwells: D_k = shortest + R softmax(z)_k. The gradient is exact
-    but for the slope of the
-rows, which are differenced one-sidedly.
+share what time is left after moves, settling and shortest dwells: D_k = shortest + R softmax(z)_k.
+The gradient is exact but for the slope of the rows, which are differenced one-sidedly.
 """
 
 from dataclasses import dataclass

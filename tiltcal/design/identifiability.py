@@ -2,10 +2,8 @@
 tie-breakers.
 
 lambda: energy of an effect's signature over noise at its plausible size, after the adjustable terms
-    are re-fitted;
-separated lambda: the energy left after one rival is re-tuned too. Two effects that leave less than
-    SEPARABLE of each other
-are in one class (CONTRACT: class).
+are re-fitted; separated lambda: the energy left after one rival is re-tuned too. Two effects that
+leave less than SEPARABLE of each other are in one class (CONTRACT: class).
 """
 
 from collections.abc import Sequence
@@ -157,9 +155,8 @@ def _unique(P: Array, seen: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> Arr
         return found
     d = np.sqrt(np.diag(P)[index])
     inverse = np.linalg.pinv(P[np.ix_(index, index)] / np.outer(d, d), rcond=1e-9, hermitian=True)
-    projector = inverse @ (
-        P[np.ix_(index, index)] / np.outer(d, d)
-    )  # 1 on the diagonal where a column is not in the null space
+    # 1 on the diagonal where a column is not in the null space
+    projector = inverse @ (P[np.ix_(index, index)] / np.outer(d, d))
     share = 1 / np.sqrt(np.maximum(np.diag(inverse), 1.0))
     found[index] = np.where(np.abs(np.diag(projector) - 1) < 1e-4, share, 0.0)
     return found

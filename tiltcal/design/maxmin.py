@@ -2,11 +2,9 @@
 ordinary calibration.
 
 share_e = energy of effect e that a design leaves visible, over the most that any design of as many
-poses could.
-Weights on a grid of poses make every energy concave: the greatest least share over all weights is a
-    bound that no number of
-poses can pass, and its dual certifies it. Exact poses come from the best weights by gradient ascent
-of a soft minimum.
+poses could. Weights on a grid of poses make every energy concave: the greatest least share over all
+weights is a bound that no number of poses can pass, and its dual certifies it. Exact poses come
+from the best weights by gradient ascent of a soft minimum.
 
 Source: T-optimality, Atkinson and Fedorov 1975; maximin efficiency, Dette 1997.
 """
@@ -212,10 +210,8 @@ def certified(
     1960).
 
     The energies that the terms fitted with any weights v leave are at least those that the best
-    terms leave, so that
-    share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave: a linear programme
-    over w, with some v
-    between its solution and the best weights so far.
+    terms leave, so that share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave:
+    a linear programme over w, with some v between its solution and the best weights so far.
 
     Args:
         field: of all poses; references: most of each effect.

@@ -2,10 +2,9 @@
 removals and other orders.
 
 Deterministic: a fixed number of trials, their random numbers from the seed. Smooth ascent
-    (``ascent``) moves all poses at
-once; what it cannot do (another number of poses, another order, the same direction from the table's
-other side) is tried
-one change at a time, and the best is ascended again.
+(``ascent``) moves all poses at once; what it cannot do (another number of poses, another order, the
+same direction from the table's other side) is tried one change at a time, and the best is ascended
+again.
 """
 
 from collections.abc import Iterator

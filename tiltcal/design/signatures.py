@@ -2,12 +2,10 @@
 to none of them.
 
 An effect (of one table axis, where it has one) acts with all its parameters at their plausible
-sizes; its energy at a pose is
-the sum over parameters and channels of what bias, scale and cross-axis terms, re-fitted, leave.
-Smooth effects are expanded
-in harmonics of the table angles once; kinks keep their own form, the sign of f smoothed over 5 deg:
-what no table could set
-apart is no pose.
+sizes; its energy at a pose is the sum over parameters and channels of what bias, scale and
+cross-axis terms, re-fitted, leave. Smooth effects are expanded in harmonics of the table angles
+once; kinks keep their own form, the sign of f smoothed over 5 deg: what no table could set apart is
+no pose.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,12 +28,13 @@ from tiltcal.setup.setup import Sensor
 
 SOFT_SIGN = np.sin(5 * DEG)
 ORDINARY = 1e-6  # share of an effect's energy below which the ordinary terms take all of it
+# needs of effects that the order of poses may show
 IN_ORDER = (
     "pose",
     "time",
     "direction",
     "temperature",
-)  # needs of effects that the order of poses may show
+)
 
 
 @dataclass(frozen=True)

@@ -87,9 +87,8 @@ def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: 
         change = seen.changes(small).get(sensor.name)
         if change is not None:
             found[:, :, j] = change / SMALL
-    if (
-        sensor.kind == "inclinometer"
-    ):  # the watch has turned forces into angles: d asin(f/g) = df / (g cos)
+    # the watch has turned forces into angles: d asin(f/g) = df / (g cos)
+    if sensor.kind == "inclinometer":
         g = still.scenario.site.gravity
         ideal = seen.ideal[sensor.name]
         found *= np.sqrt(np.maximum(g * g - ideal**2, (1e-3 * g) ** 2))[:, :, None]

@@ -2,12 +2,10 @@
 catalogue, seen from poses.
 
 A term of the sensor has its exact column at any angle and time. Every other effect that shows in a
-pose (table, mount,
-environment, converter) is differenced through the closed form on a grid of table angles once, and
-expanded in their harmonics.
-An effect whose change at a pose depends on how the pose was reached (memory, motion, vibration,
-remounting) cannot be
-designed for by poses alone and is named as such.
+pose (table, mount, environment, converter) is differenced through the closed form on a grid of
+table angles once, and expanded in their harmonics. An effect whose change at a pose depends on how
+the pose was reached (memory, motion, vibration, remounting) cannot be designed for by poses alone
+and is named as such.
 """
 
 from collections.abc import Sequence
@@ -203,9 +201,8 @@ class _Rows:
         columns = (
             np.concatenate([exact, self.table.at(angles)], axis=2) if self.table.columns else exact
         )
-        if (
-            self.sensor.kind == "inclinometer"
-        ):  # its noise acts on the angle: d asin(f/g) = df / (g cos)
+        # its noise acts on the angle: d asin(f/g) = df / (g cos)
+        if self.sensor.kind == "inclinometer":
             g = self.still.scenario.site.gravity
             across = np.sqrt(
                 1 - self.still.up(angles)[:, list(self.sensor.axis_indices)] ** 2 + 1e-15

@@ -16,9 +16,8 @@ class Clock:
     """Speed and limits of a table.
 
     All axes move at once, each at ``rate``; a move takes as long as its longest axis, then the pose
-    settles, then it is
-    read. The ramps of the drive are inside the settling. The first move starts from all axes at
-    zero.
+    settles, then it is read. The ramps of the drive are inside the settling. The first move starts
+    from all axes at zero.
 
     Args:
         budget: s of table time, from the first move to the last reading.

@@ -15,10 +15,11 @@ from tiltcal.forward.jacobian import NominalMotion
 from tiltcal.setup.trajectory import Drive
 
 Order = npt.NDArray[np.intp]
+# improved orders; random ones that say how much of an effect an order can show
 STARTS, ORDERS = (
     6,
     24,
-)  # improved orders; random ones that say how much of an effect an order can show
+)
 ON_THE_WAY = 6  # instants of each move
 
 
@@ -74,9 +75,8 @@ def visiting_order(
     each effect.
 
     Several orders are improved by exchanges; each is judged by what it leaves of the effects that
-    only an order shows, over
-    the most that any of these and of some random orders leaves. The one whose least share is
-    largest is taken.
+    only an order shows, over the most that any of these and of some random orders leaves. The one
+    whose least share is largest is taken.
     """
     quick, n = _Quick(seen, angles), len(angles)
     tried = [quick.improved(quick.nearest(int(k)), rng) for k in rng.permutation(n)[:STARTS]]
@@ -165,8 +165,7 @@ def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[st
             at_rest = change[ON_THE_WAY - 1 :: ON_THE_WAY]
             rest = [at_rest[:, k] - q @ (q.T @ at_rest[:, k]) for k, q in enumerate(Q)]
             energy, whole = sum(float(r @ r) for r in rest), float((at_rest**2).sum())
-            winds = (
-                effect.needs == "pose"
-            )  # grows with the turns a table makes: what counts is the share that stays visible
+            # grows with the turns a table makes: what counts is the share that stays visible
+            winds = effect.needs == "pose"
             found[name] += energy / (whole if winds else 1.0) if energy > 1e-6 * whole else 0.0
     return found

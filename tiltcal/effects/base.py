@@ -60,8 +60,7 @@ class Parameter:
 
     Args:
         name: without unit; ``{axis}`` stands for each axis of the sensor, ``{pair}`` for each
-            ordered
-            pair of different axes, ``{matrix}`` for each axis with each direction x, y, z.
+            ordered pair of different axes, ``{matrix}`` for each axis with each direction x, y, z.
         unit: as its suffix in files; empty for a plain count.
         plausible: largest typical size at the grades precision laboratory, mid MEMS, consumer, in
             ``unit``.

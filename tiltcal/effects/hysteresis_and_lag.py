@@ -15,8 +15,8 @@ def play(u: Array, width: float) -> Array:
     """State of a play (backlash) operator of half-width ``width / 2``, in [-1, 1], (n,).
 
     The output follows the input only where it is pushed; (input - output) / (width / 2) is
-    returned, 0 before the
-    first motion. It depends on turning points only, so runs of equal direction are done at once.
+    returned, 0 before the first motion. It depends on turning points only, so runs of equal
+    direction are done at once.
     """
     half = width / 2
     if half <= 0 or len(u) == 0:
@@ -77,16 +77,14 @@ def motion_direction(angle: Jet) -> Array:
     if not rate.any():
         return last_direction(np.asarray(angle.x))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rate != 0, [False]]).astype(int)))
-    limit = np.zeros_like(
-        rate
-    )  # of each motion by itself: a readout differentiated rings where a fast one stops
+    # of each motion by itself: a readout differentiated rings where a fast one stops
+    limit = np.zeros_like(rate)
     for start, end in zip(edges[::2], edges[1::2], strict=True):
         limit[start:end] = RINGS * np.abs(rate[start:end]).max()
     limit = np.maximum(limit, 1e-4 * np.abs(rate).max())
     sign = np.sign(rate)
-    ways = np.flatnonzero(
-        np.diff(sign, prepend=2.0)
-    )  # where each way begins: a soft start is part of it, however slow
+    # where each way begins: a soft start is part of it, however slow
+    ways = np.flatnonzero(np.diff(sign, prepend=2.0))
     lengths = np.diff(ways, append=len(rate))
     fastest = np.repeat(np.maximum.reduceat(np.abs(rate), ways), lengths)
     return _held(np.where(fastest > limit, sign, 0.0))
@@ -136,10 +134,9 @@ def smooth_lag(time: Array, u: Array, tau: float) -> Array:
     u: (n,).
 
     On each interval of the cubic spline through the samples y = p + (y0 - p0) exp(-t / tau), where
-    p is u less tau times its
-    slope and so on to the third derivative. A lag much shorter than the interval needs the slope at
-    the sample, which an input
-    that is linear between samples has half an interval too early.
+    p is u less tau times its slope and so on to the third derivative. A lag much shorter than the
+    interval needs the slope at the sample, which an input that is linear between samples has half
+    an interval too early.
     """
     if tau <= 0 or len(u) < 4:
         return first_order_lag(time, u, tau)
@@ -174,9 +171,8 @@ def steady_recursion(decay: float, drive: Array) -> Array:
     blocks short enough to be exact.
     """
     n = len(drive)
-    length = min(
-        max(int(-18 / np.log(decay)), 1), n
-    )  # within a block the weights span e^18, six digits from overflow
+    # within a block the weights span e^18, six digits from overflow
+    length = min(max(int(-18 / np.log(decay)), 1), n)
     if length < 8:
         return recursion(decay, drive)
     blocks = -(-n // length)

@@ -2,12 +2,10 @@
 named effect would.
 
 ``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines
-through (knot, value),
-held constant outside their knots: a drift is not extrapolated beyond the recording it was seen in.
-    A law of temperature goes
-on, a spline by its slope; through three knots it is a parabola. With a period a spline begins anew
-after it: a saw. A ``power``
-of the coordinate is the form with one number.
+through (knot, value), held constant outside their knots: a drift is not extrapolated beyond the
+recording it was seen in. A law of temperature goes on, a spline by its slope; through three knots
+it is a parabola. With a period a spline begins anew after it: a saw. A ``power`` of the coordinate
+is the form with one number.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -159,9 +157,8 @@ class Learned(Effect):
         """
         factor = float(np.prod(self.power - np.arange(order)))
         sign = np.sign(u) if self.odd != (order % 2 == 1) else 1.0
-        away = np.where(
-            u == 0, np.inf if self.power < order else 0.0, np.abs(u)
-        )  # a root has no slope at nothing: it is left out
+        # a root has no slope at nothing: it is left out
+        away = np.where(u == 0, np.inf if self.power < order else 0.0, np.abs(u))
         return (
             np.asarray(factor * sign * away ** (self.power - order)) if factor else np.zeros_like(u)
         )

@@ -2,9 +2,8 @@
 turn, codes.
 
 The modulator's single bits are not drawn: its quantisation noise, shaped away from the band, is
-below the code. What its
-filter averages is: three boxes of one output period each, sinc3 with notches at the output rate and
-    its multiples.
+below the code. What its filter averages is: three boxes of one output period each, sinc3 with
+notches at the output rate and its multiples.
 """
 
 import numpy as np
@@ -40,9 +39,8 @@ def converted(converter: Converter, grid: Array, signal: Array, instants: list[A
     width = round(_fine_rate(converter) / converter.output_hz)
     box = np.full(width, 1 / width)
     kernel = np.convolve(np.convolve(box, box), box)  # sinc3
-    early = 1.5 * (
-        1 / _fine_rate(converter) - 1 / converter.modulator_hz
-    )  # three boxes of points are that much too prompt
+    # three boxes of points are that much too prompt
+    early = 1.5 * (1 / _fine_rate(converter) - 1 / converter.modulator_hz)
     columns = []
     for i, moments in enumerate(instants):
         analogue = first_order_lag(grid, signal[:, i], 1 / (2 * np.pi * converter.lowpass_hz))

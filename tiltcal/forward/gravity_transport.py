@@ -97,8 +97,7 @@ class GravityTransport:
         windows, (m, 3, L, 3) each.
 
         A small turn ``d`` of the body at row l carries all later directions c by d x c: a row's
-        rate changes the mean
-        direction by its own turn across the sum of all later ones.
+        rate changes the mean direction by its own turn across the sum of all later ones.
         """
         windows = self.windows
         R = matrices(self._attitude)

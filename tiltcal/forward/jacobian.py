@@ -2,9 +2,8 @@
 matrix.
 
 A linear sensor term has its exact column; every other effect is differenced through the closed form
-with its own plausible
-size as the step. Dwells of a schedule are compressed to one row with its number of samples as
-weight.
+with its own plausible size as the step. Dwells of a schedule are compressed to one row with its
+number of samples as weight.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,12 +35,13 @@ from tiltcal.forward.signal_chain import CONVERSION, make_sense
 from tiltcal.setup.setup import Sensor, Setup
 from tiltcal.setup.trajectory import Course
 
+# SI per root hertz, when not stated
 WHITE = {
     "accelerometer": 25e-6 * G0,
     "inclinometer": 25e-6,
     "gyro": 1e-4,
     "fog": 3e-6,
-}  # SI per root hertz, when not stated
+}
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,7 @@ class NominalMotion:
         course: what the table does.
         time: of the rows, s, (n,).
         matrices: of each sensor by name, (k, 3): reading per unit of force or rate in the body
-            frame; the nominal one
-            unless given. A FOG's is (1, 1).
+            frame; the nominal one unless given. A FOG's is (1, 1).
     """
 
     def __init__(
@@ -261,9 +260,8 @@ class NominalMotion:
             effect,
             values={**effect.values, **{n: effect.straight * v for n, v in effect.sizes.items()}},
         )
-        up = (
-            np.nan_to_num(small.apply(start.copy(), sense, None) - start) / effect.straight
-        )  # the last samples of a loss have none
+        # the last samples of a loss have none
+        up = np.nan_to_num(small.apply(start.copy(), sense, None) - start) / effect.straight
         if one_sided(effect):
             return up
         return (

@@ -112,9 +112,8 @@ def _carried(
 
     def slot(name: str) -> None:
         for effect in frames:
-            force = (
-                link.force() if effect.mechanised else None
-            )  # only what bends under load asks for it
+            # only what bends under load asks for it
+            force = link.force() if effect.mechanised else None
             context = Context(drive, angles, setup.rig, link.gravity, force, streams(effect))
             for turn in turns_at(effect, name, context):
                 link.turn(turn)
@@ -156,9 +155,8 @@ class _Link:
     """The vectors carried outward, each a list of three arrays of shape (n,).
 
     Gravity and Earth's rate follow from up and north, which are carried in their place.
-    ``displaced`` carries the
-    acceleration, speed and place of the sensors' point as well; without ``whole`` only up and the
-    inertial rate are.
+    ``displaced`` carries the acceleration, speed and place of the sensors' point as well; without
+    ``whole`` only up and the inertial rate are.
     """
 
     def __init__(self, world: World, drive: Drive, displaced: bool, whole: bool = True) -> None:
@@ -217,9 +215,8 @@ class _Link:
             u[j], u[k] = c * u[j] + s * u[k], c * u[k] - s * u[j]
         v = turn.angle.v
         if self.whole:
-            self.spin[i] = (
-                self.spin[i] + turn.angle.a
-            )  # w x e v has components (w_k v, -w_j v) along j, k
+            # w x e v has components (w_k v, -w_j v) along j, k
+            self.spin[i] = self.spin[i] + turn.angle.a
             self.spin[j] = self.spin[j] + self.rate[k] * v
             self.spin[k] = self.spin[k] - self.rate[j] * v
         self.rate[i] = self.rate[i] + v

@@ -2,9 +2,8 @@
 exact in time.
 
 At an instant the motion depends on a turn's angle, rate and acceleration at that instant and on
-nothing else. So a few
-probes through the closed form, one for each of the three, hold the answer to every small turn of
-that place.
+nothing else. So a few probes through the closed form, one for each of the three, hold the answer to
+every small turn of that place.
 """
 
 from collections.abc import Mapping, Sequence

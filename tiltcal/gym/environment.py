@@ -16,10 +16,9 @@ class Calibration(gymnasium.Env[Any, Any]):
     """Choose the next pose and dwell until the table time is used up.
 
     Reward: nats gained on the parameters of interest, 1/2 log det of their information, nuisances
-        fitted; it telescopes,
-    so the return is what the whole sequence is worth. ``info``: seconds spent, nats per second,
-    whether the pose was
-    refused because it would overrun (which ends the episode), and the time elapsed.
+    fitted; it telescopes, so the return is what the whole sequence is worth. ``info``: seconds
+    spent, nats per second, whether the pose was refused because it would overrun (which ends the
+    episode), and the time elapsed.
 
     Args:
         render_mode: None only.

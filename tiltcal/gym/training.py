@@ -4,8 +4,7 @@ candidates stepped at once.
 ``python -m tiltcal.gym.training`` trains one and prints what it is worth beside the baselines.
 
 The law: the next pose is the present one plus a step that is linear in (1, time left, sin and cos
-    of the angles), and so
-is the dwell. Source of the method: Rubinstein 1999.
+of the angles), and so is the dwell. Source of the method: Rubinstein 1999.
 """
 
 from dataclasses import dataclass

@@ -258,9 +258,8 @@ def at_rest(
         np.nan,
     )
     known = ~np.isnan(full[:, 0])
-    felt = np.where(
-        known[:, None], full, np.nan_to_num(force)
-    )  # what is felt late comes out of the move before
+    # what is felt late comes out of the move before
+    felt = np.where(known[:, None], full, np.nan_to_num(force))
     sense = sense_of(sensor, setup, motion, felt, np.zeros_like(full))
     predicted = forward(sensor, effects, sense)
     predicted[~known] = np.nan

@@ -74,8 +74,7 @@ class Accept(Part):
 
     Args:
         parameters: every recovered parameter agrees with the injected truth within the band that
-            holds all of them at
-            once with probability 1 - false_alarm.
+            holds all of them at once with probability 1 - false_alarm.
         false_alarm: of that band.
         tilt_arcsec: largest rms tilt error over all directions.
         tilt_over_bound: the same, as a multiple of what the covariance predicts.

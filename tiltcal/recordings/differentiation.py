@@ -12,6 +12,7 @@ from tiltcal.core.quantisation import code_width
 from tiltcal.recordings.rest_edges import corners
 
 DEGREES = (4, 6)  # of the local polynomials: a fast swing bends more than a quartic does
+# samples of them: those that leave no more than the readout's own noise
 WIDTHS = (
     5,
     7,
@@ -22,7 +23,7 @@ WIDTHS = (
     25,
     33,
     41,
-)  # samples of them: those that leave no more than the readout's own noise
+)
 AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
 BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 RESTS = 32  # steps at rest that tell the readout's noise
@@ -33,10 +34,9 @@ def differentiate(time: Array, angle: Array, still: Mask) -> tuple[Array, Array]
     """Rate and acceleration of a readout, exactly zero at rest. All (n,).
 
     Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
-    the readout's noise and
-    tells the rate best: long in steady turns, short where moves bend, and on its own side of a
-        corner. Where an axis leaves its
-    rest and where it comes to one, the rate begins at zero.
+    the readout's noise and tells the rate best: long in steady turns, short where moves bend, and
+    on its own side of a corner. Where an axis leaves its rest and where it comes to one, the rate
+    begins at zero.
 
     Args:
         time: s, increasing. angle: rad.
@@ -113,9 +113,8 @@ def _fits(u: Array, width: int, degree: int, noise: float) -> Mask:
     k, dof = np.arange(width) - width // 2, width - degree - 1
     basis = np.linalg.qr(np.vander(k / width, degree + 1, increasing=True))[0]
     windows = np.lib.stride_tricks.sliding_window_view(u - u.mean(), width)
-    centred = (
-        windows - windows[:, width // 2 : width // 2 + 1]
-    )  # of the angle itself nothing is left to cancel
+    # of the angle itself nothing is left to cancel
+    centred = windows - windows[:, width // 2 : width // 2 + 1]
     left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= noise * (1 + 1 / np.sqrt(2 * dof)))
 

@@ -79,9 +79,8 @@ class Replay:
         """
         found = {}
         for name, angle in self.angles.items():
-            sign = (
-                -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
-            )  # counted the other way it has the same rates, turned
+            # counted the other way it has the same rates, turned
+            sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
             v, a = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
             found[name] = (sign * v, sign * a)
         return found
@@ -179,9 +178,8 @@ def still_rows(angles: Array, resting: Mask) -> Mask:
     code, of the dwell's level.
 
     The search for dwells takes the very start and end of a move for rest, and the slow parts of a
-    table that never rests; a
-    rate of zero there would be wrong. A slow move within a dwell parts it into rests with a level
-    each.
+    table that never rests; a rate of zero there would be wrong. A slow move within a dwell parts it
+    into rests with a level each.
     """
     still = resting.copy()
     codes = 1.01 * np.array([code_width(column) for column in angles.T])
@@ -190,9 +188,8 @@ def still_rows(angles: Array, resting: Mask) -> Mask:
         for begin, end, level in _levels(angles[first:last], codes):
             part = angles[first + begin : first + end]
             off = np.abs(part - np.median(part[level], axis=0))
-            half, most = np.quantile(
-                off[level], (0.5, 0.8), axis=0
-            )  # half of the readings of one code: the rest tell the spread
+            # half of the readings of one code: the rest tell the spread
+            half, most = np.quantile(off[level], (0.5, 0.8), axis=0)
             spread = 6 * np.maximum(1.4826 * half, most / 1.2816)
             quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
             for _ in range(EDGE):  # the first samples of a move hide in the noise
@@ -239,8 +236,7 @@ def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rest
     """The rests of a readout.
 
     A stop has lost its ends to the margins that the search for it keeps; where an instant is not
-    told it is as far from the
-    stop's end as usually.
+    told it is as far from the stop's end as usually.
 
     Args:
         time: s, (n,).

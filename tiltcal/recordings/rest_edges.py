@@ -2,9 +2,8 @@
 rate being zero there.
 
 A polynomial across that instant rings. From it on the course is a sum of powers of the time since,
-the square first, and before
-it the level of the rest: that tells the rate beside a rest better than any window on one side of
-    it.
+the square first, and before it the level of the rest: that tells the rate beside a rest better than
+any window on one side of it.
 """
 
 from collections.abc import Iterator
@@ -18,19 +17,22 @@ from tiltcal.core.arrays import Array, Index, Mask
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
 REACHES = (6, 8, 11, 16, 25, 36, 50)  # that tell one law of a start from another
 POWERS: tuple[tuple[float, ...], ...] = ((2.0, 3.0), (2.0, 3.0, 4.0))
+# how a drive may begin: its acceleration at once, soon, late
 STARTS = (
     (2.0, 3.0, 4.0),
     (3.0, 4.0, 5.0, 6.0),
     (4.0, 5.0, 6.0),
-)  # how a drive may begin: its acceleration at once, soon, late
+)
+# sigma that the noise beside a course may be off: to tell a law, and to use it once it is told
 STRICT, LOOSE = (
     1.0,
     3.0,
-)  # sigma that the noise beside a course may be off: to tell a law, and to use it once it is told
+)
+# samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
 EARLIEST, LATEST = (
     -4,
     5,
-)  # samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
+)
 HIDDEN = -16  # samples that the slowest may have been on its way
 COARSE = 0.25  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
@@ -220,9 +222,8 @@ def _instants(
         step /= ZOOM
     moving = (time > instant[:, None]).sum(axis=1)
     dof = np.maximum(moving - len(powers) - 1, 1)
-    excess = np.maximum(
-        least - noise**2 * (len(rows[0]) - moving), 0.0
-    )  # the rest has its own share of the noise
+    # the rest has its own share of the noise
+    excess = np.maximum(least - noise**2 * (len(rows[0]) - moving), 0.0)
     return instant, inside & (np.sqrt(excess / dof) <= noise * (1 + off / np.sqrt(2 * dof)))
 
 

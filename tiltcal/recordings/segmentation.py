@@ -1,10 +1,9 @@
 """Dwells and moves of a continuous log, found by themselves.
 
 A window is quiet when the variance of every channel in it is near that channel's floor. The floor
-is the channel's own
-quiet level; the limit between quiet and moving is the best split of the logarithm of the variance
-ratio into two
-classes (Otsu 1979), never below what noise alone would reach in that many windows.
+is the channel's own quiet level; the limit between quiet and moving is the best split of the
+logarithm of the variance ratio into two classes (Otsu 1979), never below what noise alone would
+reach in that many windows.
 """
 
 from collections.abc import Iterable
@@ -23,9 +22,8 @@ from tiltcal.recordings.recording import Recording
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
 SHORTEST = 1.0  # s, of a dwell
-STEADY = (
-    1.0 * DEG
-)  # rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
+# rad/s: a gyro that reads steadily by more than this off its usual quiet reading is turning
+STEADY = 1.0 * DEG
 _MOVING = {"acceleration", "angle", "rate", "raw"}
 
 

@@ -17,15 +17,14 @@ def smooth_temperature(time: Array, values: Array) -> Array:
     """A temperature column without its rounding and noise, degC, (n,).
 
     The smoothest cubic spline whose residual is that of the codes and of the noise from reading to
-    reading. Only so does
-    a rate of warming mean anything: a code of 0.01 K read each second jumps by more than any room
-        does.
+    reading. Only so does a rate of warming mean anything: a code of 0.01 K read each second jumps
+    by more than any room does.
 
     Args:
         time: stamps, s, (n,); values: readings, NaN where there is none, (n,).
 
     Source: Reinsch (1967), smoothing by spline functions: the residual is given, not the
-        smoothness.
+    smoothness.
     """
     known = ~np.isnan(values)
     t, T = time[known], values[known]
@@ -40,9 +39,8 @@ def smooth_temperature(time: Array, values: Array) -> Array:
     )
     inside, reach = np.clip(time, t[0], t[-1]), float(np.median(np.diff(t)))
     slope = (spline(inside + reach / 100) - spline(inside - reach / 100)) / (reach / 50)
-    return spline(inside) + slope * np.clip(
-        time - inside, -reach, reach
-    )  # held at once, its rate would jump, as no room's does
+    # held at once, its rate would jump, as no room's does
+    return spline(inside) + slope * np.clip(time - inside, -reach, reach)
 
 
 def _level(T: Array, block: int) -> float:
@@ -55,9 +53,8 @@ def _level(T: Array, block: int) -> float:
         return 0.0
     second = np.diff(T, 2)
     code, noise = code_width(T), float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
-    rounded = (
-        float(np.sqrt(np.mean(second**2))) > 1e-3 * code
-    )  # the steps of a computed ramp are all alike
+    # the steps of a computed ramp are all alike
+    rounded = float(np.sqrt(np.mean(second**2))) > 1e-3 * code
     return float(np.hypot(code / np.sqrt(12) if rounded else 0.0, noise / np.sqrt(block)))
 
 

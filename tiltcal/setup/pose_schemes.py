@@ -19,11 +19,9 @@ def directions(scheme: str) -> Array:
     """Up in the body frame at each position of a scheme, (n, 3).
 
     ``6``: the faces. ``8``: the corners, where all products of two axes show and K2 hides in the
-    bias. ``12``: the edges,
-    where K2 and the products show. ``24``: the faces four times (on the table ``three`` in four
-    headings). ``tumble``:
-    the three coordinate planes every 30 deg, where K2, K3 and the products show (IEEE 1293
-    multi-point tumble).
+    bias. ``12``: the edges, where K2 and the products show. ``24``: the faces four times (on the
+    table ``three`` in four headings). ``tumble``: the three coordinate planes every 30 deg, where
+    K2, K3 and the products show (IEEE 1293 multi-point tumble).
     """
     faces = np.array([sign * e for e in np.eye(3) for sign in (1.0, -1.0)])
     if scheme == "8":

@@ -144,9 +144,8 @@ class Schedule:
             if R is not None and leg.R0 is not None:
                 R[start:end] = leg.R0 @ _rotations(np.outer(part.x, leg.dq))
         stop = np.array([leg.stop for leg in self.legs])[which]
-        attitude = (
-            None if R is None else Attitude(R, v, a)
-        )  # a turn about a fixed body axis: rate = dq's rate
+        # a turn about a fixed body axis: rate = dq's rate
+        attitude = None if R is None else Attitude(R, v, a)
         return Drive(
             time,
             {name: Jet(q[:, i], v[:, i], a[:, i]) for i, name in enumerate(self.axes)},
@@ -218,9 +217,8 @@ class _Builder:
         elif step.action == "sweep":
             self._sweep(step)
         elif step.action == "oscillate":
-            frequency = (
-                step.frequency_hz or 1.0
-            )  # the step's own check has seen to it that it stands there
+            # the step's own check has seen to it that it stands there
+            frequency = step.frequency_hz or 1.0
             dq = self._along(step.axis, (step.amplitude_deg or 0.0) * DEG)
             self._leg(step.cycles / frequency, dq, "swing", frequency=frequency)
         elif step.action == "turn":
@@ -291,9 +289,8 @@ class _Builder:
         if step.action == "turn":
             vector = self._body_axis(step.axis) * (step.angle_deg or 0.0) * DEG
         elif step.up is not None and (up := parse_up(step.up)) is not None:
-            now = self.R.T @ np.array(
-                [0.0, 0.0, 1.0]
-            )  # up in the body frame has to go from ``now`` to ``up``
+            # up in the body frame has to go from ``now`` to ``up``
+            now = self.R.T @ np.array([0.0, 0.0, 1.0])
             angle = float(angle_between(now[None], up[None])[0])
             axis = np.cross(up, now)
             if np.linalg.norm(axis) < 1e-9:

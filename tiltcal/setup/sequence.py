@@ -62,13 +62,10 @@ class Step(Part):
     """One step of a sequence: what to do, then how long to dwell there.
 
     ``rest`` dwells; ``move`` goes to the angles (or, hand-held, until ``up`` points up); ``turn``
-    turns ``axis`` by
-    ``angle_deg`` at a constant rate; ``sweep`` goes to the angles in steps of ``step_deg``,
-    dwelling at each;
-    ``oscillate`` swings ``axis``; ``remount`` changes the mounting; ``scheme`` goes through all
-    positions of a measuring
-    ``scheme`` of the library, dwelling at each. Angles are keys ``<axis>_deg``, of any axis of any
-    table; those left out stay as they are.
+    turns ``axis`` by ``angle_deg`` at a constant rate; ``sweep`` goes to the angles in steps of
+    ``step_deg``, dwelling at each; ``oscillate`` swings ``axis``; ``remount`` changes the mounting;
+    ``scheme`` goes through all positions of a measuring ``scheme`` of the library, dwelling at
+    each. Angles are keys ``<axis>_deg``, of any axis of any table; those left out stay as they are.
     """
 
     model_config = ConfigDict(extra="allow", json_schema_extra=_list_angles)

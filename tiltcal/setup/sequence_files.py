@@ -16,11 +16,12 @@ from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names
 
+# all go to the angles of their row; a turn and a sweep say that the way there matters
 GOING = (
     "move",
     "turn",
     "sweep",
-)  # all go to the angles of their row; a turn and a sweep say that the way there matters
+)
 ACTIONS = ("rest", *GOING, "remount")
 WHOLE_TURN = 360 * DEG
 

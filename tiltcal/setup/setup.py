@@ -165,8 +165,7 @@ class Input(Part):
 
 class Converter(Part):
     """An analogue chain and one sigma-delta converter that takes the channels in turn; the defaults
-    are an AD7705 behind a quartz
-    flexure accelerometer (fCLK 2.4576 MHz).
+    are an AD7705 behind a quartz flexure accelerometer (fCLK 2.4576 MHz).
 
     Args:
         current_mA_g: of the accelerometer's loop; resistor_ohm: it flows through; amplifier: gain

@@ -95,8 +95,7 @@ class Drive:
         attitude: of a hand-held body; None on a table.
         known: rows where the readout is known, (n,) bool.
         structure: what a run by time steps found: deviation of an axis from its readout, and
-            deflections of the
-            structure's own joints, by name.
+            deflections of the structure's own joints, by name.
         realised: addresses of the effects that the readout or ``structure`` already holds: the
             algebra leaves them out.
         rests: says when each rest began and ended; None: with the first and the last row of a stop.

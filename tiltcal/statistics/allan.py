@@ -19,9 +19,8 @@ NAMES = {
     "K": "random walk",
     "R": "ramp",
 }
-CHUNK = (
-    1 << 13
-)  # in the cache, and below what BLAS spreads over threads: waiting for them took ten times as long
+# in the cache, and below what BLAS spreads over threads: waiting for them took ten times as long
+CHUNK = 1 << 13
 SIGNIFICANT = 3.0  # standard uncertainties below which a slope is not in the record
 
 
@@ -138,9 +137,8 @@ def fit_noise(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseModel
     while True:
         design = slopes(curve.tau)[:, [TERMS.index(t) for t in kept]]
         squares = curve.deviation**2
-        for _ in range(
-            8
-        ):  # the weight is the variance of the estimate, which the fit itself gives best
+        # the weight is the variance of the estimate, which the fit itself gives best
+        for _ in range(8):
             weight = np.sqrt(curve.freedom / 2) / squares
             solution = nnls(design * weight[:, None], curve.deviation**2 * weight)[0]
             squares = np.maximum(design @ solution, 1e-300)

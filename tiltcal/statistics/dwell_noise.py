@@ -20,8 +20,8 @@ def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:
 
     Returns:
         Covariance of one sample, (k, k), not below rounding to the code (width^2/12); and the
-        inflation of the variance
-        of a mean over that of white noise, by batch means, 1 unless significant at 0.1 %.
+            inflation of the variance of a mean over that of white noise, by batch means, 1 unless
+            significant at 0.1 %.
     """
     k = residuals[0].shape[1]
     dof = max(sum(len(r) - 1 for r in residuals), 1)

@@ -1,9 +1,9 @@
 """Noise of a channel, estimated from the recording itself, and the filter that makes it white.
 
-Noise whose variance depends on frequency only is nearly diagonal in the cosine basis (DCT-II).
-A noise model gives the variance S of each coefficient k of n as a function of
-s = 2 sin(pi k / 2n), and is fitted by restricted Whittle likelihood: the leverage of the mean
-model is taken off. C^-1/2 = DCT^-1 S^-1/2 DCT is a filter without phase, so it keeps time local.
+Noise whose variance depends on frequency only is nearly diagonal in the cosine basis (DCT-II). A
+noise model gives the variance S of each coefficient k of n as a function of s = 2 sin(pi k / 2n),
+and is fitted by restricted Whittle likelihood: the leverage of the mean model is taken off. C^-1/2
+= DCT^-1 S^-1/2 DCT is a filter without phase, so it keeps time local.
 """
 
 from abc import ABC, abstractmethod

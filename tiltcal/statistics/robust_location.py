@@ -2,13 +2,11 @@
 uncertainty it really has.
 
 The variance of an M-estimator is ``<psi^2> / <psi'>^2 / n`` (Huber 1981, eq. 3.2.14); noise is
-common to all dwells, so
-scale, <psi^2> and <psi'> are pooled over them.
+common to all dwells, so scale, <psi^2> and <psi'> are pooled over them.
 
 A median of quantised data sticks to codes: where the noise is below some three codes it is no
-    estimate of anything
-between them. ``inliers`` uses the median only to reject and then takes a mean, which keeps the
-dither.
+estimate of anything between them. ``inliers`` uses the median only to reject and then takes a mean,
+which keeps the dither.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,11 +19,12 @@ from tiltcal.statistics.dwell_noise import ARITHMETIC, pooled_noise
 
 ESTIMATORS = ("mean", "median", "huber", "tukey", "inliers")
 MAD = 1.482602218505602  # standard deviation of a normal over its median absolute deviation
+# tuning constants, in standard deviations: 95 % efficiency; rejection
 HUBER, TUKEY, REJECT = (
     1.345,
     4.685,
     3.5,
-)  # tuning constants, in standard deviations: 95 % efficiency; rejection
+)
 LEAST_SLOPE = 0.1  # of a sample that is hardly noise at all
 BAND = 0.15  # relative half-width in which the density at the rejection limit is counted
 
@@ -62,9 +61,8 @@ def locations(chunks: Sequence[Array], estimator: str, codes: Array) -> Location
     if estimator == "median":
         values, psi, slope = medians, _residuals(chunks, medians, scale), np.ones(len(scale))
         _, inflation = pooled_noise([p * scale for p in psi])
-        unit = np.diag(
-            np.pi / 2 * scale**2 * inflation
-        )  # the sign's correlation between channels is left out
+        # the sign's correlation between channels is left out
+        unit = np.diag(np.pi / 2 * scale**2 * inflation)
         return Locations(values, unit, np.zeros(len(scale)), scale)
     values = np.array(
         [_m_estimate(c, m, scale, estimator) for c, m in zip(chunks, medians, strict=True)]
@@ -110,9 +108,8 @@ def _m_estimate(chunk: Array, start: Array, scale: Array, estimator: str) -> Arr
         if np.all(np.abs(new - value) <= 1e-6 * scale):
             return np.asarray(new)
         value = new
-        if (
-            estimator == "inliers"
-        ):  # rejected once, against the median: a moving limit could run in circles
+        # rejected once, against the median: a moving limit could run in circles
+        if estimator == "inliers":
             break
     return np.asarray(value)
 

@@ -67,8 +67,7 @@ def true_parameters(
     defines one.
 
     Bias and M are those of the sensor behind its mounting; ``norm`` sees M only up to a rotation,
-    so its truth is the
-    symmetric factor S of M = S R.
+    so its truth is the symmetric factor S of M = S R.
     """
     if calibration.bias_tables:
         return table_truth(setup, effects, calibration, mount_rotation(effects))
@@ -84,9 +83,8 @@ def true_parameters(
         }
     if "base.azimuth" in calibration.parameters:
         truth["base.azimuth"] = _true_azimuth(setup, effects, calibration.value("base.azimuth"))
-    of_the_day = (
-        calibration.method == "fog_scale"
-    )  # its bias is the reading at rest, with the Earth's rate in it
+    # its bias is the reading at rest, with the Earth's rate in it
+    of_the_day = calibration.method == "fog_scale"
     return {
         n: v
         for n, v in truth.items()

@@ -25,8 +25,7 @@ class Check:
     Args:
         accepted: within the limit, or without one within its own uncertainty.
         judged_by: ``tilt`` against known attitudes, ``norm`` where they are not known, ``base`` for
-            a base tilt, ``table``
-            for placing-angle tables.
+            a base tilt, ``table`` for placing-angle tables.
         rms, worst: error over the dwells, rad.
         expected: rms error that noise and the calibration's covariance predict, rad.
         poses: error of each dwell, rad, (m,).

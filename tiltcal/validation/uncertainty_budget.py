@@ -2,15 +2,13 @@
 itself.
 
 A source of standard uncertainty u moves the recording (an effect of the catalogue, by the
-difference that it makes to the
-predicted readings) or the set-up (gravity, latitude, heading, the FOG's axis) by +u and by -u, and
-the method runs on both:
-half the difference of each parameter is its contribution. The method's own covariance, from the
-noise of the record, is the
-type A line. Combined: root sum of squares; expanded: k = 2.
+difference that it makes to the predicted readings) or the set-up (gravity, latitude, heading, the
+FOG's axis) by +u and by -u, and the method runs on both: half the difference of each parameter is
+its contribution. The method's own covariance, from the noise of the record, is the type A line.
+Combined: root sum of squares; expanded: k = 2.
 
 Source: JCGM 100:2008 (GUM), 5.1.3 note 2 (numerical sensitivities); JCGM 101 (the Monte Carlo that
-    checks it).
+checks it).
 """
 
 import inspect
@@ -143,9 +141,8 @@ def make_budget(
         TiltcalError: a source is unknown, or does not fit the set-up.
     """
     if "segments" in inspect.signature(find_method(method)).parameters:
-        options.setdefault(
-            "segments", find_segments(recording)
-        )  # the same dwells whatever is moved
+        # the same dwells whatever is moved
+        options.setdefault("segments", find_segments(recording))
     found = calibrate(method, recording, setup, **options)
     stops = dwells(options.get("segments") or ())
     lines = [_type_a(found)]

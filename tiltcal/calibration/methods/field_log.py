@@ -206,8 +206,7 @@ def restless(
     the rate, rad/s.
 
     A rest is judged by the means of its quarters; their spread must be no more than five sigmas of
-    the FOG's own noise,
-    and their mean no more than Earth's rate and a FOG's bias (60 deg/h).
+    the FOG's own noise, and their mean no more than Earth's rate and a FOG's bias (60 deg/h).
     """
     poses = find_poses(recording, setup, fog, rests)
     time, values = _series(recording, fog)

@@ -2,9 +2,8 @@
 batch twin.
 
 With X = S/(1 + S), the bias-free reading r = (1 + S) w gives ``u . r - F = sum_i u_i r_i X_i + c +
-h . f``: linear and
-exact in X. c is what is wrong with the difference of the rest means, h = u' G the g-sensitivity
-along the FOG's axis.
+h . f``: linear and exact in X. c is what is wrong with the difference of the rest means, h = u' G
+the g-sensitivity along the FOG's axis.
 """
 
 from dataclasses import dataclass
@@ -97,9 +96,8 @@ def augmented_problem(log: FieldLog, walk: float = 0.0, zero: float = ZERO_PRIOR
     columns = [log.axis * log.turned, np.ones((len(log.time), 1))]
     prior = [SCALE_PRIOR**2] * 3 + [zero**2]
     if log.force is not None:
-        columns.append(
-            log.force - log.force[log.rest == 0].mean(axis=0)
-        )  # c is counted from the first rest's pose
+        # c is counted from the first rest's pose
+        columns.append(log.force - log.force[log.rest == 0].mean(axis=0))
         prior += [GSENS_PRIOR**2] * 3
     step = np.diff(log.time, prepend=log.time[0])
     return Problem(log.difference, np.hstack(columns), log.variance, np.array(prior), walk, step)

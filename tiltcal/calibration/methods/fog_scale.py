@@ -55,11 +55,9 @@ def fog_scale(
     turns by hand.
 
     Model: ``gyro_i = b_i + (1 + S_i) w_i``, ``fog = b_F + u . w``. Both rest means are taken off,
-        so that the Earth's rate
-    cancels; ``u . r - F = sum_i u_i r_i S_i/(1 + S_i) + c + h . f`` is estimated by a Kalman filter
-    with the error c of the
-    rest means and (where an accelerometer triad stands beside) the g-sensitivity h = u' G as
-    further states.
+    so that the Earth's rate cancels; ``u . r - F = sum_i u_i r_i S_i/(1 + S_i) + c + h . f`` is
+    estimated by a Kalman filter with the error c of the rest means and (where an accelerometer
+    triad stands beside) the g-sensitivity h = u' G as further states.
 
     Args:
         recording: rest of 20 s or more, then turns of more than 360 deg about x, y and z; rests
@@ -75,9 +73,8 @@ def fog_scale(
 
     Errors:
         An error du of the FOG's axis becomes scale, S_i - du_i/u_i; a cross-coupling M_ij of the
-        gyro becomes
-        S_j + sum_i (u_i/u_j) M_ij; a scale error of the FOG is common to all. None of them shows in
-        the fit.
+            gyro becomes S_j + sum_i (u_i/u_j) M_ij; a scale error of the FOG is common to all. None
+            of them shows in the fit.
         Faster turns are better until a sensor saturates: var S_i = N^2/(u_i^2 w A) + s_c^2
             (A/w)^2/(u_i A)^2 for angle A.
 
@@ -111,9 +108,8 @@ def fog_scale(
     if log.force is not None:
         tests.append(columns_test(log.time, log.rate - log.bias[:3], log.force))
     poses = find_poses(recording, setup, gyro, dwells(found))
-    rest_noise = (
-        poses.covariance(0) + np.eye(3) * EARTH_RATE**2 / 3
-    )  # the Earth's rate is in the rest mean, direction unknown
+    # the Earth's rate is in the rest mean, direction unknown
+    rest_noise = poses.covariance(0) + np.eye(3) * EARTH_RATE**2 / 3
     covariance = np.zeros((6, 6))
     covariance[:3, :3], covariance[3:, 3:] = state.scale_covariance, rest_noise
     names = [f"{gyro.name}.{term}_{a}" for term in ("scale", "bias") for a in AXES]

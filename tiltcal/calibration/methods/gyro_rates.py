@@ -44,11 +44,9 @@ def gyro_rates(
     a gyro triad on a table.
 
     Model: ``reading = b + (I + S + C) w + G f + ...``; w is the table's own rate by its readout
-        and, with latitude and heading
-    stated, the Earth's; f gravity. Means over BLOCK seconds at steady rates and at rest are fitted
-    by least squares; the
-    ramps between are used only where nothing else tells a parameter: there a delay would look like
-        an error.
+    and, with latitude and heading stated, the Earth's; f gravity. Means over BLOCK seconds at
+    steady rates and at rest are fitted by least squares; the ramps between are used only where
+    nothing else tells a parameter: there a delay would look like an error.
 
     Args:
         recording: rests and steady rates about every axis of the body, both ways, with the table's
@@ -63,8 +61,7 @@ def gyro_rates(
 
     Errors:
         The rate of the table's readout enters scale 1:1; an unknown heading leaves up to 15 deg/h
-        in bias and cross-axis
-        terms; a fixed mounting rotation is antisymmetric cross-axis.
+            in bias and cross-axis terms; a fixed mounting rotation is antisymmetric cross-axis.
 
     Source: IEEE 1431, 952 (rate tables); PHYSICS 1.1, 3.5.
     """

@@ -75,10 +75,8 @@ def gyro_turns(
     turned by hand.
 
     Model: ``reading = b + (I + S + C) w + G f``, all terms from rests and turns together: at rest
-        the reading is b + G f
-    (with the Earth's rate in it: its direction is not known); the rate of a turn, integrated, has
-    to carry gravity's
-    direction from rest to rest.
+    the reading is b + G f (with the Earth's rate in it: its direction is not known); the rate of a
+    turn, integrated, has to carry gravity's direction from rest to rest.
 
     Args:
         recording: rest, turn, rest, ... with an accelerometer triad beside the gyro triad.
@@ -92,8 +90,8 @@ def gyro_turns(
 
     Errors:
         A turn about the vertical is not seen by gravity: turn about each axis while it is
-            horizontal. The accelerometer
-        is calibrated by its norm first; what it feels while turning acts through G.
+            horizontal. The accelerometer is calibrated by its norm first; what it feels while
+            turning acts through G.
 
     Source: PHYSICS 3.5; the comparison figures of the recordings' README.
     """
@@ -171,9 +169,8 @@ def _columns_test(turns: Turns, rests: Poses) -> Test:
         a[:, : n * size].reshape(m, n, size, 3).mean(axis=2)[whole]
         for a in (turns.rate, turns.force)
     )
-    time = (np.cumsum(step.sum(axis=2), axis=1) + 1e3 * np.arange(m)[:, None])[
-        whole
-    ]  # no step from one turn to the next
+    # no step from one turn to the next
+    time = (np.cumsum(step.sum(axis=2), axis=1) + 1e3 * np.arange(m)[:, None])[whole]
     return columns_test(time, rate - rests.means.mean(axis=0), force)
 
 
@@ -266,9 +263,8 @@ def collect_turns(
     after = _edge_directions(
         felt, turning, [(s.start_s, s.start_s + EDGE, s.start_s) for s in rests.spans[1:]]
     )
-    walk = (
-        np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1)
-    )  # the gyro's own noise, integrated
+    # the gyro's own noise, integrated
+    walk = np.trace(rests.noise) / 3 * rests.inflation * (step**2).sum(axis=1)
     return Turns(rate, sensed, step, before, after, np.sqrt(2 * sigma**2 + walk))
 
 
@@ -308,9 +304,8 @@ def _edge_directions(
     at an instant, (m, 3).
 
     A hand never holds quite still there: each sample is carried to the instant by the gyro. Without
-        that, the turn that goes
-    on inside the spans was the largest error of all on a real log (0.22 deg rms where 0.14
-    remains).
+    that, the turn that goes on inside the spans was the largest error of all on a real log (0.22
+    deg rms where 0.14 remains).
     """
     from scipy.spatial.transform import Rotation
 
@@ -388,10 +383,11 @@ def solve(
         if fit.dropped or not converged or np.allclose(misfit * weight, 1.0, rtol=0.01):
             break
         weight = 1 / misfit
+    # judged by their own noise, not by the weights
     return (
         replace(fit, residuals=np.concatenate(left)),
         converged,
-    )  # judged by their own noise, not by the weights
+    )
 
 
 def _misfit(part: Array) -> float:

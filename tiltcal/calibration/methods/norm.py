@@ -47,8 +47,7 @@ def norm(
         segments: dwells to use.
         sensor: which, when several fit.
         terms: 6 (bias, scale) or 9 (with cross-axis). Unless given: 9 where the scenario lets
-            cross_axis be adjusted or
-            says nothing, else 6.
+            cross_axis be adjusted or says nothing, else 6.
 
     Raises:
         TiltcalError: terms is neither 6 nor 9, or there are fewer poses than parameters.
@@ -58,7 +57,7 @@ def norm(
             is invisible.
 
     Source: seed S2 (10.3969/j.issn1672-9730.2014.01.018); Won and Golnaraghi, IEEE TIM 59(8) 2010;
-        PHYSICS 6 (2).
+    PHYSICS 6 (2).
     """
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     if len(used.axes) != 3:
@@ -150,9 +149,8 @@ def next_pose(poses: Poses, fit: Fit, g: float, terms: int) -> str:
     rows = _slopes(f, v, terms) / _norm_sigma(poses, x)[:, None]
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0] = 1.0
-    information = (rows / scale).T @ (rows / scale) + 1e-9 * np.eye(
-        terms
-    )  # what is not seen at all is seen first
+    # what is not seen at all is seen first
+    information = (rows / scale).T @ (rows / scale) + 1e-9 * np.eye(terms)
     candidates = np.vstack([np.eye(3), -np.eye(3), sphere(CANDIDATES)])
     inverse = np.linalg.inv(model_of(x)[1])
     new = (
@@ -252,9 +250,8 @@ def _start(y: Array, g: float, terms: int) -> Array:
     x = np.zeros(terms)
     scaled = y / g
     design = np.hstack([scaled**2, scaled, np.ones((len(y), 1))])
-    coefficients = np.linalg.svd(design)[2][
-        -1
-    ]  # a y^2 + c y + d = 0: also where the origin lies outside the ellipsoid
+    # a y^2 + c y + d = 0: also where the origin lies outside the ellipsoid
+    coefficients = np.linalg.svd(design)[2][-1]
     squares, linear, constant = coefficients[:3], coefficients[3:6], coefficients[6]
     if not (np.all(squares > 0) or np.all(squares < 0)):
         return x

@@ -53,7 +53,7 @@ def product_and_sum(
 
     Errors:
         It weighs all attitudes alike and knows no cross-axis terms; with six attitudes it leaves no
-        residual, right or wrong.
+            residual, right or wrong.
 
     Source: seed S2 (10.3969/j.issn1672-9730.2014.01.018).
     """

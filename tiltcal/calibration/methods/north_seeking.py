@@ -82,9 +82,8 @@ def north(
     from the same turn.
 
     Model: ``fog = b + u . R_wb' W``, ``force = c + P R_wb' (0, 0, g)``, ``R_wb = Rx(roll) Ry(pitch)
-        Rz(outer) R_mount``; W is the
-    Earth's rate in a world turned by the unknown heading. All dwells and both sensors are fitted
-    together.
+    Rz(outer) R_mount``; W is the Earth's rate in a world turned by the unknown heading. All dwells
+    and both sensors are fitted together.
 
     Args:
         recording: dwells at two positions half a turn apart, better four a quarter turn apart.
@@ -217,9 +216,8 @@ def start_of(table: Turntable) -> tuple[float, float, float, list[float]]:
                 for R in attitudes(0.0, 0.0, table.angles, table.mount)
             ]
         )
-        u = np.linalg.lstsq(columns.reshape(-1, 4), means.ravel(), rcond=None)[0][
-            :2
-        ]  # horizontal force, base frame
+        # horizontal force, base frame
+        u = np.linalg.lstsq(columns.reshape(-1, 4), means.ravel(), rcond=None)[0][:2]
         roll = float(np.arcsin(np.clip(u[1] / table.gravity, -1, 1)))
         pitch = float(-np.arcsin(np.clip(u[0] / (table.gravity * np.cos(roll)), -1, 1)))
     axes = table.input_axes(roll, pitch)
@@ -348,9 +346,8 @@ def _tests(
     sigma_azimuth = (
         float(np.sqrt(fit.covariance[0, 0])) if fit.names[:1] == ("base.azimuth",) else np.inf
     )
-    apart = [
-        abs(_wrapped(h - k)) for h, k in combinations(rivals, 2)
-    ]  # near north the two that share a cosine meet
+    # near north the two that share a cosine meet
+    apart = [abs(_wrapped(h - k)) for h, k in combinations(rivals, 2)]
     enough = sigma_azimuth < min([5 * DEG, *(gap / 6 for gap in apart)])
     words = f"azimuth known to {sigma_azimuth / DEG:.2g} deg" + (
         "" if enough else ": stay longer, or turn the FOG's axis off north"

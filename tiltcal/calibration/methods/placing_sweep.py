@@ -204,9 +204,8 @@ def find_sweeps(
     """
     which, mounts = mounting_of(poses, recording, setup)
     channel = poses.sensor.axes.index(axis)
-    lying = np.array([R[1, "xyz".index(axis)] for R in mounts])[
-        which
-    ]  # North component of the axis, whatever the table does
+    # North component of the axis, whatever the table does
+    lying = np.array([R[1, "xyz".index(axis)] for R in mounts])[which]
     used = np.abs(np.abs(lying) - 1) < 1e-6
     if not used.any():
         return [], (0.0, 0.0), []

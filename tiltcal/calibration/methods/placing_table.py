@@ -50,11 +50,9 @@ def placing_table(
     up-and-down sweeps.
 
     Model: with an axis along the table's, ``reading = b(beta) + d (t - t_mid)``, beta the turn
-        about that axis, equal to
-    table_outer. Mounted as it stands the y axis lies so, after a remount by Rz(90) the x axis;
-    Rz(180), Rz(-90) turn
-    them round and split the table's own tilt off. Smooth fit: ``b = b0 + sum c_n cos(n beta) + s_n
-    sin(n beta)``.
+    about that axis, equal to table_outer. Mounted as it stands the y axis lies so, after a remount
+    by Rz(90) the x axis; Rz(180), Rz(-90) turn them round and split the table's own tilt off.
+    Smooth fit: ``b = b0 + sum c_n cos(n beta) + s_n sin(n beta)``.
 
     Args:
         recording: dwells every degree or so, up and down, with table_outer; remounts in the
@@ -71,11 +69,9 @@ def placing_table(
 
     Errors:
         The table's axis: its levelling and wobble enter one to one (split off by the 180 deg
-        remount, but for what is odd
-        in the table's angle), its index error e only as b' e. Cross-axis terms are inside the table
-        as measured, at 1 g
-        across the axis; at a tilt t of its own an axis has 1 - cos t less of them. Interpolation:
-        step^2/8 max b''.
+            remount, but for what is odd in the table's angle), its index error e only as b' e.
+            Cross-axis terms are inside the table as measured, at 1 g across the axis; at a tilt t
+            of its own an axis has 1 - cos t less of them. Interpolation: step^2/8 max b''.
 
     Source: seed S0 (patent on zero-bias correction by placing angle); PHYSICS 6 (0).
     """
@@ -355,7 +351,6 @@ def _entries(a: AxisTable, widen: float) -> list[dict[str, Any]]:
     ]
     if a.axle is not None:
         for entry, v in zip(entries, a.axle.value, strict=True):
-            entry["table_value"] = float(
-                v
-            )  # elevation of the table's axis as a reading; its sigma is the same
+            # elevation of the table's axis as a reading; its sigma is the same
+            entry["table_value"] = float(v)
     return entries

@@ -16,10 +16,11 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.setup.setup import Sensor
 
 AT_END = 0.05  # of the log, from which a stated range matters
+# samples at one extreme, and in a row on average: no code of a quiet converter lasts as long
 LEAST, RUN = (
     20,
     20,
-)  # samples at one extreme, and in a row on average: no code of a quiet converter lasts as long
+)
 # at most this share of the other samples repeats the one before: a recording without noise tells
 # nothing
 LIVELY = 0.5

@@ -37,11 +37,9 @@ def six_position(
     """Bias, scale factor and cross-axis terms from poses whose attitude is known.
 
     Model: ``reading_i = b_i + (1 + S_i) f_i + sum_j C_ij f_j`` with f = g up; further linear
-        effects of the catalogue
-    can be named in ``terms``. Weighted least squares on pose means. With ``drift`` among the terms
-    each bias may run off
-    linearly over the recording, ``+ d_i t / T``: a nuisance that is fitted and said, not kept; the
-    bias is that of the first stamp.
+    effects of the catalogue can be named in ``terms``. Weighted least squares on pose means. With
+    ``drift`` among the terms each bias may run off linearly over the recording, ``+ d_i t / T``: a
+    nuisance that is fitted and said, not kept; the bias is that of the first stamp.
 
     Args:
         recording: a continuous log; the dwells are found, or given as ``segments``.
@@ -56,9 +54,8 @@ def six_position(
 
     Errors:
         A pose error e enters scale as e^2/2 and cross-axis as e. A rotation common to all poses
-        (fixture, mounting) is
-        the antisymmetric part of the cross-axis matrix: it cannot be told from it. K3 hides in the
-        scale factor.
+            (fixture, mounting) is the antisymmetric part of the cross-axis matrix: it cannot be
+            told from it. K3 hides in the scale factor.
 
     Source: seed S1 (CN patent on six-position cross-coupling calibration); PHYSICS 6 (1).
     """
@@ -202,9 +199,8 @@ def _fit_tests(
         return tests
     wider, _ = solve(poses, setup, [*terms, "K2"], over)
     gained = len(wider.names) - len(fit.names)
-    if gained > 0 and set(fit.names) <= set(
-        wider.names
-    ):  # else these poses do not tell K2 from the linear terms
+    # else these poses do not tell K2 from the linear terms
+    if gained > 0 and set(fit.names) <= set(wider.names):
         drop = fit.chi2 - wider.chi2
         sizes = ", ".join(f"{n} {wider.value(n):.3g}" for n in wider.names if ".K2_" in n)
         tests.append(

@@ -43,10 +43,9 @@ def two_position(
     vertical table.
 
     Model: ``reading = c + P R_mount^T Rz(-outer) u``, u the horizontal part of the specific force
-        in the base's frame;
-    then ``roll = asin(u_y / g)``, ``pitch = -asin(u_x / (g cos roll))``. Two dwells at a and a +
-    180 deg give half the
-    difference and half the sum; more dwells are used by least squares and test each other.
+    in the base's frame; then ``roll = asin(u_y / g)``, ``pitch = -asin(u_x / (g cos roll))``. Two
+    dwells at a and a + 180 deg give half the difference and half the sum; more dwells are used by
+    least squares and test each other.
 
     Args:
         recording: a continuous log with table_outer.
@@ -54,9 +53,8 @@ def two_position(
         segments: dwells to use.
         sensor: which, when several fit.
         estimator: of a dwell: ``mean``; ``median`` (50 % breakdown, but it sticks to codes and is
-            25 % noisier); ``huber``,
-            ``tukey`` (M-estimators); ``inliers`` (the median absolute deviation only rejects, then
-            the mean: keeps the dither).
+            25 % noisier); ``huber``, ``tukey`` (M-estimators); ``inliers`` (the median absolute
+            deviation only rejects, then the mean: keeps the dither).
 
     Raises:
         TiltcalError: another table, fewer than two dwells, no half turn between them, or a
@@ -64,8 +62,7 @@ def two_position(
 
     Errors:
         A scale error S makes S x tilt; K2 cancels, K3 and odd INL do not; a linear drift d leaves d
-        dt/2 (A-B-A cancels it);
-        an index error e of the half turn is taken from the readout.
+            dt/2 (A-B-A cancels it); an index error e of the half turn is taken from the readout.
 
     Source: seed S4 (Transducer and Microsystem Technologies 2009 28(12) p. 86); PHYSICS 6 (4).
     """
@@ -83,9 +80,8 @@ def two_position(
     poses = find_poses(recording, setup, used, segments)
     angles = dwell_angles(poses, recording)
     chunks, codes = _chunks(recording, setup, used, poses)
-    shown = [
-        c / s for c, s in zip(chunks, poses.spread[:, _channels(poses)], strict=True)
-    ]  # an inclinometer's noise: cos(tilt)
+    # an inclinometer's noise: cos(tilt)
+    shown = [c / s for c, s in zip(chunks, poses.spread[:, _channels(poses)], strict=True)]
     found = locations(shown, estimator, codes)
     reversal = _reversal(poses, found, angles, mount_of(recording, setup), estimator)
     fit = solve(reversal)

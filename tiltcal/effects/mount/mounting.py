@@ -129,9 +129,8 @@ class MountCompliance(FrameEffect):
         cx, cy = self.value("bend_x"), self.value("bend_y")
         mass, length = 0.5, 0.05  # the instrument's own
         arm_y = float(-np.copysign(length, cy)) if cy else 0.0
-        arm_x = (
-            float(-np.copysign(length, cx)) - arm_y if cx else 0.0
-        )  # hinge x carries both ballasts
+        # hinge x carries both ballasts
+        arm_x = float(-np.copysign(length, cx)) - arm_y if cx else 0.0
         load = mass * G0 * length
         springs = []
         if cx:

@@ -102,9 +102,8 @@ class AccAngleBias(TermEffect):
         axis, n = name[-1], int(name[3])
         beta = placing_angle(axis, sense.force)
         across = (sense.force**2).sum(axis=1) - sense.force[:, "xyz".index(axis)] ** 2
-        meaning = across / (
-            across + (1e-7 * G0) ** 2
-        )  # with the axis exactly vertical the angle has none
+        # with the axis exactly vertical the angle has none
+        meaning = across / (across + (1e-7 * G0) ** 2)
         return self.channel_of(axis, sense), meaning * (
             np.cos(n * beta) if name.startswith("cos") else np.sin(n * beta)
         )

@@ -24,9 +24,8 @@ def draw_noise(
         n: samples, at ``rate_hz``.
         white: N; the standard deviation of a sample is N sqrt(rate).
         flicker: B, bias instability: the Allan floor is sqrt(2 ln 2 / pi) B. A sum of first-order
-            processes with time
-            constants 1, 4, ... 1024 s, each of variance B^2 ln(4)/pi, has the density B^2/(pi f)
-            between their corners.
+            processes with time constants 1, 4, ... 1024 s, each of variance B^2 ln(4)/pi, has the
+            density B^2/(pi f) between their corners.
         walk: K, per square root of a second.
         rng: the channel's own stream.
     """
@@ -68,9 +67,8 @@ class Noise(SignalEffect):
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         if rng is None:
             return reading
-        size = (
-            1 / G0 if sense.kind == "inclinometer" else 1.0
-        )  # on an inclinometer it acts on the angle: 1 ug = 1 urad
+        # on an inclinometer it acts on the angle: 1 ug = 1 urad
+        size = 1 / G0 if sense.kind == "inclinometer" else 1.0
         white, flicker, walk = (self.value(name) * size for name in ("white", "flicker", "walk"))
         for i, stream in enumerate(rng.spawn(reading.shape[1])):
             reading[:, i] += draw_noise(len(reading), sense.rate_hz, white, flicker, walk, stream)

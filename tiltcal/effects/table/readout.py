@@ -217,6 +217,5 @@ class TableBacklash(AngleEffect):
         return (Gap(self.axis or rig.axis_names[0], self.value("width")),)
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        return (
-            self.mechanisms(rig, gravity) if self.value("crossing") == 0 else ()
-        )  # a gap is crossed over its own width
+        # a gap is crossed over its own width
+        return self.mechanisms(rig, gravity) if self.value("crossing") == 0 else ()

@@ -20,8 +20,7 @@ class Process:
     ``tilt_x,tilt_y``, rad.
 
     Cells of a sensor that was not sampled are empty. The next sample is written only after the
-    answer to the last: a
-    program cannot look ahead, and has to flush every line.
+    answer to the last: a program cannot look ahead, and has to flush every line.
 
     Args:
         command: words of the program; no shell.

@@ -9,9 +9,11 @@ from tiltcal.effects import make_effect
 from tiltcal.effects.base import Effect
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import readings
-from tiltcal.setup.schedule import Schedule, build_schedule
+from tiltcal.setup.schedule import Schedule
+from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.sequence import Climate, Step
-from tiltcal.setup.setup import Rig, Sensor, Setup, Site
+from tiltcal.setup.setup import Rig, Setup, Site
 from tiltcal.setup.tables import BUILT_IN
 from tiltcal.setup.trajectory import Attitude, Drive, Jet, Motion
 

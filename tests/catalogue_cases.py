@@ -6,9 +6,11 @@ import numpy as np
 from builders import INSTRUMENT, schedule_of, setup_of
 
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.effects.base import Effect, Parameter
+from tiltcal.effects.base import Effect
+from tiltcal.effects.parameter import Parameter
 from tiltcal.forward.signal_chain import readings
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 SETTINGS = {"time": 20.0, "start": 20.0, "frequency": 3.3, "tau": 30.0}
 """Where and when an effect acts in these short recordings, in file units; any other with a default

@@ -5,7 +5,7 @@ physics.
 import numpy as np
 
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 
 def log_of(

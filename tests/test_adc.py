@@ -9,7 +9,7 @@ from tiltcal.core.units import ARCSEC, G0
 from tiltcal.forward.adc import coded, converted, fine_grid
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.setup.setup import Converter, Sensor
+from tiltcal.setup.sensor import Converter, Sensor
 
 AD7705 = Converter()
 

@@ -10,10 +10,12 @@ from catalogue_cases import plausible, sensors_for
 from tiltcal.design.recording_blocks import WORDS
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.calibration_terms import calibration_effect
 from tiltcal.effects.data.labelling_faults import ColumnFault
 from tiltcal.effects.learned import COORDINATES
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.accelerometer import AccTerm
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 from tiltcal.laboratory.scenario import parse_scenario

@@ -17,9 +17,10 @@ from catalogue_cases import (
 
 from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects import CATALOGUE, make_effect, to_file
-from tiltcal.effects.base import STAGES, DelayEffect, SignalEffect, WritingEffect
+from tiltcal.effects.base import DelayEffect, SignalEffect, WritingEffect
 from tiltcal.effects.data.faults import DataOutlier
 from tiltcal.effects.electronics.converter import AdcQuantisation
+from tiltcal.effects.parameter import STAGES
 
 EFFECTS_TXT = Path(__file__).parents[1].parent / "shared" / "effects.txt"
 IDS = tuple(CATALOGUE)

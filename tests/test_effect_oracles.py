@@ -24,7 +24,7 @@ from builders import (
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG, DEG_H, G0
 from tiltcal.effects import make_effect
-from tiltcal.effects.base import Sense
+from tiltcal.effects.sense import Sense
 from tiltcal.forward.signal_chain import readings, stream
 from tiltcal.setup.trajectory import Jet
 

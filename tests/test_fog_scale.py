@@ -24,8 +24,8 @@ from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import find_segments
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.sequence import Step
-from tiltcal.setup.setup import Sensor
 from tiltcal.validation.accuracy import normalised_error, true_parameters
 
 SCENARIO = load_scenario(folder("scenarios") / "fog_scale_by_hand.toml").model_copy(

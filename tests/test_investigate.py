@@ -15,12 +15,9 @@ from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.investigation import investigate as room
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
-from tiltcal.diagnosis.investigation.investigate import (
-    Investigation,
-    InvestigationSetup,
-    investigate,
-)
+from tiltcal.diagnosis.investigation.investigate import InvestigationSetup, investigate
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock
+from tiltcal.diagnosis.investigation.progress_log import Investigation
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import write_recording

@@ -10,7 +10,7 @@ from statistics_helpers import mean_band, rng_of, variance_band
 
 from tiltcal.core.units import ARCSEC, DEG, DEG_H, G0
 from tiltcal.effects.sensor.noise import FLICKER_TAUS, draw_flicker, draw_noise
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 RATE, CHANNELS = 2.0, 400  # Hz
 

@@ -14,7 +14,8 @@ from tiltcal.core.frames import rotation
 from tiltcal.core.units import ARCSEC, DEG, DEG_H, EARTH_RATE
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
-from tiltcal.setup.setup import Rig, Sensor, Setup, Site
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Rig, Setup, Site
 from tiltcal.validation.accuracy import normalised_error
 
 G, FAMILY = 9.80665, 1e-3

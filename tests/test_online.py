@@ -18,7 +18,8 @@ from tiltcal.cli.laboratory import simulator
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import ARCSEC
-from tiltcal.laboratory.scenario import EstimatorTable, parse_scenario
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.laboratory.scenario_tables import EstimatorTable
 from tiltcal.validation.acceptance import run_scenario
 from tiltcal.validation.online import process
 from tiltcal.validation.online.estimators import make_estimator

@@ -5,7 +5,7 @@ import pytest
 from builders import INSTRUMENT, setup_of
 
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import GRADES
+from tiltcal.effects.parameter import GRADES
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.random_instrument import SPREAD, draw_instrument
 from tiltcal.laboratory.scenario import parse_scenario

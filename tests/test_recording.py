@@ -8,7 +8,7 @@ import pytest
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.units import COLUMN_UNITS, DEG, G0, PARAMETER_UNITS, split_unit
 from tiltcal.recordings.recording import Recording, stem
-from tiltcal.setup.setup import Input, Sensor
+from tiltcal.setup.sensor import Input, Sensor
 
 NAN = np.nan
 TIME = np.array([100.0, 100.5, 101.0, 101.5])

@@ -7,7 +7,7 @@ from statistics_helpers import rng_of
 
 from tiltcal.core.frames import base_tilt
 from tiltcal.core.units import ARCSEC, G0
-from tiltcal.setup.setup import Converter
+from tiltcal.setup.sensor import Converter
 from tiltcal.statistics.robust_location import ESTIMATORS, locations
 
 FAMILY, N, SIGMA = 1e-3, 200, 50e-6 * G0

@@ -14,7 +14,7 @@ from tiltcal.core.units import ARCSEC, DEG, G0
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario, scenario_schema
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 MINIMAL = """
 schema = 1

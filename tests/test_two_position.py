@@ -13,7 +13,8 @@ from tiltcal.core.frames import rotation
 from tiltcal.core.units import ARCSEC, DEG, G0
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
-from tiltcal.setup.setup import Rig, Sensor, Setup, Site
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Rig, Setup, Site
 
 G = 9.80665
 ACCEL = Sensor(name="accel", kind="accelerometer", axes=("x", "y"), rate_hz=20.0)

@@ -13,7 +13,8 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, G0
 from tiltcal.effects import make_effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
-from tiltcal.laboratory.scenario import Scenario, SourceTable, load_scenario
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.laboratory.scenario_tables import SourceTable
 from tiltcal.validation.uncertainty_budget import make_budget
 
 LAB = SimulatedLaboratory()

@@ -12,7 +12,8 @@ from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring
 from tiltcal.effects.table.readout import ReadoutError
 from tiltcal.forward.kinematics import world_of
-from tiltcal.laboratory.scenario import Dynamics, Scenario
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.laboratory.scenario_tables import Dynamics
 from tiltsim.rig import Rig, RigBuilder
 
 RESOLVED = (

@@ -40,7 +40,8 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import Effect
 from tiltcal.forward.kinematics import true_angles, world_of
 from tiltcal.forward.signal_chain import stream
-from tiltcal.laboratory.scenario import Dynamics, Scenario
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.laboratory.scenario_tables import Dynamics
 from tiltcal.setup.trajectory import Attitude, Drive, Jet
 from tiltsim.actuators import Torques
 from tiltsim.build import build, mechanisms_of, readout_errors, realised, resolved

@@ -19,7 +19,7 @@ from tiltcal.core.frames import rotation, unit
 from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
 from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, Spring, Turn, World
 from tiltcal.forward.kinematics import link_offset, turns_at
-from tiltcal.laboratory.scenario import Dynamics
+from tiltcal.laboratory.scenario_tables import Dynamics
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet

@@ -14,15 +14,11 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
 from tiltcal.core.units import COLUMN_UNITS, DEG
+from tiltcal.recordings.csv_files import csv_head, is_number, write_head
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import (
-    assemble,
-    csv_head,
-    is_number,
-    read_recording,
-    write_head,
-)
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.recordings.recording_files import assemble, read_recording
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 CHUNK = 1 << 20  # bytes of text read at a time
 

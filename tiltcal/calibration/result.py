@@ -17,7 +17,7 @@ from tiltcal.core.files import require_file, write_json
 from tiltcal.core.frames import tilt_of_force
 from tiltcal.core.units import G0, PARAMETER_UNITS
 from tiltcal.recordings.static_poses import PoseSpan
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 Verdict = Literal["good", "suspect", "cannot_tell"]
 VERDICTS: tuple[Verdict, ...] = ("good", "suspect", "cannot_tell")
@@ -200,7 +200,8 @@ class Calibration:
         if not further:
             return 0.0
         from tiltcal.effects import CATALOGUE
-        from tiltcal.effects.base import Sense, TermEffect
+        from tiltcal.effects.base import TermEffect
+        from tiltcal.effects.sense import Sense
 
         sense = Sense.at_rest(sensor, g, _three(f, sensor, g))
         total = np.zeros_like(f)

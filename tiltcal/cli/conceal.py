@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.effects.base import GRADES, Effect
+from tiltcal.effects.base import Effect
 from tiltcal.effects.mount.mounting import MountCompliance, MountSlip
+from tiltcal.effects.parameter import GRADES
 from tiltcal.effects.sensor.accelerometer import (
     AccBias,
     AccCrossAxis,

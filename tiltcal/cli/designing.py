@@ -19,7 +19,7 @@ from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.design.time_budget import Clock
 from tiltcal.effects.sensor.noise import AccNoise
 from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import DUAL
 
 TEXTBOOK = {

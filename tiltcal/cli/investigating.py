@@ -16,14 +16,12 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, require_file, write_json, write_text
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
-from tiltcal.diagnosis.investigation.investigate import (
-    Investigation,
-    InvestigationSetup,
-    investigate,
-)
+from tiltcal.diagnosis.investigation.investigate import InvestigationSetup, investigate
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
+from tiltcal.diagnosis.investigation.progress_log import Investigation
 from tiltcal.effects import to_file
-from tiltcal.laboratory.scenario import EffectTable, fresh, load_scenario
+from tiltcal.laboratory.scenario import fresh, load_scenario
+from tiltcal.laboratory.scenario_tables import EffectTable
 from tiltcal.recordings.recording_files import read_recording, write_recording
 from tiltcal.setup.sequence_files import read_sequence, sequence_text
 

@@ -16,8 +16,9 @@ from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.csv_files import write_csv
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_csv, write_recording
+from tiltcal.recordings.recording_files import read_recording, write_recording
 
 
 def simulator(progress: Progress = silent) -> Laboratory:

@@ -13,7 +13,7 @@ from tiltcal.core.frames import normal_gravity
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording, write_recording
-from tiltcal.setup.setup import RESERVED
+from tiltcal.setup.sensor import RESERVED
 from tiltcal.setup.tables import DUAL, HANDHELD, Table, angle_channel, axis_names, tables
 
 SEQUENCE = """

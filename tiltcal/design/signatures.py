@@ -24,7 +24,7 @@ from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect
 from tiltcal.effects.sensor.accelerometer import AccBiasAsym
 from tiltcal.forward.jacobian import candidates
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 SOFT_SIGN = np.sin(5 * DEG)
 ORDINARY = 1e-6  # share of an effect's energy below which the ordinary terms take all of it

@@ -9,10 +9,11 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.effects.base import Effect, Sense, SignalEffect, TermEffect
-from tiltcal.forward.jacobian import NominalMotion
+from tiltcal.effects.base import Effect, SignalEffect, TermEffect
+from tiltcal.effects.sense import Sense
+from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import tables
 from tiltcal.setup.trajectory import Drive, Jet
 

@@ -10,7 +10,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.design.static_instrument import Still, watch
 from tiltcal.effects.base import Effect
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 NODES = 24  # a turn, of each axis
 ORDER = 6  # highest harmonic of an axis that is kept

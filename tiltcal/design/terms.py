@@ -27,7 +27,7 @@ from tiltcal.effects.base import Effect, TermEffect
 from tiltcal.effects.sensor.noise import Noise
 from tiltcal.forward.jacobian import candidates, white_noise
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 DIRECTIONS = 400  # of the working range
 STEEPEST = (

@@ -11,7 +11,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.design.signatures import Signatures, name_of
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.time_budget import Clock, unwound
-from tiltcal.forward.jacobian import NominalMotion
+from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.setup.trajectory import Drive
 
 Order = npt.NDArray[np.intp]

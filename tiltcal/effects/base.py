@@ -22,126 +22,17 @@ electronics, data
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
+from tiltcal.effects.parameter import Need, Parameter, Stage
+from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.traits import Traits
-from tiltcal.setup.setup import Rig, Sensor
-from tiltcal.setup.tables import Table, tables
-from tiltcal.setup.trajectory import Drive, Jet, Rests
-
-Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
-STAGES: tuple[Stage, ...] = (
-    "environment",
-    "table",
-    "mount",
-    "sensor",
-    "electronics",
-    "timing",
-    "data",
-)
-GRADES = ("precision", "mid_mems", "consumer")
-"""Grades of instruments, for which plausible sizes are stated."""
-Need = Literal["pose", "motion", "direction", "temperature", "vibration", "time", "remount", "any"]
-"""What a recording has to hold for an effect to show: several poses, motion, both directions of
-approach, ...
-"""
-ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of an effect.
-
-    Args:
-        name: without unit; ``{axis}`` stands for each axis of the sensor, ``{pair}`` for each
-            ordered pair of different axes, ``{matrix}`` for each axis with each direction x, y, z.
-        unit: as its suffix in files; empty for a plain count.
-        plausible: largest typical size at the grades precision laboratory, mid MEMS, consumer, in
-            ``unit``.
-        positive: whether only values >= 0 make sense (a width, a time constant, a standard
-            deviation).
-        default: SI value when a scenario leaves it out.
-        shape: whether it says when, how fast or how wide and not how much; so does everything with
-            a default.
-        whole: whether it counts what comes in ones.
-        tables: names of the tables that have it; empty: any.
-    """
-
-    name: str
-    unit: str
-    plausible: tuple[float, float, float]
-    positive: bool = False
-    default: float = 0.0
-    shape: bool = False
-    whole: bool = False
-    tables: frozenset[str] = frozenset()
-
-    def stands_on(self, rig: Rig) -> bool:
-        """Whether the table of a rig has it."""
-        return not self.tables or rig.table in self.tables
-
-    def expand(self, axes: Sequence[str]) -> list[str]:
-        """Bare names for a sensor with these axes."""
-        if "{axis}" in self.name:
-            return [self.name.format(axis=a) for a in axes]
-        if "{matrix}" in self.name:
-            return [self.name.format(matrix=a + b) for a in axes for b in "xyz"]
-        if "{pair}" in self.name:  # an inclinometer's two channels still see all three components
-            return [self.name.format(pair=a + b) for a in axes for b in "xyz" if a != b]
-        return [self.name]
-
-    @property
-    def is_shape(self) -> bool:
-        """Whether the effect stays nothing when only this is given."""
-        return self.shape or self.default != 0
-
-    @property
-    def suffix(self) -> str:
-        """What its name ends in, in files."""
-        return f"_{self.unit}" if self.unit else ""
-
-    @property
-    def factor(self) -> float:
-        """SI value of one ``unit``."""
-        return PARAMETER_UNITS[self.unit].factor
-
-
-@dataclass(frozen=True)
-class PerTable:
-    """Parameters whose names follow from the axes of a table: those of all tables together.
-
-    Args:
-        names: bare names on one table.
-        unit, plausible: as of a Parameter.
-        order: names that come first, in this order.
-    """
-
-    names: Callable[[Table], Sequence[str]]
-    unit: str
-    plausible: tuple[float, float, float]
-    order: Callable[[], Sequence[str]] = tuple
-
-    def __get__(self, effect: "Effect | None", cls: type["Effect"]) -> tuple[Parameter, ...]:
-        return _on_all_tables(self)
-
-
-@cache
-def _on_all_tables(each: PerTable) -> tuple[Parameter, ...]:
-    found: dict[str, set[str]] = {name: set() for name in each.order()}
-    for table in tables().values():
-        for name in each.names(table):
-            found.setdefault(name, set()).add(table.name)
-    return tuple(
-        Parameter(name, each.unit, each.plausible, tables=frozenset(of))
-        for name, of in found.items()
-    )
-
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.trajectory import Drive, Jet
 
 Streams = Callable[["Effect"], np.random.Generator | None]
 """A fresh random stream for an effect, the same each time it is asked; None when random effects are
@@ -344,93 +235,6 @@ class DelayEffect(Effect):
         """Stamp minus true instant for one channel, s, (n,) or a number. elapsed: s since the first
         stamp, (n,).
         """
-
-
-@dataclass(frozen=True)
-class Sense:
-    """What a sensor senses, and what its channels are.
-
-    Args:
-        time: s, (n,); elapsed: since the first stamp.
-        force: specific force, body frame, m/s2, (n, 3).
-        rate: angular rate against inertial space, body frame, rad/s, (n, 3).
-        up, north: the world's up and table North in the body frame, (n, 3).
-        angular_acceleration: rad/s2, (n, 3).
-        temperature: minus T0, K, (n,).
-        axes: body axis of each channel, (k,).
-        kind: of the sensor; input_vector: of a FOG, (3,).
-        gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
-        angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
-            while moving, (n,).
-        rests: says when each rest began and ended; None: with the first and the last row of a stop.
-    """
-
-    time: Array
-    elapsed: Array
-    force: Array
-    rate: Array
-    up: Array
-    north: Array
-    angular_acceleration: Array
-    temperature: Array
-    axes: tuple[int, ...]
-    kind: str
-    input_vector: Array
-    gravity: float
-    rate_hz: float
-    full_scale: float | None = None
-    angles: Mapping[str, Array] = field(default_factory=dict)
-    stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
-    rests: Callable[[], Rests] | None = None
-
-    @cached_property
-    def since_move(self) -> Array:
-        """Time since the last move ended, s, (n,); 0 while moving."""
-        return self._rests.since(self.time)
-
-    @cached_property
-    def moves(self) -> Array:
-        """How many moves have begun, (n,)."""
-        return self._rests.moves(self.time)
-
-    @property
-    def _rests(self) -> Rests:
-        return Rests.told(
-            self.rests,
-            self.time,
-            np.zeros(len(self.time), np.intp) if self.stop is None else self.stop,
-        )
-
-    @classmethod
-    def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
-        """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose,
-        ages apart.
-        """
-        still, zero = np.zeros(len(force)), np.zeros_like(force)
-        ages = 1e9 * np.arange(len(force), dtype=float)
-        return cls(
-            ages,
-            still,
-            force,
-            zero,
-            force / gravity,
-            zero,
-            zero,
-            still,
-            sensor.axis_indices,
-            sensor.kind,
-            np.zeros(3),
-            gravity,
-            sensor.rate_hz,
-            sensor.full_scale,
-        )
-
-    def true_input(self) -> Array:
-        """The ideal reading, (n, k): force or rate along each channel, before any error."""
-        if self.kind == "fog":
-            return np.asarray(self.rate @ self.input_vector)[:, None]
-        source = self.force if self.kind in ACCELEROMETERS else self.rate
-        return np.array(source[:, list(self.axes)])
 
 
 class SignalEffect(Effect):

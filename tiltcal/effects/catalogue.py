@@ -12,9 +12,12 @@ from typing import Any
 from tiltcal.core.errors import TiltcalError, nearest, one_of
 from tiltcal.core.extensions import members
 from tiltcal.core.units import PARAMETER_UNITS, split_unit
-from tiltcal.effects.base import STAGES, Effect, Parameter
-from tiltcal.effects.learned import Learned, learned_table, make_learned
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.effects.base import Effect
+from tiltcal.effects.learned import Learned
+from tiltcal.effects.learned_files import learned_table, make_learned
+from tiltcal.effects.parameter import STAGES, Parameter
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 FAMILIES = (
     "environment.world",

@@ -8,7 +8,7 @@ it is a parabola. With a period a spline begins anew after it: a saw. A ``power`
 is the form with one number.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Literal
@@ -16,22 +16,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.errors import TiltcalError, nearest, one_of
-from tiltcal.core.frames import AXES
-from tiltcal.effects.base import (
-    STAGES,
-    AngleEffect,
-    Effect,
-    FrameEffect,
-    Parameter,
-    Sense,
-    SignalEffect,
-    Stage,
-)
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, SignalEffect
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
-from tiltcal.setup.setup import Setup
-from tiltcal.setup.tables import angle_channel, axis_names, axis_of
+from tiltcal.effects.parameter import Parameter, Stage
+from tiltcal.effects.sense import Sense
+from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive, Jet
 
 INPUTS = {
@@ -288,202 +278,3 @@ def _prompt(name: str, sense: Sense, own: Array) -> Array:
     if name in ("since_move", "moves"):
         return sense.since_move if name == "since_move" else sense.moves
     return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]
-
-
-KINDS: dict[str, type[Learned]] = {
-    "reading": LearnedReading,
-    "readout": LearnedReadout,
-    "tilt": LearnedTilt,
-}
-_KEYS = {
-    "coordinate",
-    "knots",
-    "period",
-    "beside",
-    "power",
-    "odd",
-    "coefficients",
-    "on",
-    "slot",
-    "turn",
-    "per_input",
-    "lag_s",
-    "place",
-}
-
-
-def make_learned(
-    table: Mapping[str, Any],
-    setup: Setup,
-    *,
-    sensor: str | None,
-    axis: str | None,
-    role: str | None,
-    subject: str,
-) -> Learned:
-    """A learned effect from a file's table: ``on`` reading, readout or tilt; ``coordinate``,
-    ``knots``, ``coefficients``.
-
-    Raises:
-        TiltcalError: a key or a word is wrong.
-    """
-    subject = f"{subject} learned"
-    for key in table:
-        if key not in _KEYS:
-            raise TiltcalError(
-                subject,
-                found=f"unknown key '{key}'",
-                need="a key of it",
-                do=nearest(key, sorted(_KEYS)),
-            )
-    on = _word(table, "on", "reading", KINDS, subject)
-    coordinate = _word(table, "coordinate", "", (*_angles(), *COORDINATES), subject)
-    place = _word(table, "place", "sensor", STAGES, subject)
-    knots, numbers = (
-        _numbers(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
-    )
-    if knots and (len(knots) != len(numbers) or len(knots) < 2 or np.any(np.diff(knots) <= 0)):
-        raise TiltcalError(
-            subject,
-            found=f"{len(knots)} knots, {len(numbers)} coefficients",
-            need="two or more increasing knots, one coefficient each",
-            do="correct the lists",
-        )
-    slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
-    lag, period, power = (_amount(table, key, subject) for key in ("lag_s", "period", "power"))
-    if power and (knots or len(numbers) > 1):
-        raise TiltcalError(
-            subject,
-            found=f"power with {len(knots)} knots and {len(numbers)} coefficients",
-            need="one coefficient, no knots",
-            do="leave out the power, or the curve",
-        )
-    beside = _beside(table, on, setup, subject)
-    values = {f"c{k}": value for k, value in enumerate(numbers)}
-    return KINDS[on](
-        values,
-        sensor,
-        axis,
-        role,
-        coordinate=coordinate,
-        knots=tuple(knots),
-        per_input=bool(table.get("per_input", False)),
-        lag=lag,
-        slot=slot,
-        turn=turn,
-        place=place,
-        period=period,
-        beside=beside,
-        power=power,
-        odd=bool(table.get("odd", False)),
-    )
-
-
-def _angles() -> list[str]:
-    return [angle_channel(axis) for axis in axis_names()]
-
-
-def _amount(table: Mapping[str, Any], key: str, subject: str) -> float:
-    value = table.get(key, 0.0)
-    if not isinstance(value, int | float) or not value >= 0:
-        need = "seconds, not negative" if key == "lag_s" else "a number, not negative"
-        raise TiltcalError(f"{subject}, key {key}", found=repr(value), need=need, do="correct it")
-    return float(value)
-
-
-def _beside(table: Mapping[str, Any], on: str, setup: Setup, subject: str) -> str:
-    """The second angle of a product; empty where there is none."""
-    if "beside" not in table:
-        return ""
-    beside = _word(table, "beside", "", _angles(), subject)
-    if (
-        on != "reading"
-        or axis_of(beside) not in setup.rig.axis_names
-        or axis_of(str(table.get("coordinate"))) is None
-    ):
-        raise TiltcalError(
-            f"{subject}, key beside",
-            found=f"'{beside}' on {on} over '{table.get('coordinate')}'",
-            need="two angles of this table, on a reading",
-            do="correct it",
-        )
-    return beside
-
-
-def _where(
-    on: str,
-    coordinate: str,
-    table: Mapping[str, Any],
-    setup: Setup,
-    sensor: str | None,
-    axis: str | None,
-    subject: str,
-) -> tuple[str, str]:
-    """Slot and turn of a tilt, both empty for the others, once coordinate and axis are known to fit
-    the place.
-    """
-    axis_named = axis_of(coordinate)
-    if on != "reading" and axis_named is None and coordinate not in ("time", "temperature"):
-        raise TiltcalError(
-            subject,
-            found=f"coordinate '{coordinate}'",
-            need="a table angle, time or temperature",
-            do="correct it",
-        )
-    if axis_named is not None and axis_named not in setup.rig.axis_names:
-        raise TiltcalError(
-            subject,
-            found=f"coordinate '{coordinate}'",
-            need="an axis of this table",
-            do="correct it",
-        )
-    axes = setup.named(str(sensor)).axes if on == "reading" else setup.rig.axis_names
-    if on != "tilt":
-        one_of(str(axis), axes, subject, "axis")
-        return "", ""
-    slot = _word(table, "slot", "", setup.rig.kind.slots, subject)
-    return slot, _word(table, "turn", "", AXES, subject)
-
-
-def _word(
-    table: Mapping[str, Any], key: str, default: str, valid: Collection[str], subject: str
-) -> str:
-    return one_of(str(table.get(key, default)), valid, f"{subject}, key {key}")
-
-
-def _numbers(values: Any, subject: str) -> list[float]:
-    if not isinstance(values, list | tuple) or not all(
-        isinstance(v, int | float) and np.isfinite(v) for v in values
-    ):
-        raise TiltcalError(
-            subject, found=repr(values)[:60], need="a list of numbers", do="correct it"
-        )
-    return [float(v) for v in values]
-
-
-def learned_table(effect: Learned) -> dict[str, Any]:
-    """A learned effect as the table of a scenario file: the inverse of ``make_learned``."""
-    on = next(word for word, cls in KINDS.items() if isinstance(effect, cls))
-    table: dict[str, Any] = {
-        "id": "learned",
-        "on": on,
-        "coordinate": effect.coordinate,
-        "place": effect.place,
-    }
-    table |= {
-        key: value
-        for key in ("sensor", "axis", "role", "seen_in", "slot", "turn")
-        if (value := getattr(effect, key))
-    }
-    if effect.knots:
-        table["knots"] = list(effect.knots)
-    shape = (
-        ("per_input", effect.per_input),
-        ("lag_s", effect.lag),
-        ("period", effect.period),
-        ("beside", effect.beside),
-        ("power", effect.power),
-        ("odd", effect.odd),
-    )
-    table |= {key: value for key, value in shape if value}
-    return table | {"coefficients": [float(c) for c in effect.coefficients]}

@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
-from tiltcal.setup.setup import Converter
+from tiltcal.setup.sensor import Converter
 
 OVERSAMPLING = (
     16  # points of the fine grid a period of the output rate, at most one a modulator period

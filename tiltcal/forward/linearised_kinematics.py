@@ -13,8 +13,9 @@ from typing import ClassVar
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, Parameter, Stage
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.forward.kinematics import force_and_rate, true_angles
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet

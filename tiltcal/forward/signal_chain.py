@@ -12,15 +12,16 @@ from tiltcal.core.frames import tilt_of_force
 from tiltcal.effects.base import (
     DelayEffect,
     Effect,
-    Sense,
     SignalEffect,
     Streams,
     WritingEffect,
     no_streams,
 )
+from tiltcal.effects.sense import Sense
 from tiltcal.forward.adc import coded, converted, fine_grid
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Course, Drive, Motion
 
 Mover = Callable[[Setup, Drive, Sequence[Effect], Streams], Motion]

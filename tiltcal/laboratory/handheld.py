@@ -8,10 +8,12 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
-from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect
+from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
+from tiltcal.effects.sense import Sense
+from tiltcal.laboratory.smoothing import quiet_readings, stops_of
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.segmentation import dwells, find_segments
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 ITERATIONS = 6
 CONVERGED = 1e-10  # of the largest reading
@@ -131,71 +133,6 @@ def inverted(
     return true
 
 
-def quiet_readings(sensor: Sensor, motion: Recording, stop: Index | None = None) -> Array:
-    """A triad's readings without gaps, and a gyro's without most of its noise, (m, 3): that would
-    be taken for motion.
-    """
-    samples = motion.sensor(sensor)
-    y = bridged(sensor, motion)
-    if sensor.kind != "gyro":
-        return y
-    return smoothed(y, (stops_of(motion) if stop is None else stop)[samples.rows])
-
-
-# of what is left by the shortest window: a longer one that leaves more has cut into the motion
-LEVEL = 1.03
-HALF_WINDOWS = (3, 4, 5, 6, 8, 10, 12, 15)  # samples
-
-
-def smoothed(values: Array, stop: Index) -> Array:
-    """Rates of a hand-held body without most of their noise, (m, k): local quartics while moving,
-    means at rest.
-
-    The window is the longest that leaves no more of any channel than the shorter ones do (their
-    residual is noise only).
-    """
-    if len(values) < 4 * HALF_WINDOWS[-1]:
-        return values
-    found = values.copy()
-    for k in range(values.shape[1]):
-        trials = [_quartic(values[:, k], half) for half in HALF_WINDOWS]
-        left = np.array(
-            [np.std(values[:, k] - smooth) / np.sqrt(1 - own) for smooth, own in trials]
-        )
-        good = [j for j in range(len(left)) if left[j] <= LEVEL * left[: j + 1].min()]
-        found[:, k] = trials[max(good)][0]
-    for number in range(int(stop.max(initial=-1)) + 1):
-        there = stop == number
-        found[there] = values[there].mean(axis=0)
-    return found
-
-
-def _quartic(u: Array, half: int) -> tuple[Array, float]:
-    """Local quartic fit over 2 half + 1 samples, (m,), and the weight of a sample in its own
-    value.
-    """
-    k = np.arange(-half, half + 1)
-    weights = np.linalg.pinv(np.vander(k, 5, increasing=True))[0]
-    padded = np.pad(u, half, mode="reflect", reflect_type="odd")
-    return np.convolve(padded, weights[::-1], mode="valid"), float(weights[half])
-
-
-def bridged(sensor: Sensor, motion: Recording) -> Array:
-    """A triad's readings without gaps, (m, k)."""
-    samples = motion.sensor(sensor)
-    return _bridged(samples.time, samples.values)
-
-
-def _bridged(time: Array, values: Array) -> Array:
-    """Values with what is missing interpolated, channel by channel, (m, k)."""
-    found = values.copy()
-    for column in found.T:
-        missing = np.isnan(column)
-        if missing.any() and not missing.all():
-            column[missing] = np.interp(time[missing], time[~missing], column[~missing])
-    return found
-
-
 def sense_of(
     sensor: Sensor,
     setup: Setup,
@@ -279,14 +216,6 @@ def rate_known(motion: Recording, gyro: Sensor) -> "np.ndarray[tuple[int], np.dt
     k = np.clip(np.searchsorted(whole, np.arange(len(motion))), 1, len(whole) - 1)
     near = motion.time[whole[k]] - motion.time[whole[k - 1]] < 2.5 * cadence
     return np.asarray((near | np.isin(np.arange(len(motion)), whole)) & ~broken)
-
-
-def stops_of(motion: Recording) -> Index:
-    """Number of the dwell of each row, -1 while moving, (n,)."""
-    stop = np.full(len(motion), -1, dtype=np.intp)
-    for k, s in enumerate(dwells(find_segments(motion))):
-        stop[s.first : s.last] = k
-    return stop
 
 
 def dwell_means(values: Array, stop: Index) -> Array:

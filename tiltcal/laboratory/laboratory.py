@@ -12,15 +12,17 @@ from tiltcal import __version__
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
-from tiltcal.effects.base import DelayEffect, Effect, Sense, SignalEffect, WritingEffect
+from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
 from tiltcal.effects.events import as_met
+from tiltcal.effects.sense import Sense
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import CONVERSION, Mover, readings, streams_of
 from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import CHANNEL, angle_channel
 from tiltcal.setup.trajectory import Course, Drive, Jet
 

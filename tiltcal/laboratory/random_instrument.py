@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.effects import CATALOGUE, make_effect
-from tiltcal.effects.base import GRADES, STAGES, Effect
+from tiltcal.effects.base import Effect
+from tiltcal.effects.parameter import GRADES, STAGES
 from tiltcal.forward.signal_chain import stream
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 SPREAD = (0.1, 1.0)  # of the plausible size, log-uniform
 

@@ -15,7 +15,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.temperature import smooth_temperature
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import angle_channel, axis_of
 
 Rows = npt.NDArray[np.intp]

@@ -13,7 +13,8 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltcal.statistics.dwell_noise import pooled_noise
 

@@ -16,7 +16,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Part
+from tiltcal.setup.sensor import Part
 
 _SEPARATORS = {"space": None, "comma": ",", "tab": "\t", "semicolon": ";"}
 

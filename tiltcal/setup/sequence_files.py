@@ -11,7 +11,8 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.frames import parse_mount
 from tiltcal.core.units import DEG
-from tiltcal.setup.schedule import Leg, build_schedule
+from tiltcal.setup.schedule import Leg
+from tiltcal.setup.schedule_builder import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names

@@ -6,29 +6,15 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.frames import earth_rate, parse_mount, unit
-from tiltcal.core.units import COLUMN_UNITS, DEG, G0
+from tiltcal.core.frames import earth_rate, parse_mount
+from tiltcal.core.units import DEG
+from tiltcal.setup.sensor import Part, Sensor
 from tiltcal.setup.tables import BUILT_IN, Axis, Table, find_table, tables
-
-RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
-QUANTITY = {"accelerometer": "acceleration", "inclinometer": "angle", "gyro": "rate", "fog": "rate"}
-DEFAULT_UNIT = {"accelerometer": "m_s2", "inclinometer": "deg", "gyro": "deg_s", "fog": "deg_h"}
-
-
-class Part(BaseModel):
-    """A frozen part of a scenario; unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, ignored_types=(cached_property,))
-
-    @classmethod
-    def keys(cls) -> list[str]:
-        """Its keys in a file."""
-        return [f.alias or name for name, f in cls.model_fields.items()]
 
 
 class Site(Part):
@@ -113,177 +99,6 @@ class Rig(Part):
     def axis_names(self) -> tuple[str, ...]:
         """Names of the table's axes, outermost first."""
         return self.kind.axis_names
-
-
-def _not_zero(value: float) -> float:
-    if value == 0:
-        raise ValueError("a slope of 0 reads nothing")
-    return value
-
-
-NonZero = Annotated[float, AfterValidator(_not_zero)]
-
-
-class Input(Part):
-    """How raw readings (LSB, V, mA) become SI: ``value = (raw - zero) / per_unit``."""
-
-    unit: Literal["V", "mV", "mA", "LSB"]
-    zero: float | tuple[float, ...] = 0.0
-    per_m_s2: NonZero | None = None
-    per_g: NonZero | None = None
-    per_rad_s: NonZero | None = None
-    per_deg_s: NonZero | None = None
-    per_rad: NonZero | None = None
-    per_deg: NonZero | None = None
-
-    @model_validator(mode="after")
-    def _one_slope(self) -> "Input":
-        if len(self._slopes()) != 1:
-            raise ValueError(
-                "give exactly one of per_m_s2, per_g, per_rad_s, per_deg_s, per_rad, per_deg"
-            )
-        return self
-
-    def _slopes(self) -> list[tuple[str, float]]:
-        names = ("m_s2", "g", "rad_s", "deg_s", "rad", "deg")
-        return [(n, value) for n in names if (value := getattr(self, f"per_{n}")) is not None]
-
-    @property
-    def slope(self) -> float:
-        """Raw counts per SI unit."""
-        ((name, value),) = self._slopes()
-        return float(value) / COLUMN_UNITS[name].factor
-
-    def to_si(self, raw: Array) -> Array:
-        """(n, k) raw readings -> SI."""
-        return np.asarray((raw - np.asarray(self.zero)) / self.slope)
-
-    def from_si(self, value: Array) -> Array:
-        """(n, k) SI -> raw readings, not rounded."""
-        return np.asarray(value * self.slope + np.asarray(self.zero))
-
-
-class Converter(Part):
-    """An analogue chain and one sigma-delta converter that takes the channels in turn; the defaults
-    are an AD7705 behind a quartz flexure accelerometer (fCLK 2.4576 MHz).
-
-    Args:
-        current_mA_g: of the accelerometer's loop; resistor_ohm: it flows through; amplifier: gain
-            before the converter.
-        lowpass_hz: corner of the first-order filter behind the amplifier.
-        reference_V, gain, bits: of the converter: it takes +- reference/gain.
-        modulator_hz: rate of the modulator; output_hz: of the sinc3 filter, whose notches lie at
-            its multiples.
-        settle: conversions until a channel has settled after the switch; the last one is kept.
-    """
-
-    current_mA_g: Annotated[float, Field(gt=0)] = 1.0
-    resistor_ohm: Annotated[float, Field(gt=0)] = 50.0
-    amplifier: Annotated[float, Field(gt=0)] = 90.0
-    lowpass_hz: Annotated[float, Field(gt=0)] = 10.0
-    reference_V: Annotated[float, Field(gt=0)] = 2.5
-    gain: Annotated[float, Field(gt=0)] = 2.0
-    bits: Annotated[int, Field(ge=8, le=24)] = 16
-    modulator_hz: Annotated[float, Field(gt=0)] = 19200.0
-    output_hz: Annotated[float, Field(gt=0)] = 250.0
-    settle: Annotated[int, Field(ge=3)] = 4
-
-    @property
-    def volts_per_si(self) -> float:
-        """Volts at the converter for one m/s2."""
-        return self.current_mA_g * 1e-3 / G0 * self.resistor_ohm * self.amplifier
-
-    @property
-    def limit(self) -> float:
-        """Largest reading before it clips, m/s2."""
-        return self.reference_V / self.gain / self.volts_per_si
-
-    @property
-    def code(self) -> float:
-        """Width of a code, m/s2."""
-        return 2 * self.limit / 2**self.bits
-
-    @property
-    def turn_s(self) -> float:
-        """Time that one channel takes, s."""
-        return self.settle / self.output_hz
-
-
-class Sensor(Part):
-    """One sensor of the instrument: a prefix of columns."""
-
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]*$")]
-    kind: Literal["accelerometer", "inclinometer", "gyro", "fog"]
-    axes: tuple[str, ...] = ("x", "y", "z")
-    rate_hz: Annotated[float, Field(gt=0)] = 100.0
-    adjustable: tuple[str, ...] = ()
-    input_axis: tuple[float, float, float] | None = None
-    input: Input | None = None
-    converter: Converter | None = None
-    unit: str | None = None
-    full_scale: Annotated[float, Field(gt=0)] | None = None
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "Sensor":
-        if self.name in RESERVED:
-            raise ValueError(f"the sensor name '{self.name}' is reserved")
-        allowed = {"fog": {"a"}, "inclinometer": {"x", "y"}}.get(self.kind, {"x", "y", "z"})
-        if not self.axes or not set(self.axes) <= allowed or len(set(self.axes)) != len(self.axes):
-            raise ValueError(
-                f"axes of a {self.kind} are among {', '.join(sorted(allowed))}, each once"
-            )
-        if self.kind == "fog" and (self.input_axis is None or not np.any(self.input_axis)):
-            raise ValueError(
-                "a fog needs input_axis = [ux, uy, uz], its input axis in the body frame"
-            )
-        if self.converter is not None:
-            if (
-                not self.is_accelerometer
-                or len(self.axes) * self.converter.turn_s > 1 / self.rate_hz
-            ):
-                raise ValueError(
-                    "a converter serves an accelerometer, and all its channels in turn within one"
-                    " sample"
-                )
-            if self.kind == "inclinometer":
-                raise ValueError(
-                    "a converter reads a current that follows the force: call the sensor an"
-                    " accelerometer"
-                )
-        if self.unit is not None:
-            unit_ = COLUMN_UNITS.get(self.unit)
-            if unit_ is None or unit_.quantity != self.quantity:
-                raise ValueError(f"unit '{self.unit}' is not a unit of {self.quantity}")
-        return self
-
-    @property
-    def quantity(self) -> str:
-        """acceleration, angle or rate."""
-        return QUANTITY[self.kind]
-
-    @property
-    def is_accelerometer(self) -> bool:
-        """Whether it senses specific force (triad or inclinometer)."""
-        return self.kind in ("accelerometer", "inclinometer")
-
-    @property
-    def column_unit(self) -> str:
-        """The unit that simulated columns are written in."""
-        if self.input is not None:
-            return self.input.unit
-        return self.unit or DEFAULT_UNIT[self.kind]
-
-    @property
-    def input_vector(self) -> Array:
-        """Unit vector of a FOG's input axis in the body frame, (3,)."""
-        if self.input_axis is None:
-            raise ValueError(f"sensor {self.name} has no input axis")
-        return unit(self.input_axis)
-
-    @property
-    def axis_indices(self) -> tuple[int, ...]:
-        """Body axis of each channel (a FOG's single channel counts as 0)."""
-        return tuple("xyz".find(axis) if axis != "a" else 0 for axis in self.axes)
 
 
 class Setup(Part):

@@ -16,7 +16,8 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing
 from tiltcal.core.progress import Progress, silent
 from tiltcal.laboratory.laboratory import Laboratory
-from tiltcal.laboratory.scenario import EstimatorTable, MethodTable, Scenario, load_scenario
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.validation.accuracy import TiltError, normalised_error, tilt_error, true_parameters
 from tiltcal.validation.gyro_accuracy import attitude_error

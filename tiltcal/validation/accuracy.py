@@ -22,7 +22,8 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.mount.mounting import MountMisalignment
 from tiltcal.effects.table.geometry import TableLevelling
 from tiltcal.laboratory.laboratory import true_readings
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.validation.bias_table_accuracy import table_errors, table_truth
 
 DIRECTIONS = 400

@@ -13,7 +13,8 @@ from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.laboratory import true_readings
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 FINE = 8  # directions a step of the table
 

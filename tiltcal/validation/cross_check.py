@@ -14,7 +14,8 @@ from tiltcal.effects.sensor.dynamics import placing_angle
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.validation.accuracy import estimated_up
 
 

@@ -10,9 +10,11 @@ import numpy as np
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import DEG
-from tiltcal.effects.base import Effect, Sense, SignalEffect
+from tiltcal.effects.base import Effect, SignalEffect
+from tiltcal.effects.sense import Sense
 from tiltcal.forward.signal_chain import CONVERSION
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.validation.accuracy import TiltError
 
 RATE = 60 * DEG

@@ -26,13 +26,14 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
 from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects import make_effect
-from tiltcal.effects.base import Effect, Sense, SignalEffect
+from tiltcal.effects.base import Effect, SignalEffect
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.gyro import transverse
 from tiltcal.effects.table.geometry import AxisWobble, TableLevelling
 from tiltcal.effects.table.readout import EncoderZero, IndexError_
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import to_column
-from tiltcal.laboratory.scenario import SourceTable
+from tiltcal.laboratory.scenario_tables import SourceTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments

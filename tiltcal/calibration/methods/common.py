@@ -10,7 +10,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.statistics.least_squares import Fit
 
 

@@ -15,7 +15,8 @@ from tiltcal.core.units import DEG, G0
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells
 from tiltcal.recordings.static_poses import Poses, find_poses
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 # s: both sensors are means over it, so that the noise in H biases nothing (0.1 ppm; 1 ppm sample by
 # sample)

@@ -20,7 +20,8 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive
 from tiltcal.statistics.least_squares import Fit, linear_fit
 

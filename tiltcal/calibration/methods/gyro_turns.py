@@ -18,7 +18,8 @@ from tiltcal.core.units import DEG, G0
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
 from tiltcal.recordings.static_poses import Poses, find_poses
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.statistics.least_squares import Fit, gauss_newton
 
 NAME = "gyro_turns"

@@ -26,7 +26,8 @@ from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
 from tiltcal.recordings.static_poses import Poses, find_poses
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import PLACING, angle_channel
 from tiltcal.statistics.least_squares import Fit, linear_fit
 

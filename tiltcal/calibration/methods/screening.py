@@ -13,7 +13,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 AT_END = 0.05  # of the log, from which a stated range matters
 # samples at one extreme, and in a row on average: no code of a quiet converter lasts as long

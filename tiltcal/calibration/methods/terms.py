@@ -9,9 +9,11 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import Sense, TermEffect
+from tiltcal.effects.base import TermEffect
 from tiltcal.effects.calibration_terms import calibration_effect
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.effects.sense import Sense
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 _PREFIX = {"accelerometer": "acc", "inclinometer": "acc", "gyro": "gyr", "fog": "fog"}
 _SI = {"accelerometer": "m_s2", "inclinometer": "m_s2", "gyro": "rad_s", "fog": "rad_s"}

@@ -23,7 +23,8 @@ from tiltcal.core.units import DEG
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.statistics.least_squares import Fit
 from tiltcal.statistics.robust_location import ESTIMATORS, Locations, locations
 

@@ -32,8 +32,9 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.alternatives import OWN, Alternative, inseparable, rank_alternatives
 from tiltcal.diagnosis.search.thermal_lag import thermal_lag_findings
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import Effect, Parameter
+from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.parameter import Parameter
 
 SHOWN = 0.05  # share of a finding's energy that a channel has to hold to be named
 

@@ -10,7 +10,8 @@ from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import ColumnFault
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import axis_of
 
 

@@ -17,7 +17,6 @@ from tiltcal.diagnosis.data.sensor_perturbation import SensorPerturbation
 from tiltcal.forward.gravity_transport import GravityTransport, Windows
 from tiltcal.laboratory.handheld import (
     at_rest,
-    bridged,
     dwell_means,
     earlier,
     forward,
@@ -25,7 +24,8 @@ from tiltcal.laboratory.handheld import (
     sense_of,
     whole,
 )
-from tiltcal.setup.setup import Sensor
+from tiltcal.laboratory.smoothing import bridged
+from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.noise_spectrum import robust_white
 
 LONG = 60.0  # s: a rest that long tells drifts from noise

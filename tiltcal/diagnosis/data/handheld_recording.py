@@ -12,10 +12,11 @@ from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
 from tiltcal.diagnosis.data.sensor_perturbation import HandheldMotion
 from tiltcal.effects.base import Effect
 from tiltcal.forward.gravity_transport import GravityTransport, Windows, turns_between
-from tiltcal.laboratory.handheld import bridged, inverted, quiet_readings, whole
+from tiltcal.laboratory.handheld import inverted, whole
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.laboratory.smoothing import bridged, quiet_readings
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 FEW = 12  # turns: fewer are no channel
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.forward.gravity_transport import EDGE
-from tiltcal.laboratory.handheld import stops_of
+from tiltcal.laboratory.smoothing import stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import group_directions
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines

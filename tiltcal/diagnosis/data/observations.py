@@ -11,7 +11,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index
 from tiltcal.effects.base import Effect
-from tiltcal.forward.jacobian import NominalMotion
+from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay

@@ -13,14 +13,15 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.effects.base import Effect, Sense, SignalEffect, TermEffect
+from tiltcal.effects.base import Effect, SignalEffect, TermEffect
 from tiltcal.effects.learned import LearnedReading
+from tiltcal.effects.sense import Sense
 from tiltcal.forward.gravity_transport import GravityTransport
-from tiltcal.forward.jacobian import effect_down, one_sided
+from tiltcal.forward.nominal_motion import effect_down, one_sided
 from tiltcal.laboratory.handheld import earlier, forward, sense_of
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 
 class SensorPerturbation:

@@ -12,7 +12,7 @@ from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
 from tiltcal.effects.learned import Learned
-from tiltcal.forward.jacobian import NominalMotion
+from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import restored
 from tiltcal.laboratory.scenario import Scenario

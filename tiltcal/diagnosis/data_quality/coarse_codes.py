@@ -13,7 +13,7 @@ from tiltcal.effects.data.labelling_faults import DataTruncation
 from tiltcal.effects.electronics.converter import AdcQuantisation, GyrQuantisation
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 # code over noise: below it what rounding does is white to exp(-2 (pi / 1.5)^2), a part in 6000
 COARSE = 1.5

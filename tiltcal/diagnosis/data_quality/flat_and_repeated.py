@@ -28,7 +28,7 @@ from tiltcal.effects.data.faults import DataDuplicate, DataStuck
 from tiltcal.effects.electronics.converter import AdcStuckBit
 from tiltcal.effects.sensor.dynamics import AccSaturation, GyrSaturation
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 
 def stuck_values(

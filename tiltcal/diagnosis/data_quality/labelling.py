@@ -13,7 +13,7 @@ from tiltcal.effects.data.labelling_faults import (
     DataSign,
     DataUnit,
 )
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 
 def signed_permutations(n: int) -> Iterator[Array]:

@@ -17,7 +17,7 @@ from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.noise_spectrum import robust_white
 
 FINEST = 2.0**-17  # of the range of the readings: no smaller bit is looked for

@@ -37,7 +37,7 @@ from tiltcal.laboratory.laboratory import restored
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 ROWS = 4000  # compared
 EXACT = 1e-9  # of the largest reading: a recording without noise is no nearer than this

@@ -17,7 +17,7 @@ from tiltcal.effects.hysteresis_and_lag import LAGS
 from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import PLACING, angle_channel, bearing
 
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show

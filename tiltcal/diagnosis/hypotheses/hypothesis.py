@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import GRADES, DelayEffect, Effect
+from tiltcal.effects.base import DelayEffect, Effect
 from tiltcal.effects.calibration_terms import calibration_effect
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.parameter import GRADES
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 
 @dataclass(frozen=True)

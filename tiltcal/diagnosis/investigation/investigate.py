@@ -5,7 +5,7 @@ together, until explained.
 import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,14 +13,14 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json, write_text
 from tiltcal.core.progress import Progress
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
+from tiltcal.diagnosis.investigation.progress_log import Entry, Investigation, log_of
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.setup.schedule import build_schedule
+from tiltcal.setup.schedule_builder import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.sequence_files import sequence_text
 
-DONE = ("match", "explained")
 Diagnose = Callable[[Sequence[Path], Path], None]
 """Diagnoses the recordings in some files and leaves diagnosis.json and amended.toml in a folder."""
 
@@ -30,73 +30,6 @@ class Recorder(Protocol):
 
     def record(self, sequence: Path, recording: Path) -> Recording:
         """The recording, and its file."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One block that was recorded.
-
-    Args:
-        block: its name; words: why; minutes: of table time; confidence: that it splits the hardest
-            pair.
-        sequence, recording: file names.
-    """
-
-    block: str
-    words: str
-    minutes: float
-    confidence: float
-    sequence: str
-    recording: str
-
-
-@dataclass(frozen=True)
-class Investigation:
-    """How far it is.
-
-    Args:
-        given: recordings that it began with; entries: blocks recorded since; verdicts: after each
-            diagnosis.
-        statement: where it stands, in words.
-    """
-
-    given: tuple[str, ...]
-    entries: tuple[Entry, ...] = ()
-    verdicts: tuple[str, ...] = ()
-    statement: str = ""
-
-    @property
-    def minutes(self) -> float:
-        """Table time of all that was recorded."""
-        return sum(e.minutes for e in self.entries)
-
-    @property
-    def designed(self) -> int:
-        """How many blocks were designed: with nothing given the first one was not."""
-        return len(self.entries) - (0 if self.given else 1)
-
-    @property
-    def explained(self) -> bool:
-        """Whether nothing is left open."""
-        return bool(self.verdicts) and self.verdicts[-1] in DONE
-
-    def to_json(self) -> dict[str, Any]:
-        """As the file has it."""
-        return {
-            "schema": 1,
-            "explained": self.explained,
-            "statement": self.statement,
-            "given": list(self.given),
-            "verdicts": list(self.verdicts),
-            "blocks": [asdict(e) for e in self.entries],
-            "table_minutes": self.minutes,
-        }
-
-    @classmethod
-    def from_json(cls, table: Mapping[str, Any]) -> "Investigation":
-        """From the file."""
-        entries = tuple(Entry(**e) for e in table["blocks"])
-        return cls(tuple(table["given"]), entries, tuple(table["verdicts"]), table["statement"])
 
 
 @dataclass(frozen=True)
@@ -189,33 +122,6 @@ def _kept(at: InvestigationSetup, state: Investigation) -> Investigation:
     write_json(at.folder / "investigation.json", state.to_json())
     write_text(at.folder / "log.md", log_of(state))
     return state
-
-
-def log_of(state: Investigation) -> str:
-    """The story in words."""
-    lines = [
-        "# Investigation",
-        "",
-        f"Began with: {', '.join(state.given) or 'nothing recorded'}.",
-        "",
-    ]
-    verdicts = list(state.verdicts)
-    if state.given and verdicts:
-        lines.append(f"- Diagnosed: **{verdicts.pop(0)}**.")
-    for entry in state.entries:
-        sure = (
-            f", a chance of {100 * entry.confidence:.0f} % to tell the hardest pair apart"
-            if entry.confidence
-            else ""
-        )
-        lines.append(
-            f"- Recorded '{entry.block}' as {entry.recording} ({entry.minutes:.1f} min of table"
-            f" time{sure}): {entry.words}."
-        )
-        if verdicts:
-            lines.append(f"  Diagnosed with all that was recorded before: **{verdicts.pop(0)}**.")
-    lines += ["", f"Table time: {state.minutes:.1f} min.", "", state.statement, ""]
-    return "\n".join(lines)
 
 
 def _first(at: InvestigationSetup, state: Investigation, progress: Progress) -> Investigation:

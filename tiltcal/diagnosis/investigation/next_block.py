@@ -11,11 +11,7 @@ from tiltcal.core.progress import Progress
 from tiltcal.core.units import DEG
 from tiltcal.design.identifiability import tie_breaker
 from tiltcal.design.recording_blocks import CIRCLE, Table, candidates, within
-from tiltcal.diagnosis.investigation.discriminating_blocks import (
-    Design,
-    Proposal,
-    propose,
-)
+from tiltcal.diagnosis.investigation.discriminating_blocks import Design, Proposal, propose
 from tiltcal.diagnosis.investigation.rival_hypotheses import questions
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario

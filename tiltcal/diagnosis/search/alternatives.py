@@ -15,8 +15,8 @@ from tiltcal.diagnosis.model.normal_equations import NormalEquations, normal_equ
 from tiltcal.diagnosis.model.removed_finding import RemovedFinding, price_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects import CATALOGUE
-from tiltcal.effects.base import Parameter
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.parameter import Parameter
 
 # times the largest plausible size of any grade: beyond it an explanation is no explanation, and no
 # alternative

@@ -5,8 +5,10 @@ from typing import ClassVar
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage, TermEffect
+from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.effects.parameter import Parameter, Stage
+from tiltcal.effects.sense import Sense
 
 
 class DataOutlier(SignalEffect):

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import Parameter, Sense, SignalEffect, WritingEffect
+from tiltcal.effects.base import SignalEffect, WritingEffect
 from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import Sense
 from tiltcal.setup.trajectory import Drive
 
 

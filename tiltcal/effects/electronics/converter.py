@@ -7,7 +7,9 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
-from tiltcal.effects.base import Parameter, Sense, SignalEffect, Stage, TermEffect
+from tiltcal.effects.base import SignalEffect, TermEffect
+from tiltcal.effects.parameter import Parameter, Stage
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 

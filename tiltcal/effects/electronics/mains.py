@@ -5,8 +5,10 @@ from itertools import product
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import Parameter, Sense, TermEffect
+from tiltcal.effects.base import TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.spans import CoordinateRanges
 
 WANDER = 0.05  # Hz, of the mains about its frequency (PHYSICS 3.6); further off is another tone

@@ -3,9 +3,11 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import Parameter, Sense, SignalEffect
+from tiltcal.effects.base import SignalEffect
 from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.effects.hysteresis_and_lag import LAGS, first_order_lag
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.environmental import FollowsState
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import FrameEffect, Parameter, Sense, TermEffect
+from tiltcal.effects.base import FrameEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import recursion
 from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 from tiltcal.setup.trajectory import Jet, sampled_jet

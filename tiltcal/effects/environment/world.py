@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.effects.base import Parameter, WorldEffect
+from tiltcal.effects.base import WorldEffect
 from tiltcal.effects.mechanisms import Shake, World
+from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.spans import CoordinateRanges
 
 

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.effects.base import Parameter, WorldEffect
+from tiltcal.effects.base import WorldEffect
 from tiltcal.effects.mechanisms import World
+from tiltcal.effects.parameter import Parameter
 
 
 class LeverArm(WorldEffect):

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.core.units import G0
-from tiltcal.effects.base import FrameEffect, Parameter
+from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.hysteresis_and_lag import onset
 from tiltcal.effects.mechanisms import Context, Mechanism, Ring, Spring, Turn
+from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.table.drive import ringing
 from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig

@@ -3,7 +3,9 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import Parameter, Sense, TermEffect
+from tiltcal.effects.base import TermEffect
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import Sense
 
 PLACE = {"x": 1, "y": 2, "z": 0}  # the x accelerometer is displaced along y, y along z, z along x
 

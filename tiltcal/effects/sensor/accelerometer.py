@@ -11,7 +11,9 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
-from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, TermEffect
+from tiltcal.effects.base import TermEffect
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 

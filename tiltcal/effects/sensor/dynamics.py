@@ -6,8 +6,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
-from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import smooth_lag, vibration_power
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS
 from tiltcal.effects.traits import Family
 from tiltcal.setup.tables import angle_channel, built_in_axes

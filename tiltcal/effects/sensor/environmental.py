@@ -8,8 +8,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
-from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, Stage, TermEffect
+from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import play, rounded_play
+from tiltcal.effects.parameter import Parameter, Stage
+from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 

@@ -6,8 +6,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
-from tiltcal.effects.base import Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import vibration_power
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.environmental import GYROS, FollowsState, warming_rate
 from tiltcal.effects.traits import Family
 

@@ -8,8 +8,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
-from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect
+from tiltcal.effects.base import SignalEffect
 from tiltcal.effects.hysteresis_and_lag import steady_recursion
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS
 
 FLICKER_TAUS = tuple(4.0**k for k in range(6))  # s: 1, 4, ... 1024

@@ -3,8 +3,10 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import ACCELEROMETERS, Parameter, Sense, SignalEffect, TermEffect
+from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import onset
+from tiltcal.effects.parameter import Parameter
+from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS, FollowsState
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family

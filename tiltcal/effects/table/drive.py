@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from tiltcal.effects.base import AngleEffect, Parameter
+from tiltcal.effects.base import AngleEffect
 from tiltcal.effects.mechanisms import (
     Ballast,
     Cable,
@@ -17,6 +17,7 @@ from tiltcal.effects.mechanisms import (
     Ring,
     Spring,
 )
+from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.table.readout import CROSSING, CROSSINGS, ReadoutError, TableSag, lost_motion
 from tiltcal.effects.traits import Family

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import FrameEffect, LinkEffect, Parameter, PerTable
+from tiltcal.effects.base import FrameEffect, LinkEffect
 from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.parameter import Parameter, PerTable
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig

@@ -4,9 +4,10 @@ from abc import abstractmethod
 
 import numpy as np
 
-from tiltcal.effects.base import AngleEffect, Parameter, PerTable
+from tiltcal.effects.base import AngleEffect
 from tiltcal.effects.hysteresis_and_lag import crossed
 from tiltcal.effects.mechanisms import Gap, Mechanism, Spring
+from tiltcal.effects.parameter import Parameter, PerTable
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.effects.traits import Family
 from tiltcal.setup.setup import Rig

@@ -3,8 +3,9 @@
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.effects.base import DelayEffect, Parameter
+from tiltcal.effects.base import DelayEffect
 from tiltcal.effects.electronics.converter import ANALOG
+from tiltcal.effects.parameter import Parameter
 
 
 class DataLatency(DelayEffect):

@@ -9,7 +9,8 @@ from tiltcal.calibration.methods.registry import import_named
 from tiltcal.calibration.result import Calibration, tilt_angles
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import force_of_tilt
-from tiltcal.setup.setup import Sensor, Setup
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 from tiltcal.validation.online.filters import Complementary, Kalman
 
 Sample = Mapping[str, Any]

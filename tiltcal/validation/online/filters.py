@@ -11,7 +11,7 @@ import numpy as np
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import skew
-from tiltcal.setup.setup import Sensor
+from tiltcal.setup.sensor import Sensor
 
 Vector = tuple[float, float, float]
 

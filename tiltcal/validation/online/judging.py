@@ -17,7 +17,8 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import angle_between
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.laboratory import Laboratory, TruthfulLaboratory
-from tiltcal.laboratory.scenario import AcceptOnline, EstimatorTable, Scenario
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.laboratory.scenario_tables import AcceptOnline, EstimatorTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.validation.online.estimators import Estimator, Sample, make_estimator
 from tiltcal.validation.online.process import Process

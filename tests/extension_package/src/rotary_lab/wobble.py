@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from tiltcal.effects.base import FrameEffect, Parameter
+from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.parameter import Parameter
 from tiltcal.setup.tables import bearing
 
 

@@ -1,0 +1,100 @@
+"""What a sensor senses: the input of every effect on its signal."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.trajectory import Rests
+
+ACCELEROMETERS = frozenset({"accelerometer", "inclinometer"})
+
+
+@dataclass(frozen=True)
+class Sense:
+    """What a sensor senses, and what its channels are.
+
+    Args:
+        time: s, (n,); elapsed: since the first stamp.
+        force: specific force, body frame, m/s2, (n, 3).
+        rate: angular rate against inertial space, body frame, rad/s, (n, 3).
+        up, north: the world's up and table North in the body frame, (n, 3).
+        angular_acceleration: rad/s2, (n, 3).
+        temperature: minus T0, K, (n,).
+        axes: body axis of each channel, (k,).
+        kind: of the sensor; input_vector: of a FOG, (3,).
+        gravity: stated, m/s2; rate_hz: nominal sample rate; full_scale: SI, or None.
+        angles: readout of each table axis, rad, (n,); stop: number of the stop of each row, -1
+            while moving, (n,).
+        rests: says when each rest began and ended; None: with the first and the last row of a stop.
+    """
+
+    time: Array
+    elapsed: Array
+    force: Array
+    rate: Array
+    up: Array
+    north: Array
+    angular_acceleration: Array
+    temperature: Array
+    axes: tuple[int, ...]
+    kind: str
+    input_vector: Array
+    gravity: float
+    rate_hz: float
+    full_scale: float | None = None
+    angles: Mapping[str, Array] = field(default_factory=dict)
+    stop: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
+    rests: Callable[[], Rests] | None = None
+
+    @cached_property
+    def since_move(self) -> Array:
+        """Time since the last move ended, s, (n,); 0 while moving."""
+        return self._rests.since(self.time)
+
+    @cached_property
+    def moves(self) -> Array:
+        """How many moves have begun, (n,)."""
+        return self._rests.moves(self.time)
+
+    @property
+    def _rests(self) -> Rests:
+        return Rests.told(
+            self.rests,
+            self.time,
+            np.zeros(len(self.time), np.intp) if self.stop is None else self.stop,
+        )
+
+    @classmethod
+    def at_rest(cls, sensor: Sensor, gravity: float, force: Array) -> "Sense":
+        """What a sensor senses at rest at T0 under given specific forces, (m, 3), one row a pose,
+        ages apart.
+        """
+        still, zero = np.zeros(len(force)), np.zeros_like(force)
+        ages = 1e9 * np.arange(len(force), dtype=float)
+        return cls(
+            ages,
+            still,
+            force,
+            zero,
+            force / gravity,
+            zero,
+            zero,
+            still,
+            sensor.axis_indices,
+            sensor.kind,
+            np.zeros(3),
+            gravity,
+            sensor.rate_hz,
+            sensor.full_scale,
+        )
+
+    def true_input(self) -> Array:
+        """The ideal reading, (n, k): force or rate along each channel, before any error."""
+        if self.kind == "fog":
+            return np.asarray(self.rate @ self.input_vector)[:, None]
+        source = self.force if self.kind in ACCELEROMETERS else self.rate
+        return np.array(source[:, list(self.axes)])

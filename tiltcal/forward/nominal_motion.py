@@ -1,0 +1,180 @@
+"""One recording's motion, worked out once, and how its readings change with each effect."""
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.frames import tilt_of_force
+from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
+from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.sense import ACCELEROMETERS
+from tiltcal.forward.kinematics import closed_form, force_and_rate
+from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
+from tiltcal.forward.signal_chain import CONVERSION, make_sense
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Course
+
+Some = TypeVar("Some", bound=Effect)
+Channels = dict[tuple[str, int], "np.ndarray[tuple[int], np.dtype[np.float32]]"]
+
+
+class NominalMotion:
+    """The nominal motion at some rows, and what an effect changes against it.
+
+    Args:
+        setup: site, rig, sensors.
+        course: what the table does.
+        time: of the rows, s, (n,).
+        matrices: of each sensor by name, (k, 3): reading per unit of force or rate in the body
+            frame; the nominal one unless given. A FOG's is (1, 1).
+    """
+
+    def __init__(
+        self, setup: Setup, course: Course, time: Array, matrices: Mapping[str, Array] | None = None
+    ) -> None:
+        self.setup, self.course, self.time = setup, course, time
+        self.matrices = matrices or {}
+        self.drive = course.drive(time)
+        motion = closed_form(setup, self.drive)
+        self.sense = {s.name: make_sense(s, setup, motion, self.drive) for s in setup.sensor}
+        self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
+        self.responses = Responses(setup, self.drive)
+        self._slopes: tuple[Array, Array] | None = None
+
+    def through(self, matrices: Mapping[str, Array]) -> "NominalMotion":
+        """The same motion through other sensor matrices."""
+        other = copy(self)
+        other.matrices = matrices
+        return other
+
+    def changes(self, effect: Effect) -> dict[str, Array]:
+        """Change of the readings of each sensor that changes, SI, (n, k)."""
+        if isinstance(effect, DelayEffect):
+            changes = self._late(effect)
+        elif isinstance(effect, SignalEffect):
+            changes = {str(effect.sensor): self._signal(effect)}
+        else:
+            changes = self._moved(effect)
+        return {name: self._converted(name, change, effect) for name, change in changes.items()}
+
+    def each(self, effect: Learned) -> dict[str, Array]:
+        """Changes by one of each coefficient of a curve, SI, (n, k, p): all at once."""
+        if isinstance(effect, LearnedReading):
+            sense = self.sense[str(effect.sensor)]
+            columns = effect.columns(sense)
+            change = np.zeros(
+                (len(self.time), len(sense.axes) if sense.kind != "fog" else 1, columns.shape[1])
+            )
+            change[:, effect.channel(sense)] = columns
+            return {str(effect.sensor): self._converted(str(effect.sensor), change, effect)}
+        assert isinstance(effect, LearnedReadout | LearnedTilt)
+        place = (
+            ("axis", str(effect.axis))
+            if isinstance(effect, LearnedReadout)
+            else (effect.slot, effect.turn)
+        )
+        force, rate = self.responses.to({place: effect.each_along(self.drive)})
+        return {
+            name: self._converted(name, change, effect)
+            for name, change in self._read(force, rate).items()
+        }
+
+    def _converted(self, name: str, change: Array, effect: Effect) -> Array:
+        """The change of what an inclinometer says, where the effect acts on the force it senses: d
+        asin(f/g) = df / (g cos).
+        """
+        if (
+            self.setup.named(name).kind != "inclinometer"
+            or getattr(effect, "order", 0) >= CONVERSION
+        ):
+            return change
+        g = self.setup.site.gravity
+        steep = np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
+        return change / (steep[:, :, None] if change.ndim == 3 else steep)
+
+    def _signal(self, effect: SignalEffect) -> Array:
+        """Change of a reading by an effect of the sensor or its electronics."""
+        sensor = self.setup.named(str(effect.sensor))
+        start = self.ideal[sensor.name]
+        if effect.order >= CONVERSION and sensor.kind == "inclinometer":
+            start = tilt_of_force(start, self.setup.site.gravity)
+        sense = self.sense[sensor.name]
+        small = replace(
+            effect,
+            values={**effect.values, **{n: effect.straight * v for n, v in effect.sizes.items()}},
+        )
+        # the last samples of a loss have none
+        up = np.nan_to_num(small.apply(start.copy(), sense, None) - start) / effect.straight
+        if one_sided(effect):
+            return up
+        return (
+            up - (effect_down(small).apply(start.copy(), sense, None) - start) / effect.straight
+        ) / 2
+
+    def _moved(self, effect: Effect) -> dict[str, Array]:
+        """Change of every sensor's reading by what moves differently."""
+        if moves_smoothly(effect):
+            turns = self.responses.turns(effect)
+            if not one_sided(effect):
+                down = self.responses.turns(effect_down(effect))
+                turns = {place: (jet - down[place]).scaled(0.5) for place, jet in turns.items()}
+            return self._read(*self.responses.to(turns))
+        up = force_and_rate(self.setup, self.drive, [effect])
+        if one_sided(effect):
+            base = next(iter(self.sense.values()))
+            return self._read(up[0] - base.force, up[1] - base.rate)
+        low = force_and_rate(self.setup, self.drive, [effect_down(effect)])
+        return self._read((up[0] - low[0]) / 2, (up[1] - low[1]) / 2)
+
+    def _read(self, force: Array, rate: Array) -> dict[str, Array]:
+        """What a change of force and rate in the body frame, (n, 3) or (n, 3, p) each, does to each
+        sensor.
+        """
+        found = {}
+        for name, sense in self.sense.items():
+            source = force if sense.kind in ACCELEROMETERS else rate
+            if sense.kind == "fog":
+                matrix = sense.input_vector[None, :]
+            else:
+                matrix = self.matrices.get(name, np.eye(3)[list(sense.axes)])
+            found[name] = np.moveaxis(np.tensordot(source, matrix, axes=(1, 1)), -1, 1)
+        return found
+
+    def _late(self, effect: DelayEffect) -> dict[str, Array]:
+        """Change of a sensor's reading by a delay: minus the delay times its time derivative, by a
+        millisecond's step.
+
+        A delay that names no sensor is the recorder's own: all sensors alike.
+        """
+        if self._slopes is None:
+            step = 5e-4
+            ahead, behind = (
+                force_and_rate(self.setup, self.course.drive(self.time + sign * step))
+                for sign in (1, -1)
+            )
+            self._slopes = (ahead[0] - behind[0]) / (2 * step), (ahead[1] - behind[1]) / (2 * step)
+        slopes = self._read(*self._slopes)
+        names = [effect.sensor] if effect.sensor else list(slopes)
+        return {
+            name: np.column_stack(
+                [
+                    -effect.delay(self.drive.elapsed, k, None) * column
+                    for k, column in enumerate(slopes[name].T)
+                ]
+            )
+            for name in names
+        }
+
+
+def one_sided(effect: Effect) -> bool:
+    """Whether one step up tells all: a linear effect, or a size that has no negative side."""
+    return effect.linear or any(p.positive and not p.is_shape for p in effect.parameters)
+
+
+def effect_down(effect: Some) -> Some:
+    """The effect with the sign of its size turned, its shape kept."""
+    return replace(effect, values={**effect.values, **{n: -v for n, v in effect.sizes.items()}})

@@ -56,11 +56,12 @@ from tiltcal.diagnosis.search.unlisted_curves import drop_formless_names, prefer
 from tiltcal.effects import CATALOGUE, Effect
 from tiltcal.effects.data.faults import DataDrop
 from tiltcal.effects.data.labelling_faults import DataTruncation
+from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.table.readout import IndexError_
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.noise_spectrum import NoiseModel
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 
@@ -104,49 +105,56 @@ def diagnose(
     prepared = prepare(scenario, recordings, noise)
     if not prepared.observations.determines(prepared.start.columns):
         return _answer(prepared, prepared.start, prepared.whitened, (), (), False)
-    progress("what every effect would do")
+    progress("computing the signature of every effect")
     lines = spectral_lines_of(prepared.observations, prepared.start)
-    full, prepared = (
-        prepared.observations,
-        averaged_blocks(prepared, block_of(prepared.observations, lines)),
-    )
-    whitened = prepared.whitened
-    blurred = any(isinstance(f.effect, DataTruncation) for f in prepared.faults)
-    build_dictionary(whitened.columns, prepared.start, lines, blurred)
+    whole = prepared.observations
+    prepared = averaged_blocks(prepared, block_of(whole, lines))
     at_rest = None if static is None else static_noise(prepared.observations, static, noise)
-    gate = NoiseGate(at_rest, len(whitened.hypotheses))
-    progress("who is to blame")
-    fitted, whitened = forward_selection(prepared.start, whitened, gate, _textbook)
-    fitted, whitened = swap_search(fitted, prepared.start, whitened, gate, _textbook)
-    if extend_dictionary(whitened.columns, fitted, lines):
-        fitted, whitened = forward_selection(fitted, whitened, gate, _textbook)
-    fitted = merge_small_findings(fitted, whitened)
-    progress("what no name fits")
-    fitted, whitened = prefer_unlisted_curve(fitted, whitened, gate)
-    fitted, whitened = backward_elimination(fitted, whitened, gate)
-    # in the noise that is left now
-    fitted = add_predictive_parameters(refine_all_shapes(fitted, whitened), whitened)
-    progress("rivals")
-    chance: list[Fault] = []
-    if prepared.floors:
-        fitted = drop_below_code(fitted, whitened, prepared.floors, blurred)
-    else:
-        fitted, chance = _by_chance(fitted, prepared.start, whitened, gate)
-    # its sizes have been fitted again since
-    fitted = drop_unpredictive(
-        drop_implausible_sizes(drop_formless_names(fitted, whitened), whitened), whitened
-    )
-    fitted, whitened = drop_below_bic(fitted, whitened, gate)
-    if prepared.floors:  # in the noise that is left now its sizes are others
-        fitted = drop_below_code(fitted, whitened, prepared.floors, blurred)
-    fitted = normalise_tone_phase(fitted, prepared.observations)
+    fitted, whitened, chance, gate = _explained(prepared, lines, at_rest, progress)
     progress("re-simulating")
     values: list[float] = []
     if fitted.terms:
         values, whitened = gate.log_p(fitted, whitened)
     found = findings_of(fitted, whitened, values)
     answer = _answer(prepared, fitted, whitened, found, chance, True, static is not None)
-    return answer if laboratory is None else _simulated(answer, laboratory, full, fitted)
+    return answer if laboratory is None else _simulated(answer, laboratory, whole, fitted)
+
+
+def _explained(
+    prepared: PreparedData,
+    lines: SpectralLines,
+    at_rest: tuple[NoiseFit, ...] | None,
+    progress: Progress,
+) -> tuple[FittedModel, WhitenedModel, list[Fault], NoiseGate]:
+    """The fitted model of the recordings, the noise that it leaves, random effects, and the test
+    that findings have passed.
+    """
+    start, whitened, floors = prepared.start, prepared.whitened, prepared.floors
+    blurred = any(isinstance(f.effect, DataTruncation) for f in prepared.faults)
+    build_dictionary(whitened.columns, start, lines, blurred)
+    gate = NoiseGate(at_rest, len(whitened.hypotheses))
+    progress("searching for effects")
+    fitted, whitened = forward_selection(start, whitened, gate, _textbook)
+    fitted, whitened = swap_search(fitted, start, whitened, gate, _textbook)
+    if extend_dictionary(whitened.columns, fitted, lines):
+        fitted, whitened = forward_selection(fitted, whitened, gate, _textbook)
+    fitted = merge_small_findings(fitted, whitened)
+    progress("fitting unlisted curves")
+    fitted, whitened = prefer_unlisted_curve(fitted, whitened, gate)
+    fitted, whitened = backward_elimination(fitted, whitened, gate)
+    # under the noise that is left now
+    fitted = add_predictive_parameters(refine_all_shapes(fitted, whitened), whitened)
+    progress("comparing alternatives")
+    chance: list[Fault] = []
+    if floors:
+        fitted = drop_below_code(fitted, whitened, floors, blurred)
+    else:
+        fitted, chance = _by_chance(fitted, start, whitened, gate)
+    fitted = drop_implausible_sizes(drop_formless_names(fitted, whitened), whitened)
+    fitted, whitened = drop_below_bic(drop_unpredictive(fitted, whitened), whitened, gate)
+    if floors:  # under the noise that is left now its sizes have changed
+        fitted = drop_below_code(fitted, whitened, floors, blurred)
+    return normalise_tone_phase(fitted, prepared.observations), whitened, chance, gate
 
 
 def _textbook(hypothesis: Hypothesis) -> bool:

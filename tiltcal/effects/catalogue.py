@@ -5,17 +5,16 @@ import inspect
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
-from math import isfinite
 from types import ModuleType
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError, nearest, one_of
 from tiltcal.core.extensions import members
-from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects.base import Effect
+from tiltcal.effects.file_values import check_allowed, file_names, number_of, parameter_of
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.learned_files import learned_table, make_learned
-from tiltcal.effects.parameter import STAGES, Parameter
+from tiltcal.effects.parameter import STAGES
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
@@ -161,6 +160,29 @@ def make_effect(
         )
     cls = CATALOGUE[id]
     subject = f"{subject} {id}"
+    bound = _bound_to(cls, setup, sensor, axis, subject)
+    known = {name: p for p in cls.parameters for name in p.expand(bound.axes if bound else ())}
+    numbers: dict[str, float] = {}
+    sigmas: dict[str, float] = {}
+    for key, value in values.items():
+        target = sigmas if key.startswith("sigma_") and key not in file_names(known) else numbers
+        name, factor = parameter_of(
+            key if target is numbers else key[len("sigma_") :], known, subject
+        )
+        target[name] = number_of(value, f"{subject}, key {key}") * factor
+        if target is numbers:
+            check_allowed(known[name], numbers[name], value, f"{subject}, key {key}")
+    return cls(numbers, bound.name if bound else None, axis, role, sigmas, fit, seen_in)
+
+
+def _bound_to(
+    cls: type[Effect], setup: Setup, sensor: str | None, axis: str | None, subject: str
+) -> Sensor | None:
+    """The sensor that an effect acts on.
+
+    Raises:
+        TiltcalError: the rig has no such table, sensor or axis.
+    """
     if (cls.stage == "table" or cls.on_table) and not setup.rig.axes:
         raise TiltcalError(
             subject,
@@ -180,67 +202,7 @@ def make_effect(
         raise TiltcalError(
             subject, found="axis", need="no axis: it acts on the whole", do="remove that key"
         )
-    known = {name: p for p in cls.parameters for name in p.expand(bound.axes if bound else ())}
-    numbers: dict[str, float] = {}
-    sigmas: dict[str, float] = {}
-    for key, value in values.items():
-        target = sigmas if key.startswith("sigma_") and key not in _file_names(known) else numbers
-        name, factor = _parameter(
-            key if target is numbers else key[len("sigma_") :], known, subject
-        )
-        target[name] = _number(value, f"{subject}, key {key}") * factor
-        if target is numbers:
-            _allowed(known[name], numbers[name], value, f"{subject}, key {key}")
-    return cls(numbers, bound.name if bound else None, axis, role, sigmas, fit, seen_in)
-
-
-def _allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
-    """Widths, deviations and times are not negative; what divides (it has a default) is not
-    zero.
-    """
-    if parameter.positive and number < 0:
-        raise TiltcalError(subject, found=f"{value}", need="a value >= 0", do="correct its sign")
-    if parameter.positive and parameter.default and number == 0:
-        raise TiltcalError(
-            subject, found=f"{value}", need="a value > 0", do="leave it out, or give its size"
-        )
-
-
-def _file_names(known: Mapping[str, Parameter]) -> list[str]:
-    return [f"{name}{p.suffix}" for name, p in known.items()]
-
-
-def _parameter(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[str, float]:
-    """Bare name and SI factor of a key such as ``k2_x_ug_g2``; any unit of the same quantity will
-    do.
-    """
-    for name, parameter in known.items():
-        if key == f"{name}{parameter.suffix}":
-            return name, parameter.factor
-    name, unit = split_unit(key, PARAMETER_UNITS)
-    if name in known and unit is not None:
-        if PARAMETER_UNITS[unit].quantity == PARAMETER_UNITS[known[name].unit].quantity:
-            return name, PARAMETER_UNITS[unit].factor
-        raise TiltcalError(
-            f"{subject}, key {key}",
-            found=f"unit {unit}",
-            need=f"a unit like {known[name].unit}",
-            do="convert the value",
-        )
-    raise TiltcalError(
-        subject,
-        found=f"unknown key '{key}'",
-        need="a parameter with its unit",
-        do=nearest(key, _file_names(known)),
-    )
-
-
-def _number(value: Any, subject: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise TiltcalError(
-            subject, found=repr(value), need="a number", do="write it without quotes"
-        )
-    return float(value)
+    return bound
 
 
 def _sensor_of(cls: type[Effect], setup: Setup, sensor: str | None, subject: str) -> Sensor | None:

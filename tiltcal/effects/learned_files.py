@@ -1,6 +1,6 @@
 """Learned effects as tables of a scenario file."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,27 +58,14 @@ def make_learned(
         TiltcalError: a key or a word is wrong.
     """
     subject = f"{subject} learned"
-    for key in table:
-        if key not in _KEYS:
-            raise TiltcalError(
-                subject,
-                found=f"unknown key '{key}'",
-                need="a key of it",
-                do=nearest(key, sorted(_KEYS)),
-            )
+    _check_keys(table, subject)
     on = _word(table, "on", "reading", KINDS, subject)
     coordinate = _word(table, "coordinate", "", (*_angles(), *COORDINATES), subject)
     place = _word(table, "place", "sensor", STAGES, subject)
     knots, numbers = (
         _numbers(table.get(key, ()), f"{subject}, key {key}") for key in ("knots", "coefficients")
     )
-    if knots and (len(knots) != len(numbers) or len(knots) < 2 or np.any(np.diff(knots) <= 0)):
-        raise TiltcalError(
-            subject,
-            found=f"{len(knots)} knots, {len(numbers)} coefficients",
-            need="two or more increasing knots, one coefficient each",
-            do="correct the lists",
-        )
+    _check_knots(knots, numbers, subject)
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
     lag, period, power = (_amount(table, key, subject) for key in ("lag_s", "period", "power"))
     if power and (knots or len(numbers) > 1):
@@ -107,6 +94,27 @@ def make_learned(
         power=power,
         odd=bool(table.get("odd", False)),
     )
+
+
+def _check_keys(table: Mapping[str, Any], subject: str) -> None:
+    for key in table:
+        if key not in _KEYS:
+            raise TiltcalError(
+                subject,
+                found=f"unknown key '{key}'",
+                need="a key of it",
+                do=nearest(key, sorted(_KEYS)),
+            )
+
+
+def _check_knots(knots: Sequence[float], numbers: Sequence[float], subject: str) -> None:
+    if knots and (len(knots) != len(numbers) or len(knots) < 2 or np.any(np.diff(knots) <= 0)):
+        raise TiltcalError(
+            subject,
+            found=f"{len(knots)} knots, {len(numbers)} coefficients",
+            need="two or more increasing knots, one coefficient each",
+            do="correct the lists",
+        )
 
 
 def _angles() -> list[str]:

@@ -75,34 +75,21 @@ class SimulatedLaboratory:
         course = self.course(scenario, seed)
         start, end = course.times
         own = {s.name: _stamps(start, end, s.rate_hz) for s in scenario.sensor}
-        values = readings(
-            scenario, course, own, as_met(scenario.effects, NEW), seed=seed, mover=self.mover
-        )
+        effects = as_met(scenario.effects, NEW)
+        values = readings(scenario, course, own, effects, seed=seed, mover=self.mover)
         time = own[scenario.sensor[0].name]
         for stamps in own.values():
             if not np.array_equal(stamps, time):
                 time = np.union1d(time, stamps)
         drive = course.drive(time)
-        columns = {
-            f"{angle_channel(name)}_deg": angle / DEG
-            for name, angle in written_readout(scenario.effects, drive).items()
-        }
+        written = written_readout(scenario.effects, drive).items()
+        columns = {f"{angle_channel(name)}_deg": angle / DEG for name, angle in written}
         for sensor in scenario.sensor:
-            columns |= _columns(
-                sensor,
-                values[sensor.name],
-                np.searchsorted(time, own[sensor.name]),
-                len(time),
-                seed,
-            )
+            rows = np.searchsorted(time, own[sensor.name])
+            columns |= _columns(sensor, values[sensor.name], rows, len(time), seed)
         columns["temperature_degC"] = drive.temperature
         labels = scenario.schedule.labels(time)
-        metadata = _metadata(scenario, seed)
-        mounts = scenario.schedule.mountings(time)
-        if len(mounts) > 1 or mounts[0][1] != scenario.rig.mount:
-            metadata["mount"] = "; ".join(
-                text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts
-            )
+        metadata = _metadata(scenario, seed) | _mountings(scenario, time)
         return Recording.from_columns(
             written_stamps(scenario.effects, time),
             columns,
@@ -233,6 +220,15 @@ def _like(sensor: Sensor, values: Array, motion: Recording, seed: int | None) ->
         )
         columns[name] = to_column(sensor, values, str(split_unit(name)[1]), seed is not None)[:, i]
     return columns
+
+
+def _mountings(scenario: Scenario, time: Array) -> dict[str, str]:
+    """The mountings of a recording as metadata, where they are not the stated one throughout."""
+    mounts = scenario.schedule.mountings(time)
+    if len(mounts) == 1 and mounts[0][1] == scenario.rig.mount:
+        return {}
+    parts = (text if row == 0 else f"{time[row]:.6g} s: {text}" for row, text in mounts)
+    return {"mount": "; ".join(parts)}
 
 
 def _metadata(scenario: Scenario, seed: int | None) -> dict[str, str]:

@@ -2,7 +2,7 @@
 seen, the amended scenario.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -60,67 +60,85 @@ def _finding(
     """One finding, with its class and its place."""
     observations = whitened.observations
     term = fitted.terms[places[0]]
-    removed = remove_finding(fitted, whitened, places)
     effect = term.effect
+    removed = remove_finding(fitted, whitened, places)
     sensors, axes = _shown(removed.signal, observations)
     sizes = sum(len(fitted.terms[k].names) for k in places)
     gain = sum(float(t @ t) for t in removed.target) - fitted.deviance
-    held = heldout_gain(fitted, whitened, places)
-    where = Where(
-        coordinate_of_effect(effect, observations.scenario),
-        harmonic_of(effect, observations.scenario.rig),
-        _interval(effect),
+    scenario = observations.scenario
+    unnamed = Finding(
+        effect=None,
+        names=(),
+        stage=stage_of(effect),
+        sensors=sensors,
+        axes=axes,
+        where=Where(
+            coordinate_of_effect(effect, scenario),
+            harmonic_of(effect, scenario.rig),
+            _interval(effect),
+        ),
+        p_value=float(np.exp(log_p)),
+        delta_bic=price_of(whitened) * sizes - gain,
+        heldout_gain=heldout_gain(fitted, whitened, places),
     )
     if not term.hypothesis.listed and isinstance(effect, Learned):
-        named = rank_alternatives(removed, whitened, lambda s: s.listed)
-        rivals = tuple((r.hypothesis.id, r.cosine, r.separation) for r in named[:5])
-        words = f"{learned_name(effect).capitalize()}: no named effect has this form."
-        return Finding(
-            None,
-            (),
-            stage_of(effect),
-            sensors,
-            axes,
-            where,
-            {},
-            float(np.exp(log_p)),
-            price_of(whitened) * sizes - gain,
-            held,
-            rivals,
-            words,
-            next_step((), effect),
-        )
-    rivals_, names = _class_of(term, removed, whitened)
-    id = term.hypothesis.id
-    late, same = thermal_lag_findings([fitted.terms[k] for k in places], removed, fitted, whitened)
+        return _unlisted(unnamed, effect, removed, whitened)
+    return _named(unnamed, fitted, whitened, places, removed)
+
+
+def _unlisted(
+    finding: Finding, effect: Learned, removed: RemovedFinding, whitened: WhitenedModel
+) -> Finding:
+    """The finding as a curve that no effect of the catalogue fits."""
+    named = rank_alternatives(removed, whitened, lambda s: s.listed)
+    return replace(
+        finding,
+        rivals=tuple((r.hypothesis.id, r.cosine, r.separation) for r in named[:5]),
+        statement=f"{learned_name(effect).capitalize()}: no named effect has this form.",
+        next_measurement=next_step((), effect),
+    )
+
+
+def _named(
+    finding: Finding,
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    places: Sequence[int],
+    removed: RemovedFinding,
+) -> Finding:
+    """The finding under its name, with the names that the recording cannot tell from it."""
+    term = fitted.terms[places[0]]
+    effect, id = term.effect, term.hypothesis.id
+    rivals, names = _class_of(term, removed, whitened)
+    inside = [fitted.terms[k] for k in places]
+    late, same = thermal_lag_findings(inside, removed, fitted, whitened)
     names = (*names, *(n for n in same if n not in names))
     parameters = {} if isinstance(effect, Learned) else _parameters(term, fitted.sigmas(places[0]))
-    cls = CATALOGUE[id]
-    other = (
-        f" (or {', '.join(n for n in names if n != id)}: this recording cannot tell)"
-        if len(names) > 1
-        else ""
+    return replace(
+        finding,
+        effect=id,
+        names=names,
+        stage=CATALOGUE[id].stage,
+        parameters=parameters,
+        rivals=rivals,
+        statement=_statement(finding, id, names, parameters) + late,
+        next_measurement=next_step(names, effect),
     )
-    size = shown(parameters) if parameters else f"as a curve over {where.coordinate}"
-    words = (
-        f"{cls.title[:1].upper()}{cls.title[1:]} ({id}) on {', '.join(sensors)}"
-        f" {', '.join(axes)}{other}: {size}.{late}"
-    )
-    return Finding(
-        id,
-        names,
-        cls.stage,
-        sensors,
-        axes,
-        where,
-        parameters,
-        float(np.exp(log_p)),
-        price_of(whitened) * sizes - gain,
-        held,
-        rivals_,
-        words,
-        next_step(names, effect),
-    )
+
+
+def _statement(
+    finding: Finding,
+    id: str,
+    names: Sequence[str],
+    parameters: Mapping[str, tuple[float, float]],
+) -> str:
+    """What was found, where, how large, and what else it may be."""
+    title = CATALOGUE[id].title
+    others = ", ".join(n for n in names if n != id)
+    other = f" (or {others}: this recording cannot tell)" if others else ""
+    size = shown(parameters) if parameters else f"as a curve over {finding.where.coordinate}"
+    place = f"{', '.join(finding.sensors)} {', '.join(finding.axes)}"
+    return f"{title[:1].upper()}{title[1:]} ({id}) on {place}{other}: {size}."
 
 
 def _class_of(

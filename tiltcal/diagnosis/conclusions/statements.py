@@ -1,5 +1,7 @@
 """Findings in words, and what they follow."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from tiltcal.design.identifiability import tie_breaker
@@ -108,7 +110,7 @@ def learned_name(effect: Learned) -> str:
     return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
 
 
-def shown(parameters: dict[str, tuple[float, float]]) -> str:
+def shown(parameters: Mapping[str, tuple[float, float]]) -> str:
     """Values with their uncertainties, each with as many digits as it deserves."""
     words = []
     for name, (value, sigma) in list(parameters.items())[:4]:

@@ -116,19 +116,7 @@ def clipped_values(
         if len(free) < 32 or repeat_chance(free) > FLAT:
             continue
         noise = noise_of(free)
-        limits = []
-        for sign in (1.0, -1.0):
-            top = float((sign * values).max())
-            there = sign * values >= top - 1e-9 * max(abs(top), 1e-9)
-            near = sign * values > top - 4 * noise
-            if (
-                top > 0
-                and there.sum() >= 6
-                and there.sum() > 0.3 * near.sum()
-                and _in_runs(there)
-                and top > 20 * noise
-            ):
-                limits.append((sign, top, there))
+        limits = _limits_of(values, noise)
         if not limits:
             continue
         full_scale = min(top for _, top, _ in limits)
@@ -141,16 +129,22 @@ def clipped_values(
             f"{sensor.name} {axis} is clipped at {full_scale:.6g} (SI): {flat} samples without"
             " noise."
         )
-        found.append(
-            Fault(
-                effect,
-                (sensor.name,),
-                (axis,),
-                words,
-                sigma={"full_scale": noise / np.sqrt(mask.sum())},
-            )
-        )
+        sigma = {"full_scale": noise / np.sqrt(mask.sum())}
+        found.append(Fault(effect, (sensor.name,), (axis,), words, sigma=sigma))
     return recording, found
+
+
+def _limits_of(values: Array, noise: float) -> list[tuple[float, float, Mask]]:
+    """(sign, limit, rows) of each end at which values lie without noise."""
+    limits = []
+    for sign in (1.0, -1.0):
+        top = float((sign * values).max())
+        there = sign * values >= top - 1e-9 * max(abs(top), 1e-9)
+        near = sign * values > top - 4 * noise
+        many = there.sum() >= 6 and there.sum() > 0.3 * near.sum()
+        if top > 20 * noise and many and _in_runs(there):
+            limits.append((sign, top, there))
+    return limits
 
 
 def _in_runs(mask: Mask) -> bool:

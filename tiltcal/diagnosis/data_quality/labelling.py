@@ -1,6 +1,6 @@
 """What columns may mean besides what their names say: factors, signs and permutations of axes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import permutations, product
 
 import numpy as np
@@ -95,43 +95,25 @@ def faults_of_permutation(P: Array, sensor: Sensor) -> list[Fault]:
     faults = []
     if len(moved) == 2:
         pair = "".join(sensor.axes[i] for i in moved)
-        name = f"swap_{'zx' if pair == 'xz' else pair}"
-        effect = DataAxisSwap({name: 1.0}, sensor.name, None, "found")
-        faults.append(
-            Fault(
-                effect,
-                (sensor.name,),
-                tuple(pair),
-                f"The columns {' and '.join(pair)} of {sensor.name} are exchanged.",
-            )
-        )
+        swap = f"swap_{'zx' if pair == 'xz' else pair}"
+        words = f"The columns {' and '.join(pair)} of {sensor.name} are exchanged."
+        faults.append(_exchanged(sensor, (swap,), tuple(pair), words))
     if len(moved) == 3:
-        first, second = (
-            ("swap_xy", "swap_yz") if P[0, 1] or P[0].argmax() == 1 else ("swap_xy", "swap_zx")
-        )
-        effect = DataAxisSwap({first: 1.0, second: 1.0}, sensor.name, None, "found")
-        faults.append(
-            Fault(
-                effect,
-                (sensor.name,),
-                sensor.axes,
-                f"The columns of {sensor.name} are exchanged in a ring.",
-            )
-        )
+        second = "swap_yz" if P[0, 1] or P[0].argmax() == 1 else "swap_zx"
+        words = f"The columns of {sensor.name} are exchanged cyclically."
+        faults.append(_exchanged(sensor, ("swap_xy", second), sensor.axes, words))
     if flipped:
         axes = tuple(sensor.axes[i] for i in flipped)
         sign = DataSign({f"flip_{a}": 1.0 for a in axes}, sensor.name, None, "found")
         names = (DataSign.id, DataHand.id) if axes == ("y",) and n == 3 else (DataSign.id,)
-        faults.append(
-            Fault(
-                sign,
-                (sensor.name,),
-                axes,
-                f"{sensor.name} {', '.join(axes)} has the opposite sign.",
-                names=names,
-            )
-        )
+        words = f"{sensor.name} {', '.join(axes)} has the opposite sign."
+        faults.append(Fault(sign, (sensor.name,), axes, words, names=names))
     return faults
+
+
+def _exchanged(sensor: Sensor, swaps: Sequence[str], axes: Sequence[str], words: str) -> Fault:
+    effect = DataAxisSwap(dict.fromkeys(swaps, 1.0), sensor.name, None, "found")
+    return Fault(effect, (sensor.name,), tuple(axes), words)
 
 
 # between the units that people mix up

@@ -14,6 +14,7 @@ from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataDrop
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.noise_spectrum import robust_white
 
 MOST = 80  # samples
@@ -55,29 +56,21 @@ def find_lost_samples(
                 continue
             time, lost = loss
             repaired[number] = shifted(repaired[number], sensor, time, lost)
-            start = time - float(recording.time[0])
-            effect = DataDrop(
-                {"samples": float(lost), "time": start},
-                sensor.name,
-                None,
-                "found",
-                seen_in=recording.fingerprint,
-            )
-            words = (
-                f"{lost} samples of {sensor.name} are lost at about {start:.1f} s: all later moves"
-                " come early."
-            )
-            faults.append(
-                Fault(
-                    effect,
-                    (sensor.name,),
-                    sensor.axes,
-                    words,
-                    (start, None),
-                    sigma={"samples": 0.3},
-                )
-            )
+            faults.append(_lost(recording, sensor, time, lost))
     return faults, tuple(repaired)
+
+
+def _lost(recording: Recording, sensor: Sensor, time: float, lost: int) -> Fault:
+    """So many samples of a sensor that were lost at an instant, s."""
+    start = time - float(recording.time[0])
+    values = {"samples": float(lost), "time": start}
+    effect = DataDrop(values, sensor.name, None, "found", seen_in=recording.fingerprint)
+    words = (
+        f"{lost} samples of {sensor.name} are lost at about {start:.1f} s: all later moves"
+        " come early."
+    )
+    interval, sigma = (start, None), {"samples": 0.3}
+    return Fault(effect, (sensor.name,), sensor.axes, words, interval, sigma=sigma)
 
 
 def lost_as_another(own: Sequence[tuple[Channel, Array]], time: float, lost: int) -> bool:

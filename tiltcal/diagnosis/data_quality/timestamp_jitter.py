@@ -1,5 +1,7 @@
 """Time stamps that are wrong by chance."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
@@ -49,23 +51,21 @@ def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault 
     )
     if value < 8 * sigma or smooth > 0.3 * top:
         return None
-    strong = [
-        k
-        for k, e in sorted(energy.items(), key=lambda item: -item[1])
-        if e > 0.05 * sum(energy.values())
-    ]
-    effect = DataJitter({"jitter": float(np.sqrt(value))}, strong[0][0], None, "found")
+    return _jitter(float(np.sqrt(value)), float(sigma / (2 * np.sqrt(value))), energy)
+
+
+def _jitter(size: float, sigma: float, energy: Mapping[tuple[str, str], float]) -> Fault:
+    """Random stamps of this rms size, s, seen in channels by the energy of their slopes."""
+    total = sum(energy.values())
+    ordered = sorted(energy.items(), key=lambda item: -item[1])
+    strong = [key for key, e in ordered if e > 0.05 * total]
+    effect = DataJitter({"jitter": size}, strong[0][0], None, "found")
     words = (
-        f"Stamps are wrong by chance, {1e3 * np.sqrt(value):.3g} ms rms: the residual grows with"
-        " the rate of the reading."
+        f"Time stamps scatter by {1e3 * size:.3g} ms rms: the residual grows with the rate of the"
+        " reading."
     )
-    return Fault(
-        effect,
-        tuple(dict.fromkeys(s for s, _ in strong)),
-        tuple(dict.fromkeys(a for _, a in strong)),
-        words,
-        sigma={"jitter": float(sigma / (2 * np.sqrt(value)))},
-    )
+    sensors, axes = (tuple(dict.fromkeys(column)) for column in zip(*strong, strict=True))
+    return Fault(effect, sensors, axes, words, sigma={"jitter": sigma})
 
 
 def _quiet_noise(residual: Array, stop: Index) -> float:

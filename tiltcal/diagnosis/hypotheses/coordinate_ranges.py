@@ -5,52 +5,68 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
+from tiltcal.setup.tables import angle_channel
+
+Ranges = dict[str, tuple[float, float]]
+"""Least and largest value of each coordinate, SI."""
 
 
 def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRanges:
     """What some recordings span."""
-    ranges: dict[str, tuple[float, float]] = {}
     duration = max(float(r.time[-1] - r.time[0]) for r in observations.recordings)
-    ranges["time"] = (0.0, duration)
-    temperature = [
-        t - t.mean() for r in observations.recordings if (t := r.temperature()) is not None
-    ]
-    if temperature:
-        both = np.concatenate(temperature)
-        ranges["temperature"] = (float(both.min()), float(both.max()))
-        slopes = np.concatenate(
-            [
-                np.gradient(t, r.time)
-                for t, r in zip(temperature, observations.recordings, strict=False)
-            ]
-        )
-        ranges["warming"] = (float(slopes.min()), float(slopes.max()))
-    for axis in observations.scenario.rig.axis_names:
-        turned = np.concatenate(
-            [a[~np.isnan(a)] for r in observations.recordings if (a := r.table(axis)) is not None]
-        )
-        ranges[f"table_{axis}"] = (float(turned.min()), float(turned.max()))
-    for channel in observations.channels:
-        values = _readings(channel, observations)
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        known = ranges.get(f"{channel.sensor}_input", (low, high))
-        ranges[f"{channel.sensor}_input"] = (min(low, known[0]), max(high, known[1]))
     g = observations.scenario.site.gravity
-    stops = observations.stops
-    if any((stop >= 0).any() and (stop < 0).any() for stop in stops):
-        ranges["since_move"] = (
-            0.0,
-            max(
-                _longest_rest(r.time, s)
-                for r, s in zip(observations.recordings, stops, strict=True)
-            ),
-        )
-        ranges["moves"] = (0.0, float(max(stop.max() for stop in stops)) + 1)
-    ranges |= {f"force_{a}": (-g, g) for a in "xyz"}
+    ranges = {"time": (0.0, duration)}
+    ranges |= _thermal(observations) | _angular(observations) | _inputs(observations)
+    ranges |= _between_moves(observations) | {f"force_{a}": (-g, g) for a in "xyz"}
     if (top := fastest(observations)) > 0:
         ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
     rate = max(s.rate_hz for s in observations.scenario.sensor)
     return CoordinateRanges(duration, rate, lines, ranges)
+
+
+def _thermal(observations: Observations) -> Ranges:
+    """Temperature about its mean, K, and its rate, K/s."""
+    known = [(r, t) for r in observations.recordings if (t := r.temperature()) is not None]
+    if not known:
+        return {}
+    temperature = np.concatenate([t - t.mean() for _, t in known])
+    slopes = np.concatenate([np.gradient(t - t.mean(), r.time) for r, t in known])
+    return {
+        "temperature": (float(temperature.min()), float(temperature.max())),
+        "warming": (float(slopes.min()), float(slopes.max())),
+    }
+
+
+def _angular(observations: Observations) -> Ranges:
+    """Angles of the table's axes, rad."""
+    found = {}
+    for axis in observations.scenario.rig.axis_names:
+        tables = [a for r in observations.recordings if (a := r.table(axis)) is not None]
+        turned = np.concatenate([a[~np.isnan(a)] for a in tables])
+        found[angle_channel(axis)] = (float(turned.min()), float(turned.max()))
+    return found
+
+
+def _inputs(observations: Observations) -> Ranges:
+    """Inputs of each sensor, SI."""
+    found: Ranges = {}
+    for channel in observations.channels:
+        values, key = _readings(channel, observations), f"{channel.sensor}_input"
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        known = found.get(key, (low, high))
+        found[key] = (min(low, known[0]), max(high, known[1]))
+    return found
+
+
+def _between_moves(observations: Observations) -> Ranges:
+    """Time since the last move, s, and number of moves, where there are moves and rests."""
+    stops = observations.stops
+    if not any((stop >= 0).any() and (stop < 0).any() for stop in stops):
+        return {}
+    pairs = zip(observations.recordings, stops, strict=True)
+    longest = max(_longest_rest(r.time, s) for r, s in pairs)
+    count = float(max(stop.max() for stop in stops))
+    return {"since_move": (0.0, longest), "moves": (0.0, count + 1)}
 
 
 def _readings(channel: Channel, observations: Observations) -> Array:

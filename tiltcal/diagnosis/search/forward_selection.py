@@ -80,7 +80,7 @@ def forward_selection(
         alternatives = best_alternatives(trial, whitened, _outside(wanted, frozenset(banned)))
         if look is _white_noise:  # some curve fits any slow noise: only a form of its own
             alternatives = [r for r in alternatives if r.own >= OWN]
-        # look again in another noise: without those who wait, then white, then within the stops
+        # again in another noise: without those that wait, then white, then within the stops
         if not alternatives:
             noise: list[NoiseFit] | None = None
             if waiting:
@@ -90,41 +90,38 @@ def forward_selection(
                 noise = look(fitted, whitened)
             if noise is None:
                 break
-            waiting = ()
-            whitened = whitened.under(models(noise))
+            waiting, whitened = (), whitened.under(models(noise))
             fitted = refit(fitted, whitened)
             continue
-        own = [r for r in alternatives if r.own >= OWN and r.worth > NEARLY * alternatives[0].worth]
-        pick = preferred(
-            own or alternatives, trial.residual if not own else signal_of(own[0], trial, whitened)
-        )
-        terms = _hosted(
-            at_its_instant(refined(pick.terms, trial, whitened), trial, whitened),
-            pick.gain,
-            trial,
-            whitened,
-        )
+        pick = _preferred(alternatives, trial, whitened)
+        terms = at_its_instant(refined(pick.terms, trial, whitened), trial, whitened)
+        terms = _hosted(terms, pick.gain, trial, whitened)
         trial = refit(replace(trial, terms=trial.terms + terms), whitened)
         values, whitened = gate.log_p(trial, whitened)
         needed = [value < np.log(ALPHA) for value in values]
-        if (
-            needed[-1]
-            and not all(needed)
-            and (other := _without(trial, needed, fitted, whitened, gate)) is not None
-        ):
+        fewer = needed[-1] and not all(needed)
+        if fewer and (other := _without(trial, needed, fitted, whitened, gate)) is not None:
             (trial, whitened), needed, patience = other, [True], patience - 1
         if all(needed) and (whole := _grown(trial, fitted, whitened)) is not None:
-            fitted, waiting, banned = whole, (), set()
-            looks, look = (
-                [] if gate.static is not None else [_white_noise, noise_within_stops],
-                None,
-            )
+            fitted, waiting, banned, look = whole, (), set(), None
+            looks = [] if gate.static is not None else [_white_noise, noise_within_stops]
             continue
         patience -= 1
         banned.add(id(pick.hypothesis))
         waiting = trial.terms[len(fitted.terms) :] if len(waiting) < 2 and not all(needed) else ()
         whitened = gate.left_by(trial if waiting else fitted, whitened)
     return backward_elimination(fitted, whitened, gate)
+
+
+def _preferred(
+    alternatives: Sequence[Alternative], trial: FittedModel, whitened: WhitenedModel
+) -> Alternative:
+    """The one to take: of those that fit in their own form, where any is nearly the best."""
+    nearly = NEARLY * alternatives[0].worth
+    own = [r for r in alternatives if r.own >= OWN and r.worth > nearly]
+    if not own:
+        return preferred(alternatives, trial.residual)
+    return preferred(own, signal_of(own[0], trial, whitened))
 
 
 def _grown(trial: FittedModel, before: FittedModel, whitened: WhitenedModel) -> FittedModel | None:

@@ -57,32 +57,23 @@ def thermal_lag_findings(
     if beyond < SEPARABLE + LOOSE * gain:
         return "", ()
     shares: dict[str, float] = {}
-    for hypothesis in whitened.hypotheses:
-        branches = set(hypothesis.law.family.reading) >= BRANCHES
-        if branches and hypothesis.effect.sensor == late[0].sensor:
-            both = np.column_stack(
-                [still, _block([(hypothesis.effect, hypothesis.names)], removed, fitted, whitened)]
-            )
-            shares[hypothesis.id] = max(
-                shares.get(hypothesis.id, 0.0),
-                (_gain(both, target) - _gain(still, target)) / beyond,
-            )
-    told = ", ".join(
-        f"{id} {min(share, 1.0):.0%}"
-        for id, share in sorted(shares.items(), key=lambda item: -item[1])
-    )
+    for h in whitened.hypotheses:
+        branches = set(h.law.family.reading) >= BRANCHES
+        if branches and h.effect.sensor == late[0].sensor:
+            own = _block([(h.effect, h.names)], removed, fitted, whitened)
+            more = _gain(np.column_stack([still, own]), target) - _gain(still, target)
+            shares[h.id] = max(shares.get(h.id, 0.0), more / beyond)
+    ordered = sorted(shares.items(), key=lambda item: -item[1])
+    told = ", ".join(f"{id} {min(share, 1.0):.0%}" for id, share in ordered)
     words = (
         " No curve over temperature alone does that: warming and cooling differ, as of a thermal"
         " lag or hysteresis"
     )
     words += f" (beside such a curve, {told} of the difference)." if told else "."
     if all(getattr(t.hypothesis.effect, "lag", 0.0) == late[0].lag for t in inside):
-        return words, ()  # one lag says it all: no need of another law
-    return words, tuple(
-        id
-        for id, share in sorted(shares.items())
-        if (1 - share) * beyond < SEPARABLE + LOOSE * gain
-    )
+        return words, ()  # one lag explains it: no other law is needed
+    least = SEPARABLE + LOOSE * gain
+    return words, tuple(id for id, share in sorted(shares.items()) if (1 - share) * beyond < least)
 
 
 def _curves(

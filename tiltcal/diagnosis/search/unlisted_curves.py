@@ -76,19 +76,16 @@ def _better(
         weakest: energy of the weakest of several findings: one name for all may miss a share of
             that at most.
     """
-    named = [
-        r
-        for r in rank_alternatives(removed, whitened, lambda s: s.textbook)
-        if r.fair and r.own >= OWN
-    ]
+    ranked = rank_alternatives(removed, whitened, lambda s: s.textbook)
+    named = [r for r in ranked if r.fair and r.own >= OWN]
+    sizes = sum(len(t.names) for t in inside)
     single = preferred(named, removed.signal) if named else None
     joint, several = _worth_of(inside, removed, whitened), sum(t.host is None for t in inside)
     # it may miss a share, but not where it needs more numbers for it: these fit anything
     if several > 1 and single is not None:
-        as_few = single.sizes <= sum(len(t.names) for t in inside)
-        miss = (
-            EQUAL + min(LOOSE * single.gain, SHARE * weakest) if as_few else MARGIN * (several - 1)
-        )
+        miss = MARGIN * (several - 1)
+        if single.sizes <= sizes:
+            miss = EQUAL + min(LOOSE * single.gain, SHARE * weakest)
         if single.worth > joint - miss:
             return single
     curve = best_curve(removed, whitened)
@@ -96,11 +93,8 @@ def _better(
         return None
     if several > 1 and (single is None or joint > single.worth + MARGIN + SHARE * curve.gain):
         fewer = several - causes(curve)  # one is likelier than several
-        return (
-            curve
-            if fewer > 0 and curve.worth > joint - MARGIN * fewer - LOOSE * curve.gain
-            else None
-        )
+        enough = curve.worth > joint - MARGIN * fewer - LOOSE * curve.gain
+        return curve if fewer > 0 and enough else None
     fits = len(inside) == 1 or (
         several == 1 and any(r.hypothesis.place == inside[0].hypothesis.place for r in named)
     )
@@ -111,11 +105,7 @@ def _better(
     # a name whose own form says little: a curve that says as much by itself goes before it
     if several == 1 and not fits:
         far_off &= curve.worth > joint - EQUAL - LOOSE * curve.gain
-    if (
-        several > 1
-        and curve.sizes <= sum(len(t.names) for t in inside)
-        and curve.worth > joint - EQUAL
-    ):
+    if several > 1 and curve.sizes <= sizes and curve.worth > joint - EQUAL:
         # one cause with as few numbers says the same as several
         return curve if far_off else single
     return curve if far_off else None

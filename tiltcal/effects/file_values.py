@@ -1,0 +1,58 @@
+"""Values of an effect's parameters as a file states them."""
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.units import PARAMETER_UNITS, split_unit
+from tiltcal.effects.parameter import Parameter
+
+
+def check_allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
+    """Widths, deviations and times are not negative; what divides (it has a default) is not
+    zero.
+    """
+    if parameter.positive and number < 0:
+        raise TiltcalError(subject, found=f"{value}", need="a value >= 0", do="correct its sign")
+    if parameter.positive and parameter.default and number == 0:
+        raise TiltcalError(
+            subject, found=f"{value}", need="a value > 0", do="leave it out, or give its size"
+        )
+
+
+def file_names(known: Mapping[str, Parameter]) -> list[str]:
+    return [f"{name}{p.suffix}" for name, p in known.items()]
+
+
+def parameter_of(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[str, float]:
+    """Bare name and SI factor of a key such as ``k2_x_ug_g2``; any unit of the same quantity will
+    do.
+    """
+    for name, parameter in known.items():
+        if key == f"{name}{parameter.suffix}":
+            return name, parameter.factor
+    name, unit = split_unit(key, PARAMETER_UNITS)
+    if name in known and unit is not None:
+        if PARAMETER_UNITS[unit].quantity == PARAMETER_UNITS[known[name].unit].quantity:
+            return name, PARAMETER_UNITS[unit].factor
+        raise TiltcalError(
+            f"{subject}, key {key}",
+            found=f"unit {unit}",
+            need=f"a unit like {known[name].unit}",
+            do="convert the value",
+        )
+    raise TiltcalError(
+        subject,
+        found=f"unknown key '{key}'",
+        need="a parameter with its unit",
+        do=nearest(key, file_names(known)),
+    )
+
+
+def number_of(value: Any, subject: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise TiltcalError(
+            subject, found=repr(value), need="a number", do="write it without quotes"
+        )
+    return float(value)

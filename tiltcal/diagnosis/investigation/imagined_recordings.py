@@ -61,7 +61,8 @@ def come_to(block: Block, scenario: Scenario, sides: Mapping[str, float]) -> Rec
         return blank(block, scenario)
     first = {angle_key(axis): 0.0 for axis in sides}
     for step in reversed(block.steps):
-        first |= {key: angle for key in first if (angle := getattr(step, key)) is not None}
+        stated = {angle_key(name): angle for name, angle in step.angles_deg.items()}
+        first |= {key: angle for key, angle in stated.items() if key in first}
     away = Step(
         action="move",
         **{angle_key(axis): first[angle_key(axis)] - side * COMING for axis, side in sides.items()},

@@ -99,9 +99,9 @@ def learned_name(effect: Learned) -> str:
             f" {effect.period:.3g}{' s' if effect.coordinate == 'since_move' else ''}"
         )
     if effect.period and effect.knots:
-        what += f" and begins anew after each {np.degrees(effect.period):.4g} deg"
+        what += f" and repeats every {np.degrees(effect.period):.4g} deg"
     if effect.lag and effect.coordinate != "temperature":
-        what += f" and is forgotten in some {effect.lag:.0f} s"
+        what += f" with a memory of about {effect.lag:.0f} s"
     if isinstance(effect, LearnedReadout):
         return f"an error of the {effect.axis} axis' readout that follows {what}"
     if isinstance(effect, LearnedTilt):
@@ -135,11 +135,14 @@ def summary(
     """Two or three sentences that a metrologist would sign."""
     if verdict == "cannot_tell":
         return (
-            "This recording leaves no degrees of freedom to test the model by; whatever is wrong"
-            " with it fits as well."
+            "This recording leaves no degrees of freedom to test the model; any error would fit"
+            " it as well."
         )
     if verdict == "match":
-        agrees = f"The recording agrees with the scenario: nothing stands out of its noise ({kind})"
+        agrees = (
+            "The recording agrees with the scenario: nothing is significant beyond its noise"
+            f" ({kind})"
+        )
         return f"{agrees}, chi-square per degree of freedom {after:.3f}."
     told = " ".join(f.statement for f in findings)
     fall = f"Chi-square per degree of freedom falls from {before:.3f} to {after:.3f}."

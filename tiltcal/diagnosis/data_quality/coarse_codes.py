@@ -46,8 +46,8 @@ def coarse_codes(recording: Recording, sensor: Sensor) -> tuple[Recording, list[
     axes = tuple(dict.fromkeys([*(axis for axis, *_ in found), *still]))
     _, effect, width, spread = max(found, key=lambda item: item[2])
     words = (
-        f"{sensor.name} {', '.join(axes)} is coded in steps of {width:.4g} (SI), not small beside"
-        " its noise."
+        f"{sensor.name} {', '.join(axes)} is quantised in steps of {width:.4g} (SI), which is not"
+        " small compared with its noise."
     )
     names: tuple[str, ...] = (AdcQuantisation.id,)
     if not sensor.is_accelerometer:
@@ -80,7 +80,7 @@ def truncated_angles(recording: Recording, scenario: Scenario) -> list[Fault]:
         if np.abs(counts - np.rint(counts)).max() < 0.03 and len(np.unique(np.rint(counts))) > 64:
             effect = DataTruncation({"step": step}, None, axis, "found")
             names = tuple(s.name for s in scenario.sensor)
-            words = f"The {axis} angle is written in steps of {np.degrees(step):.4g} deg."
+            words = f"The {axis} angle is truncated to steps of {np.degrees(step):.4g} deg."
             found.append(
                 Fault(
                     effect,

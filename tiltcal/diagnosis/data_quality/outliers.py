@@ -79,7 +79,7 @@ def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
     count = sum(f[3] for f in found)
     effect = DataOutlier({"share": share, "size": size}, sensor, None, "found")
     words = (
-        f"{count} values of {sensor} {', '.join(axes)} lie about {size:.0f} sigma off their"
+        f"{count} values of {sensor} {', '.join(axes)} lie about {size:.0f} sigma from their"
         " neighbours."
     )
     sigma = {"share": share / np.sqrt(count), "size": size / np.sqrt(count)}

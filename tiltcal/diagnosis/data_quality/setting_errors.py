@@ -58,8 +58,8 @@ def find_setting_error(
     axes = tuple(dict.fromkeys(c.axis for c in observations.channels))
     effect = IndexError_({"sigma": sigma}, None, axis, "found")
     words = (
-        f"The {axis} axis stops elsewhere by chance, {np.degrees(sigma) * 3600:.3g} arcsec rms:"
-        " each stop is a rotation of its own."
+        f"The {axis} axis stops at random about its setting, {np.degrees(sigma) * 3600:.3g} arcsec"
+        " rms: each stop has its own rotation."
     )
     error = sigma / np.sqrt(2 * len(values))
     return Fault(effect, names, axes, words, sigma={"sigma": error}), columns

@@ -129,7 +129,7 @@ def _version(
     faults: list[Fault] = []
     for axis in reversed_:
         effect = DataRotationSense({"reversed": 1.0}, None, axis, "found")
-        words = f"The {axis} axis of the table is counted the other way."
+        words = f"The {axis} axis of the table is counted in the opposite sense."
         faults.append(
             Fault(effect, (scenario.sensor[0].name,), tuple(scenario.sensor[0].axes), words)
         )

@@ -80,7 +80,7 @@ def investigate(
             return _kept(at, replace(state, statement=plan.statement))
         if state.minutes + plan.proposal.minutes > at.minutes:
             words = (
-                f"The budget of {at.minutes:g} min does not hold another block. {plan.statement}"
+                f"The budget of {at.minutes:g} min does not allow another block. {plan.statement}"
             )
             return _kept(at, replace(state, statement=words))
         state = _recorded(at, state, plan, progress)

@@ -198,24 +198,26 @@ def _by_hand(diagnosis: Mapping[str, Any]) -> str:
 
 
 def _statement(design: Design) -> str:
-    """Two sentences."""
+    """What to record, and what it separates, in words."""
     best = design.best
     hardest = None if best is None else best.least
     if best is None or hardest is None:
-        return "No block of this table can split them: " + "; ".join(_twins(design)) + "."
+        return "No block of this table can separate them: " + "; ".join(_twins(design)) + "."
     words = (
         f"Record the block '{best.block.name}' ({best.block.words}): {best.minutes:.1f} min of"
-        f" table time. It should tell {hardest.truth} from {hardest.rival}, the hardest pair, with"
-        f" a chance of {100 * best.chance:.0f} % (separated non-centrality"
+        f" table time. It should separate {hardest.truth} from {hardest.rival}, the hardest pair,"
+        f" with probability {100 * best.chance:.0f} % (separated non-centrality"
         f" {hardest.separation:.0f}, {hardest.needed:.0f} needed)."
     )
     return words + (
-        "" if not design.twins else " Out of this table's reach: " + "; ".join(_twins(design)) + "."
+        ""
+        if not design.twins
+        else " Not separable on this table: " + "; ".join(_twins(design)) + "."
     )
 
 
 def _twins(design: Design) -> tuple[str, ...]:
-    """Pairs that no block can split, each with what would be needed."""
+    """Pairs that no block can separate, each with what would be needed."""
     pairs = dict.fromkeys(tuple(sorted(p)) for p in design.twins)
     return tuple(f"{a} and {b} ({_needs(a, b)})" for a, b in pairs)
 

@@ -85,7 +85,7 @@ def log_of(state: Investigation) -> str:
         lines.append(f"- Diagnosed: **{verdicts.pop(0)}**.")
     for entry in state.entries:
         sure = (
-            f", a chance of {100 * entry.confidence:.0f} % to tell the hardest pair apart"
+            f", probability {100 * entry.confidence:.0f} % to separate the hardest pair"
             if entry.confidence
             else ""
         )
@@ -94,7 +94,9 @@ def log_of(state: Investigation) -> str:
             f" time{sure}): {entry.words}."
         )
         if verdicts:
-            lines.append(f"  Diagnosed with all that was recorded before: **{verdicts.pop(0)}**.")
+            lines.append(
+                f"  Diagnosed together with all earlier recordings: **{verdicts.pop(0)}**."
+            )
     lines += ["", f"Table time: {state.minutes:.1f} min.", "", state.statement, ""]
     return "\n".join(lines)
 

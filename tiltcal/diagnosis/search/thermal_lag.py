@@ -66,8 +66,8 @@ def thermal_lag_findings(
     ordered = sorted(shares.items(), key=lambda item: -item[1])
     told = ", ".join(f"{id} {min(share, 1.0):.0%}" for id, share in ordered)
     words = (
-        " No curve over temperature alone does that: warming and cooling differ, as of a thermal"
-        " lag or hysteresis"
+        " No curve over temperature alone explains it: warming and cooling differ, as with a"
+        " thermal lag or hysteresis"
     )
     words += f" (beside such a curve, {told} of the difference)." if told else "."
     if all(getattr(t.hypothesis.effect, "lag", 0.0) == late[0].lag for t in inside):

@@ -1,3 +1,3 @@
-"""What was left out of the model: locate the mismatch between a recording and its scenario, name
-it, model it.
+"""Which physics was left out of a model: locate the mismatch between a recording and its scenario,
+name it, model it.
 """

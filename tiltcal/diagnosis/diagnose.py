@@ -1,5 +1,5 @@
-"""From recordings and a scenario to a diagnosis: faults of the data first, then the noise, then who
-is to blame.
+"""From recordings and a scenario to a diagnosis: faults of the data, noise, search for effects,
+conclusions.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -67,8 +67,8 @@ from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Linear algebra on one thread: of thousands of small matrices threads spend more time on
-    waiting for each other.
+    """Linear algebra on one thread: for thousands of small matrices threads cost more time than
+    they save.
     """
     import scipy.linalg  # noqa: F401  # so that there is a library to tell
     from threadpoolctl import threadpool_limits
@@ -164,10 +164,11 @@ def _textbook(hypothesis: Hypothesis) -> bool:
 def _by_chance(
     fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, list[Fault]]:
-    """A random effect last: it explains anything that varies from stop to stop; what else was found
-    stands beside it, or falls.
+    """Random effects last, because they explain anything that varies from stop to stop; other
+    findings have to be significant beside them.
 
-    Nameless curves with as many numbers as there are stops are no law: it is asked without them.
+    Unlisted curves with as many parameters as there are stops are no law: they are left out of this
+    test.
     """
     if any(isinstance(e, IndexError_) for e in whitened.observations.scenario.effects):
         return fitted, []
@@ -222,7 +223,7 @@ def _answer(
 def _simulated(
     answer: Diagnosis, laboratory: Laboratory, full: Observations, fitted: FittedModel
 ) -> Diagnosis:
-    """The answer with the simulator's word on it."""
+    """The answer with the result of the re-simulation."""
     # lost samples that the scan found are not mended in the columns
     lost = any(isinstance(e, DataDrop) for e in fitted.effects)
     amended = _as_read(answer.amended, full.scenario, lost)
@@ -231,9 +232,7 @@ def _simulated(
 
 
 def _as_read(amended: Mapping[str, Any], scenario: Scenario, lost: bool) -> Scenario:
-    """The amended scenario without what the recording that is compared does not hold: faults that
-    were mended in the columns, and chance. lost: whether it still lacks samples.
-    """
+    """The amended scenario without data faults that were repaired in the columns."""
 
     def held(id: str) -> bool:
         cls = CATALOGUE.get(id, Effect)

@@ -1,4 +1,4 @@
-"""The amended scenario: the scenario as it was, with its calibration and what was found in it."""
+"""The amended scenario: the scenario with its calibration and findings."""
 
 import json
 from collections.abc import Sequence

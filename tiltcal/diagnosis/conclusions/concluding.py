@@ -1,5 +1,5 @@
-"""From a finished account to what is said of it: findings and classes, fitness, what could not be
-seen, the amended scenario.
+"""From a fitted model to its findings and classes, the quality of its fit, what was undetectable,
+and the amended scenario.
 """
 
 from collections.abc import Mapping, Sequence
@@ -212,7 +212,7 @@ def fitness_of(fitted: FittedModel, whitened: WhitenedModel) -> Fitness:
 
 
 def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undetectable, ...]:
-    """What could not have been seen, or only at which size."""
+    """Effects that could not have been seen, or only at which size."""
     found: dict[str, Undetectable] = {}
     blamed = {t.hypothesis.id for t in fitted.terms}
     for score in whitened.scores(
@@ -239,7 +239,7 @@ def undetectable_of(fitted: FittedModel, whitened: WhitenedModel) -> tuple[Undet
 def amended_of(
     fitted: FittedModel, observations: Observations, faults: Sequence[Fault]
 ) -> dict[str, Any]:
-    """The scenario with calibration and findings in it."""
+    """The scenario with calibration and findings."""
     first = observations.recordings[0]
     temperature = first.temperature()
     reference = observations.scenario.climate.reference_degC

@@ -1,5 +1,5 @@
-"""What is left of each channel before and after, thinned for a picture: against time, angles,
-temperature, and frequency.
+"""Residuals of each channel before and after, binned for plots against time, angles, temperature
+and frequency.
 """
 
 from collections.abc import Mapping

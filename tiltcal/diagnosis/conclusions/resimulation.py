@@ -1,6 +1,4 @@
-"""The last word is the simulator's: the amended scenario is run again and compared with what was
-read.
-"""
+"""The amended scenario is simulated again and compared with the recording."""
 
 from dataclasses import dataclass
 

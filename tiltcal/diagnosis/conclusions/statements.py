@@ -1,4 +1,4 @@
-"""Findings in words, and what they follow."""
+"""Findings in words."""
 
 from collections.abc import Mapping
 
@@ -29,7 +29,7 @@ LEARNED_WORD = {
 
 
 def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
-    """What an effect follows, in the words of the contract."""
+    """The coordinate that an effect follows, as the contract names it."""
     if isinstance(effect, Learned):
         if effect.coordinate.startswith("force"):
             return "tilt"
@@ -56,7 +56,7 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
 
 
 def stage_of(effect: Effect) -> str:
-    """Stage of the chain that an effect is blamed on."""
+    """Stage of the chain at which an effect acts."""
     return effect.place if isinstance(effect, Learned) else effect.stage
 
 
@@ -132,7 +132,7 @@ def next_step(names: tuple[str, ...], effect: Effect) -> str:
 def summary(
     findings: tuple[Finding, ...], verdict: str, before: float, after: float, kind: str
 ) -> str:
-    """Two or three sentences that a metrologist would sign."""
+    """The statement of a diagnosis, in two or three sentences."""
     if verdict == "cannot_tell":
         return (
             "This recording leaves no degrees of freedom to test the model; any error would fit"

@@ -1,4 +1,4 @@
-"""Does it help on what it was not fitted to? Blocks of stops and the moves before them are left out
+"""Prediction of data that was not fitted: blocks of stops, with the moves before them, are left out
 in turn.
 """
 
@@ -22,11 +22,11 @@ def heldout_gain(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[
 
 
 def drop_unpredictive(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model without names that predict left-out blocks worse than nothing does, by more
-    than their numbers cost.
+    """The fitted model without names that predict left-out blocks worse than without them, by more
+    than their parameters cost.
 
-    A law holds where it was not fitted to. A nameless curve only says where: a bump that one block
-    saw tells nothing of the others.
+    A law holds where it was not fitted. An unlisted curve only says where it was seen: a bump in
+    one block predicts nothing of the others.
     """
     while True:
         named = [

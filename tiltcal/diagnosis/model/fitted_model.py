@@ -1,5 +1,5 @@
-"""A fitted model of a recording: calibration terms and hypotheses at fitted sizes, with what is
-left over.
+"""A fitted model of a recording: calibration terms and hypotheses at fitted sizes, with the
+residual.
 """
 
 from collections.abc import Sequence

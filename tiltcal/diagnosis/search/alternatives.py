@@ -202,9 +202,7 @@ def _sizes(term: FittedTerm) -> Iterator[tuple[Parameter, float]]:
 
 
 def _gentle(term: FittedTerm) -> bool:
-    """Whether a law that follows temperature as a curve is nowhere steeper than its straight form
-    may be.
-    """
+    """Whether a curved law of temperature is nowhere steeper than its straight form may be."""
     effect, alias = term.hypothesis.effect, term.hypothesis.alias
     if (
         not isinstance(effect, Learned)
@@ -221,12 +219,12 @@ def _gentle(term: FittedTerm) -> bool:
 def preferred(
     alternatives: Sequence[Alternative], signal: Sequence[Array] | None = None
 ) -> Alternative:
-    """The worthiest; among equals the likelier kind.
+    """The best alternative; among equals the more likely kind.
 
-    What shows in one channel only is likelier of that channel's sensor; what shows in several moves
-    them all: table or mount. A converter's transfer curve is the last thing to blame for what a
-    sensor does as well. A form that is as worthy without what completes it is as plain as any. A
-    size that some grade of instrument has is likelier than one that none has.
+    What shows in one channel only is more likely an effect of that channel's sensor; what shows in
+    several acts on all: table or mount. A converter's transfer curve comes last where a sensor
+    effect does the same. A size that some grade of instrument has is more likely than one that none
+    has.
     """
     top = max(r.worth for r in alternatives)
     level = {id(r): top - EQUAL - LOOSE * r.gain for r in alternatives}
@@ -257,7 +255,7 @@ def preferred(
 
 
 def inseparable(best: Alternative, alternatives: Sequence[Alternative]) -> list[Alternative]:
-    """Those who could take the place of the best: nothing in the data tells them apart."""
+    """The alternatives that could take the place of the best: the data do not separate them."""
     limit = SEPARABLE + LOOSE * best.gain
     return [
         r
@@ -267,11 +265,8 @@ def inseparable(best: Alternative, alternatives: Sequence[Alternative]) -> list[
 
 
 def _gap(best: Alternative, r: Alternative) -> float:
-    """What tells a alternative from the best: where the best needs no curve to complete it, the
-    alternative's own curves do not count.
-
-    A free curve makes many laws of one law: where a textbook form fits to the noise, a form that
-    needs a curve for it is told apart by what it leaves by itself.
+    """What separates an alternative from the best. Where the best needs no completing curve, the
+    alternative's own curves do not count: a free curve makes many laws alike.
     """
     if len(best.terms) == 1 and len(r.terms) > 1:
         return r.separation

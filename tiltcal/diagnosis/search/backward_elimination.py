@@ -1,4 +1,4 @@
-"""Findings that are dropped once the others are there."""
+"""Findings that are dropped once the others are in the model."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +17,9 @@ from tiltcal.diagnosis.search.alternatives import (
 def backward_elimination(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, WhitenedModel]:
-    """Drop findings one by one that do not stand out once the others are there."""
+    """Drop findings one by one that are not significant beside the others; also returns the noise
+    that is left.
+    """
     while fitted.terms:
         fitted = drop_implausible_sizes(refit(fitted, whitened), whitened)
         if not fitted.terms:
@@ -37,8 +39,8 @@ def backward_elimination(
 def drop_below_bic(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, WhitenedModel]:
-    """The fitted model under the noise that it leaves itself, without findings that bring less
-    there than their numbers cost.
+    """The fitted model under the noise that it leaves, without findings that lower the deviance by
+    less than the BIC asks for their parameters; also returns that noise.
     """
     while True:
         whitened = gate.left_by(fitted, whitened)
@@ -54,7 +56,7 @@ def drop_below_bic(
 
 
 def _worth(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int]) -> float:
-    """Fall of the deviance by a finding less the price of its numbers."""
+    """Fall of the deviance by a finding, less the BIC price of its parameters."""
     gain = (
         sum(float(t @ t) for t in remove_finding(fitted, whitened, places).target) - fitted.deviance
     )
@@ -62,11 +64,10 @@ def _worth(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[int]) 
 
 
 def drop_implausible_sizes(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model without findings whose sizes, once all others are there, are those of no
-    instrument.
+    """The fitted model without findings whose sizes, re-fitted beside all others, are larger than
+    any instrument has.
 
-    What completes a form goes too where it has a size that no file may give it: a width below
-        nothing.
+    A completing term is dropped too where a file does not allow its size, such as a negative width.
     """
     while True:
         good = [places for places in fitted.findings() if fair(fitted.terms[places[0]])]

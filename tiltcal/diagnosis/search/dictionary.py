@@ -1,5 +1,5 @@
-"""Putting hypotheses on the whitened model: all of them at first, then those whose lines stand out
-once the first findings are away.
+"""The hypotheses that are searched: all of them at first, then those whose spectral lines appear
+once the first findings are in the model.
 """
 
 from dataclasses import replace
@@ -39,11 +39,11 @@ def build_dictionary(
 def extend_dictionary(
     columns: HypothesisColumns, fitted: FittedModel, known: SpectralLines
 ) -> bool:
-    """Put on the whitened model what beats in what a fitted model leaves and did not stand out
-    before; whether there is any.
+    """Add hypotheses for spectral lines of the residual that were not visible before; returns
+    whether there are any.
 
-    Where nothing was found, lines that wander too: beside a law that is some per cent off its form
-    that scan finds the table's.
+    Where nothing was found, wandering lines are looked for too. Beside a law that deviates from its
+    textbook form that scan would find lines of the table.
     """
     observations = columns.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))
@@ -67,7 +67,9 @@ def extend_dictionary(
 
 
 def instants(observations: Observations) -> list[float]:
-    """When a step may have been: at the ends of moves, and all along, s from the first stamp."""
+    """Instants at which a step is tried: the ends of moves, or an even grid, s from the first
+    stamp.
+    """
     first = observations.recordings[0]
     span = float(first.time[-1] - first.time[0])
     channel = observations.channels[0]

@@ -1,5 +1,5 @@
-"""Which hypotheses stay: forward by penalised score, through the gate of the noise, backward until
-every one is needed.
+"""Which hypotheses stay in the model: forward selection by penalised score, a test against the
+noise, then backward elimination.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,8 +39,8 @@ def best_alternatives(
     wanted: Callable[[Hypothesis], bool],
     alone: bool = False,
 ) -> list[Alternative]:
-    """What would explain most of what is left, the worthiest first: plausible, in its own form, and
-    past all that was tried.
+    """What explains most of the residual, best first: of plausible size, mostly in its own form,
+    and significant after correction for everything that was tried.
     """
     removed = RemovedFinding(
         list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
@@ -62,14 +62,17 @@ def forward_selection(
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
 ) -> tuple[FittedModel, WhitenedModel]:
-    """Add what explains the residual best, as long as it stands out of the noise; then drop what is
-    not needed.
+    """Add what explains the residual best, as long as it is significant; then drop what is not
+    needed.
 
-    The scan weighs by white noise at first, so that no effect is taken for noise; what does not
-    stand out of the noise that is left when it is taken away waits, and may pass together with
-    another. With each that is kept the noise is known better; where nothing stands out of it any
-    more the scan weighs by white noise again, for a slow effect was in that noise, and in the end
-    by the noise within the stops, where what differs from stop to stop is no random walk.
+    The scan weighs by white noise at first, so that no effect is mistaken for noise. A hypothesis
+    that is not significant under the noise that is left without it waits, and may pass together
+    with another one. Each finding improves the estimate of the noise. When nothing more is
+    significant, the scan is repeated under white noise, because a slow effect may have been counted
+    as noise; and at last under the noise within the stops, where differences between stops are no
+    random walk.
+
+    Returns the fitted model and the columns under the noise that it leaves.
     """
     waiting: tuple[FittedTerm, ...] = ()
     banned: set[int] = set()
@@ -125,8 +128,8 @@ def _preferred(
 
 
 def _grown(trial: FittedModel, before: FittedModel, whitened: WhitenedModel) -> FittedModel | None:
-    """A trial with its findings joined; None where one is a further shape of what was there before,
-    and brings nothing.
+    """A trial with findings of one cause merged; None where it only adds a further shape of an
+    earlier finding and does not lower the cost.
     """
     whole = refit(merge_same_cause(trial), whitened)
     further = len(whole.findings()) == len(before.findings())
@@ -144,8 +147,8 @@ def _without(
     whitened: WhitenedModel,
     gate: NoiseGate,
 ) -> tuple[FittedModel, WhitenedModel] | None:
-    """A fitted model without the findings that the newest one makes needless, under the noise that
-    it leaves; None where it is no better than the one before.
+    """A fitted model without the findings that the newest one makes unnecessary, with the noise
+    that it leaves; None where it is no better than the one before.
     """
     terms = [
         trial.terms[k]
@@ -161,12 +164,12 @@ def _without(
 
 
 def _cost(fitted: FittedModel, whitened: WhitenedModel) -> float:
-    """Deviance and the price of all sizes."""
+    """Deviance plus the BIC price of all parameters."""
     return fitted.deviance + price_of(whitened) * sum(len(t.names) for t in fitted.terms)
 
 
 def _white_noise(fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]:
-    """The noise of each channel without what is slow in it."""
+    """The noise of each channel without its slow part."""
     return [
         NoiseFit.known(white_noise(fit.model.white))
         for fit in noise_under(fitted, whitened.columns, law=whitened.law)
@@ -176,15 +179,15 @@ def _white_noise(fitted: FittedModel, whitened: WhitenedModel) -> list[NoiseFit]
 def _outside(
     wanted: Callable[[Hypothesis], bool], banned: frozenset[int]
 ) -> Callable[[Hypothesis], bool]:
-    """Wanted, and not sent away already."""
+    """Wanted, and not rejected already."""
     return lambda hypothesis: wanted(hypothesis) and id(hypothesis) not in banned
 
 
 def _hosted(
     terms: tuple[FittedTerm, ...], gain: float, fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[FittedTerm, ...]:
-    """A further function of a channel's own input completes a converter's curve that is much
-    larger: no finding of its own.
+    """A further function of a channel's own input that completes the much larger curve of a
+    converter: it is no finding of its own.
     """
     for places in fitted.findings():
         host = fitted.terms[places[0]].hypothesis
@@ -199,7 +202,7 @@ def _hosted(
 def signal_of(
     alternative: Alternative, fitted: FittedModel, whitened: WhitenedModel
 ) -> list[Array]:
-    """What a alternative would put into the readings, without the part that is re-tuned away."""
+    """What an alternative adds to the readings, without the part that calibration absorbs."""
     whole = whitened.whiten(summed(alternative.terms, whitened.observations, fitted.effects))
     total = [whole.get(i, np.zeros_like(r)) for i, r in enumerate(fitted.residual)]
     return project(fitted.basis, total)

@@ -1,5 +1,5 @@
-"""Forms that a grid of curves is slow to say: over an angle bumps, steps and saws; over the time
-since a move an echo's period.
+"""Forms that a grid of curves describes poorly: bumps, steps and sawteeth over an angle; a period
+over the time since a move.
 """
 
 from collections.abc import Iterator, Sequence
@@ -47,8 +47,8 @@ class Shape:
 def local(
     alternative: Alternative, removed: RemovedFinding, whitened: WhitenedModel
 ) -> list[Alternative]:
-    """Bumps, steps and saws over the coordinate of a curve, in its place, on all the axes that it
-    may act on.
+    """Bumps, steps and sawteeth over the coordinate of a curve, in its place, on all axes on which
+    it may act.
     """
     coordinate = angle_of(alternative)
     assert coordinate is not None
@@ -64,8 +64,8 @@ def local(
 
 
 def echo(alternative: Alternative, removed: RemovedFinding, whitened: WhitenedModel) -> Alternative:
-    """An echo after each move at its best period: a peak over the time since the move tells it to a
-    part of its width only.
+    """An oscillation after each move at its best period: a spectral peak gives the period only to a
+    part of the peak's width.
     """
     stops = [
         (r.time, stop)
@@ -99,7 +99,7 @@ def echo(alternative: Alternative, removed: RemovedFinding, whitened: WhitenedMo
 
 
 def is_echo(alternative: Alternative) -> bool:
-    """Whether a curve rings anew after each move."""
+    """Whether a curve is periodic in the time since the last move."""
     effect = alternative.hypothesis.effect
     return isinstance(effect, Learned) and effect.coordinate == "since_move" and effect.period > 0
 
@@ -130,7 +130,7 @@ def _steps(
     removed: RemovedFinding,
     whitened: WhitenedModel,
 ) -> list[Alternative]:
-    """The best step, as sharp as it is crossed."""
+    """The best step, refined to its width."""
     steps = _best_of(
         [step_at(m, 1.5 * w) for w in WIDTHS for m in np.arange(low, high, w)],
         alternative,
@@ -166,11 +166,10 @@ def _saws(
     removed: RemovedFinding,
     whitened: WhitenedModel,
 ) -> list[Alternative]:
-    """The best ramp that begins anew every so many radians: its period from its first harmonics,
-    then the place of its jump.
+    """The best sawtooth: its period from its first harmonics, then the position of its jump.
 
-    Where no more than one jump is seen, the best of ``steps`` says where, and the ramps beside it
-    how far to the next.
+    Where only one jump is seen, the best of ``steps`` gives its position, and trial periods the
+    distance to the next.
     """
     middle, reach = (low + high) / 2, high - low
     teeth = np.arange(TURNS, reach / FINEST, 1 / BETWEEN)
@@ -217,8 +216,8 @@ def _sharpened(
     removed: RemovedFinding,
     whitened: WhitenedModel,
 ) -> Alternative | None:
-    """The best of some saws with its jump brought to its place, known to ``apart``, and its period,
-    known to ``far``, rad.
+    """The best of some sawteeth, with the position of its jump, known to ``apart``, and its period,
+    known to ``far``, refined, rad.
     """
     saws = _best_of(shapes, alternative, removed, whitened)
     for _ in range(CLOSER if saws else 0):
@@ -234,9 +233,7 @@ def _sharpened(
 
 
 def saw_at(begin: float, period: float) -> Shape:
-    """A ramp from a place to a period behind it, again and again: two numbers, one of them an
-    offset.
-    """
+    """A periodic ramp that begins at a position: two parameters, one of them an offset."""
     return Shape((float(begin), float(begin + period)), (0, 1), float(period))
 
 
@@ -246,8 +243,8 @@ def _best_of(
     removed: RemovedFinding,
     whitened: WhitenedModel,
 ) -> list[Alternative]:
-    """The best two of some shapes, each on all axes that the alternative acts on; all that were
-    tried are paid for.
+    """The best two of some shapes, each on all axes on which the alternative acts; the number of
+    shapes tried is charged for.
     """
     own = whitened.alone(list(_shaped(alternative, shapes)), ())
     best: dict[Shape, float] = {}
@@ -272,7 +269,7 @@ def _shape_of(hypothesis: Hypothesis) -> Shape:
 
 
 def _shaped(alternative: Alternative, shapes: Sequence[Shape]) -> Iterator[Hypothesis]:
-    """The curves of a alternative in other shapes."""
+    """The curves of an alternative in other shapes."""
     for shape in shapes:
         values = {f"c{k}": 1e-6 for k in shape.free}
         for term in alternative.terms:

@@ -22,12 +22,12 @@ from tiltcal.effects.table.readout import ReadoutError
 
 
 def merge_small_findings(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model with small findings made a part of a much larger one that the same kind of
-    motion excites, in its channels.
+    """The fitted model with small findings made part of a much larger one in the same channels that
+    the same kind of motion excites.
 
-    A law that is some per cent off its textbook form leaves something of its own kind over, and a
-    neighbour takes it: a share of what the law explains without that neighbour, for both may do
-    nearly the same.
+    A law that deviates by some per cent from its textbook form leaves a residual of its own kind,
+    and a related effect absorbs it. The share is counted of what the law explains without that
+    effect, because both may explain nearly the same.
     """
     groups = fitted.findings()
 
@@ -68,11 +68,11 @@ def merge_small_findings(fitted: FittedModel, whitened: WhitenedModel) -> Fitted
 
 
 def _left_over(small: Effect, large: Effect) -> float:
-    """Share of the energy of a large effect that may be left over of it in the form of a small one.
+    """Share of the energy of a large effect that may remain in the form of a small one.
 
-    All of it where a line wanders: it leaves lines beside it. Motion that excites both, or one
-    encoder's curve over its angle, is never quite of a textbook form. Laws of one sensor's own
-    input are told apart to a thousandth.
+    All of it where a line wanders: it leaves lines beside it. Effects of the same motion, or
+    harmonics of one encoder, deviate from their textbook form. Laws of one sensor's own input are
+    separated to a thousandth.
     """
     both = (small, large)
     if all(e.spectral_line == "time" for e in both):
@@ -86,7 +86,7 @@ def _left_over(small: Effect, large: Effect) -> float:
 
 
 def merge_same_cause(fitted: FittedModel) -> FittedModel:
-    """The fitted model with a second finding of one name at one place made a part of the first: a
+    """The fitted model with a second finding of the same name and place made part of the first: one
     law at a further shape.
     """
     groups = fitted.findings()
@@ -114,8 +114,8 @@ def merge_same_cause(fitted: FittedModel) -> FittedModel:
 
 
 def _one_event(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two of one name are one: steps where one creeps on that began within its time
-    constant of the other.
+    """Whether two findings of one name are one event: steps, one of which creeps, within its time
+    constant of each other.
     """
     if not one.has_instant:
         return True

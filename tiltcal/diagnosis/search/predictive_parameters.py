@@ -1,5 +1,5 @@
-"""Which sizes of a finding are in use once it is accepted: those that make a prediction better, not
-only those that stand out.
+"""Which parameters of an accepted finding are used: those that improve the prediction, not only
+those that are significant.
 """
 
 from dataclasses import replace
@@ -15,8 +15,8 @@ BETTER = 2.0
 
 
 def add_predictive_parameters(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model with all sizes of its findings that a prediction is better with, whether or
-    not each stands out by itself.
+    """The fitted model with all parameters of its findings that improve the prediction (Akaike),
+    whether or not each is significant by itself.
     """
     terms = list(fitted.terms)
     for k in range(len(terms)):

@@ -1,6 +1,4 @@
-"""What an effect has beside its sizes, a time constant, a width, a lag, an instant, brought to
-where it explains most.
-"""
+"""The shape of an effect (time constant, width, lag, instant), refined to where it explains most."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -42,8 +40,8 @@ PROMPT = ("creep", "lag")  # at nothing there is none, and nothing to refine
 def refined(
     terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[FittedTerm, ...]:
-    """An explanation at its best shape nearby: a continuous shape is halved in, an instant moved
-    row by row.
+    """An explanation at its best shape nearby: a continuous shape by halving steps, an instant row
+    by row.
     """
     first = terms[0].hypothesis
     duration = float(np.ptp(whitened.observations.recordings[0].time))
@@ -68,8 +66,8 @@ def refined(
 
 
 def _told_by_its_bend(hypothesis: Hypothesis, observations: Observations) -> bool:
-    """Whether a lag keeps that of its grid: by hand, in few poses, nothing but its bend tells one
-    late temperature from another.
+    """Whether a lag keeps its value of the grid: by hand, in few poses, only curvature would
+    separate one lag of the temperature from another.
     """
     return getattr(hypothesis.effect, "coordinate", "") == "temperature" and not isinstance(
         observations, TableObservations
@@ -113,10 +111,8 @@ def _shapes_of(terms: Sequence[FittedTerm]) -> dict[str, float]:
 
 
 def normalise_tone_phase(fitted: FittedModel, observations: Observations) -> FittedModel:
-    """The fitted model with tones of a positive amplitude, the largest of their channels: a
-    negative one is half a turn of the phase.
-
-    By hand one sensor that is early is the other one that is late.
+    """The fitted model with tones of positive amplitude: a negative one is half a turn of the
+    phase. By hand a sensor that is early is the other one that is late.
     """
     turned: dict[int, Hypothesis] = {}
     terms = []
@@ -134,7 +130,7 @@ def normalise_tone_phase(fitted: FittedModel, observations: Observations) -> Fit
 
 
 def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis | None:
-    """What does the same at sizes of the other sign, if anything."""
+    """What does the same with sizes of opposite sign, if anything."""
     phase, scenario = hypothesis.effect.values.get("phase"), observations.scenario
     if phase is not None and "phase" not in hypothesis.names:
         return _at(hypothesis, "phase", float(np.angle(-np.exp(1j * phase))))
@@ -150,10 +146,10 @@ def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis
 def at_its_instant(
     terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel, alone: bool = False
 ) -> tuple[FittedTerm, ...]:
-    """What began at an instant, with what creeps on after it; all others that may have begun then
-    come onto the whitened model.
+    """An event at its best instant, with its creep; all other effects that may have begun then are
+    added to the hypotheses.
 
-    With what creeps on the instant is another, and at another instant other creeps are.
+    With a creep the best instant changes, and at another instant other creeps fit better.
 
     Args:
         terms: an explanation.
@@ -193,7 +189,7 @@ def at_its_instant(
 def _with_one_creep(
     terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[FittedTerm, ...]:
-    """A step with one creep at its best time constant where that says as much as with several of a
+    """A step with one creep at its best time constant, where that explains as much as several of a
     grid.
     """
     creeping = [t for t in terms[1:] if "creep" in shapes(t.hypothesis)]
@@ -214,9 +210,7 @@ def _shaped(
     terms: Sequence[FittedTerm], name: str, value: float, duration: float
 ) -> tuple[FittedTerm, ...]:
     """An explanation at another shape: one lag or period for all its curves, one instant for all
-    that began then.
-
-    A tone keeps its phase amid the recording.
+    its events. A tone keeps its phase at the middle of the recording.
     """
     first = (
         _at(terms[0].hypothesis, name, value)
@@ -251,7 +245,7 @@ def _at(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:
 
 
 def _gain(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedModel) -> float:
-    """What the own form of an explanation brings, the fitted model's columns being free."""
+    """What the own form of an explanation gains, beside the columns of the fitted model."""
     lengths = [len(c.values) for c in whitened.observations.channels]
     whole = isinstance(terms[0].hypothesis.effect, Learned) or terms[0].hypothesis.has_instant
     own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.hypothesis))]

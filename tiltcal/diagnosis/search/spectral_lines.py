@@ -1,4 +1,4 @@
-"""Lines that stand out of the noise, at frequencies nobody told us."""
+"""Spectral lines in the residual, at unknown frequencies."""
 
 from collections.abc import Callable, Sequence
 
@@ -27,7 +27,7 @@ WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line 
 
 
 def spectral_lines_of(observations: Observations, fitted: FittedModel) -> SpectralLines:
-    """All that beats in what a fitted model leaves."""
+    """All lines in the residual of a fitted model."""
     return SpectralLines(
         tones_of(observations, fitted),
         shakes_of(observations, fitted),
@@ -37,7 +37,7 @@ def spectral_lines_of(observations: Observations, fitted: FittedModel) -> Spectr
 
 
 def tones_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
-    """Frequencies, Hz, of lines in what is left, the strongest first."""
+    """Frequencies, Hz, of lines in the residual, strongest first."""
     found: list[tuple[float, float]] = []
     for channel, residual in zip(
         observations.channels, observations.residuals(fitted.effects), strict=True
@@ -47,10 +47,10 @@ def tones_of(observations: Observations, fitted: FittedModel) -> tuple[float, ..
 
 
 def wandering_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
-    """Frequencies, Hz, of a line that wanders in what is left: none of its own stands out, together
-    they do, the strongest first.
+    """Frequencies, Hz, of a line that wanders: no frequency is significant by itself, but all
+    together are; strongest first.
 
-    By hand none is looked for: the hand trembles at no steady frequency either.
+    None is looked for by hand: a hand trembles at no steady frequency either.
     """
     if not observations.courses:
         return ()
@@ -65,10 +65,8 @@ def wandering_of(observations: Observations, fitted: FittedModel) -> tuple[float
 
 
 def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
-    """Frequencies, Hz, of lines in what is left of accelerometers, turned into the world: what
-    shakes the base is one line there.
-
-    In the body it is split: the pose modulates it.
+    """Frequencies, Hz, of lines in the residual of accelerometers in the world frame: vibration of
+    the base is one line there. In the body frame the pose modulates it.
     """
     left = observations.residuals(fitted.effects)
     found: list[tuple[float, float]] = []
@@ -98,8 +96,8 @@ def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
 
 
 def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ...]:
-    """Whole numbers of lines a turn, of an error of an axis' readout that stands out of what is
-    left, the strongest first.
+    """Numbers of lines per turn of an axis whose readout error is significant in the residual,
+    strongest first.
     """
     found: list[tuple[float, int]] = []
     left, each = observations.residuals(fitted.effects), np.arange(LINES)
@@ -129,11 +127,11 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
 
 
 def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> dict[int, Waves]:
-    """What an error of a readout does to each channel: of the angle, plus 1j PROBE times of its
-    rate, which a gyro sees.
+    """What a readout error does to each channel: real part by the angle, imaginary part by its
+    rate, times PROBE.
 
     Of PROBE lines a turn the cosine changes a channel by the real part of that times exp(1j PROBE
-    angle), the sine by the other.
+    angle), the sine by the imaginary part.
     """
     cos, sin = (
         observations.changes(
@@ -151,11 +149,8 @@ def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> 
 
 
 def _harmonics(angle: Array, signal: Array) -> Waves:
-    """sum signal exp(i n angle) for n = 0 .. LINES - 1 by one FFT: each angle shared by its
-    neighbours on a grid.
-
-    What is between two of them is a chord of the wave: of the finest line that is 0.4 % short on
-        average.
+    """sum signal exp(i n angle) for n = 0 .. LINES - 1 by one FFT, each angle shared between its
+    neighbours on a grid: the finest line is 0.4 % too small on average.
     """
     place = angle / (2 * np.pi) * CIRCLE
     below = np.floor(place)
@@ -167,7 +162,7 @@ def _harmonics(angle: Array, signal: Array) -> Waves:
 
 
 def echoes_of(observations: Observations, fitted: FittedModel) -> tuple[float, ...]:
-    """Frequencies, Hz, of what rings, or beats, anew after each move: lines over the time since the
+    """Frequencies, Hz, of oscillations that begin with each rest: lines over the time since the
     move, over all rests.
     """
     found: list[tuple[float, float]] = []
@@ -227,10 +222,9 @@ def _lines(time: Array, residual: Array) -> list[tuple[float, float]]:
 
 
 def _smeared(time: Array, residual: Array) -> list[tuple[float, float]]:
-    """(power over its surroundings, frequency) of the peaks in bands of the periodogram that hold
-    more than noise does.
+    """(power over its surroundings, frequency) of the peaks in bands with more power than noise.
 
-    Of white noise the powers at whole numbers of periods are independent, so their sum is gamma
+    For white noise the powers at whole numbers of periods are independent, so their sum is gamma
     distributed.
     """
     from scipy.special import gammaincc

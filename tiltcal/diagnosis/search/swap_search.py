@@ -1,9 +1,8 @@
-"""A second way to a fitted model: textbook forms only, several at once, each exchanged for another
-as long as that is better.
+"""A second search: textbook forms only, several at once, each exchanged for another as long as that
+is better.
 
-A form with its family is supple: where two effects are at work, the family of one takes a part of
-the other with it. Plain forms have no such reach. Whichever fitted model says the same with fewer
-numbers is kept.
+A form with completing curves is flexible: where two effects act, the curves of one absorb part of
+the other. Plain forms cannot. The fitted model that explains as much with fewer parameters is kept.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,8 +33,8 @@ def swap_search(
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
 ) -> tuple[FittedModel, WhitenedModel]:
-    """The fitted model in plain forms where it says as much as ``rich`` with fewer numbers; else
-    ``rich``.
+    """The fitted model in plain forms where it explains as much as ``rich`` with fewer parameters;
+    else ``rich``. Also returns the noise that it leaves.
 
     Args:
         start: without findings; the search begins under the noise that is left when ``rich`` is
@@ -67,9 +66,10 @@ def _several(
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
 ) -> tuple[FittedModel, WhitenedModel]:
-    """What several textbook forms do together, where none by itself stands out; else ``rich``.
+    """What several textbook forms explain together where none is significant by itself; else
+    ``rich``.
 
-    Looked for in white noise: together they are a random walk to the record.
+    Searched under white noise: together they look like a random walk to the record.
     """
     residuals = whitened.observations.residuals(start.effects)
     white = whitened.under([white_noise(robust_white(r)) for r in residuals])
@@ -83,9 +83,7 @@ def _several(
 def _forms(
     wanted: Callable[[Hypothesis], bool], whitened: WhitenedModel
 ) -> list[Callable[[Hypothesis], bool]]:
-    """The laws as they are printed, then those that are felt late or bent among them, if any: these
-    are supple themselves.
-    """
+    """Textbook laws, then lagged or curved ones among them, if any: these are flexible themselves."""
     supple = any(wanted(s) and s.alias is not None for s in whitened.hypotheses)
     return [lambda s: wanted(s) and s.alias is None, *([wanted] if supple else [])]
 
@@ -96,8 +94,8 @@ def plainly(
     gate: NoiseGate,
     wanted: Callable[[Hypothesis], bool],
 ) -> tuple[FittedModel, WhitenedModel]:
-    """Up to MOST textbook forms, each in its turn the best in its place; then those dropped that do
-    not stand out.
+    """Up to MOST textbook forms, each in turn the best in its place; then those dropped that are
+    not significant.
     """
     fitted = refit(fitted, whitened)
     while len(fitted.findings()) < MOST:
@@ -117,10 +115,10 @@ def plainly(
 
 
 def trimmed(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model without sizes that bring less than they cost: a finding had them from what
-    others explain since.
+    """The fitted model without parameters that gain less than they cost: a finding had them from
+    what others explain since.
 
-    The last size of a finding stays: whether it is needed is asked of findings as a whole.
+    The last parameter of a finding stays: findings are tested as a whole.
     """
     price = price_of(whitened)
     while True:
@@ -181,8 +179,8 @@ def exchanged(
 
 
 def refine_all_shapes(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model with the shapes of its findings found again: one that was found by itself
-    took a part of the others, and the noise was another.
+    """The fitted model with the shapes of its findings refined again: a finding that was found
+    alone absorbed part of the others, under another noise.
     """
     groups = fitted.findings()
     for _ in range(EXCHANGES if len(groups) > 1 else 1):
@@ -197,7 +195,7 @@ def refine_all_shapes(fitted: FittedModel, whitened: WhitenedModel) -> FittedMod
 
 def _reshaped(fitted: FittedModel, places: Sequence[int], whitened: WhitenedModel) -> FittedModel:
     """The fitted model with one finding at its best shape nearby, where that is better; the sizes
-    of all others are free meanwhile.
+    of all others are re-fitted.
     """
     others = tuple(t for k, t in enumerate(fitted.terms) if k not in places)
     new = refined(
@@ -212,11 +210,11 @@ def _reshaped(fitted: FittedModel, places: Sequence[int], whitened: WhitenedMode
 
 
 def description_length(fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> float:
-    """Twice the negative log likelihood, but for a constant, with the price of all numbers and of
-    all findings.
+    """Twice the negative log likelihood, but for a constant, plus the price of all parameters and
+    findings.
 
-    Under the noise that the fitted model itself leaves: under that of another it would be charged
-    for what it calls noise.
+    Under the noise that the fitted model leaves itself: under another noise it would be charged for
+    what it counts as noise.
     """
     left = gate.left_by(fitted, whitened)
     spread = sum(

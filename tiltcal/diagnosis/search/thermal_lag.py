@@ -1,5 +1,5 @@
-"""Whether a law of temperature is felt late: no curve over temperature alone has a branch for
-warming and one for cooling.
+"""Whether a law of temperature is lagged: a curve over temperature alone has no separate branches
+for warming and cooling.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,12 +29,12 @@ def thermal_lag_findings(
     fitted: FittedModel,
     whitened: WhitenedModel,
 ) -> tuple[str, tuple[str, ...]]:
-    """What is to be said of a finding that follows temperature late, and the named laws that do as
-    well where no one lag does.
+    """What is said of a finding that follows a lagged temperature, and the named laws that explain
+    as much where no single lag does.
 
-    Curves over temperature without lag are fitted in its place first; what it explains beyond them
-    is the difference between warming and cooling. Each law of such a difference is then given those
-    curves too.
+    Curves over temperature without lag are fitted in its place first; what the finding explains
+    beyond them is the difference between warming and cooling. Each law of such a difference is then
+    fitted beside these curves.
 
     Args:
         inside: the terms of the finding.

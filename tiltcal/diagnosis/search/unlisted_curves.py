@@ -1,4 +1,4 @@
-"""When no name fits: a curve in place of a finding, or of what the findings leave over."""
+"""Where no effect of the catalogue fits: a curve in place of a finding, or of the residual."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,15 +32,15 @@ SHARE = 1 - OWN
 
 
 def is_curve(hypothesis: Hypothesis) -> bool:
-    """Whether it has no form of its own: no name, or a name that says only where it acts."""
+    """Whether it has no form of its own: it has no name, or its name states only where it acts."""
     return not hypothesis.textbook
 
 
 def prefer_unlisted_curve(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, WhitenedModel]:
-    """One cause in place of several where it explains as much, a curve where no name does; then
-    what is left over.
+    """One cause in place of several where it explains as much, a curve where no name fits; then the
+    residual. Also returns the noise that is left.
     """
     groups = fitted.findings()
     together = [[k for places in groups for k in places]] if len(groups) > 1 else []
@@ -69,8 +69,8 @@ def _better(
     whitened: WhitenedModel,
     weakest: float = 0.0,
 ) -> Alternative | None:
-    """What should stand in the place of some findings: one name for several, or a curve for names
-    that do not fit.
+    """What should replace some findings: one name for several, or a curve for names that do not
+    fit.
 
     Args:
         weakest: energy of the weakest of several findings: one name for all may miss a share of
@@ -112,8 +112,8 @@ def _better(
 
 
 def drop_formless_names(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model with names taken from findings that hold by the curves beside them: no size
-    of their own stands out any more.
+    """The fitted model without names of findings that are significant only by their completing
+    curves.
     """
     price = price_of(whitened)
     terms: list[FittedTerm] = []
@@ -139,9 +139,7 @@ def drop_formless_names(fitted: FittedModel, whitened: WhitenedModel) -> FittedM
 
 
 def causes(curve: Alternative) -> int:
-    """How many a curve stands for: those of two channels' readings have nothing to do with each
-    other.
-    """
+    """How many causes a curve stands for: curves in the readings of two channels are independent."""
     return len(
         {
             (e.sensor, e.axis) if isinstance(e, LearnedReading) else None
@@ -151,9 +149,7 @@ def causes(curve: Alternative) -> int:
 
 
 def several_lines(inside: Sequence[FittedTerm]) -> bool:
-    """Whether a name stands for lines that do not belong together: no form is theirs that the name
-    could keep to.
-    """
+    """Whether a name stands for lines that do not belong together: they have no common form."""
     lines = [t.hypothesis for t in inside if t.hypothesis.law.spectral_line == "time"]
     tones = [line.effect.values["frequency"] for line in lines]
     return len(tones) > 1 and max(tones) - min(tones) > WANDER
@@ -162,7 +158,7 @@ def several_lines(inside: Sequence[FittedTerm]) -> bool:
 def _worth_of(
     inside: Sequence[FittedTerm], removed: RemovedFinding, whitened: WhitenedModel
 ) -> float:
-    """What the findings bring less the price of their sizes and of the shapes that were tried."""
+    """Gain of the findings less the price of their parameters and of the shapes tried."""
     whole = sum(float(t @ t) for t in removed.target)
     left = sum(
         float((t - s) @ (t - s)) for t, s in zip(removed.target, removed.signal, strict=True)
@@ -174,9 +170,9 @@ def _worth_of(
 def leftover_curve(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, WhitenedModel]:
-    """What is left over and significant, looked for in the noise within the stops too: what differs
-    from stop to stop by any law of its own is a random walk to the spectrum of the whole record,
-    and within the stops it is not there.
+    """A curve for what is significant in the residual, also under the noise within the stops: what
+    differs from stop to stop is a random walk to the spectrum of the whole record, but not within
+    the stops.
     """
     if gate.static is None and (still := noise_within_stops(fitted, whitened)) is not None:
         within = whitened.under(models(still))
@@ -190,7 +186,9 @@ def leftover_curve(
 def _leftover(
     fitted: FittedModel, whitened: WhitenedModel, gate: NoiseGate
 ) -> tuple[FittedModel, WhitenedModel]:
-    """The rest of a finding's own form when it is small beside it, else a finding."""
+    """A curve for the residual: part of a much larger finding in the same channels, else a finding
+    of its own.
+    """
     removed = RemovedFinding(
         list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
     )
@@ -225,8 +223,8 @@ def _leftover(
 
 
 def _dear(trial: FittedModel, start: int, whitened: WhitenedModel) -> bool:
-    """Whether the terms from ``start`` on bring less than their sizes cost, once the noise and all
-    others are fitted anew.
+    """Whether the terms from ``start`` on gain less than they cost, once the noise and all others
+    are re-fitted.
     """
     places = list(range(start, len(trial.terms)))
     gain = (
@@ -251,7 +249,7 @@ def _alike(power: Array, curve: Alternative, trial: FittedModel, whitened: White
 
 
 def best_curve(removed: RemovedFinding, whitened: WhitenedModel) -> Alternative | None:
-    """The worthiest curve, its form made local when that says the same with fewer numbers."""
+    """The best curve, with a localised form where that explains the same with fewer parameters."""
     found = rank_alternatives(removed, whitened, is_curve)
     if not found:
         return None

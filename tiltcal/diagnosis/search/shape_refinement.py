@@ -1,4 +1,6 @@
-"""The shape of an effect (time constant, width, lag, instant), refined to where it explains most."""
+"""The shape of an effect (time constant, width, lag, instant), refined to where it explains
+most.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace

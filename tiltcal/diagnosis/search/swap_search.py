@@ -83,7 +83,9 @@ def _several(
 def _forms(
     wanted: Callable[[Hypothesis], bool], whitened: WhitenedModel
 ) -> list[Callable[[Hypothesis], bool]]:
-    """Textbook laws, then lagged or curved ones among them, if any: these are flexible themselves."""
+    """Textbook laws, then lagged or curved ones among them, if any: these are flexible
+    themselves.
+    """
     supple = any(wanted(s) and s.alias is not None for s in whitened.hypotheses)
     return [lambda s: wanted(s) and s.alias is None, *([wanted] if supple else [])]
 

@@ -139,7 +139,9 @@ def drop_formless_names(fitted: FittedModel, whitened: WhitenedModel) -> FittedM
 
 
 def causes(curve: Alternative) -> int:
-    """How many causes a curve stands for: curves in the readings of two channels are independent."""
+    """How many causes a curve stands for: curves in the readings of two channels are
+    independent.
+    """
     return len(
         {
             (e.sensor, e.axis) if isinstance(e, LearnedReading) else None

@@ -1,5 +1,5 @@
-"""Gravity's direction carried across a hand turn by the gyro, and what small errors of force and
-rate do to where it lands.
+"""Gravity's direction carried across a hand turn by the gyro, and how small errors of force and
+rate change the result.
 """
 
 from collections.abc import Sequence

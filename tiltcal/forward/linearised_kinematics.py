@@ -1,9 +1,9 @@
-"""How force and rate in the body frame answer a small turn at each place of the chain: first order,
-exact in time.
+"""How force and rate in the body frame respond to a small turn at each place of the chain: first
+order, exact in time.
 
-At an instant the motion depends on a turn's angle, rate and acceleration at that instant and on
-nothing else. So a few probes through the closed form, one for each of the three, hold the answer to
-every small turn of that place.
+At an instant the motion depends on a turn's angle, rate and acceleration at that instant only.
+Three probes through the closed form, one for each, therefore hold the response to any turn at that
+place.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,5 @@
-"""Hand-held recordings: the attitude is known from the recording's own sensors only, so only what
-is redundant is predicted.
+"""Hand-held recordings: the attitude comes from the recording's own sensors, so only redundant
+readings are predicted.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
-"""What may ask for recordings gets a Laboratory as an argument: a simulated one, or a real
-table.
+"""Laboratories: who makes recordings. What needs recordings gets a Laboratory as an argument, a
+simulated one or a real table.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ NEW = ""
 
 
 class Laboratory(Protocol):
-    """Somewhere recordings come from."""
+    """Makes recordings."""
 
     def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
         """A recording of the scenario's sequence; ``seed`` None: without random effects and

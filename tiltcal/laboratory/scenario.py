@@ -207,7 +207,7 @@ def _arguments(annotation: Any) -> list[Any]:
 
 
 def fresh(scenario: Scenario, **changes: Any) -> Scenario:
-    """A copy with some fields changed, and nothing remembered of what they were."""
+    """A copy with some fields changed, without cached values."""
     copy = scenario.model_copy(update=changes)
     for name in ("effects", "schedule"):
         copy.__dict__.pop(name, None)

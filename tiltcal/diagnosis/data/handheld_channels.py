@@ -1,9 +1,4 @@
-"""Recordings turned by hand, without any angle readout: only what is redundant in them has a model.
-
-A FOG against the gyro triad; at rest the length of the accelerometer's reading, the gyro's reading
-against the force, and, in a long rest, how each accelerometer axis wanders; gravity's direction
-after a turn, carried there by the gyro.
-"""
+"""Recordings turned by hand, without any angle readout: only redundant readings have a model."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -66,8 +61,8 @@ class HandheldObservations(Observations):
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
         """How readings change with a small effect.
 
-        What was found is left out of the others: in second order it would lend its shape to the
-        calibration terms, of which only some combinations can be seen here.
+        Findings are left out of the operating point: in second order they would lend their shape to
+        the calibration terms, of which only some combinations can be seen here.
         """
         names = list(effect.sizes)
         found = self.columns(effect, names, around)
@@ -110,10 +105,9 @@ class HandheldObservations(Observations):
         return found
 
     def saturating(self, number: int) -> list[Array]:
-        """Of what is read at rest, polynomials of the direction of up, as far as there are poses
-        for them.
+        """Polynomials of the direction of up for readings at rest, as many as the poses allow.
 
-        Else the scatter from pose to pose, which is physics, makes a flicker that hides it.
+        Without them the scatter from pose to pose, which is physics, would be counted as flicker.
         """
         channel = self.channels[number]
         if channel.axis == "turn" or channel.stop.min() < 0:
@@ -158,8 +152,8 @@ class HandheldObservations(Observations):
                     yield Signal(number, sensor.name, axis, rows, values)
 
     def as_unsteady(self, number: int, residual: Array, mean: Array, fit: NoiseFit) -> NoiseFit:
-        """The noise of what is read at rest, no less than the rests are apart: biases that wander
-        turn with the pose.
+        """The noise of readings at rest, no less than the difference between rests: wandering
+        biases turn with the pose.
         """
         channel = self.channels[number]
         if (channel.derived and channel.axis != "norm") or channel.stop.min() < 0:

@@ -1,4 +1,4 @@
-"""Rests of a recording turned by hand: which rows truly rest, and a long log with its rests
+"""Rests of a recording turned by hand: which rows are at rest, and a long log with its rests
 averaged.
 """
 
@@ -34,7 +34,7 @@ def rests_of(stop: Index) -> Iterator[Index]:
 
 
 def inner(time: Array, stop: Index) -> Mask:
-    """Rows of rests without their edges, where a hand still settles or begins to move, (n,)."""
+    """Rows of rests without their edges, where the hand has not settled or begins to move, (n,)."""
     found = np.zeros(len(time), bool)
     for rows in rests_of(stop):
         edge = min(EDGE, (time[rows[-1]] - time[rows[0]]) / 4)
@@ -43,10 +43,8 @@ def inner(time: Array, stop: Index) -> Mask:
 
 
 def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
-    """Those rows without what somebody's touch did: values, (n, k), briefly far off the median of
-    their rest.
-
-    A short rest goes with it: whoever touched it may still lean on it.
+    """Those rows without disturbances: values, (n, k), briefly far from the median of their rest. A
+    short rest is left out with them.
     """
     found = rows.copy()
     for rest in rests_of(np.where(rows, stop, -1)):
@@ -91,12 +89,12 @@ def rest_steps(stop: Index) -> Array:
 
 
 def no_less(fit: NoiseFit, steps: Array, residual: Array, mean: Array) -> NoiseFit:
-    """A noise with as much flicker as makes rests as different as they are, should that be more
+    """A noise with as much flicker as the difference between rests requires, should that be more
     than the spectrum says.
 
-    One bias that wanders is seen with another sign and share in each pose: from rest to rest that
-    is no flicker of a channel's rows, and their spectrum, of which few coefficients are that slow,
-    hardly shows it.
+    A wandering bias appears with another sign and share in each pose. From rest to rest that is no
+    flicker of a channel's rows, and their spectrum, with few coefficients that slow, hardly shows
+    it.
 
     Args:
         fit: white, flicker and walk as the spectrum of all rows has them.

@@ -1,9 +1,8 @@
-"""What a small error of one sensor's reading does to all that is redundant in a recording turned by
-hand.
+"""What a small error of one sensor does to all redundant readings of a recording turned by hand.
 
-One pass for all sizes of an effect: what it adds to the reading, at the motion that the calibrated
-sensors say; force and rate in the body then change by minus that through the inverse sensor matrix,
-and every channel answers to them linearly.
+One pass for all sizes of an effect: what it adds to the reading at the motion that the calibrated
+sensors say. Force and rate in the body then change by minus that through the inverse sensor matrix,
+and every channel responds linearly.
 """
 
 from collections.abc import Mapping, Sequence

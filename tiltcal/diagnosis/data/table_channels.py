@@ -25,9 +25,8 @@ QUICK = 0.1  # periods within a block, at most, that its middle may stand for
 class TableObservations(Observations):
     """Recordings on a table whose angles were read.
 
-    ``averaged`` has blocks of samples in place of samples, of readings and predictions alike: a
-    long record needs no more to tell what physics it holds, and noise stays what it was, white,
-    flicker and walk.
+    ``averaged`` has means over blocks of samples, of readings and predictions alike. A long record
+    needs no more to show its physics, and its noise stays white, flicker and walk.
     """
 
     def __init__(

@@ -20,8 +20,8 @@ COARSE = 1.5
 
 
 def coarse_codes(recording: Recording, sensor: Sensor) -> tuple[Recording, list[Fault]]:
-    """Codes that are not small beside the noise; raw codes of a converter that the scenario states
-    are no news.
+    """Codes that are not small beside the noise. Raw codes of a converter that the scenario states
+    are no fault.
     """
     if sensor.input is not None:
         return recording, []
@@ -97,8 +97,8 @@ def _spread_at_rest(values: Array) -> float:
     """Standard deviation over sixteen samples where they are quiet, SI: the noise, if the table
     rests a fifth of the time.
 
-    What stands at the largest or smallest value of all may be clipped, the longest stretch of one
-    value frozen: both are left out, where anything else is left.
+    Values at the ends of the range may be clipped, the longest stretch of one value frozen: both
+    are left out where anything else is left.
     """
     first, last = runs_of(np.diff(values) == 0)
     if len(first):

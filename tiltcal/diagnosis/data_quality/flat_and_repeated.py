@@ -1,9 +1,5 @@
-"""Faults of the data, found before any physics: they break every fit. Each is reported, and
-repaired so that the rest can be seen.
-
-What was repaired: frozen, repeated, clipped and gross values become missing; a wrong unit, sign,
-permutation or sense of rotation becomes an effect of the scenario, so that the model reads as the
-file does.
+"""Frozen, repeated and clipped values, and bits that are never set. They are found before any fit,
+because they spoil every fit; each is reported, and its samples become missing.
 """
 
 from collections.abc import Sequence
@@ -79,9 +75,7 @@ def _at_end(values: Array, value: float) -> bool:
 
 
 def lacking_bits(recording: Recording, sensor: Sensor, fine: Sequence[str]) -> list[Fault]:
-    """Channels of a sensor with a bit that is never set, in what the file holds, whatever its zero
-    and unit.
-    """
+    """Channels of a sensor with a bit that is never set, whatever zero and unit the file has."""
     found = []
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)

@@ -74,7 +74,7 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
 
 
 def _once(faults: Sequence[Fault]) -> list[Fault]:
-    """One fault of a kind and place, though several recordings show it."""
+    """One fault of each kind and place, though several recordings show it."""
     kept: dict[tuple[str, str | None, tuple[str, ...], tuple[str, ...]], Fault] = {}
     for f in faults:
         kept.setdefault((f.effect.id, f.effect.axis, f.sensors, f.axes), f)
@@ -82,8 +82,8 @@ def _once(faults: Sequence[Fault]) -> list[Fault]:
 
 
 def in_order(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording with stamps that increase: rows that go back or repeat a stamp are left out,
-    and it is said.
+    """The recording with increasing stamps, and a note of the rows that are left out because they
+    go back or repeat a stamp.
     """
     time = recording.time
     good = np.isfinite(time)

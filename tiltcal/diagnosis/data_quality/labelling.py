@@ -17,7 +17,7 @@ from tiltcal.setup.sensor import Sensor
 
 
 def signed_permutations(n: int) -> Iterator[Array]:
-    """Matrices that exchange channels and turn their signs round, (n, n)."""
+    """Matrices that exchange channels and change their signs, (n, n)."""
     for order, signs in product(permutations(range(n)), product((1.0, -1.0), repeat=n)):
         P = np.zeros((n, n))
         P[range(n), order] = signs
@@ -27,9 +27,7 @@ def signed_permutations(n: int) -> Iterator[Array]:
 def fault_of_factor(
     k: float, fog: Sensor, gyro: Sensor, fastest: float, gyros: float
 ) -> list[Fault]:
-    """Unit and sign behind a FOG's readings that are k times what the gyros say; largest rates
-    rad/s.
-    """
+    """Unit and sign of a FOG whose readings are k times those of the gyros; largest rates rad/s."""
     faults = []
     factor = next(
         (s for c in FACTORS for s in (c, 1 / c) if abs(np.log(abs(k) / s)) < LIKELY), None
@@ -48,7 +46,7 @@ def fault_of_factor(
 
 
 def affine_fit(y: Array, f: Array) -> Array:
-    """Mean square that an affine map of the predictions leaves of each column, (k,)."""
+    """Mean square residual of each column after an affine map of the predictions, (k,)."""
     X = np.column_stack([np.ones(len(f)), f])
     return (
         np.asarray(((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2).mean(axis=0))

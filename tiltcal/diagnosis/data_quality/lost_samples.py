@@ -1,5 +1,5 @@
-"""Samples that were lost while the stamps went on: from an instant on every move comes early, by a
-whole number of samples.
+"""Samples that were lost while the stamps continued: from an instant on, every move comes early by
+a whole number of samples.
 """
 
 from collections.abc import Sequence
@@ -26,8 +26,8 @@ SURE = 4.0  # sigma, of the instant
 def find_lost_samples(
     observations: Observations, fitted: FittedModel
 ) -> tuple[list[Fault], tuple[Recording, ...]]:
-    """Losses of two samples and more, sensor by sensor, and the recordings with the rest moved back
-    to its time.
+    """Losses of two samples and more, sensor by sensor, and the recordings with the later samples
+    moved back to their time.
     """
     repaired = list(observations.recordings)
     faults: list[Fault] = []
@@ -74,8 +74,8 @@ def _lost(recording: Recording, sensor: Sensor, time: float, lost: int) -> Fault
 
 
 def lost_as_another(own: Sequence[tuple[Channel, Array]], time: float, lost: int) -> bool:
-    """Whether a sensor lost what another did: from that instant on most of the misfit goes with the
-    loss.
+    """Whether a sensor lost what another one lost: the loss explains most of its misfit from that
+    instant on.
     """
     before = after = 0.0
     for channel, p in own:
@@ -86,7 +86,7 @@ def lost_as_another(own: Sequence[tuple[Channel, Array]], time: float, lost: int
 
 
 def _disturbed(own: Sequence[tuple[Channel, Array]]) -> bool:
-    """Whether the model misses moves by far more than noise."""
+    """Whether the model misses moves by much more than noise."""
     for channel, p in own:
         r = np.nan_to_num(channel.values - p)
         moving = channel.stop < 0
@@ -118,11 +118,10 @@ def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
 
 
 def _instant(own: Sequence[tuple[Channel, Array]], start: float, end: float, lost: int) -> float:
-    """When samples were lost between the last move that is in time and the end of the first that is
-    early, s.
+    """When samples were lost, between the last move in time and the end of the first early one, s.
 
-    In the middle of all instants that the readings allow: between two moves any will do, amid a
-    move hardly one. By what they change from row to row, for the fit has been spoiled by the loss.
+    The middle of all instants that the readings allow: between two moves any is possible, within a
+    move hardly one. Judged by changes from row to row, because the loss has spoiled the fit.
     """
     common = reduce(np.intersect1d, [channel.rows for channel, _ in own])
     ahead = common + lost * int(np.median(np.diff(common)))
@@ -156,8 +155,8 @@ def _moves(channel: Channel) -> list[tuple[float, float]]:
 def _lag(
     own: Sequence[tuple[Channel, Array]], start: float, end: float
 ) -> tuple[float, float, int] | None:
-    """A move and by how many samples the readings come early in it; None where too little is read
-    of it.
+    """A move, and by how many samples the readings come early in it; None where too little was
+    read.
     """
     cost = np.zeros(MOST)
     for channel, p in own:

@@ -1,5 +1,5 @@
-"""Gross errors: single values far off their neighbours, in what the table's motion leaves over or
-in the columns themselves.
+"""Outliers: single values far from their neighbours, in the residual on a table, in the columns by
+hand.
 """
 
 from collections.abc import Collection
@@ -64,7 +64,7 @@ def find_outliers(
 
 
 def _at_an_end(stop: Index, rows: Index) -> Mask:
-    """Rows where a move begins or ends, (n,): a jerk there is the table's, or the body's."""
+    """Rows where a move begins or ends, (n,): a jerk there is real."""
     changes = np.flatnonzero(np.diff(stop) != 0)
     near = np.zeros(len(stop) + 2 * ENDS, bool)
     for shift in range(2 * ENDS):
@@ -88,7 +88,7 @@ def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
 
 def off_neighbours(values: Array) -> Array:
     """Distance of each value from the median of its neighbourhood, in local standard deviations; 0
-    unless it stands alone, (n,).
+    unless it is a single value, (n,).
     """
     from scipy.ndimage import median_filter
 

@@ -1,6 +1,4 @@
-"""Recordings on the prepared data: what is wrong with their data mended, layer by layer, and the
-adjustable terms fitted.
-"""
+"""Recordings with their data faults repaired, step by step, and the adjustable terms fitted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -46,7 +44,7 @@ PASSES = 5  # of putting missing bits back
 
 @dataclass(frozen=True)
 class PreparedData:
-    """Recordings whose data faults are mended, and the adjustable terms fitted to them.
+    """Recordings whose data faults are repaired, and the adjustable terms fitted to them.
 
     Args:
         faults: found in the data; notes: what is no mismatch.
@@ -61,7 +59,7 @@ class PreparedData:
     floors: Mapping[str, float] = field(default_factory=dict)
 
     def over(self, observations: Observations, *faults: Fault) -> "PreparedData":
-        """The same over other observations, the adjustable terms fitted again, with further
+        """The same for other observations, with the adjustable terms re-fitted and further
         faults.
         """
         start, whitened = calibrated(observations, self.whitened.law)
@@ -76,7 +74,7 @@ def prepare(
     recordings: Sequence[Recording],
     law: type[NoiseModel] = WhiteFlickerWalk,
 ) -> PreparedData:
-    """Mend what is wrong with the data, layer by layer, and fit the adjustable terms."""
+    """Repair the faults of the data step by step, and fit the adjustable terms."""
     sound, faults, notes = _sound(scenario, recordings)
     known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if not e.repair]
     stated = {e.id for e in scenario.effects}
@@ -106,9 +104,7 @@ def prepare(
 
 
 def _with_bits(prepared: PreparedData, known: Sequence[Effect]) -> PreparedData:
-    """Bits that are never set put back, again and again as long as a better fit, which they spoil,
-    moves some.
-    """
+    """Missing bits put back, repeatedly as long as the better fit changes some."""
     bits = {
         (f.sensors[0], f.axes[0]): f.effect.value("bit_value")
         for f in prepared.faults
@@ -134,7 +130,7 @@ def _with_bits(prepared: PreparedData, known: Sequence[Effect]) -> PreparedData:
 def _with_right_stops(
     prepared: PreparedData, known: Sequence[Effect], stated: bool
 ) -> PreparedData:
-    """One stop whose written angle is wrong put right; stated: whether the scenario says so
+    """One stop with a wrong written angle repaired; stated: whether the scenario states it
     already.
     """
     slip = find_wrong_stop(prepared.observations, prepared.start)
@@ -152,7 +148,7 @@ def _with_right_stops(
 def _sound(
     scenario: Scenario, recordings: Sequence[Recording]
 ) -> tuple[tuple[Recording, ...], list[Fault], list[str]]:
-    """The recordings with the faults of their data mended, and those faults."""
+    """The recordings with faults of their columns repaired, those faults, and notes."""
     inspected = inspect(scenario, recordings)
     faults = list(inspected.faults)
     meant = find_labelling_faults(scenario, inspected.recordings[0])
@@ -169,7 +165,7 @@ def _sound(
 
 
 def averaged_blocks(prepared: PreparedData, block: int) -> PreparedData:
-    """The same with so many samples of a long record averaged into one."""
+    """The same with this number of samples of a long record averaged into one."""
     averaged = prepared.observations.averaged(block)
     return prepared if averaged is prepared.observations else prepared.over(averaged)
 
@@ -205,7 +201,7 @@ def static_noise(
 def calibrated(
     observations: Observations, law: type[NoiseModel]
 ) -> tuple[FittedModel, WhitenedModel]:
-    """The adjustable terms fitted to the readings in white noise, and that noise."""
+    """The adjustable terms fitted to the readings under white noise, and that noise."""
     scenario = observations.scenario
     terms = [FittedTerm.start(s) for s in adjustable(scenario)]
     known: list[Effect] = []

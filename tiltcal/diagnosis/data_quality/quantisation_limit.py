@@ -1,4 +1,4 @@
-"""What coarse codes do to a misfit: nothing smaller than that is named."""
+"""The limit that coarse codes set: nothing smaller than their effect is named."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,8 +18,8 @@ BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which 
 
 
 def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]:
-    """Size, SI, below which the codes of a sensor, or of the table's readout, make whatever they
-    like; by sensor.
+    """Size, SI, below which the codes of a sensor, or of the table's readout, determine the misfit;
+    by sensor.
     """
     floors: dict[str, float] = {}
     for fault in faults:
@@ -42,8 +42,8 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
 
 
 def needs_motion(effect: Effect) -> bool:
-    """Whether only rates, accelerations or the way that a table came by tell an effect: where its
-    angles are cut nothing does.
+    """Whether only rates, accelerations or the direction of approach show an effect: truncated
+    angles hide it.
     """
     return effect.needs in BLURRED or getattr(effect, "coordinate", "").split("_")[0] in (
         "rate",
@@ -54,8 +54,8 @@ def needs_motion(effect: Effect) -> bool:
 def drop_below_code(
     fitted: FittedModel, whitened: WhitenedModel, floors: Mapping[str, float], blurred: bool = False
 ) -> FittedModel:
-    """The fitted model without findings that are nowhere larger than what coarse codes do; curves,
-    all in all, beyond what calibration takes of them.
+    """The fitted model without findings that are nowhere larger than the effect of coarse codes;
+    for curves, without the part that calibration absorbs.
 
     Args:
         blurred: whether the table's angles are cut.

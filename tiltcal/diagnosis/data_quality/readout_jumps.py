@@ -1,9 +1,9 @@
-"""Stretches whose written angle jumps away from the course and back: the readout did, and no sensor
-followed.
+"""Stretches whose written angle jumps away from the motion and back: the readout jumped, and no
+sensor followed.
 
-A wrong angle of one stop is far off where gravity tells (``randoms.wrong_stop``). Of an axis that
-stands upright gravity tells nothing, and beside another stop of the same angle the search for stops
-finds none; but between two samples no table goes far.
+A wrong angle of one stop shows by gravity (``stop_errors.find_wrong_stop``). Of a vertical axis
+gravity shows nothing, and beside another stop of the same angle that search finds none; but no
+table moves far between two samples.
 """
 
 from collections.abc import Sequence
@@ -55,8 +55,8 @@ class Jump:
 def find_readout_jumps(
     observations: Observations, fitted: FittedModel
 ) -> tuple[list[Fault], tuple[Recording, ...]]:
-    """Stretches of wrong written angles that the readout itself shows, and the recordings without
-    their readout.
+    """Stretches of wrong angles that the readout itself shows, and the recordings without their
+    readout.
     """
     faults: list[Fault] = []
     recordings = list(observations.recordings)
@@ -110,7 +110,7 @@ def _sharp(bent: Array) -> Array:
 def _unfollowed(
     observations: Observations, effects: Sequence[Effect], number: int, jump: Jump
 ) -> bool:
-    """Whether the sensors, wherever a table that jumps would show in them, say that it did not."""
+    """Whether the sensors show that the table did not jump."""
     course = observations.courses[number]
     angle = course.angles[jump.axis] - jump.error * jump.rows
     level = replace(course, angles={**course.angles, jump.axis: angle})
@@ -133,9 +133,7 @@ def _unfollowed(
 
 
 def _with_moves(level: Replay, jump: Jump) -> Replay:
-    """A course without a jump, with quick moves in place of it: how a table would have gone there
-    and back.
-    """
+    """A course with quick moves in place of jumps: how a table would have moved there and back."""
     rise = np.hanning(RISE + 2)
     share = np.convolve(jump.rows, rise / rise.sum(), "same")
     moving = np.convolve(np.abs(np.diff(share, prepend=share[0])), np.ones(RISE), "same") > 0

@@ -1,4 +1,4 @@
-"""Random setting of an axis: every stop is off by a rotation of its own."""
+"""Random setting of an axis: each stop has its own rotation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,8 +20,8 @@ from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 def find_setting_error(
     fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int
 ) -> tuple[Fault, list[Columns]] | None:
-    """Random setting of an axis: every stop is off by a rotation of its own, and nothing smooth
-    takes half of it away.
+    """Random setting of an axis: each stop has its own rotation, and no smooth law explains half of
+    it.
 
     Returns:
         The fault, and the change of the readings by each stop's own rotation; None when the stops
@@ -72,13 +72,11 @@ def _chance(
     noise: Sequence[NoiseFit],
     limit: float,
 ) -> float:
-    """Logarithm of the chance of what the stops' own rotations explain, in the noisiest way that
-    the stops allow.
+    """Log probability of what the rotations of the stops explain, under the noisiest model that the
+    stops allow. Not worked out further above the limit.
 
-    Once it is above the limit it is not worked out further.
-
-    What differs from stop to stop but is no rotation about the axis tells how much noise there is
-    that the stops by themselves do not show: the rotations have to stand out of that too.
+    Differences between stops that are no rotation about the axis show how much noise there is
+    between stops: the rotations have to be significant beyond that too.
     """
     levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
     worst = -np.inf
@@ -96,8 +94,8 @@ def _chance(
 
 
 def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
-    """Logarithm of the chance that a ratio of mean squares exceeds that of ``gain`` over
-    ``other``.
+    """Log probability that a ratio of mean squares exceeds that of ``gain`` over ``other`` (F
+    test).
     """
     from scipy.special import fdtrc
 
@@ -105,8 +103,8 @@ def log_ratio(gain: float, dof: int, other: float, free: int) -> float:
 
 
 def lawful_part(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model without its nameless curves, where these have as many numbers together as
-    there are stops: each tells its own.
+    """The fitted model without its unlisted curves, where these have as many parameters as there
+    are stops.
     """
     named = tuple(t for t in fitted.terms if (t.host or t.hypothesis).listed)
     sizes = sum(len(t.names) for t in fitted.terms) - sum(len(t.names) for t in named)
@@ -135,8 +133,8 @@ def beside_stops(
 
 
 def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) -> list[Columns]:
-    """Change of the readings per radian of one axis at one stop, for each stop; on the way it goes
-    over into the next.
+    """Change of the readings per radian of one axis at one stop, for each stop, interpolated
+    between stops.
     """
     zero = EncoderZero({f"{axis}_zero": 1e-4}, None, None, "found")
     whole = observations.changes(zero, fitted.effects)

@@ -1,6 +1,4 @@
-"""Effects without a fixed signature: a wrong angle of one stop, random setting at every stop,
-random stamps.
-"""
+"""A wrong written angle of one stop."""
 
 from dataclasses import replace
 
@@ -22,8 +20,8 @@ MARGIN = 4  # rows beside a stop that its wrong readout spoils
 def find_wrong_stop(
     observations: Observations, fitted: FittedModel
 ) -> tuple[Fault, tuple[Recording, ...]] | None:
-    """One stop whose written angle is wrong: it is far off where the others are not, and one other
-    angle takes that away.
+    """One stop with a wrong written angle: its misfit is large where the others fit, and another
+    angle removes it.
     """
     worst = stop_misfits(observations, fitted) if observations.courses else {}
     if not worst:
@@ -51,8 +49,8 @@ def stop_misfits(observations: Observations, fitted: FittedModel) -> dict[tuple[
 
 
 def stands_alone(observations: Observations, mended: Observations, fitted: FittedModel) -> bool:
-    """Whether a stop is far off what all others are, once one that was wrong no longer spoils the
-    fitted model.
+    """Whether the misfit of a stop is far from all others, once the stop no longer spoils the
+    fit.
     """
     rest = stop_misfits(mended, fitted)
     return max(stop_misfits(observations, fitted).values()) > APART * max(
@@ -63,7 +61,7 @@ def stands_alone(observations: Observations, mended: Observations, fitted: Fitte
 def _rewritten(
     observations: Observations, fitted: FittedModel, number: int, stop: int
 ) -> tuple[Fault, tuple[Recording, ...]] | None:
-    """The axis and error that take the misfit of a stop away; None when none does."""
+    """The axis and error that remove the misfit of a stop; None when none does."""
     course = observations.courses[number]
     rows = course.stop == stop
     best: tuple[float, float, str] | None = None

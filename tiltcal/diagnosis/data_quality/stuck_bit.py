@@ -1,9 +1,9 @@
 """A bit that always reads 0: half of all codes never occur, in cycles of twice the bit, wherever
 the readings go.
 
-Which readings lack the bit only a prediction tells: it is put back where that brings a reading
-nearer to what the table's motion says. By hand a FOG predicts a gyro along its axis; where nothing
-does, the smoothest course that the codes allow is taken.
+Only a prediction shows which readings lack the bit: it is put back where that brings a reading
+nearer to the model. By hand a FOG predicts a gyro along its axis; where nothing does, the smoothest
+course that the codes allow is taken.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -86,8 +86,8 @@ def _never_set(values: Array, sign: Array) -> float | None:
 
 
 def _bunched(values: Array, frequency: float, reach: float) -> bool:
-    """Whether the values stand together within the half that occurs: a grid of coarse codes, not
-    codes that lack one bit.
+    """Whether the values cluster within the half that occurs: a grid of coarse codes, not codes
+    that lack a bit.
     """
     single = np.unique(values)
     return any(
@@ -97,9 +97,7 @@ def _bunched(values: Array, frequency: float, reach: float) -> bool:
 
 
 def _least_set(values: Array, frequency: float, reach: float, width: float) -> float:
-    """The frequency within reach at which the bit would be set least often, closer and closer:
-    where it never is is narrow.
-    """
+    """The frequency nearby at which the bit would be set least often, by refinement."""
     for _ in range(ZOOMS):
         near = frequency + np.linspace(-reach, reach, 33)
         often = np.array([np.count_nonzero(_set(values, f, width)) for f in near])

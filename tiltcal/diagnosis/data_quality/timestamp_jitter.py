@@ -1,4 +1,4 @@
-"""Time stamps that are wrong by chance."""
+"""Random errors of the time stamps."""
 
 from collections.abc import Mapping
 
@@ -16,8 +16,8 @@ from tiltcal.statistics.noise_spectrum import robust_white
 
 
 def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault | None:
-    """Stamps that are wrong by chance: the residual's variance grows with the square of how fast
-    the reading moves.
+    """Random errors of the time stamps: the variance of the residual grows with the square of the
+    rate of the reading.
     """
     if not observations.courses:
         return None

@@ -1,10 +1,10 @@
-"""Columns that do not mean what they say: units, signs, exchanged axes, a table counted the other
-way.
+"""Columns that are labelled wrongly: units, signs, exchanged axes, a table counted in the opposite
+sense.
 
-Every reading of the columns (48 signed permutations of a triad, each axis of the table either way)
-is compared with the model; one that fits far better than the words of the scenario is what the file
-holds. To gravity an axis that counts the other way is often no more than a sign of a column: what
-the motion adds tells them apart, or nothing does.
+Each interpretation of the columns (48 signed permutations of a triad, each axis of the table in
+both senses) is compared with the model; one that fits far better than the scenario's is what the
+file holds. To gravity an axis that counts in the opposite sense is often a sign of a column: only
+motion separates them.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ EXACT = 1e-9  # of the largest reading: a recording without noise is no nearer t
 
 @dataclass(frozen=True)
 class Version:
-    """One reading of all columns.
+    """One interpretation of all columns.
 
     Args:
         faults: what the file does in it, first the axes that count the other way.
@@ -69,7 +69,7 @@ class Version:
 
 
 def find_labelling_faults(scenario: Scenario, recording: Recording) -> list[Fault]:
-    """Faults of what the columns mean, on a table whose angles were read."""
+    """Labelling faults of a recording on a table whose angles were read."""
     if any(e.mislabels for e in scenario.effects):
         return []
     if not scenario.rig.axes:
@@ -90,7 +90,7 @@ def find_labelling_faults(scenario: Scenario, recording: Recording) -> list[Faul
 
 
 def _subsets(axes: Sequence[str]) -> list[tuple[str, ...]]:
-    """Axes that may count the other way: none first."""
+    """Axes that may count in the opposite sense: none first."""
     return [
         tuple(a for part in parts for a in part)
         for parts in product(*[((), (axis,)) for axis in axes])
@@ -98,8 +98,8 @@ def _subsets(axes: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _likeliest(versions: Sequence[Version]) -> list[Fault]:
-    """The faults of the plainest of the versions that fit best, with the ids of others as plain
-    that fit as well.
+    """The faults of the simplest of the interpretations that fit best, with the ids of others as
+    simple that fit as well.
     """
     near = [v for v in versions if v.misfit <= FAR * min(v.misfit for v in versions)]
     words = versions[0]
@@ -125,7 +125,7 @@ def _likeliest(versions: Sequence[Version]) -> list[Fault]:
 def _version(
     scenario: Scenario, recording: Recording, course: "object", reversed_: Sequence[str]
 ) -> Version:
-    """The columns read with these axes counted the other way."""
+    """The columns interpreted with these axes in the opposite sense."""
     faults: list[Fault] = []
     for axis in reversed_:
         effect = DataRotationSense({"reversed": 1.0}, None, axis, "found")
@@ -157,7 +157,7 @@ def _version(
 
 
 def _relabelled(y: Array, faults: Sequence[Fault], sensor: Sensor) -> Array:
-    """Columns with these faults of their meaning undone."""
+    """Columns with these labelling faults undone."""
     for fault in reversed(faults):
         y = y @ np.linalg.inv(meant_matrix(fault.effect, sensor)).T
     return y

@@ -1,6 +1,4 @@
-"""How many samples of a long record are averaged into one: it needs no more to tell what physics it
-holds.
-"""
+"""How many samples of a long record are averaged into one without losing what it shows."""
 
 import numpy as np
 
@@ -17,7 +15,9 @@ HALF = 0.5  # period
 
 
 def block_of(observations: Observations, lines: SpectralLines) -> int:
-    """Samples in a block: as few as a line asks for, as long as MOST_ROWS are not exceeded."""
+    """Samples in a block: as few as a spectral line allows, as long as MOST_ROWS are not
+    exceeded.
+    """
     longest = max(len(c.values) for c in observations.channels)
     if longest <= MOST_ROWS:
         return 1

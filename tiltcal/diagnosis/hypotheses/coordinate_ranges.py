@@ -1,4 +1,4 @@
-"""What recordings span: where shapes and curves of hypotheses come from."""
+"""What recordings span, for the shapes and curves of hypotheses."""
 
 import numpy as np
 
@@ -70,8 +70,8 @@ def _between_moves(observations: Observations) -> Ranges:
 
 
 def _readings(channel: Channel, observations: Observations) -> Array:
-    """What the sensor of a channel read; by hand on all rows and axes: the channel holds a part of
-    it only, or its length.
+    """Readings of a channel's sensor; by hand on all rows and axes, because the channel holds only
+    a part of them.
     """
     if observations.scenario.rig.axes:
         return channel.values

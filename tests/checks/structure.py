@@ -1,10 +1,11 @@
-"""Statistics of the source code, room by room, and the limits that they keep.
+"""Statistics of the source code, room by room: limits that it keeps, and targets that it is held
+to.
 
     python -m tests.checks.structure
 
 A code line is one that holds a token other than a comment or a docstring. A numeric constant is a
 module-level name that is given a number. A body is a function without its docstring.
-Exit status: 0 all limits are kept; 1 one is not.
+Exit status: 0 all limits are kept, whether targets are met or not; 1 a limit is not kept.
 """
 
 import ast
@@ -25,10 +26,12 @@ SKIPPED = {
     tokenize.DEDENT,
     tokenize.ENDMARKER,
 }
-LIMITS = {
+TARGETS = {
     "tokens a code line, median room": 9.0,
     "tokens a code line, densest room": 10.0,
     "numeric constants per 1000 lines outside effects": 5.0,
+}
+LIMITS = {
     "largest file, lines": 300,
     "largest body, lines": 40,
     "modules and rooms at the top": 16,
@@ -170,7 +173,7 @@ def density(sources: list[Source]) -> float:
 
 
 def measured(sources: list[Source]) -> dict[str, float]:
-    """The figures that have a limit."""
+    """The figures that have a target or a limit."""
     rooms = by_room(sources)
     dense = [density(s) for s in rooms.values()]
     outside = [s for s in sources if s.room != "effects"]
@@ -185,7 +188,7 @@ def measured(sources: list[Source]) -> dict[str, float]:
         len(top),
         len(circles(sources)),
     )
-    return dict(zip(LIMITS, figures, strict=True))
+    return dict(zip((*TARGETS, *LIMITS), figures, strict=True))
 
 
 def by_room(sources: list[Source]) -> dict[str, list[Source]]:
@@ -211,9 +214,10 @@ def main() -> int:
     print(f"{'all':<14} {len(sources):>5} {sum(s.lines for s in sources):>6}\n")
     failed = 0
     for name, value in measured(sources).items():
-        above = value > LIMITS[name]
-        failed += above
-        print(f"{name:<50} {value:>7.4g}  limit {LIMITS[name]:g}{'  EXCEEDED' if above else ''}")
+        kind, least = ("limit", LIMITS[name]) if name in LIMITS else ("target", TARGETS[name])
+        above = value > least
+        failed += above and kind == "limit"
+        print(f"{name:<50} {value:>7.4g}  {kind} {least:g}{'  EXCEEDED' if above else ''}")
     for group in circles(sources):
         print("circle: " + " -> ".join(group))
     for source in sources:

@@ -199,7 +199,6 @@ def vibration_power(force: Array, rate_hz: float) -> Array:
 
 def moving_mean(u: Array, width: float) -> Array:
     """Centred mean over ``width`` samples, ends held, (n,)."""
-    n = max(round(width), 1)
-    padded = np.pad(u, (n // 2, n - n // 2 - 1), mode="edge")
-    total = np.cumsum(np.concatenate([np.zeros(1), padded]))
-    return (total[n:] - total[:-n]) / n
+    from scipy.ndimage import uniform_filter1d
+
+    return np.asarray(uniform_filter1d(u, max(round(width), 1), axis=0, mode="nearest"))

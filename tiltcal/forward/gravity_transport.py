@@ -173,13 +173,11 @@ def products(a: Array, b: Array) -> Array:
 
 
 def matrices(q: Array) -> Array:
-    """Rotation matrices of unit quaternions, (..., 4) -> (..., 3, 3)."""
-    v, w = q[..., :3], q[..., 3, None, None]
-    return np.asarray(
-        (2 * w**2 - 1) * np.eye(3)
-        + 2 * v[..., :, None] * v[..., None, :]
-        + 2 * w * cross_matrices(v)
-    )
+    """Rotation matrices of unit quaternions (x, y, z, w), (..., 4) -> (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    found = Rotation.from_quat(q.reshape(-1, 4)).as_matrix()
+    return np.asarray(found.reshape(*q.shape[:-1], 3, 3))
 
 
 def cross_matrices(v: Array) -> Array:

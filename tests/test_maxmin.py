@@ -11,8 +11,8 @@ import pytest
 from statistics_helpers import rng_of
 
 from tiltcal.cli import main
-from tiltcal.cli.designing import TEXTBOOK
-from tiltcal.cli.maxmin import summary
+from tiltcal.cli.design import TEXTBOOK
+from tiltcal.cli.maxmin_design import summary
 from tiltcal.core.units import DEG
 from tiltcal.design.classic import classic
 from tiltcal.design.maxmin import (

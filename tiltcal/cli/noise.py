@@ -1,11 +1,12 @@
-"""``tiltcal noise``: the Allan coefficients of a record at rest, and the effect tables that
-simulate it.
-"""
+"""``tiltcal noise``."""
 
-import argparse
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
+from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, split_unit
@@ -19,9 +20,41 @@ from tiltcal.statistics.allan import NAMES, TERMS, NoiseModel, allan_deviation, 
 SUFFIX = {"Q": " s", "N": "/rtHz", "B": "", "K": "/rts", "R": "/s"}
 
 
-def noise(args: argparse.Namespace) -> int:
-    """Print the coefficients of each channel."""
-    recording = read_recording(args.recording).require_increasing()
+def noise(
+    recording_file: Annotated[Path, Parameter("REC", help="Recording at rest.")],
+    /,
+    *,
+    as_json: Json = False,
+) -> int:
+    """Estimate Allan coefficients from a recording at rest.
+
+    Prints the coefficients of each channel and the [[effect]] tables that
+    simulate this noise. The longest dwell is used. A slope that the recording
+    does not show is reported as such.
+    """
+    recording = read_recording(recording_file).require_increasing()
+    models = noise_models(recording)
+    if as_json:
+        print_json({name: _as_json(model) for name, model in models.items()})
+        return 0
+    rows = [[n, *(_cell(m, t, split_unit(n)[1] or "") for t in TERMS)] for n, m in models.items()]
+    print_table(["channel", *TERMS], rows)
+    for t in TERMS:
+        print(f"{t}: {NAMES[t]}")
+    print(
+        "N is per root hertz of a two-sided density: the standard deviation of a sample is"
+        " N sqrt(rate); data sheets often give sqrt(2) N."
+    )
+    print("\n" + "\n".join(effect_tables(models)))
+    return 0
+
+
+def noise_models(recording: Recording) -> dict[str, NoiseModel]:
+    """The noise model of each sensor channel.
+
+    Raises:
+        TiltcalError: there is no sensor channel, or no rest.
+    """
     models = {}
     for name in recording.column_names:
         unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
@@ -35,19 +68,7 @@ def noise(args: argparse.Namespace) -> int:
             need="one at rest",
             do="name columns <sensor>_<axis>_<unit>",
         )
-    if args.json:
-        print_json({name: _as_json(model) for name, model in models.items()})
-        return 0
-    rows = [[n, *(_cell(m, t, split_unit(n)[1] or "") for t in TERMS)] for n, m in models.items()]
-    print_table(["channel", *TERMS], rows)
-    for t in TERMS:
-        print(f"{t}: {NAMES[t]}")
-    print(
-        "N is per root hertz of a two-sided density: a sample's deviation is N sqrt(rate); data"
-        " sheets often give sqrt(2) N."
-    )
-    print("\n" + "\n".join(effect_tables(models)))
-    return 0
+    return models
 
 
 def _as_json(model: NoiseModel) -> dict[str, object]:

@@ -1,11 +1,11 @@
 """Printing: tables for people, JSON for machines, progress on stderr."""
 
-import argparse
 import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
@@ -18,15 +18,15 @@ def print_json(value: Any) -> None:
     sys.stdout.write("\n")
 
 
-def require_output(args: argparse.Namespace, what: str) -> None:
-    """Without ``-o`` stdout carries the output itself, so that it cannot carry JSON as well.
+def require_output(command: str, output: Path | None, as_json: bool, what: str) -> None:
+    """Without ``-o`` the output itself goes to stdout, so JSON cannot go there as well.
 
     Raises:
-        TiltcalError: ``--json`` stands without ``-o``.
+        TiltcalError: ``--json`` without ``-o``.
     """
-    if args.json and not args.output:
+    if as_json and output is None:
         raise TiltcalError(
-            f"command line of `tiltcal {args.command}`",
+            f"command line of `tiltcal {command}`",
             found=f"--json without -o: {what} itself goes to stdout",
             need="a file for it",
             do="add -o FILE, or leave --json out",

@@ -23,17 +23,22 @@ def axis_limits(
 def _limit(text: str, axes: Collection[str] | None) -> tuple[str, tuple[float, float]]:
     axis, _, span = text.partition("=")
     low, _, high = span.partition(":")
-    known = bool(axis) if axes is None else axis in axes
     try:
         limit = (float(low), float(high))
     except ValueError:
-        known, limit = False, (0.0, 0.0)
-    if not known or not limit[0] < limit[1]:
+        limit = (1.0, 0.0)
+    if not axis or not limit[0] <= limit[1]:
         raise TiltcalError(
-            "--angles",
-            found=f"'{text}'",
-            need="AXIS=LOW:HIGH in deg, such as outer=-45:45"
-            + (f"; the axes are {', '.join(axes)}" if axes else ""),
+            f"--angles {text}",
+            found="no AXIS=LOW:HIGH",
+            need="an axis and two angles in deg, such as outer=-45:45",
+            do="correct it",
+        )
+    if axes is not None and axis not in axes:
+        raise TiltcalError(
+            f"--angles {text}",
+            found=f"no axis {axis} in this table",
+            need=f"an axis among {', '.join(axes)}",
             do="correct it",
         )
     return axis, limit

@@ -143,7 +143,8 @@ def test_an_error_of_our_own_is_told_in_words_and_raised_on_request(monkeypatch,
 
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
-    "words", [["methods"], ["effects"], ["effects", "--json"], ["simulate", "bench.toml"]]
+    "words",
+    [["--help"], ["methods"], ["effects"], ["effects", "--json"], ["simulate", "bench.toml"]],
 )
 def test_a_reader_that_has_gone_ends_a_command_in_silence(words):
     read, write = os.pipe()

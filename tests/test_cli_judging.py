@@ -9,27 +9,12 @@ from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE
 
 from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.cli import main
+from tiltcal.cli.commands import COMMANDS
 from tiltcal.cli.demo_case import CONCEALABLE, bench, concealed
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording, write_recording
-
-COMMANDS = (
-    "simulate",
-    "init",
-    "import",
-    "calibrate",
-    "correct",
-    "check",
-    "segments",
-    "run",
-    "verify",
-    "demo",
-    "prove",
-    "methods",
-    "effects",
-)
 
 
 def answer(capsys, *words, status=0):

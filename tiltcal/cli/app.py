@@ -72,7 +72,7 @@ def run(arguments: Sequence[str]) -> int:
     app = make_app()
     name = arguments[0] if arguments else ""
     if name in COMMANDS:
-        app[name].help = None  # its help page shows the docstring, not the one line of the list
+        app[name].help = None  # show the whole docstring, not only the summary
     try:
         status = app(
             arguments, exit_on_error=False, print_error=False, result_action="return_value"

@@ -34,7 +34,7 @@ def completion(
         if as_json:
             print_json({"shell": shell, "file": str(place)})
         else:
-            print(f"{place}: written; it takes effect in a new shell", file=sys.stderr)
+            print(f"{place}: written; it applies to new shells", file=sys.stderr)
         return 0
     script = app.generate_completion(shell=shell)
     if as_json:

@@ -111,10 +111,12 @@ def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> 
     sizes = {k: v for k, v in hidden.items() if isinstance(v, float)}
     rows = [["concealed", hidden["id"], _sizes(sizes)]]
     for f in answer["findings"]:
-        told = ", ".join(
+        estimates = ", ".join(
             f"{n} = {p['value']:.4g} +- {p['sigma']:.2g}" for n, p in f["parameters"].items()
         )
-        rows.append(["found", " or ".join(f["class"] or ["a curve of no listed effect"]), told])
+        rows.append(
+            ["found", " or ".join(f["class"] or ["a curve of no listed effect"]), estimates]
+        )
     print_table(
         ["", "effect", "size"],
         rows,

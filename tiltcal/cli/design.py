@@ -105,7 +105,7 @@ def design(
     else:
         show(plan, up, unseen)
         if untold:
-            print("no set of these poses separates from the other terms: " + ", ".join(untold))
+            print("not separable from the other terms by these poses: " + ", ".join(untold))
     return 0
 
 
@@ -117,7 +117,7 @@ def _scenario_of(path: Path | None, aim: Aim) -> Scenario:
     raise TiltcalError(
         "command line of `tiltcal design`",
         found="neither SCENARIO nor --textbook",
-        need="what the sequence is for",
+        need="an instrument to design for",
         do="name a scenario (`tiltcal init -o bench.toml` writes one)",
     )
 
@@ -175,7 +175,7 @@ def sensor_of(scenario: Scenario, wanted: str | None) -> Sensor:
         raise TiltcalError(
             f"scenario {scenario.name}",
             found=(f"no accelerometer or inclinometer{f' named {wanted}' if wanted else ''}"),
-            need="one: poses measure what follows gravity",
+            need="an accelerometer or inclinometer: dwells measure only gravity",
             do="add one, or correct --sensor (a gyro is calibrated by turns)",
         )
     return fitting[0]
@@ -206,8 +206,10 @@ def show(
 ) -> None:
     """Print the steps, and the forecasts of this design and of classic sequences."""
     print(printable(plan, up))
-    what = plan.forecast
-    rows = [["this design", f"{what.nats:.2f}", f"{what.tilt_arcsec:.3f}", str(what.poses)]]
+    forecast = plan.forecast
+    rows = [
+        ["this design", f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
+    ]
     rows += [
         [name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)]
         for name, f in plan.baselines.items()

@@ -70,7 +70,7 @@ def honest_scenario(path: Path) -> Scenario:
         raise TiltcalError(
             f"scenario {path}",
             found='role = "concealed": it contains the truth',
-            need="what an honest user knows",
+            need="a scenario without the truth",
             do="give the scenario without its concealed effects",
         )
     return scenario

@@ -98,7 +98,7 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         print(f"{name + ':':12s}{text}")
     rivals = nearest_rivals(cls.id)
     if rivals:
-        print(f"{'rivals:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
+        print(f"{'similar:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
     rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(
         ["parameter", "precision laboratory", "mid MEMS", "consumer"],

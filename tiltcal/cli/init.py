@@ -173,10 +173,7 @@ def _rig(recording: Recording | None) -> list[str]:
     return [
         "[rig]",
         f'table = "{table.name}"               # {", ".join(names)} or {last}',
-        (
-            'readout = "encoder"          # or "command": the table columns are what was asked of'
-            " the drive"
-        ),
+        ('readout = "encoder"          # or "command": the table columns are commanded angles'),
         f'mount = "{mount}"           # or for example "Rz(180)"',
         "",
     ]

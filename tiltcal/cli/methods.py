@@ -20,8 +20,8 @@ def methods(*, as_json: Json = False) -> int:
         return 0
     print_table(["method", "does", "options"], rows)
     print(
-        "Your own: --method package.module:function, called with (Recording, Setup), returns a"
-        " Calibration."
+        "Your own method: --method package.module:function. It is called with (Recording, Setup)"
+        " and returns a Calibration."
     )
     return 0
 

@@ -1,5 +1,6 @@
 """``tiltcal noise``."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,8 @@ from cyclopts import Parameter
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, split_unit
+from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
+from tiltcal.effects import Effect
 from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
@@ -78,7 +80,7 @@ def _as_json(model: NoiseModel) -> dict[str, object]:
 
 def _cell(model: NoiseModel, term: str, unit: str) -> str:
     if not model.held[term]:
-        return "not in this record"
+        return "not visible"
     return f"{model.values[term]:.4g} +- {model.sigmas[term]:.2g} {unit}{SUFFIX[term]}"
 
 
@@ -86,7 +88,7 @@ def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
     """The longest dwell of a column, (n,), and its sample rate, Hz.
 
     Raises:
-        TiltcalError: there is no rest in it.
+        TiltcalError: the recording has no rest.
     """
     values = recording.column(column)
     known = ~np.isnan(values)
@@ -95,8 +97,8 @@ def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
         raise TiltcalError(
             recording.source,
             found="no rest",
-            need="a record at rest",
-            do="leave the instrument alone for a while",
+            need="a recording at rest",
+            do="record the instrument at rest",
         )
     longest = max(found, key=lambda s: s.end - s.start)
     rows = np.flatnonzero(known[longest.first : longest.last]) + longest.first
@@ -104,40 +106,33 @@ def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
 
 
 def effect_tables(models: dict[str, NoiseModel]) -> list[str]:
-    """One ``[[effect]]`` table a sensor, with the mean of its channels."""
-    sensors: dict[str, list[tuple[NoiseModel, float, str]]] = {}
+    """One ``[[effect]]`` table per sensor, with the mean of its channels."""
+    sensors: dict[str, list[tuple[NoiseModel, Unit]]] = {}
     for name, model in models.items():
-        channel, unit = split_unit(name)
-        known = COLUMN_UNITS[unit or "s"]
-        if known.quantity in ("acceleration", "angle", "rate"):
-            sensors.setdefault(channel.rpartition("_")[0], []).append(
-                (model, known.factor, known.quantity)
-            )
-    lines = []
-    for sensor, channels in sensors.items():
-        rate = channels[0][2] == "rate"
-        size = (
-            1.0 if rate else G0 if channels[0][2] == "angle" else 1.0
-        )  # an inclinometer's noise is 1 ug to 1 urad
-        mean = {
-            t: float(np.mean([m.values[t] * factor for m, factor, _ in channels])) * size
-            for t in TERMS
+        channel, suffix = split_unit(name)
+        unit = COLUMN_UNITS[suffix or "s"]
+        if unit.quantity in ("acceleration", "angle", "rate"):
+            sensors.setdefault(channel.rpartition("_")[0], []).append((model, unit))
+    return [line for name, channels in sensors.items() for line in _effect_table(name, channels)]
+
+
+def _effect_table(sensor: str, channels: Sequence[tuple[NoiseModel, Unit]]) -> list[str]:
+    quantity = channels[0][1].quantity
+    size = G0 if quantity == "angle" else 1.0  # an inclinometer's urad are ug of acceleration
+    mean = {t: size * float(np.mean([m.values[t] * u.factor for m, u in channels])) for t in TERMS}
+    if quantity == "rate":
+        cls: type[Effect] = GyrNoise
+        values = {
+            "white_deg_rth": mean["N"] / (DEG / 60),
+            "flicker_deg_h": mean["B"] / DEG_H,
+            "walk_deg_h_rth": mean["K"] / (DEG_H / 60),
         }
-        lines += [
-            "[[effect]]",
-            f'id = "{GyrNoise.id if rate else AccNoise.id}"',
-            f'sensor = "{sensor}"',
-        ]
-        if rate:
-            lines += [
-                f"white_deg_rth = {mean['N'] / (DEG / 60):.6g}",
-                f"flicker_deg_h = {mean['B'] / DEG_H:.6g}",
-            ]
-            lines += [f"walk_deg_h_rth = {mean['K'] / (DEG_H / 60):.6g}"]
-        else:
-            lines += [
-                f"white_ug_rthz = {mean['N'] / (1e-6 * G0):.6g}",
-                f"flicker_ug = {mean['B'] / (1e-6 * G0):.6g}",
-            ]
-            lines += [f"walk_ug_rts = {mean['K'] / (1e-6 * G0):.6g}"]
-    return lines
+    else:
+        cls = AccNoise
+        values = {
+            "white_ug_rthz": mean["N"] / (1e-6 * G0),
+            "flicker_ug": mean["B"] / (1e-6 * G0),
+            "walk_ug_rts": mean["K"] / (1e-6 * G0),
+        }
+    head = ["[[effect]]", f'id = "{cls.id}"', f'sensor = "{sensor}"']
+    return head + [f"{name} = {value:.6g}" for name, value in values.items()]

@@ -90,6 +90,11 @@ def test_short_and_long_options_are_the_same(words):
     assert parsed(f"prove {words}")["jobs"] == 4
 
 
+@pytest.mark.parametrize("name", ["[1].csv", '["a"]', "@run.csv", "a=b.csv", "{}", "7"])
+def test_any_file_name_is_a_recording(name):
+    assert parsed(f"diagnose {name} --scenario s")["recordings"] == [name]
+
+
 def test_two_dashes_end_the_options():
     assert parsed("segments -- --odd.csv")["recording"].name == "--odd.csv"
 

@@ -45,7 +45,9 @@ def make_app() -> App:
         help_format="plaintext",
         version=f"tiltcal {__version__}",
         group_commands=Group("Options", sort_key=len(GROUPS)),
-        default_parameter=Parameter(negative=(), allow_repeating=True, show_default=_shown),
+        default_parameter=Parameter(
+            negative=(), allow_repeating=True, show_default=_shown, json_list=False
+        ),
         suppress_keyboard_interrupt=False,
     )
     order = list(COMMANDS)

@@ -86,7 +86,7 @@ def refusal(arguments: list[object], folder: Path, capsys: pytest.CaptureFixture
     out, err = capsys.readouterr()
     assert (status, out) == (2, ""), err
     assert "Traceback" not in err
-    assert "error of its own" not in err
+    assert "internal error" not in err
     assert len(re.findall(r"^tiltcal: ", err, re.MULTILINE)) == 1
     message = err[err.index("tiltcal: ") :]
     assert re.fullmatch(r"tiltcal: .+: found .+, need .+; .+\n", message, re.DOTALL), message

@@ -129,4 +129,4 @@ def test_the_command_gives_effect_tables_that_simulate_the_record(tmp_path, caps
     walk = float(shown.split("white_deg_rth = ")[1].split()[0])
     assert white == pytest.approx(25.0, rel=0.03)
     assert walk == pytest.approx(0.005 * 60, rel=0.03)
-    assert "not in this record" in shown
+    assert "not visible" in shown

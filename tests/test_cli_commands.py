@@ -104,7 +104,7 @@ def test_a_scenario_from_a_recording_fits_that_recording(good, here, capsys):
         == 0
     )
     said = capsys.readouterr().out
-    assert "columns that are no sensor of the scenario are not used: " in said
+    assert "columns that belong to no sensor of the scenario are ignored: " in said
     assert "oven_x_degC" in said
 
 

@@ -9,7 +9,7 @@ import sys
 import pytest
 from scenario_files import BENCH_SCENARIO, refusal
 
-from tiltcal.cli import main, reference
+from tiltcal.cli import main, methods
 
 MAP = '[file]\n{file}\n[time]\nrate_hz = 10\n[[column]]\nfrom = {source}\nto = "{to}"\n'
 
@@ -24,13 +24,14 @@ def here(here):
 @pytest.mark.parametrize(
     ("words", "found"),
     [
-        (["calibrte"], "invalid choice: 'calibrte'"),
+        (["calibrte"], "unknown command 'calibrte'"),
         (["simulate"], "no SCENARIO"),
-        (["simulate", "bench.toml", "--nois", "off", "--quick"], "--quick"),
-        (["simulate", "bench.toml", "--seed", "x"], "invalid int value: 'x'"),
+        (["simulate", "bench.toml", "--noise", "off", "--quick"], "unknown option: --quick"),
+        (["simulate", "bench.toml", "--seed", "x"], "--seed: 'x' is not a whole number"),
         (["simulate", "bench.toml", "--json"], "--json without -o"),
         (["correct", "CAL.json", "run.csv", "--json"], "--json without -o"),
         (["calibrate", "run.csv"], "no --scenario, --method"),
+        (["calibrate", "run.csv", "--scenario", "bench.toml"], "no --method"),
         (["init", "--latitude", "123"], "123 deg"),
         (["segments", "run.csv", "--window", "0"], "--window: found 0 s"),
         (["segments", "run.csv", "--window", "nan"], "--window: found nan s"),
@@ -116,23 +117,23 @@ def raising(error):
 
 
 def test_ctrl_c_ends_with_130_and_a_word(monkeypatch, capsys):
-    monkeypatch.setattr(reference, "methods", raising(KeyboardInterrupt()))
+    monkeypatch.setattr(methods, "methods", raising(KeyboardInterrupt()))
     assert main(["methods"]) == 130
-    assert capsys.readouterr().err == "tiltcal: interrupted; nothing half-written is left behind\n"
+    assert capsys.readouterr().err == "tiltcal: interrupted; no partial output is left\n"
 
 
 def test_ctrl_c_in_the_middle_of_writing_leaves_nothing(here, monkeypatch):
-    monkeypatch.setattr("tiltcal.cli.laboratory.write_recording", raising(KeyboardInterrupt()))
+    monkeypatch.setattr("tiltcal.cli.simulate.write_recording", raising(KeyboardInterrupt()))
     assert main(["simulate", "bench.toml", "-o", "run.csv", "--truth", "truth.json"]) == 130
     assert [p.name for p in here.iterdir()] == ["bench.toml"]
 
 
 def test_an_error_of_our_own_is_told_in_words_and_raised_on_request(monkeypatch, capsys):
-    monkeypatch.setattr(reference, "methods", raising(RuntimeError("lost")))
+    monkeypatch.setattr(methods, "methods", raising(RuntimeError("lost")))
     assert main(["methods"]) == 2
     err = capsys.readouterr().err
     assert err.startswith(
-        "tiltcal: found an error of its own (RuntimeError: lost), need a bug report;"
+        "tiltcal: found an internal error (RuntimeError: lost), need a bug report;"
     )
     assert err.count("\n") == 1
     monkeypatch.setenv("TILTCAL_TRACEBACK", "1")
@@ -142,7 +143,8 @@ def test_an_error_of_our_own_is_told_in_words_and_raised_on_request(monkeypatch,
 
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
-    "words", [["methods"], ["effects"], ["effects", "--json"], ["simulate", "bench.toml"]]
+    "words",
+    [["--help"], ["methods"], ["effects"], ["effects", "--json"], ["simulate", "bench.toml"]],
 )
 def test_a_reader_that_has_gone_ends_a_command_in_silence(words):
     read, write = os.pipe()

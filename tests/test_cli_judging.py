@@ -1,8 +1,6 @@
 """Commands that judge, predict or explain: check, run, verify, demo, methods, effects, help."""
 
 import json
-import subprocess
-import sys
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,27 +9,12 @@ from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE
 
 from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.cli import main
-from tiltcal.cli.conceal import CONCEALABLE, bench, concealed
+from tiltcal.cli.commands import COMMANDS
+from tiltcal.cli.demo_case import CONCEALABLE, bench, concealed
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording, write_recording
-
-COMMANDS = (
-    "simulate",
-    "init",
-    "import",
-    "calibrate",
-    "correct",
-    "check",
-    "segments",
-    "run",
-    "verify",
-    "demo",
-    "prove",
-    "methods",
-    "effects",
-)
 
 
 def answer(capsys, *words, status=0):
@@ -171,7 +154,7 @@ def test_a_scenario_that_holds_the_truth_is_refused_by_the_diagnosis(good, here,
     assert (
         main(["diagnose", str(good / "run.csv"), "--scenario", "concealed.toml", "-o", "out"]) == 2
     )
-    assert "it holds the truth" in capsys.readouterr().err
+    assert "it contains the truth" in capsys.readouterr().err
     assert not (here / "out").exists()
 
 
@@ -221,22 +204,7 @@ def test_every_command_speaks_json(good, here, capsys):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main([command, "--help"])
+    assert main([command, "--help"]) == 0
     out = capsys.readouterr().out
-    assert stop.value.code == 0
-    assert f"usage: tiltcal {command}" in out
+    assert f"Usage: tiltcal {command}" in out
     assert "--json" in out
-
-
-def test_the_help_lists_every_command_and_imports_nothing_heavy():
-    code = (
-        "import sys; from tiltcal.cli import main\ntry: main(['--help'])\nexcept SystemExit:"
-        " pass\nprint(sorted(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    text, _, modules = done.stdout.rpartition("[")
-    assert all(f"    {command}" in text for command in COMMANDS)
-    loaded = {m.strip(" '\n]").split(".")[0] for m in modules.split(",")}
-    assert "tiltcal" in loaded
-    assert not loaded & {"numpy", "mujoco", "scipy", "pydantic", "pyarrow", "rich", "plotly"}

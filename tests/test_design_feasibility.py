@@ -66,7 +66,7 @@ WISHES = {
     "dwells exchanged": (["--dwell-s", "60", "5"], ("longest 5 s, shortest 60 s",)),
     "few poses blind to nothing": (
         ["--blind-to-nothing", "4"],
-        ("4 poses", "scale and cross-axis terms take up all"),
+        ("4 poses", "scale and cross-axis terms absorb all"),
     ),
     "blind to nothing of what nobody knows": (
         ["--blind-to-nothing", "24", "--terms", "acc_K9"],

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from statistics_helpers import FALSE_ALARM, rng_of, seed_of
 
 from tiltcal.calibration.methods.registry import calibrate
-from tiltcal.cli.calibrating import read_segments
+from tiltcal.cli.segments import read_segments
 from tiltcal.core.units import G0
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import Plan, design

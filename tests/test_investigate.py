@@ -274,8 +274,8 @@ def test_a_program_that_is_not_there_is_named(tmp_path: Path) -> None:
     [
         (["--block-min", "0"], "found 0"),
         (["--rate-deg-s", "-3"], "found -3"),
-        (["--angles", "outer=9"], "'outer=9'"),
-        (["--angles", "outer=9:3"], "'outer=9:3'"),
+        (["--angles", "outer=9"], "--angles outer=9: found no AXIS=LOW:HIGH"),
+        (["--angles", "outer=9:3"], "--angles outer=9:3: found no AXIS=LOW:HIGH"),
         (["no such.csv"], "no such file"),
     ],
 )

@@ -11,8 +11,8 @@ import pytest
 from statistics_helpers import rng_of
 
 from tiltcal.cli import main
-from tiltcal.cli.designing import TEXTBOOK
-from tiltcal.cli.maxmin import summary
+from tiltcal.cli.design import TEXTBOOK
+from tiltcal.cli.maxmin_design import summary
 from tiltcal.core.units import DEG
 from tiltcal.design.classic import classic
 from tiltcal.design.maxmin import (
@@ -206,7 +206,7 @@ def test_the_command_prints_the_bounds_beside_the_least_share_and_what_is_out_of
         for text in ("least share", "linear D-efficiency")
     )
     assert least <= bound
-    assert "taken up by bias, scale and cross-axis terms: gravity_magnitude" in printed
+    assert "absorbed by bias, scale and cross-axis terms: gravity_magnitude" in printed
     assert re.search(r"acc_bandwidth.*: needs moves", printed)
     plan = json.loads((tmp_path / "out" / "design.json").read_text())
     assert plan["total_s"] <= 500 + 1e-6

@@ -312,5 +312,5 @@ def test_the_report_holds_the_budget_of_a_scenario_that_names_sources(tmp_path):
     (tmp_path / "one.toml").write_text(text.replace("runs = 50", "runs = 1"), encoding="utf-8")
     main(["run", str(tmp_path / "one.toml"), "-o", str(tmp_path / "out")])
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "uncertainty budget of" in report
+    assert "uncertainty budget: parameter" in report
     assert "table_index_error[outer] sigma" in report

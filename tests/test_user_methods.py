@@ -127,7 +127,7 @@ def test_an_installed_entry_point_stands_wherever_a_name_does(here, monkeypatch,
     entry = EntryPoint(
         "lab_six", "tiltcal.calibration.methods.six_position:six_position", registry.GROUP
     )
-    for place in ("tiltcal.calibration.methods.registry", "tiltcal.cli.reference"):
+    for place in ("tiltcal.calibration.methods.registry", "tiltcal.cli.methods"):
         monkeypatch.setattr(
             f"{place}.entry_points", lambda group: (entry,) if group == registry.GROUP else ()
         )

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from tiltcal.cli.designing import TEXTBOOK
+from tiltcal.cli.design import TEXTBOOK
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.maxmin import blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import design

@@ -7,45 +7,39 @@ from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command, never with a traceback; the entry point of ``tiltcal``."""
+    """Run one command and return its exit status, never with a traceback."""
     import os
 
+    from tiltcal.cli.app import run
     from tiltcal.core.errors import TiltcalError
 
     try:
-        status = _run(arguments)
-        sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
+        status = run(sys.argv[1:] if arguments is None else arguments)
+        sys.stdout.flush()  # a closed pipe is noticed here, not at exit
         return status
     except TiltcalError as error:
         print(f"tiltcal: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("tiltcal: interrupted; nothing half-written is left behind", file=sys.stderr)
+        print("tiltcal: interrupted; no partial output is left", file=sys.stderr)
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except SystemExit as stop:
+        if isinstance(stop.__context__, BrokenPipeError):  # rich ends the process on a closed pipe
+            return 0
+        raise
     except Exception as error:
         if os.environ.get("TILTCAL_TRACEBACK"):
             raise
         name = type(error).__name__
         print(
-            f"tiltcal: found an error of its own ({name}: {error}), need a bug report; "
-            "do: run again with TILTCAL_TRACEBACK=1 and report what it prints",
+            f"tiltcal: found an internal error ({name}: {error}), need a bug report; "
+            "run again with TILTCAL_TRACEBACK=1 and report what it prints",
             file=sys.stderr,
         )
         return 2
-
-
-def _run(arguments: Sequence[str] | None) -> int:
-    from tiltcal.cli.parser import build_parser
-
-    parser = build_parser()
-    args = parser.parse_args(arguments)
-    if getattr(args, "command", None) is None:
-        parser.print_help()
-        return 0
-    return int(args.run(args))
 
 
 if __name__ == "__main__":

@@ -1,137 +1,98 @@
-"""``tiltcal confuse`` and ``explain-frames``."""
+"""``tiltcal confuse``."""
 
-import argparse
+from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
+from tiltcal.cli.options import Grade, Json, ScenarioFile
 from tiltcal.cli.output import print_json, print_table
-from tiltcal.core.frames import rotation
-from tiltcal.core.units import ARCSEC, DEG
-from tiltcal.design.identifiability import classes, confuse, tie_breaker
-from tiltcal.laboratory.laboratory import true_readings
-from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.design.identifiability import Confusion, ParameterVisibility, classes, tie_breaker
+from tiltcal.design.identifiability import confuse as compare_effects
+from tiltcal.laboratory.scenario import load_scenario
+
+HEADER = ("parameter", "absorbed", "detectable", "plausible", "unique", "not separable from")
+SHOWN_CLASSES = 12
+SHOWN_RIVALS = 2
 
 
-def confuse_(args: argparse.Namespace) -> int:
-    """What the recording of a scenario can and cannot tell apart."""
-    scenario = load_scenario(args.scenario)
-    found = confuse(scenario, args.grade)
+def confuse(
+    scenario_file: ScenarioFile,
+    /,
+    *,
+    grade: Annotated[
+        Grade, Parameter(help="Instrument grade: sets the plausible sizes.")
+    ] = "mid_mems",
+    as_json: Json = False,
+) -> int:
+    """Show which effects a recording of a scenario can separate.
+
+    For every effect of the catalogue: the share that the adjustable terms absorb,
+    the smallest detectable size, the share that nothing else explains, the
+    effects it cannot be separated from and what to record to separate them.
+    """
+    scenario = load_scenario(scenario_file)
+    found = compare_effects(scenario, grade)
     groups = classes(found)
-    if args.json:
-        print_json(
-            {
-                "schema": 1,
-                "scenario": scenario.name,
-                "grade": args.grade,
-                "rank": found.rank,
-                "visible": found.visible,
-                "classes": [list(g) for g in groups],
-                "parameters": [
-                    {
-                        "effect": s.column.effect,
-                        "sensor": s.column.sensor,
-                        "axis": s.column.axis,
-                        "parameter": f"{s.column.name}_{s.column.unit}",
-                        "plausible": s.column.size,
-                        "absorbed": s.absorbed,
-                        "detectable": s.detectable if np.isfinite(s.detectable) else None,
-                        "unique": s.unique,
-                        "rivals": [{"parameter": r, "cosine": c} for r, c in s.rivals],
-                    }
-                    for s in found.sights
-                ],
-            }
-        )
-        return 0
-    rows = []
-    for s in sorted(found.sights, key=lambda s: (s.column.effect, s.column.label)):
-        size = f"{s.detectable:.3g} {s.column.unit}" if np.isfinite(s.detectable) else "never"
-        rivals = ", ".join(f"{label} {cosine:+.3f}" for label, cosine in s.rivals[:2])
-        rivals += f" and {len(s.rivals) - 2} more" if len(s.rivals) > 2 else ""
-        rows.append(
-            [
-                s.column.label,
-                f"{100 * s.absorbed:.1f} %",
-                size,
-                f"{s.column.size:g}",
-                f"{s.unique:.2f}",
-                rivals,
-            ]
-        )
-    print_table(
-        ["parameter", "absorbed", "detectable", "plausible", "unique", "cannot be told from"], rows
-    )
+    if as_json:
+        print_json(to_json(found, groups, scenario.name, grade))
+    else:
+        _print(found, groups)
+    return 0
+
+
+def _print(found: Confusion, groups: Sequence[Sequence[str]]) -> None:
+    sights = sorted(found.sights, key=lambda s: (s.column.effect, s.column.label))
+    print_table(HEADER, [_row(s) for s in sights])
     print(
         f"{found.visible} signatures are visible, {found.rank} of them independent, in"
         f" {found.samples:.0f} samples of each sensor"
     )
-    for group in groups[:12]:
+    for group in groups[:SHOWN_CLASSES]:
         print(
-            f"one class: {', '.join(group)}; to split {group[0]} from {group[1]}:"
+            f"one class: {', '.join(group)}; to separate {group[0]} from {group[1]}:"
             f" {tie_breaker(group[0], group[1])}"
         )
-    return 0
 
 
-def explain_frames(args: argparse.Namespace) -> int:
-    """What each channel should read at the six faces and at small turns."""
-    scenario = load_scenario(args.scenario)
-    faces = frame_table(scenario)
-    turns = turn_table(scenario)
-    if args.json:
-        print_json({"schema": 1, "faces": faces, "small_turns": turns})
-        return 0
-    for title, rows in (
-        ("body axis up", faces),
-        ("after +10 deg about a body axis, from level", turns),
-    ):
-        if rows:
-            header = list(rows[0])
-            print_table(header, [[str(r[h]) for h in header] for r in rows], title)
-    print(
-        "World: x East, y North, z Up; an accelerometer level at rest reads (0, 0, +g). Compare"
-        " these signs with yours first."
-    )
-    return 0
+def _row(s: ParameterVisibility) -> list[str]:
+    rivals = ", ".join(f"{label} {cosine:+.3f}" for label, cosine in s.rivals[:SHOWN_RIVALS])
+    more = len(s.rivals) - SHOWN_RIVALS
+    return [
+        s.column.label,
+        f"{100 * s.absorbed:.1f} %",
+        f"{s.detectable:.3g} {s.column.unit}" if np.isfinite(s.detectable) else "never",
+        f"{s.column.size:g}",
+        f"{s.unique:.2f}",
+        rivals + (f" and {more} more" if more > 0 else ""),
+    ]
 
 
-def frame_table(scenario: Scenario) -> list[dict[str, str]]:
-    """Readings at the six faces, by channel."""
-    up = np.vstack([np.eye(3), -np.eye(3)])
-    names = ["+x up", "+y up", "+z up", "-x up", "-y up", "-z up"]
-    return [{"attitude": name} | _shown(scenario, up[k : k + 1]) for k, name in enumerate(names)]
+def to_json(
+    found: Confusion, groups: Sequence[Sequence[str]], scenario: str, grade: Grade
+) -> dict[str, object]:
+    """All parameters with what they cannot be separated from."""
+    return {
+        "schema": 1,
+        "scenario": scenario,
+        "grade": grade,
+        "rank": found.rank,
+        "visible": found.visible,
+        "classes": [list(group) for group in groups],
+        "parameters": [_sight_json(s) for s in found.sights],
+    }
 
 
-def turn_table(scenario: Scenario) -> list[dict[str, str]]:
-    """Readings after a small right-handed turn about each body axis, and the rate that a turn at 10
-    deg/s gives.
-    """
-    rows = []
-    for i, axis in enumerate("xyz"):
-        up = (rotation(axis, 10 * DEG).T @ [0.0, 0.0, 1.0])[None]
-        row = {"turn": f"about +{axis}"} | _shown(scenario, up)
-        for s in scenario.sensors("gyro"):
-            row |= {
-                f"{s.name}_{a}": f"{10.0 if s.axis_indices[k] == i else 0.0:+.0f} deg/s"
-                for k, a in enumerate(s.axes)
-            }
-        for s in scenario.sensors("fog"):
-            row[f"{s.name}_a"] = f"{10 * s.input_vector[i]:+.3f} deg/s"
-        rows.append(row)
-    return rows
-
-
-def _shown(
-    scenario: Scenario, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]"
-) -> dict[str, str]:
-    g = scenario.site.gravity
-    shown = {}
-    for name, values in true_readings(scenario, up, ()).items():
-        sensor = scenario.named(name)
-        for k, axis in enumerate(sensor.axes):
-            if sensor.kind == "inclinometer":
-                angle = np.arcsin(np.clip(values[0, k] / g, -1, 1))
-                shown[f"{name}_{axis}"] = f"{angle / DEG:+.4f} deg ({angle / ARCSEC:+.0f} arcsec)"
-            else:
-                shown[f"{name}_{axis}"] = f"{values[0, k]:+.5f} m/s2 ({values[0, k] / g:+.4f} g)"
-    return shown
+def _sight_json(s: ParameterVisibility) -> dict[str, object]:
+    return {
+        "effect": s.column.effect,
+        "sensor": s.column.sensor,
+        "axis": s.column.axis,
+        "parameter": f"{s.column.name}_{s.column.unit}",
+        "plausible": s.column.size,
+        "absorbed": s.absorbed,
+        "detectable": s.detectable if np.isfinite(s.detectable) else None,
+        "unique": s.unique,
+        "rivals": [{"parameter": r, "cosine": c} for r, c in s.rivals],
+    }

@@ -1,23 +1,23 @@
-"""``tiltcal demo``: the main job on built-in scenarios, then an effect concealed at random and
-found.
-"""
+"""``tiltcal demo``."""
 
-import argparse
 import json
 import secrets
 import sys
 import time
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tomli_w
+from cyclopts import Parameter
 
-from tiltcal.cli.conceal import bench, concealed, ordinary
-from tiltcal.cli.diagnosing import diagnose
-from tiltcal.cli.judging import finish
+from tiltcal.cli.demo_case import bench, concealed, ordinary
+from tiltcal.cli.diagnose import diagnose
 from tiltcal.cli.laboratory import simulator
+from tiltcal.cli.options import WHOLE, Json
 from tiltcal.cli.output import print_table, progress_line
+from tiltcal.cli.verify import finish
 from tiltcal.core.assets import folder
 from tiltcal.core.files import make_folder, write_text
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
@@ -34,24 +34,37 @@ SHOWN = (
 )
 
 
-def demo(args: argparse.Namespace) -> int:
-    """Simulate, calibrate and verify; conceal and diagnose."""
-    out = make_folder(Path(args.output))
-    seed = secrets.randbelow(10**6) if args.seed is None else args.seed
+def demo(
+    *,
+    seed: Annotated[
+        int | None, WHOLE, Parameter(help="Seed of the concealed effect; random if not given.")
+    ] = None,
+    output: Annotated[Path, Parameter(alias="-o", help="Folder for the reports.")] = Path(
+        "demo-output"
+    ),
+    as_json: Json = False,
+) -> int:
+    """Run a tour of the main functions.
+
+    Simulates, calibrates and verifies built-in scenarios. Then conceals an effect
+    in a simulated recording and diagnoses it. The effect is random; the seed is
+    printed, and --seed repeats it.
+    """
+    out = make_folder(output)
+    used = secrets.randbelow(10**6) if seed is None else seed
     verification = tour()
-    found = find(out, seed)
-    args.output = str(out)
-    status = finish(verification, args)
-    if not args.json:
-        show(found, out, seed)
+    found = find(out, used)
+    status = finish(verification, out, as_json)
+    if not as_json:
+        show(found, out, used)
     return status
 
 
 def tour() -> Verification:
-    """Built-in scenarios, judged against what was injected."""
+    """Run built-in scenarios and judge them against the injected errors."""
     start = time.perf_counter()
     print(
-        "Simulating tables in MuJoCo, calibrating, judging against what was injected.\n",
+        "Simulating tables in MuJoCo, calibrating, judging against the injected errors.\n",
         file=sys.stderr,
     )
     with progress_line() as progress:
@@ -66,15 +79,13 @@ def tour() -> Verification:
 
 
 def find(out: Path, seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Conceal an effect, diagnose with what an honest user knows. Returns the concealed table and
+    """Conceal an effect and diagnose without the truth; return the concealed table and
     diagnosis.json.
 
-    The scenario that holds the truth is written when the diagnosis is done.
+    The scenario with the truth is written after the diagnosis.
     """
-    import tomli_w
-
     print(
-        f"Concealing an effect in a simulated recording (seed {seed}), then looking for it.\n",
+        f"Concealing an effect in a simulated recording (seed {seed}), then diagnosing it.\n",
         file=sys.stderr,
     )
     rng = np.random.default_rng(seed)
@@ -88,30 +99,24 @@ def find(out: Path, seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
         place / "scenario.toml",
         tomli_w.dumps({k: v for k, v in bench().items() if k not in ("sequence", "climate")}),
     )
-    words = argparse.Namespace(
-        recording=[str(place / "recording.csv")],
-        scenario=str(place / "scenario.toml"),
-        static=None,
-        check=False,
-        output=str(place),
-        json=False,
-    )
     with redirect_stdout(sys.stderr):  # stdout is for the tables
-        diagnose(words)
+        diagnose((place / "recording.csv",), scenario=place / "scenario.toml", output=place)
     write_text(out / "concealed.toml", tomli_w.dumps(truth))
     return hidden, json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
 
 
 def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> None:
-    """What was concealed beside what was found."""
+    """Print what was concealed and what was found."""
     hidden, answer = found
     sizes = {k: v for k, v in hidden.items() if isinstance(v, float)}
     rows = [["concealed", hidden["id"], _sizes(sizes)]]
     for f in answer["findings"]:
-        told = ", ".join(
+        estimates = ", ".join(
             f"{n} = {p['value']:.4g} +- {p['sigma']:.2g}" for n, p in f["parameters"].items()
         )
-        rows.append(["found", " or ".join(f["class"] or ["a curve that no effect explains"]), told])
+        rows.append(
+            ["found", " or ".join(f["class"] or ["a curve of no listed effect"]), estimates]
+        )
     print_table(
         ["", "effect", "size"],
         rows,
@@ -120,7 +125,7 @@ def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> 
     before, after = answer["fit"]["before"], answer["fit"]["after"]
     names = {
         "chi2_per_dof": "chi-square per degree of freedom",
-        "heldout_chi2_per_dof": "the same on held-out blocks",
+        "heldout_chi2_per_dof": "chi-square per degree of freedom, held-out blocks",
     }
     print_table(
         ["fit", "before", "after"],

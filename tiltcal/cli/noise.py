@@ -1,14 +1,17 @@
-"""``tiltcal noise``: the Allan coefficients of a record at rest, and the effect tables that
-simulate it.
-"""
+"""``tiltcal noise``."""
 
-import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
+from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, split_unit
+from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
+from tiltcal.effects import Effect
 from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
@@ -19,9 +22,41 @@ from tiltcal.statistics.allan import NAMES, TERMS, NoiseModel, allan_deviation, 
 SUFFIX = {"Q": " s", "N": "/rtHz", "B": "", "K": "/rts", "R": "/s"}
 
 
-def noise(args: argparse.Namespace) -> int:
-    """Print the coefficients of each channel."""
-    recording = read_recording(args.recording).require_increasing()
+def noise(
+    recording_file: Annotated[Path, Parameter("REC", help="Recording at rest.")],
+    /,
+    *,
+    as_json: Json = False,
+) -> int:
+    """Estimate Allan coefficients from a recording at rest.
+
+    Prints the coefficients of each channel and the [[effect]] tables that
+    simulate this noise. The longest dwell is used. A slope that the recording
+    does not show is reported as such.
+    """
+    recording = read_recording(recording_file).require_increasing()
+    models = noise_models(recording)
+    if as_json:
+        print_json({name: _as_json(model) for name, model in models.items()})
+        return 0
+    rows = [[n, *(_cell(m, t, split_unit(n)[1] or "") for t in TERMS)] for n, m in models.items()]
+    print_table(["channel", *TERMS], rows)
+    for t in TERMS:
+        print(f"{t}: {NAMES[t]}")
+    print(
+        "N is per root hertz of a two-sided density: the standard deviation of a sample is"
+        " N sqrt(rate); data sheets often give sqrt(2) N."
+    )
+    print("\n" + "\n".join(effect_tables(models)))
+    return 0
+
+
+def noise_models(recording: Recording) -> dict[str, NoiseModel]:
+    """The noise model of each sensor channel.
+
+    Raises:
+        TiltcalError: there is no sensor channel, or no rest.
+    """
     models = {}
     for name in recording.column_names:
         unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
@@ -35,19 +70,7 @@ def noise(args: argparse.Namespace) -> int:
             need="one at rest",
             do="name columns <sensor>_<axis>_<unit>",
         )
-    if args.json:
-        print_json({name: _as_json(model) for name, model in models.items()})
-        return 0
-    rows = [[n, *(_cell(m, t, split_unit(n)[1] or "") for t in TERMS)] for n, m in models.items()]
-    print_table(["channel", *TERMS], rows)
-    for t in TERMS:
-        print(f"{t}: {NAMES[t]}")
-    print(
-        "N is per root hertz of a two-sided density: a sample's deviation is N sqrt(rate); data"
-        " sheets often give sqrt(2) N."
-    )
-    print("\n" + "\n".join(effect_tables(models)))
-    return 0
+    return models
 
 
 def _as_json(model: NoiseModel) -> dict[str, object]:
@@ -57,7 +80,7 @@ def _as_json(model: NoiseModel) -> dict[str, object]:
 
 def _cell(model: NoiseModel, term: str, unit: str) -> str:
     if not model.held[term]:
-        return "not in this record"
+        return "not visible"
     return f"{model.values[term]:.4g} +- {model.sigmas[term]:.2g} {unit}{SUFFIX[term]}"
 
 
@@ -65,7 +88,7 @@ def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
     """The longest dwell of a column, (n,), and its sample rate, Hz.
 
     Raises:
-        TiltcalError: there is no rest in it.
+        TiltcalError: the recording has no rest.
     """
     values = recording.column(column)
     known = ~np.isnan(values)
@@ -74,8 +97,8 @@ def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
         raise TiltcalError(
             recording.source,
             found="no rest",
-            need="a record at rest",
-            do="leave the instrument alone for a while",
+            need="a recording at rest",
+            do="record the instrument at rest",
         )
     longest = max(found, key=lambda s: s.end - s.start)
     rows = np.flatnonzero(known[longest.first : longest.last]) + longest.first
@@ -83,40 +106,33 @@ def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
 
 
 def effect_tables(models: dict[str, NoiseModel]) -> list[str]:
-    """One ``[[effect]]`` table a sensor, with the mean of its channels."""
-    sensors: dict[str, list[tuple[NoiseModel, float, str]]] = {}
+    """One ``[[effect]]`` table per sensor, with the mean of its channels."""
+    sensors: dict[str, list[tuple[NoiseModel, Unit]]] = {}
     for name, model in models.items():
-        channel, unit = split_unit(name)
-        known = COLUMN_UNITS[unit or "s"]
-        if known.quantity in ("acceleration", "angle", "rate"):
-            sensors.setdefault(channel.rpartition("_")[0], []).append(
-                (model, known.factor, known.quantity)
-            )
-    lines = []
-    for sensor, channels in sensors.items():
-        rate = channels[0][2] == "rate"
-        size = (
-            1.0 if rate else G0 if channels[0][2] == "angle" else 1.0
-        )  # an inclinometer's noise is 1 ug to 1 urad
-        mean = {
-            t: float(np.mean([m.values[t] * factor for m, factor, _ in channels])) * size
-            for t in TERMS
+        channel, suffix = split_unit(name)
+        unit = COLUMN_UNITS[suffix or "s"]
+        if unit.quantity in ("acceleration", "angle", "rate"):
+            sensors.setdefault(channel.rpartition("_")[0], []).append((model, unit))
+    return [line for name, channels in sensors.items() for line in _effect_table(name, channels)]
+
+
+def _effect_table(sensor: str, channels: Sequence[tuple[NoiseModel, Unit]]) -> list[str]:
+    quantity = channels[0][1].quantity
+    size = G0 if quantity == "angle" else 1.0  # an inclinometer's urad are ug of acceleration
+    mean = {t: size * float(np.mean([m.values[t] * u.factor for m, u in channels])) for t in TERMS}
+    if quantity == "rate":
+        cls: type[Effect] = GyrNoise
+        values = {
+            "white_deg_rth": mean["N"] / (DEG / 60),
+            "flicker_deg_h": mean["B"] / DEG_H,
+            "walk_deg_h_rth": mean["K"] / (DEG_H / 60),
         }
-        lines += [
-            "[[effect]]",
-            f'id = "{GyrNoise.id if rate else AccNoise.id}"',
-            f'sensor = "{sensor}"',
-        ]
-        if rate:
-            lines += [
-                f"white_deg_rth = {mean['N'] / (DEG / 60):.6g}",
-                f"flicker_deg_h = {mean['B'] / DEG_H:.6g}",
-            ]
-            lines += [f"walk_deg_h_rth = {mean['K'] / (DEG_H / 60):.6g}"]
-        else:
-            lines += [
-                f"white_ug_rthz = {mean['N'] / (1e-6 * G0):.6g}",
-                f"flicker_ug = {mean['B'] / (1e-6 * G0):.6g}",
-            ]
-            lines += [f"walk_ug_rts = {mean['K'] / (1e-6 * G0):.6g}"]
-    return lines
+    else:
+        cls = AccNoise
+        values = {
+            "white_ug_rthz": mean["N"] / (1e-6 * G0),
+            "flicker_ug": mean["B"] / (1e-6 * G0),
+            "walk_ug_rts": mean["K"] / (1e-6 * G0),
+        }
+    head = ["[[effect]]", f'id = "{cls.id}"', f'sensor = "{sensor}"']
+    return head + [f"{name} = {value:.6g}" for name, value in values.items()]

@@ -1,11 +1,11 @@
-"""Printing: tables for people, JSON for machines, progress on stderr."""
+"""Printing: tables and JSON on stdout, progress on stderr."""
 
-import argparse
 import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
@@ -13,20 +13,20 @@ from tiltcal.core.progress import Progress
 
 
 def print_json(value: Any) -> None:
-    """JSON on stdout."""
+    """Print JSON on stdout."""
     json.dump(value, sys.stdout, indent=1, default=float)
     sys.stdout.write("\n")
 
 
-def require_output(args: argparse.Namespace, what: str) -> None:
-    """Without ``-o`` stdout carries the output itself, so that it cannot carry JSON as well.
+def require_output(command: str, output: Path | None, as_json: bool, what: str) -> None:
+    """Without ``-o`` the output itself goes to stdout, so JSON cannot go there as well.
 
     Raises:
-        TiltcalError: ``--json`` stands without ``-o``.
+        TiltcalError: ``--json`` without ``-o``.
     """
-    if args.json and not args.output:
+    if as_json and output is None:
         raise TiltcalError(
-            f"command line of `tiltcal {args.command}`",
+            f"command line of `tiltcal {command}`",
             found=f"--json without -o: {what} itself goes to stdout",
             need="a file for it",
             do="add -o FILE, or leave --json out",
@@ -36,7 +36,7 @@ def require_output(args: argparse.Namespace, what: str) -> None:
 def print_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None
 ) -> None:
-    """A table on stdout, as wide as the terminal allows; in a pipe as wide as it needs."""
+    """Print a table on stdout; its width follows the terminal, in a pipe the content."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -47,13 +47,13 @@ def print_table(
     console = Console(file=sys.stdout, highlight=False, markup=False)
     if not sys.stdout.isatty():
         console.width = 160
-    with console.capture() as text:  # a closed pipe is for the command line to notice, not for rich
+    with console.capture() as text:  # main() handles a closed pipe, not rich
         console.print(table)
     sys.stdout.write(text.get())
 
 
-def _every_second() -> Progress:
-    """Progress into a pipe: at most a line a second."""
+def _once_per_second() -> Progress:
+    """Progress in a pipe: at most one line per second."""
     last = [0.0]
 
     def show(text: str) -> None:
@@ -67,9 +67,9 @@ def _every_second() -> Progress:
 
 @contextmanager
 def progress_line() -> Iterator[Progress]:
-    """Progress on stderr: one changing line on a terminal, at most a line a second elsewhere."""
+    """Progress on stderr: one changing line on a terminal, else at most one line per second."""
     if not sys.stderr.isatty():
-        yield _every_second()
+        yield _once_per_second()
         return
     from rich.console import Console
 

@@ -1,4 +1,4 @@
-"""The HTML report: one offline file with its plots inside."""
+"""The HTML reports: offline files that contain their plots."""
 
 from tiltcal.report.html import write_report
 

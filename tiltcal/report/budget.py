@@ -51,10 +51,10 @@ def budget_rows(budget: Budget) -> list[dict[str, str]]:
             dict.fromkeys(BUDGET_COLUMNS, "")
             | {
                 "parameter": name,
-                "source": words,
+                "source": label,
                 "contribution": f"{u * factor:.3g}",
                 "unit": shown,
             }
-            for words, u in ends
+            for label, u in ends
         ]
     return rows

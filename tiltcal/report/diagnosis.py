@@ -1,5 +1,5 @@
-"""The report of a diagnosis: verdict, where, before and after, rivals and why they lost, what to
-record next.
+"""The HTML report of a diagnosis: verdict, location, fit before and after, rejected alternatives
+and the next measurement.
 """
 
 from pathlib import Path
@@ -24,10 +24,10 @@ COORDINATE = {
 }
 MEANING = {
     "match": "The recording agrees with the scenario.",
-    "explained": "Physics that the scenario leaves out, named.",
-    "ambiguous": "Physics that the scenario leaves out; more than one name fits.",
-    "unlisted": "Physics that no named effect explains; located and modelled as a curve.",
-    "cannot_tell": "This recording cannot tell.",
+    "explained": "The scenario leaves out physics; every finding has one name.",
+    "ambiguous": "The scenario leaves out physics; several effects fit.",
+    "unlisted": "The scenario leaves out physics of no listed effect; it is modelled as a curve.",
+    "cannot_tell": "The recording leaves no degrees of freedom for a judgement.",
 }
 
 
@@ -53,7 +53,7 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path, sources: str) -> None:
 
 
 def _figures(finding: Finding, diagnosis: Diagnosis) -> list[str]:
-    """Residuals over the finding's coordinate, before and after, of the channels where it shows."""
+    """Residuals of the affected channels over the coordinate of a finding, before and after."""
     wanted = COORDINATE.get(finding.where.coordinate, f"{finding.where.coordinate}_deg")
     shown = [
         v
@@ -73,8 +73,8 @@ def _residuals(view: View, name: str) -> Any:
     import plotly.graph_objects as go
 
     u = view.coordinates[name]
-    words = "its own reading, SI" if name == "input" else name
-    figure = go.Figure(layout=LAYOUT | {"title": f"{view.channel}: what is left, over {words}"})
+    axis = "own reading, SI" if name == "input" else name
+    figure = go.Figure(layout=LAYOUT | {"title": f"{view.channel}: residual over {axis}"})
     for label, values, colour in (
         ("before", view.before[name], COLOURS[1]),
         ("after", view.after[name], COLOURS[0]),
@@ -87,16 +87,16 @@ def _residuals(view: View, name: str) -> Any:
             marker={"size": 4, "color": colour},
             error_y={"type": "data", "array": view.sigma[name], "thickness": 0.6, "width": 0},
         )
-    figure.update_xaxes(title=words)
+    figure.update_xaxes(title=axis)
     figure.update_yaxes(title=f"residual, {view.unit}", exponentformat="e")
     return figure
 
 
 def _spectra(diagnosis: Diagnosis) -> Any:
-    """Where in frequency the residual lies, before and after."""
+    """Spectrum of the residual, before and after."""
     import plotly.graph_objects as go
 
-    figure = go.Figure(layout=LAYOUT | {"title": "Residual by frequency (dotted: before)"})
+    figure = go.Figure(layout=LAYOUT | {"title": "Spectrum of the residual (dotted: before)"})
     for i, view in enumerate(diagnosis.views[:8]):
         scale = max(float(np.median(view.spectrum_after[len(view.spectrum_after) // 2 :])), 1e-300)
         colour = COLOURS[i % len(COLOURS)]
@@ -118,7 +118,7 @@ def _spectra(diagnosis: Diagnosis) -> Any:
 
 
 def _unseen(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Effects that were not found, those that cannot be seen at all first."""
+    """Effects that were not found; those that are not detectable first."""
     rows = [
         {
             "effect": u.effect,

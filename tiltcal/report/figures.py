@@ -33,8 +33,7 @@ TEMPLATE = {
         "yaxis": _AXIS,
     }
 }
-"""White with a light grid: a named template is ten times as long, and is checked anew for each
-report.
+"""White with a light grid: a named template is ten times as long and is validated for each report.
 """
 LAYOUT = {
     "template": TEMPLATE,
@@ -45,8 +44,8 @@ LAYOUT = {
 
 
 def parameter_figure(calibration: Calibration, truth: Mapping[str, float]) -> Any:
-    """Error of each parameter in its own sigma, with the 95 % interval; without a truth nothing is
-    drawn.
+    """Error of each parameter over its standard uncertainty, with the 95 % interval; None without
+    truth.
     """
     import plotly.graph_objects as go
 
@@ -60,7 +59,7 @@ def parameter_figure(calibration: Calibration, truth: Mapping[str, float]) -> An
         for n in names
     ]
     figure = go.Figure(
-        layout=LAYOUT | {"title": "Parameters: found minus injected, in standard uncertainties"}
+        layout=LAYOUT | {"title": "Parameters: estimated minus injected, in standard uncertainties"}
     )
     figure.add_hrect(y0=-1.96, y1=1.96, fillcolor="#2f855a", opacity=0.12, line_width=0)
     figure.add_scatter(
@@ -75,7 +74,7 @@ def parameter_figure(calibration: Calibration, truth: Mapping[str, float]) -> An
 
 
 def tilt_figure(tilts: Sequence[tuple[str, TiltError]]) -> Any:
-    """Tilt error before and after, and what the covariance predicts."""
+    """Tilt error before and after, and as predicted by the covariance."""
     import plotly.graph_objects as go
 
     figure = go.Figure(

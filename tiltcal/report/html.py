@@ -1,4 +1,4 @@
-"""The report as one offline HTML file: plotly and all data inside."""
+"""The report as one offline HTML file that contains plotly and all data."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -49,12 +49,12 @@ def _section(result: ScenarioResult) -> dict[str, Any]:
         "source": result.source,
         "accepted": result.accepted,
         "table": result.scenario.rig.table,
-        "effects": [_effect_words(e) for e in result.scenario.effect],
+        "effects": [_effect_text(e) for e in result.scenario.effect],
         "methods": [_method(result, m) for m in result.methods],
     }
 
 
-def _effect_words(table: Any) -> str:
+def _effect_text(table: Any) -> str:
     where = table.sensor or table.axis
     values = ", ".join(
         f"{k} = {v:g}" if isinstance(v, int | float) else f"{k} = {v}"

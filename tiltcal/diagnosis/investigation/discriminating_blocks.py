@@ -136,7 +136,7 @@ def propose(
 
     def attempt(block: Block) -> None:
         if block.name not in tried and block.seconds(scenario.rig) <= 60 * most_minutes:
-            progress(f"what a block would tell: {block.name}")
+            progress(f"evaluating block {block.name}")
             tried[block.name] = (block, judged(block, asked, scenario))
 
     for block in blocks:

@@ -1,65 +1,50 @@
-"""``tiltcal methods`` and ``effects``."""
+"""``tiltcal effects``."""
 
-import argparse
-import inspect
-from importlib.metadata import entry_points
+from typing import Annotated
 
-from tiltcal.calibration.methods.registry import GROUP, METHODS
+from cyclopts import Parameter
+
+from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.design.identifiability import nearest_rivals
 from tiltcal.effects import CATALOGUE, Effect
-
-GRADES = ("precision", "mid_mems", "consumer")
-
-
-def methods(args: argparse.Namespace) -> int:
-    """List the methods."""
-    rows = [
-        (name, (inspect.getdoc(method) or "").splitlines()[0], _options(method))
-        for name, method in METHODS.items()
-    ]
-    rows += [(e.name, f"installed: {e.value}", "") for e in entry_points(group=GROUP)]
-    if args.json:
-        print_json([{"method": n, "does": d, "options": o} for n, d, o in rows])
-        return 0
-    print_table(["method", "does", "options"], rows)
-    print(
-        "Your own: --method package.module:function, called with (Recording, Setup), returns a"
-        " Calibration."
-    )
-    return 0
+from tiltcal.effects.parameter import GRADES
 
 
-def _options(method: object) -> str:
-    parameters = inspect.signature(method).parameters.values()  # type: ignore[arg-type]
-    return ", ".join(
-        p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "segments"
-    )
+def effects(
+    word: Annotated[str | None, Parameter("ID", help="Id of an effect, or a search term.")] = None,
+    /,
+    *,
+    as_json: Json = False,
+) -> int:
+    """List the physical effects, or explain one.
 
+    One effect is shown with its equation, signature and parameters.
 
-def effects(args: argparse.Namespace) -> int:
-    """List the effects or explain one."""
-    if args.word in CATALOGUE:
-        explain(CATALOGUE[args.word], args.json)
+      tiltcal effects
+      tiltcal effects acc_K2
+    """
+    if word and word in CATALOGUE:
+        explain(CATALOGUE[word], as_json)
         return 0
     found = {
         i: c
         for i, c in CATALOGUE.items()
-        if not args.word or args.word.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()
+        if not word or word.lower() in f"{i} {c.title} {c.physics} {c.look}".lower()
     }
-    if not found:
+    if word and not found:
         raise TiltcalError(
-            f"effect '{args.word}'",
-            found="none of that word",
-            need="an id or a word",
-            do=nearest(args.word, list(CATALOGUE)),
+            f"effect '{word}'",
+            found="no effect with this word",
+            need="an id or a search term",
+            do=nearest(word, list(CATALOGUE)),
         )
-    if args.json:
+    if as_json:
         print_json([_as_json(c) for c in found.values()])
     else:
         print_table(
-            ["id", "stage", "what it is", "parameters"],
+            ["id", "stage", "description", "parameters"],
             [[i, c.stage, c.title, _parameters(c)] for i, c in found.items()],
         )
     return 0
@@ -99,7 +84,7 @@ def _as_json(cls: type[Effect]) -> dict[str, object]:
 
 
 def explain(cls: type[Effect], as_json: bool) -> None:
-    """One effect, whole."""
+    """Print all that is known of one effect."""
     if as_json:
         print_json(_as_json(cls))
         return
@@ -113,7 +98,7 @@ def explain(cls: type[Effect], as_json: bool) -> None:
         print(f"{name + ':':12s}{text}")
     rivals = nearest_rivals(cls.id)
     if rivals:
-        print(f"{'rivals:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
+        print(f"{'similar:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
     rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(
         ["parameter", "precision laboratory", "mid MEMS", "consumer"],

@@ -1,6 +1,4 @@
-"""An effect drawn at random, concealed in a simulated recording: what ``tiltcal demo`` lets the
-diagnosis find.
-"""
+"""The recording of ``tiltcal demo``: an ordinary instrument with one random concealed effect."""
 
 from typing import Any
 
@@ -42,7 +40,7 @@ SIZES = (0.3, 1.0)  # of the plausible size
 SHAPES = {
     "time": (60.0, 140.0),
     "tau": (25.0, 70.0),
-}  # s: an event inside the recording, a course that it shows
+}  # s: an event inside the recording, a visible time constant
 CONCEALABLE: tuple[type[Effect], ...] = (
     TableLevelling,
     EncoderEccentricity,
@@ -71,8 +69,8 @@ TILTS_DEG, TURNS_DEG = range(15, 375, 60), range(20, 380, 72)
 
 
 def bench() -> dict[str, Any]:
-    """What an honest user states: a tumble of 30 poses on a dual-axis table in a room that warms up
-    and down.
+    """The scenario without truth: a tumble of 30 poses on a dual-axis table, in a room with a
+    periodic temperature.
     """
     poses = [
         (tilt, turn)
@@ -106,7 +104,7 @@ def bench() -> dict[str, Any]:
 
 
 def ordinary(rng: np.random.Generator) -> list[dict[str, Any]]:
-    """Noise and the linear errors of an ordinary triad, which calibration re-tunes."""
+    """Noise and linear errors of an ordinary triad, which calibration adjusts."""
     bias = {f"bias_{a}_ug": float(rng.normal(0, 10000)) for a in "xyz"}
     scale = {f"scale_{a}_ppm": float(rng.normal(0, 3000)) for a in "xyz"}
     cross = {
@@ -122,7 +120,7 @@ def ordinary(rng: np.random.Generator) -> list[dict[str, Any]]:
 
 
 def concealed(rng: np.random.Generator) -> dict[str, Any]:
-    """One effect of the catalogue on one axis, at a plausible size."""
+    """A random effect of the catalogue on one axis, at a plausible size."""
     cls = CONCEALABLE[rng.choice(len(CONCEALABLE))]
     table: dict[str, Any] = {"id": cls.id, "role": "concealed"}
     if cls.kinds:

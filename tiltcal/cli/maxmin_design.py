@@ -1,11 +1,12 @@
 """``tiltcal design --blind-to-nothing``."""
 
-import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from tiltcal.cli.designing import problem_of, sensor_of, write_plan
+from tiltcal.cli.design import clock_of, problem_of, sensor_of, write_plan
+from tiltcal.cli.design_options import Aim, TableTime
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
@@ -19,30 +20,38 @@ from tiltcal.design.time_budget import Clock
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
 
-SEEN = 0.002  # least share from which an effect counts as seen
+SEEN = 0.002  # smallest share at which an effect counts as visible
 
 
-def blind_to_nothing_(args: argparse.Namespace, scenario: Scenario, clock: Clock) -> int:
-    """Poses that leave no effect unseen."""
-    count = args.blind_to_nothing
-    _hold(clock, count * (clock.settle + clock.shortest), count)
+def design_visible_poses(
+    scenario: Scenario,
+    count: int,
+    aim: Aim,
+    table: TableTime,
+    seed: int,
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Find ``count`` poses for which the least visible effect is as visible as possible."""
+    clock = clock_of(table, scenario)
+    _check_budget(clock, count * (clock.settle + clock.shortest), count)
     still = Still(scenario, clock.budget)
-    wanted = [] if "all" in args.terms else args.terms
+    wanted = () if "all" in aim.terms else aim.terms
     seen = catalogue_signatures(
-        still, sensor_of(args, scenario), grid_of_poses(clock), args.grade, wanted
+        still, sensor_of(scenario, aim.sensor), grid_of_poses(clock), aim.grade, wanted
     )
     terms = 1 + seen.spanned.shape[1]
     if count <= terms:
-        _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms take up all of them")
-    found = blind_to_nothing(seen, clock, count, args.seed)
+        _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms absorb all of them")
+    found = blind_to_nothing(seen, clock, count, seed)
     if found.shares.min() < SEEN:
-        _refuse(count, "more", f"they leave {seen.names[int(found.shares.argmin())]} unseen")
-    args.terms = []
-    plan = timed(found, problem_of(args, scenario, clock)[0], still.axes)
+        _refuse(count, "more", f"they do not show {seen.names[int(found.shares.argmin())]}")
+    problem, _ = problem_of(replace(aim, terms=()), table, scenario, clock)
+    plan = timed(found, problem, still.axes)
     up = still.up(plan.angles)
-    if args.output:
-        write_plan(plan, scenario, up, make_folder(Path(args.output)))
-    if args.json:
+    if output:
+        write_plan(plan, scenario, up, make_folder(output))
+    if as_json:
         print_json(plan.to_json() | summary(found))
     else:
         print(printable(plan, up))
@@ -51,22 +60,22 @@ def blind_to_nothing_(args: argparse.Namespace, scenario: Scenario, clock: Clock
 
 
 def show(found: MaxMin) -> None:
-    """The shares for people, and what they are shares of."""
+    """Print the shares, their bounds, and the effects that stay invisible."""
     seen = found.seen
     rows = [
         [name, f"{share:.3f}", "poses"]
         for name, share in zip(seen.names, found.shares, strict=True)
     ]
     rows += [[name, f"{share:.3f}", "order"] for name, share in found.in_order.items()]
-    print_table(["effect", "share of the most any design sees", "told by"], rows)
+    print_table(["effect", "share of the best possible", "shown by"], rows)
     print(
-        f"least share {found.shares.min():.4f}; no design can pass {found.bounds[0]:.4f}, none that"
+        f"least share {found.shares.min():.4f}; no design exceeds {found.bounds[0]:.4f}, none that"
         f" keeps {100 * REQUIRED:g} % of the linear D-efficiency {found.bounds[1]:.4f} (convex"
         f" bounds over all poses of a grid; references within {100 * found.reference_gap:.2f} %);"
         f" D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
     )
-    print("taken up by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
-    print("no sequence of dwells shows here:")
+    print("absorbed by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
+    print("not visible in any sequence of dwells here:")
     excited: dict[str, list[str]] = {}
     for name in unseen(found):
         excited.setdefault(CATALOGUE[name.split()[0]].excited_by, []).append(name)
@@ -75,7 +84,7 @@ def show(found: MaxMin) -> None:
 
 
 def unseen(found: MaxMin) -> list[str]:
-    """Effects that neither the poses nor their order show here."""
+    """Effects that neither the poses nor their order show."""
     seen = found.seen
     return sorted({*seen.unseen, *seen.in_order} - {*found.in_order, *seen.names, *seen.ordinary})
 
@@ -84,10 +93,10 @@ def timed(found: MaxMin, problem: Problem, axes: tuple[str, ...]) -> Plan:
     """The poses with equal dwells that fill the budget.
 
     Raises:
-        TiltcalError: it does not hold them.
+        TiltcalError: the budget is too short.
     """
     clock = problem.clock
-    _hold(clock, clock.budget - float(clock.spare(found.angles)), len(found.angles))
+    _check_budget(clock, clock.budget - float(clock.spare(found.angles)), len(found.angles))
     return Plan(
         problem, found.angles, problem.dwells(found.angles, np.zeros(len(found.angles))), axes, {}
     )
@@ -102,8 +111,8 @@ def _refuse(count: int, need: str, why: str) -> None:
     )
 
 
-def _hold(clock: Clock, needed: float, count: int) -> None:
-    """Refuse a budget that does not hold the poses."""
+def _check_budget(clock: Clock, needed: float, count: int) -> None:
+    """Refuse a budget that is too short for the poses."""
     if needed > clock.budget:
         raise TiltcalError(
             "design, budget",
@@ -114,7 +123,7 @@ def _hold(clock: Clock, needed: float, count: int) -> None:
 
 
 def summary(found: MaxMin) -> dict[str, object]:
-    """The shares for machines."""
+    """The shares and bounds as JSON."""
     return {
         "shares": dict(zip(found.seen.names, map(float, found.shares), strict=True)),
         "in_order": found.in_order,

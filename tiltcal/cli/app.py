@@ -1,0 +1,131 @@
+"""The command line application: parses arguments and runs one command. Only the module of the
+command that runs is imported.
+"""
+
+from collections.abc import Sequence
+
+from cyclopts import (
+    App,
+    CycloptsError,
+    Group,
+    MissingArgumentError,
+    Parameter,
+    UnknownCommandError,
+    UnusedCliTokensError,
+)
+
+from tiltcal import __version__
+from tiltcal.cli.commands import COMMANDS, GROUPS
+from tiltcal.core.errors import TiltcalError, nearest
+
+ABOUT = """\
+A testbed for calibrating inclinometers, accelerometers and gyroscopes.
+
+Simulate a table and an instrument with known errors in MuJoCo. Calibrate
+recordings, with uncertainties and a verdict. Verify algorithms, including
+yours, against the injected errors. Find out which physics a model leaves out.
+"""
+FIRST_STEPS = """\
+First steps:
+
+  tiltcal init -o bench.toml
+  tiltcal simulate bench.toml -o run.csv --truth truth.json
+  tiltcal calibrate run.csv --scenario bench.toml --method norm -o CAL.json
+  tiltcal correct CAL.json run.csv -o corrected.csv
+  tiltcal run bench.toml
+"""
+
+
+def make_app() -> App:
+    """The application with all commands, none of them imported yet."""
+    app = App(
+        name="tiltcal",
+        help=ABOUT,
+        help_epilogue=FIRST_STEPS,
+        help_format="plaintext",
+        version=f"tiltcal {__version__}",
+        group_commands=Group("Options", sort_key=len(GROUPS)),
+        default_parameter=Parameter(
+            negative=(), allow_repeating=True, show_default=_shown, json_list=False
+        ),
+        suppress_keyboard_interrupt=False,
+    )
+    order = list(COMMANDS)
+    for place, (title, commands) in enumerate(GROUPS.items()):
+        group = Group(title, sort_key=place)
+        for name, command in commands.items():
+            app.command(
+                f"tiltcal.cli.{command.target}",
+                name=name,
+                help=command.summary,
+                help_epilogue="",
+                group=group,
+                sort_key=order.index(name),
+            )
+    return app
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit status; without a command print the help.
+
+    Raises:
+        TiltcalError: the command line is wrong.
+    """
+    app = make_app()
+    name = arguments[0] if arguments else ""
+    if name in COMMANDS:
+        app[name].help = None  # show the whole docstring, not only the summary
+    try:
+        status = app(
+            arguments, exit_on_error=False, print_error=False, result_action="return_value"
+        )
+    except CycloptsError as error:
+        raise _refusal(error, name, arguments) from error
+    return int(status or 0)
+
+
+def _refusal(error: CycloptsError, name: str, arguments: Sequence[str]) -> TiltcalError:
+    if isinstance(error, UnknownCommandError):
+        return TiltcalError(
+            "command line of `tiltcal`",
+            found=f"the unknown command '{name}'",
+            need="one of the commands that `tiltcal --help` lists",
+            do=nearest(name, list(COMMANDS)),
+        )
+    program = f"tiltcal {name}".strip()
+    return TiltcalError(
+        f"command line of `{program}`",
+        found=_found(error, arguments),
+        need="the arguments its help lists",
+        do=f"see `{program} --help`",
+    )
+
+
+def _found(error: CycloptsError, arguments: Sequence[str]) -> str:
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        if error.keyword is not None:
+            return f"too few values for {error.keyword}"
+        return "no " + ", ".join(_missing(error, arguments))
+    if isinstance(error, UnusedCliTokensError):
+        return "arguments that are not used: " + " ".join(error.unused_tokens or ())
+    text = str(error).strip().rstrip(".")
+    return text[:1].lower() + text[1:]
+
+
+def _missing(error: MissingArgumentError, arguments: Sequence[str]) -> list[str]:
+    """The missing argument that the error names, and all required options that are missing."""
+    given = {argument.partition("=")[0] for argument in arguments}
+    collection = error.app.assemble_argument_collection() if error.app else ()
+    required = [a for a in collection if a.required and a.name.startswith("--")]
+    options = [a.name for a in required if not given & set(a.names)]
+    first = error.argument.name if error.argument else ""
+    return [first, *(name for name in options if name != first)]
+
+
+def _shown(default: object) -> str | None:
+    """A default as the help shows it; one that only means "not given" is left out."""
+    if default is None or default is False or default == ():
+        return None
+    if isinstance(default, tuple):
+        return " ".join(f"{item:g}" if isinstance(item, float) else str(item) for item in default)
+    return f"{default:g}" if isinstance(default, float) else str(default)

@@ -1,0 +1,150 @@
+"""``tiltcal calibrate``."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from tiltcal.calibration.methods.registry import calibrate as run_method
+from tiltcal.calibration.result import Calibration
+from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
+from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.segments import read_segments
+from tiltcal.core.errors import TiltcalError
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
+from tiltcal.report.html import parameter_rows
+from tiltcal.validation.uncertainty_budget import Budget, make_budget
+
+BUDGET_HEADER = ("parameter", "source", "type", *BUDGET_COLUMNS[3:])
+
+
+def calibrate(
+    recording_file: Annotated[Path, Parameter("REC", help="Recording to calibrate from.")],
+    /,
+    *,
+    scenario: DescribedBy,
+    method: Annotated[
+        str, Parameter(help="Name of a method, or package.module:function of your own.")
+    ],
+    option: Annotated[
+        tuple[str, ...], Parameter(help="KEY=VALUE for the method; may be repeated.")
+    ] = (),
+    segments: SegmentsFile = None,
+    budget: Annotated[
+        bool,
+        Parameter(
+            help="Add an uncertainty budget: the [[budget]] sources of the scenario, or defaults."
+        ),
+    ] = False,
+    output: Annotated[
+        Path | None, Parameter(alias="-o", help="File of the calibration, JSON.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Estimate parameters with covariance, tests and a verdict.
+
+    `tiltcal methods` lists the methods. Your own function is called with the
+    Recording and the Setup and returns a Calibration.
+
+      tiltcal calibrate run.csv --scenario bench.toml --method norm -o CAL.json
+      tiltcal calibrate run.csv --scenario bench.toml --method norm --option terms=9
+
+    Exit status: 0 good; 1 suspect or cannot_tell; 2 unusable input.
+    """
+    described = load_scenario(scenario)
+    recording = read_recording(recording_file).require_increasing()
+    options = parse_options(option)
+    if segments:
+        options["segments"] = read_segments(segments, recording)
+    calibration, found = _estimate(method, recording, described, options, budget)
+    if output:
+        calibration.save(output)
+    if as_json:
+        print_json(calibration.to_json() | ({"budget": found.to_json()} if found else {}))
+    else:
+        print_calibration(calibration)
+        if found is not None:
+            print_budget(found)
+    return 0 if calibration.verdict == "good" else 1
+
+
+def _estimate(
+    method: str,
+    recording: Recording,
+    scenario: Scenario,
+    options: dict[str, Any],
+    with_budget: bool,
+) -> tuple[Calibration, Budget | None]:
+    budget: Budget | None = None
+    if with_budget:
+        calibration, budget = make_budget(method, recording, scenario, scenario.budget, **options)
+    else:
+        calibration = run_method(method, recording, scenario, **options)
+    unknown = recording.unknown(scenario.sensor)
+    if unknown:
+        note = "columns that belong to no sensor of the scenario are ignored: " + ", ".join(unknown)
+        calibration = replace(calibration, warnings=[*calibration.warnings, note])
+    return calibration, budget
+
+
+def parse_options(words: tuple[str, ...]) -> dict[str, Any]:
+    """``("terms=9", "estimator=median")`` -> values as TOML reads them, otherwise text."""
+    options: dict[str, Any] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or not key:
+            raise TiltcalError(
+                f"--option {word}",
+                found="no KEY=VALUE",
+                need="for example terms=9",
+                do="correct it",
+            )
+        if key == "segments":
+            raise TiltcalError(
+                f"--option {word}",
+                found="segments",
+                need="a file of them",
+                do="use --segments SEG.csv",
+            )
+        try:
+            options[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            options[key] = value
+    return options
+
+
+def print_calibration(c: Calibration) -> None:
+    """Print parameters, tests and verdict."""
+    print_table(
+        ["parameter", "value", "sigma", "unit", "95 % interval"],
+        [
+            [r["name"], r["value"], r["sigma"], r["unit"], r["interval"]]
+            for r in parameter_rows(c, {})
+        ],
+    )
+    print_table(
+        ["test", "", "statement"],
+        [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests],
+    )
+    for name, rms in c.heldout_rms.items():
+        print(f"held-out residual of {name}: {rms:.4g} (SI; whole directions held out)")
+    for w in c.warnings:
+        print(f"note: {w}")
+    print(
+        f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of"
+        f" freedom; verdict: {c.verdict}"
+    )
+
+
+def print_budget(budget: Budget) -> None:
+    """Print the significant lines of each parameter and the combined uncertainty."""
+    print_table(
+        BUDGET_HEADER,
+        [[r[key] for key in BUDGET_COLUMNS] for r in budget_rows(budget)],
+        title="uncertainty budget (GUM); lines below 1 % of the combined uncertainty are omitted",
+    )

@@ -1,0 +1,77 @@
+"""All commands by group: the function behind each, and its line in ``tiltcal --help``."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command.
+
+    Args:
+        target: module of ``tiltcal.cli`` and function, ``module:function``; imported on use.
+        summary: first sentence of the function's docstring.
+    """
+
+    target: str
+    summary: str
+
+
+RECORDINGS = {
+    "simulate": Command("simulate:simulate", "Simulate a recording of a scenario in MuJoCo."),
+    "init": Command("init:init", "Write a commented scenario to start from."),
+    "import": Command("text_import:import_log", "Import a text log from another system."),
+    "segments": Command("segments:segments", "Find the dwells and moves of a recording."),
+    "noise": Command("noise:noise", "Estimate Allan coefficients from a recording at rest."),
+}
+CALIBRATION = {
+    "calibrate": Command(
+        "calibrate:calibrate", "Estimate parameters with covariance, tests and a verdict."
+    ),
+    "correct": Command("correct:correct", "Correct a recording, streaming in constant memory."),
+    "check": Command("check:check", "Check a calibration against another recording."),
+    "export": Command("export:export", "Export a placing-angle table as a C header for firmware."),
+    "methods": Command("methods:methods", "List the calibration methods."),
+}
+DIAGNOSIS = {
+    "diagnose": Command(
+        "diagnose:diagnose", "Locate, name and model physics that the scenario leaves out."
+    ),
+    "investigate": Command(
+        "investigate:investigate",
+        "Diagnose, record what separates the alternatives, and repeat until explained.",
+    ),
+    "lab": Command("lab:lab", "Record a sequence file in a simulated laboratory."),
+    "effects": Command("effects:effects", "List the physical effects, or explain one."),
+}
+DESIGN = {
+    "design": Command(
+        "design:design", "Find the sequence of poses with the most information per table time."
+    ),
+    "confuse": Command(
+        "confuse:confuse", "Show which effects a recording of a scenario can separate."
+    ),
+    "explain-frames": Command(
+        "explain_frames:explain_frames",
+        "Show what each channel reads at the six faces and after small turns.",
+    ),
+}
+VALIDATION = {
+    "run": Command("verify:run", "Simulate, calibrate and judge scenarios."),
+    "verify": Command("verify:verify", "Run a folder of scenarios and write CI reports."),
+    "prove": Command("prove:prove", "Run blind trials of `diagnose` and report its success rates."),
+    "demo": Command("demo:demo", "Run a tour of the main functions."),
+}
+SHELL = {
+    "completion": Command(
+        "completion:completion", "Print or install the completion script of a shell."
+    ),
+}
+GROUPS = {
+    "Recordings": RECORDINGS,
+    "Calibration": CALIBRATION,
+    "Diagnosis": DIAGNOSIS,
+    "Design of measurements": DESIGN,
+    "Validation": VALIDATION,
+    "Shell": SHELL,
+}
+COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}

@@ -1,0 +1,94 @@
+"""The options of ``tiltcal design``, by topic."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What the sequence is to measure."""
+
+    terms: Annotated[
+        tuple[str, ...],
+        SEVERAL,
+        Parameter(help="Terms of interest: bias, scale, cross_axis, K2 ..., an effect id, or all."),
+    ] = ()
+    nuisance: Annotated[
+        tuple[str, ...],
+        SEVERAL,
+        Parameter(help="Terms that are fitted but not of interest; or none."),
+    ] = ("drift",)
+    textbook: Annotated[
+        str | None,
+        Parameter(
+            help="Textbook polynomial in place of the product's own terms: linear, K2, K2K3,"
+            " quadratic or cubic."
+        ),
+    ] = None
+    criterion: Annotated[
+        str, Parameter(help="tilt (or I), D, A, or both: the mean of D and tilt.")
+    ] = "both"
+    grade: Annotated[Grade, Parameter(help="Instrument grade: sets the prior sizes.")] = "mid_mems"
+    prior: Annotated[
+        float | None,
+        Parameter(help="One relative size for all priors instead: g, or g per power of g."),
+    ] = None
+    range_deg: Annotated[
+        float, Parameter(help="Working range about level for the tilt error; 180 is everywhere.")
+    ] = 180.0
+    sensor: Annotated[
+        str | None, Parameter(help="Name of the sensor, if the scenario has several.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class TableTime:
+    """What the table and the readings allow."""
+
+    budget_s: Annotated[float, Parameter(help="Table time.")] = 300.0
+    rate_deg_s: Annotated[float, Parameter(help="Rate of moves, all axes at once.")] = 20.0
+    settle_s: Annotated[float, Parameter(help="Settling time after each move.")] = 5.0
+    dwell_s: Annotated[
+        tuple[float, float], Parameter(help="Shortest and longest time of a reading.")
+    ] = (5.0, 60.0)
+    angles: AxisLimits = ()
+    step_deg: Annotated[
+        float, Parameter(help="Angles are multiples of this step; 0 allows any angle.")
+    ] = 0.0
+    floor_ug: Annotated[
+        float, Parameter(help="Error of a pose mean that averaging does not reduce.")
+    ] = 20.0
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What ``--split`` starts from."""
+
+    diagnosed: Annotated[
+        Path | None,
+        Parameter("--scenario", help="With --split: the scenario that was diagnosed."),
+    ] = None
+    recordings: Annotated[
+        tuple[Path, ...],
+        SEVERAL,
+        Parameter(help="With --split: the recordings; those that the diagnosis names by default."),
+    ] = ()
+
+
+BlindToNothing = Annotated[
+    int | None,
+    WHOLE,
+    Parameter(
+        help="Find this many poses for which the least visible effect is as visible as possible."
+        " Effects: all that this table and sensor can have, or those of --terms."
+    ),
+]
+Split = Annotated[
+    Path | None,
+    Parameter(help="Propose the block that separates the alternatives of this diagnosis.json."),
+]

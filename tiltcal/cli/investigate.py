@@ -1,0 +1,136 @@
+"""``tiltcal investigate``."""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter
+
+from tiltcal.cli.axis_limits import axis_limits
+from tiltcal.cli.diagnose import honest_scenario, write_results
+from tiltcal.cli.laboratory import simulator
+from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
+from tiltcal.cli.output import print_json, progress_line
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, require_file
+from tiltcal.core.progress import Progress
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.investigation.command import CommandLaboratory
+from tiltcal.diagnosis.investigation.investigate import InvestigationSetup
+from tiltcal.diagnosis.investigation.investigate import (
+    investigate as run_investigation,
+)
+from tiltcal.diagnosis.investigation.next_block import Limits
+from tiltcal.diagnosis.investigation.progress_log import Investigation
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording_files import read_recording
+
+
+@dataclass(frozen=True)
+class BlockLimits:
+    """Limits of one designed block of measurements."""
+
+    block_min: Annotated[float, Parameter(help="Longest table time of one block, min.")] = 3.0
+    rate_deg_s: Annotated[
+        float, Parameter(help="Rate of moves; turns use up to twice this rate.")
+    ] = 30.0
+    dwell_s: Annotated[float, Parameter(help="Duration of each dwell.")] = 3.0
+    angles: AxisLimits = ()
+
+
+DEFAULT_LIMITS = BlockLimits()
+
+
+def investigate(
+    recordings: Annotated[
+        tuple[Path, ...],
+        Parameter(
+            "REC", help="Recordings so far; without any, the scenario's sequence is recorded."
+        ),
+    ] = (),
+    /,
+    *,
+    scenario: DescribedBy,
+    lab: Annotated[str, Parameter(help="Command that records a sequence.")],
+    blocks: Annotated[int, WHOLE, Parameter(help="Largest number of designed blocks.")] = 2,
+    budget_min: Annotated[float, Parameter(help="Table time of all blocks, min.")] = 10.0,
+    resume: Annotated[
+        bool, Parameter(help="Continue from the state of the folder; nothing is recorded twice.")
+    ] = False,
+    limits: Annotated[
+        BlockLimits, Parameter(name="*", group=Group("Limits of a block", sort_key=1))
+    ] = DEFAULT_LIMITS,
+    output: Annotated[Path, Parameter(alias="-o", help="Folder for all files.")] = Path(
+        "investigation"
+    ),
+    as_json: Json = False,
+) -> int:
+    """Diagnose, record what separates the alternatives, and repeat until explained.
+
+    The command of --lab is called as `LAB SEQUENCE.csv RECORDING.csv`, without a
+    shell. It drives a real table or a simulated one. The folder of -o keeps
+    log.md, investigation.json, sequences, recordings and diagnoses.
+
+      tiltcal investigate first.csv --scenario bench.toml --lab './record -t 2'
+      tiltcal investigate --scenario bench.toml --lab 'tiltcal lab concealed.toml'
+
+    Exit status: 0 explained; 1 not explained within the budget, or not within
+    reach of this table; 2 unusable input.
+    """
+    honest = honest_scenario(scenario)
+    laboratory = CommandLaboratory.parse(lab)
+    given = [str(require_file(path, "recording").absolute()) for path in recordings]
+    folder = make_folder(output)
+    with progress_line() as progress:
+        bench = InvestigationSetup(
+            honest,
+            folder,
+            _explainer(honest, progress),
+            laboratory,
+            block_limits(limits),
+            blocks,
+            budget_min,
+        )
+        state = run_investigation(bench, given, progress, resume)
+    _show(state, output, as_json)
+    return 0 if state.explained else 1
+
+
+def _explainer(scenario: Scenario, progress: Progress) -> Callable[[Sequence[Path], Path], None]:
+    """A function that diagnoses recordings and writes the results to a folder."""
+
+    def explain(files: Sequence[Path], place: Path) -> None:
+        data = [read_recording(path) for path in files]
+        found = diagnose(scenario, data, laboratory=simulator(progress), progress=progress)
+        write_results(found, place, files)
+
+    return explain
+
+
+def _show(state: Investigation, output: Path, as_json: bool) -> None:
+    if as_json:
+        print_json(state.to_json())
+        return
+    for entry in state.entries:
+        print(f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time")
+    print(f"{state.verdicts[-1]}: {state.statement}")
+    print(f"{output}/log.md", file=sys.stderr)
+
+
+def block_limits(given: BlockLimits) -> Limits:
+    """Limits of a block from the command line.
+
+    Raises:
+        TiltcalError: a limit is not positive, or an axis limit is malformed.
+    """
+    sizes = {
+        "--block-min": given.block_min,
+        "--rate-deg-s": given.rate_deg_s,
+        "--dwell-s": given.dwell_s,
+    }
+    for name, size in sizes.items():
+        if not size > 0:
+            raise TiltcalError(name, found=f"{size:g}", need="more than 0", do="correct it")
+    return Limits(given.block_min, given.rate_deg_s, given.dwell_s, axis_limits(given.angles))

@@ -1,0 +1,128 @@
+"""``tiltcal segments``, and the file of segments."""
+
+import csv
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, TextIO
+
+import numpy as np
+from cyclopts import Parameter
+
+from tiltcal.cli.options import Json
+from tiltcal.cli.output import print_json
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import replacing, require_file
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.segmentation import Segment, dwells, find_segments, majority
+
+
+def segments(
+    recording: Annotated[Path, Parameter("REC", help="Recording to search.")],
+    /,
+    *,
+    window: Annotated[float, Parameter(help="Duration over which rest is judged, s.")] = 0.5,
+    output: Annotated[
+        Path | None, Parameter(alias="-o", help="File of the list, CSV; stdout if not given.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Find the dwells and moves of a recording.
+
+    The file can be edited and used with `calibrate --segments` and `check
+    --segments`.
+    """
+    if not 0 < window < float("inf"):
+        raise TiltcalError(
+            "--window",
+            found=f"{window:g} s",
+            need="a time above zero",
+            do="leave it out, or try 0.5",
+        )
+    found = find_segments(read_recording(recording), window=window)
+    if output:
+        with (
+            replacing(output) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as out,
+        ):
+            write_segments(found, out)
+    if as_json:
+        print_json([vars(s) for s in found])
+    elif output:
+        still = len(dwells(found))
+        print(f"{output}: {still} dwells, {len(found) - still} moves", file=sys.stderr)
+    else:
+        write_segments(found, sys.stdout)
+    return 0
+
+
+def write_segments(found: list[Segment], out: TextIO) -> None:
+    """Segments as CSV: start_s, end_s, kind, label."""
+    rows = [[repr(s.start), repr(s.end), s.kind, s.label or ""] for s in found]
+    csv.writer(out, lineterminator="\n").writerows([["start_s", "end_s", "kind", "label"], *rows])
+
+
+def read_segments(path: Path, recording: Recording) -> list[Segment]:
+    """An edited list of segments: start_s, end_s, kind and an optional label.
+
+    Raises:
+        TiltcalError: a column is missing, a cell is wrong, or two dwells overlap.
+    """
+    with require_file(path, "segments").open(
+        newline="", encoding="utf-8-sig", errors="replace"
+    ) as lines:
+        reader = csv.DictReader(lines)
+        missing = {"start_s", "end_s"} - set(reader.fieldnames or ())
+        if missing:
+            raise TiltcalError(
+                f"segments {path.name}",
+                found="no column " + ", ".join(sorted(missing)),
+                need="start_s, end_s, kind, label",
+                do="start from `tiltcal segments -o`",
+            )
+        found = [
+            _segment(row, number, path.name, recording)
+            for number, row in enumerate(reader, start=2)
+        ]
+    for before, after in pairwise(sorted(dwells(found), key=lambda s: s.start)):
+        if after.first < before.last:
+            raise TiltcalError(
+                f"segments {path.name}",
+                found=f"dwells that overlap from {after.start:g} to {before.end:g} s",
+                need="each sample in one dwell",
+                do="correct their times",
+            )
+    return found
+
+
+def _segment(row: dict[str, str], line: int, source: str, recording: Recording) -> Segment:
+    kind = (row.get("kind") or "dwell").strip()
+    try:
+        start, end = float(row["start_s"]), float(row["end_s"])
+    except (TypeError, ValueError) as error:
+        raise TiltcalError(
+            f"segments {source}, line {line}",
+            found=str(error),
+            need="two times in s",
+            do="correct that line",
+        ) from error
+    if kind not in ("dwell", "move") or not end >= start:  # a move may be one sample
+        raise TiltcalError(
+            f"segments {source}, line {line}",
+            found=f"{kind} from {start:g} to {end:g} s",
+            need="dwell or move, end after start",
+            do="correct that line",
+        )
+    first, last = (
+        int(i) for i in np.searchsorted(recording.time, [start, np.nextafter(end, np.inf)])
+    )
+    if last == first:
+        raise TiltcalError(
+            f"segments {source}, line {line}",
+            found=f"no sample from {start:g} to {end:g} s",
+            need=f"times within the recording, {recording.time[0]:g} to {recording.time[-1]:g} s",
+            do="correct that line",
+        )
+    label = (row.get("label") or "").strip() or majority(recording, first, last)
+    return Segment(start, end, first, last, kind, label)

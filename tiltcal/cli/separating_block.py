@@ -1,0 +1,106 @@
+"""``tiltcal design --split``: the block that separates the alternatives of a diagnosis."""
+
+import json
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tiltcal.cli.axis_limits import axis_limits
+from tiltcal.cli.design_options import Separation, TableTime
+from tiltcal.cli.diagnose import honest_scenario
+from tiltcal.cli.output import print_json, progress_line
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, require_file, write_json, write_text
+from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.setup.sequence_files import sequence_text
+from tiltcal.setup.setup import Rig
+
+
+def design_separating_block(
+    split: Path,
+    scenario_file: Path | None,
+    wanted: Separation,
+    table: TableTime,
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Propose the block that separates the alternatives of the diagnosis ``split``.
+
+    Raises:
+        TiltcalError: the scenario, the diagnosis or its recordings are missing.
+    """
+    described = wanted.diagnosed or scenario_file
+    if described is None:
+        raise TiltcalError(
+            "command line of `tiltcal design`",
+            found="--split without a scenario",
+            need="the scenario that was diagnosed",
+            do="add --scenario TOML",
+        )
+    scenario = honest_scenario(described)
+    diagnosis = _load_diagnosis(require_file(split, "diagnosis"))
+    amended = require_file(split.with_name("amended.toml"), "amended scenario")
+    data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]
+    limits = Limits(
+        table.budget_s / 60, table.rate_deg_s, table.dwell_s[0], axis_limits(table.angles)
+    )
+    with progress_line() as progress:
+        amended_table = tomllib.loads(amended.read_text(encoding="utf-8"))
+        plan = next_block(scenario, data, diagnosis, amended_table, limits, progress)
+    if output:
+        _write(plan, scenario.rig, make_folder(output))
+    _show(plan, scenario.rig, output, as_json)
+    return 0 if plan.proposal is not None else 1
+
+
+def _write(plan: NextBlock, rig: Rig, folder: Path) -> None:
+    write_json(folder / "next_block.json", plan.to_json())
+    if plan.proposal is not None:
+        write_text(folder / "sequence.csv", sequence_text(plan.proposal.block.steps, rig))
+
+
+def _show(plan: NextBlock, rig: Rig, output: Path | None, as_json: bool) -> None:
+    if as_json:
+        print_json(plan.to_json())
+        return
+    print(plan.statement, file=sys.stdout if output else sys.stderr)
+    if plan.proposal is not None and not output:
+        print(sequence_text(plan.proposal.block.steps, rig), end="")
+
+
+def _load_diagnosis(path: Path) -> dict[str, Any]:
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        if {"verdict", "findings"} <= set(table):
+            return dict(table)
+        found = "no verdict and findings"
+    except (ValueError, TypeError) as error:
+        found = str(error)
+    raise TiltcalError(
+        f"diagnosis {path.name}",
+        found=found,
+        need="what `tiltcal diagnose -o` wrote",
+        do="name that file",
+    )
+
+
+def _recordings_of(diagnosis: dict[str, Any], path: Path, given: Sequence[Path]) -> list[Path]:
+    """The recordings that were diagnosed: the given ones, or those the diagnosis names.
+
+    Raises:
+        TiltcalError: neither names any.
+    """
+    if given:
+        return list(given)
+    named = [Path(p) for p in diagnosis.get("recordings", [])]
+    if not named:
+        raise TiltcalError(
+            f"diagnosis {path.name}",
+            found="no recordings in it",
+            need="those that were diagnosed",
+            do="add --recordings REC ...",
+        )
+    return named

@@ -1,0 +1,116 @@
+"""``tiltcal simulate``."""
+
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from cyclopts import Parameter
+
+from tiltcal.cli.laboratory import simulator
+from tiltcal.cli.options import WHOLE, Json, ScenarioFile
+from tiltcal.cli.output import print_json, progress_line, require_output
+from tiltcal.core.files import replacing, write_json
+from tiltcal.core.units import DEG
+from tiltcal.effects import to_file
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.csv_files import write_csv
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording, write_recording
+
+STAGES = ("environment", "table", "mount")  # of the effects that change the true attitude
+
+
+def simulate(
+    scenario_file: ScenarioFile,
+    /,
+    *,
+    output: Annotated[
+        Path | None, Parameter(alias="-o", help="File of the recording; stdout if not given.")
+    ] = None,
+    motion: Annotated[
+        Path | None,
+        Parameter(help="Replay the time stamps and the table readout of this recording."),
+    ] = None,
+    noise: Annotated[
+        Literal["on", "off"],
+        Parameter(help="off: without random effects and quantisation."),
+    ] = "on",
+    seed: Annotated[
+        int | None,
+        WHOLE,
+        Parameter(help="Seed of the random effects; the scenario's if not given."),
+    ] = None,
+    truth: Annotated[
+        Path | None, Parameter(help="File for the injected values and true attitudes, JSON.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Simulate a recording of a scenario in MuJoCo.
+
+    The suffix of -o sets the format: .csv, .parquet or .npz. Without -o, CSV goes
+    to stdout. The recording contains no truth; --truth writes it to a separate
+    file.
+
+      tiltcal simulate bench.toml -o run.csv --seed 7 --truth truth.json
+      tiltcal simulate model.toml --motion real.csv --noise off -o predicted.csv
+    """
+    require_output("simulate", output, as_json, "the recording")
+    scenario = load_scenario(scenario_file)
+    used = None if noise == "off" else scenario.seed if seed is None else seed
+    with progress_line() as progress:
+        laboratory = simulator(progress)
+        if motion:
+            recording = laboratory.predict(scenario, read_recording(motion), used)
+        else:
+            recording = laboratory.record(scenario, used)
+    with replacing(truth) if truth else nullcontext() as truth_file:  # both files or none
+        if truth_file is not None:
+            write_json(truth_file, truth_table(scenario, used))
+        _write(recording, output, as_json)
+    return 0
+
+
+def _write(recording: Recording, output: Path | None, as_json: bool) -> None:
+    """Write the recording to its file or to stdout."""
+    if output is None:
+        write_csv(recording, sys.stdout.buffer)
+        return
+    write_recording(recording, output)
+    duration = float(np.ptp(recording.time))
+    if as_json:
+        print_json({"recording": str(output), "rows": len(recording), "duration_s": duration})
+    else:
+        print(f"{output}: {len(recording)} rows, {duration:.6g} s", file=sys.stderr)
+
+
+def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:
+    """The injected effects; for each stop the true table angles and the true up direction."""
+    truth: dict[str, object] = {
+        "schema": 1,
+        "scenario": scenario.name,
+        "seed": seed,
+        "effects": [to_file(e) for e in scenario.effects],
+    }
+    if scenario.sequence and scenario.dynamics is None:
+        truth["poses"] = _true_poses(scenario)
+    return truth
+
+
+def _true_poses(scenario: Scenario) -> list[dict[str, object]]:
+    legs = [leg for leg in scenario.schedule.legs if leg.stop >= 0]
+    drive = scenario.schedule.drive(np.array([(leg.t0 + leg.t1) / 2 for leg in legs]))
+    geometry = [e for e in scenario.effects if e.stage in STAGES and not e.random]
+    up = closed_form(scenario, drive, geometry).up
+    return [
+        {
+            "start_s": leg.t0,
+            "end_s": leg.t1,
+            "label": leg.label,
+            "up": up[k].tolist(),
+            "readout_deg": {n: float(np.asarray(jet.x)[k] / DEG) for n, jet in drive.axes.items()},
+        }
+        for k, leg in enumerate(legs)
+    ]

@@ -187,7 +187,7 @@ def test_a_rotation_of_the_fixture_is_the_antisymmetric_part_of_the_cross_terms(
         assert antisymmetric == pytest.approx(size, abs=1e-8)
         assert abs(found.value(f"accel.cross_{a}{b}") + found.value(f"accel.cross_{b}{a}")) < 1e-5
     (gauge,) = [w for w in found.warnings if "rotation common to all poses" in w]
-    assert "here it would be a turn of x 206.3 +- " in gauge  # 1 mrad
+    assert "here it would be a rotation of x 206.3 +- " in gauge  # 1 mrad
     assert "y -412.5 +- " in gauge
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tiltcal.calibration.result import Calibration, Test, chi2_test
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import best_rotation

@@ -1,11 +1,14 @@
-"""What all methods share: picking the sensor, wrapping up a Calibration."""
+"""What all methods share: the choice of the sensor, whitening, and the Calibration made of a
+fit.
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from tiltcal import __version__
-from tiltcal.calibration.result import Calibration, Estimate, Test, Verdict
+from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.validity import Test, Verdict
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
@@ -18,10 +21,10 @@ from tiltcal.statistics.least_squares import Fit
 def pick_sensor(
     setup: Setup, recording: Recording, kinds: Sequence[str], name: str | None, method: str
 ) -> Sensor:
-    """The sensor a method works on: the named one, or the only fitting one that was recorded.
+    """The sensor a method works on: the named one, or the only recorded one of these kinds.
 
     Raises:
-        TiltcalError: none or several fit.
+        TiltcalError: none or several qualify.
     """
     if name is not None:
         sensor = setup.named(name)
@@ -43,12 +46,44 @@ def pick_sensor(
         f"method {method}",
         found=f"{len(fitting)} recorded sensors that fit ({names})",
         need=f"one {' or '.join(kinds)}",
-        do=(
-            "name it with --option sensor=NAME"
-            if fitting
-            else "use a method for the sensors you have"
-        ),
+        do="name it with --option sensor=NAME" if fitting else "use a method for your sensors",
     )
+
+
+def require_triad(sensor: Sensor, method: str, do: str) -> None:
+    """Refuse a sensor without three axes.
+
+    Raises:
+        TiltcalError: it has one or two.
+    """
+    if len(sensor.axes) != 3:
+        found = f"{len(sensor.axes)} axes of {sensor.name}"
+        raise TiltcalError(f"method {method}", found=found, need="a triad", do=do)
+
+
+def require_xy(sensor: Sensor, method: str) -> None:
+    """Refuse a sensor without the axes x and y.
+
+    Raises:
+        TiltcalError: one of them is missing.
+    """
+    if not {"x", "y"} <= set(sensor.axes):
+        raise TiltcalError(
+            f"method {method}",
+            found=f"axes {', '.join(sensor.axes)} of {sensor.name}",
+            need="x and y",
+            do="add the other channel",
+        )
+
+
+def whitening(covariance: Array) -> Array:
+    """W with ``W C W' = 1``: the inverse Cholesky factor, (..., k, k)."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
+def whitening_of_means(poses: Poses) -> Array:
+    """Whitening of the mean of each pose, (m, k, k)."""
+    return whitening(np.array([poses.covariance(k) for k in range(len(poses))]))
 
 
 def wrap_up(
@@ -65,26 +100,27 @@ def wrap_up(
     inverse: str,
     heldout: dict[str, float] | None = None,
 ) -> Calibration:
-    """A Calibration from a fit. Where the fit is worse than its noise, the covariance is widened by
-    chi2/dof and says so.
+    """A Calibration from a fit.
+
+    Where the test named ``fit`` fails, the covariance is multiplied by chi2/dof, with a warning.
     """
-    widen = 1.0
+    factor = 1.0
     notes = list(warnings)
-    lacking = [t for t in tests if t.name == "fit" and not t.passed]
-    if lacking and fit.chi2_per_dof > 1 and not fit.dropped:
-        widen = fit.chi2_per_dof
+    fit_failed = any(t.name == "fit" and not t.passed for t in tests)
+    if fit_failed and fit.chi2_per_dof > 1 and not fit.dropped:
+        factor = fit.chi2_per_dof
         notes.append(
-            f"the residuals are {np.sqrt(widen):.2g} times the noise of the means; all sigmas are"
+            f"the residuals are {np.sqrt(factor):.2g} times the noise of the means; all sigmas are"
             " widened by that factor"
         )
-    covariance = fit.covariance * widen
+    covariance = fit.covariance * factor
     sigmas = np.sqrt(np.diag(covariance))
     parameters = {
         n: Estimate(float(v), float(s), u)
         for n, v, s, u in zip(fit.names, fit.values, sigmas, units, strict=True)
     }
     if fit.dropped:
-        notes.append("not determined by these poses: " + ", ".join(fit.dropped))
+        notes.append("cannot be determined from these poses: " + ", ".join(fit.dropped))
     return Calibration(
         method,
         verdict,

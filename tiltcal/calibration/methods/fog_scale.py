@@ -25,7 +25,8 @@ from tiltcal.calibration.methods.fog_filter import (
     smoothed,
 )
 from tiltcal.calibration.methods.screening import columns_test, require_unsaturated
-from tiltcal.calibration.result import Calibration, Test, verdict_of
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES

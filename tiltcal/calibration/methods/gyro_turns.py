@@ -10,7 +10,8 @@ import numpy as np
 from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
 from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.screening import columns_test, require_unsaturated
-from tiltcal.calibration.result import Calibration, Test, chi2_test, verdict_of
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES, angle_between

@@ -8,7 +8,8 @@ import numpy as np
 from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
 from tiltcal.calibration.methods.norm_iteration import Iteration, product_and_sum
 from tiltcal.calibration.methods.screening import require_unsaturated
-from tiltcal.calibration.result import Calibration, Test, chi2_test, verdict_of
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES, sphere

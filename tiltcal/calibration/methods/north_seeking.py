@@ -12,7 +12,8 @@ from tiltcal.calibration.methods.common import pick_sensor, wrap_up
 from tiltcal.calibration.methods.reversal import attitudes, dwell_angles, mount_of, require_vertical
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain
 from tiltcal.calibration.methods.screening import require_unsaturated
-from tiltcal.calibration.result import Calibration, Test, chi2_test, verdict_of
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import earth_rate

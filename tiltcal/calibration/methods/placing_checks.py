@@ -4,7 +4,7 @@ that clips.
 
 import numpy as np
 
-from tiltcal.calibration.result import Test
+from tiltcal.calibration.validity import Test
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation

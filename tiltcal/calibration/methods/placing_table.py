@@ -19,7 +19,8 @@ from tiltcal.calibration.methods.placing_sweep import (
     solve_axis,
     split_at_remounts,
 )
-from tiltcal.calibration.result import Calibration, Test, chi2_test, verdict_of
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.calibration.result import SIGNIFICANCE, Test
+from tiltcal.calibration.validity import SIGNIFICANCE, Test
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import DEG

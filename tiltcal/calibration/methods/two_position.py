@@ -14,7 +14,8 @@ from tiltcal.calibration.methods.reversal import (
 )
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain, solve, still_test
 from tiltcal.calibration.methods.screening import require_unsaturated
-from tiltcal.calibration.result import Calibration, Test, chi2_test, verdict_of
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.frames import base_tilt, force_of_tilt

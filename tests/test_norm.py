@@ -8,8 +8,8 @@ from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
 from tiltcal.calibration.methods import norm as norm_module
-from tiltcal.calibration.methods.norm import names_of
 from tiltcal.calibration.methods.norm_iteration import product_and_sum
+from tiltcal.calibration.methods.norm_model import names_of
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_up, sphere
@@ -67,7 +67,7 @@ def test_it_converges_from_half_the_scale_and_half_a_g_off(sign):
 @pytest.mark.slow
 def test_four_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
     # costs most, changes no parameter
-    monkeypatch.setattr(norm_module, "_leave_directions_out", lambda *_: (0.0, 1.0))
+    monkeypatch.setattr(norm_module, "leave_directions_out", lambda *_: (0.0, 1.0))
     draws, names = 4000, list(truth(9))
     clean = log()
     segments = find_segments(clean)

@@ -1,5 +1,5 @@
-"""The paper's iteration beside the maximum-likelihood fit: G built up as a product, B as a sum of
-small corrections.
+"""The iteration of the paper on the norm method: the gain G is a product, the bias B a sum of small
+corrections.
 """
 
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ import numpy as np
 from tiltcal.core.arrays import Array
 
 STEPS = 30
-LARGEST = 0.3  # correction of one step: they are to be small
-SMALL = 1e-10  # of the last correction, relative to 1 and to g
+MAX_CORRECTION = 0.3  # of one step: the equations are linearised
+CONVERGED = 1e-10  # last correction, relative to 1 and to g
 
 
 @dataclass(frozen=True)
 class Iteration:
-    """Where it went.
+    """The course and the result of the iteration.
 
     Args:
         gain: diagonal of G, (3,); bias: B, m/s2, (3,).
@@ -46,14 +46,12 @@ def product_and_sum(
     attitudes.
 
     With the last G and B, ``a = G^-1 (S - B)``; small corrections k and b of ``|(1 - k) a - b| =
-    g`` solve
-    ``2 sum (k_i a_i^2 + b_i a_i) = |a|^2 - g^2``, by least squares where there are more than six;
-    then G is multiplied by
-    (1 + k) and G b is added to B.
+    g`` solve ``2 sum (k_i a_i^2 + b_i a_i) = |a|^2 - g^2``, by least squares where there are more
+    than six; then G is multiplied by (1 + k) and G b is added to B.
 
     Errors:
-        It weighs all attitudes alike and knows no cross-axis terms; with six attitudes it leaves no
-            residual, right or wrong.
+        All attitudes have the same weight, and there are no cross-axis terms; six attitudes leave
+            no residual, whether the result is right or wrong.
 
     Source: seed S2 (10.3969/j.issn1672-9730.2014.01.018).
     """
@@ -65,12 +63,12 @@ def product_and_sum(
         excess = (a * a).sum(axis=1) - 1
         step = np.linalg.lstsq(2 * np.hstack([a * a, a]), excess, rcond=None)[0]
         residuals.append(float(np.sqrt(np.mean((np.sqrt(excess + 1) - 1) ** 2))))
-        step *= min(1.0, LARGEST / max(float(np.abs(step).max()), 1e-300))
+        step *= min(1.0, MAX_CORRECTION / max(float(np.abs(step).max()), 1e-300))
         corrections.append(float(np.abs(step).max()))
         B = B + G * step[3:] * g
         G = G * (1 + step[:3])
-        if corrections[-1] < SMALL or not np.all(np.isfinite(G)) or np.any(np.abs(G) < 1e-3):
+        diverged = not np.all(np.isfinite(G)) or bool(np.any(np.abs(G) < 1e-3))
+        if corrections[-1] < CONVERGED or diverged:
             break
-    return Iteration(
-        G, B, tuple(corrections), tuple(residuals), corrections[-1] < SMALL and bool(np.all(G > 0))
-    )
+    converged = corrections[-1] < CONVERGED and bool(np.all(G > 0))
+    return Iteration(G, B, tuple(corrections), tuple(residuals), converged)

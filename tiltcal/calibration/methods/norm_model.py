@@ -1,0 +1,115 @@
+"""Maximum likelihood of ``|f| = g``: the model, its slopes, and the fit of pose means."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.frames import AXES
+from tiltcal.recordings.static_poses import Poses
+from tiltcal.statistics.least_squares import Fit, gauss_newton
+
+PAIRS = ((0, 1), (0, 2), (1, 2))
+"""The axes of each symmetric cross-axis term."""
+
+
+def names_of(sensor: str, terms: int) -> list[str]:
+    """Parameter names: biases, scales, and with nine the symmetric cross terms (each stands for
+    cross_ij = cross_ji).
+    """
+    names = [f"{sensor}.{term}_{a}" for term in ("bias", "scale") for a in AXES]
+    cross = [f"{sensor}.cross_{AXES[i]}{AXES[j]}" for i, j in PAIRS]
+    return names + cross if terms == 9 else names
+
+
+def mirrored(fit: Fit) -> Fit:
+    """The fit with each cross_ij repeated under the name cross_ji, so that the equation can be
+    applied as written.
+    """
+    twins = [(k, f"{n[:-2]}{n[-1]}{n[-2]}") for k, n in enumerate(fit.names) if ".cross_" in n]
+    if not twins:
+        return fit
+    T = np.vstack([np.eye(len(fit.names)), np.eye(len(fit.names))[[k for k, _ in twins]]])
+    names = (*fit.names, *(twin for _, twin in twins))
+    return replace(fit, names=names, values=T @ fit.values, covariance=T @ fit.covariance @ T.T)
+
+
+def model_of(x: Array) -> tuple[Array, Array]:
+    """Bias (3,) and symmetric M (3, 3) of a parameter vector."""
+    M = np.diag(1 + x[3:6])
+    for value, (i, j) in zip(x[6:], PAIRS, strict=False):
+        M[i, j] = M[j, i] = value
+    return x[:3], M
+
+
+def solve(poses: Poses, g: float, terms: int, start: Array | None = None) -> tuple[Fit, bool]:
+    """Maximum likelihood from pose means; the fit and whether it converged.
+
+    The noise of a norm depends weakly on the parameters: it is computed at the last solution and
+    held constant during each solution.
+    """
+    names = names_of(poses.sensor.name, terms)
+    x = _start(poses.means, g, terms) if start is None else start
+    for _ in range(3 if start is None else 1):
+        sigma = norm_sigma(poses, x)
+        problem = partial(_whitened, poses.means, g, sigma)
+        fit, converged = gauss_newton(names, x, problem)
+        if fit.dropped or not converged:
+            break
+        x = fit.values
+    return fit, converged
+
+
+def directions(y: Array, x: Array) -> tuple[Array, Array]:
+    """f (m, 3), and v' = (f/|f|)' M^-1 (m, 3), the derivative of |f| with the reading."""
+    b, M = model_of(x)
+    inverse = np.linalg.inv(M)
+    f = (y - b) @ inverse.T
+    return f, (f / np.linalg.norm(f, axis=1)[:, None]) @ inverse
+
+
+def norm_sigma(poses: Poses, x: Array) -> Array:
+    """Standard deviation of each pose's norm, (m,)."""
+    _, v = directions(poses.means, x)
+    return np.sqrt(np.einsum("ki,ij,kj->k", v, poses.noise * poses.inflation, v) / poses.counts)
+
+
+def slopes_of_norm(f: Array, v: Array, terms: int) -> Array:
+    """Derivative of |f| with the parameters, (m, terms)."""
+    columns = [-v, -v * f]
+    if terms == 9:
+        columns.append(
+            np.column_stack([-(v[:, i] * f[:, j] + v[:, j] * f[:, i]) for i, j in PAIRS])
+        )
+    return np.hstack(columns)
+
+
+def _whitened(y: Array, g: float, sigma: Array, x: Array) -> tuple[Array, Array]:
+    """Residuals (|f| - g) / sigma and their Jacobian."""
+    f, v = directions(y, x)
+    return (np.linalg.norm(f, axis=1) - g) / sigma, slopes_of_norm(f, v, len(x)) / sigma[:, None]
+
+
+def _start(y: Array, g: float, terms: int) -> Array:
+    """Axis-aligned ellipsoid through the readings, by linear least squares; the nominal parameters
+    where the quadric is no ellipsoid or an implausible one.
+    """
+    x = np.zeros(terms)
+    scaled = y / g
+    design = np.hstack([scaled**2, scaled, np.ones((len(y), 1))])
+    # a y^2 + c y + d = 0 also fits where the origin lies outside the ellipsoid
+    coefficients = np.linalg.svd(design)[2][-1]
+    squares, linear, constant = coefficients[:3], coefficients[3:6], coefficients[6]
+    if not (np.all(squares > 0) or np.all(squares < 0)):
+        return x
+    centre = -linear / (2 * squares)
+    scale2 = (np.sum(squares * centre**2) - constant) / squares
+    if np.all((scale2 > 0.04) & (scale2 < 25)):
+        x[:3], x[3:6] = centre * g, np.sqrt(scale2) - 1
+    return x
+
+
+def vector_of(fit: Fit, poses: Poses, terms: int) -> Array:
+    """All parameters of a fit in the order of ``names_of``, 0 where one was dropped, (terms,)."""
+    return np.array([fit.value(n) for n in names_of(poses.sensor.name, terms)])

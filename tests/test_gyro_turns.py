@@ -10,7 +10,9 @@ from statistics_helpers import rng_of
 from test_real_recordings import FOLDER
 
 from tiltcal.calibration.correction import corrected_columns
-from tiltcal.calibration.methods.gyro_turns import TERMS, Turns, _Rests, parameter_names, solve
+from tiltcal.calibration.methods.gyro_model import TERMS, StaticRates, parameter_names
+from tiltcal.calibration.methods.gyro_turns import solve
+from tiltcal.calibration.methods.hand_turns import Turns
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.core.assets import folder
@@ -112,9 +114,9 @@ def drawn(rng, w, up):
         ones,
         "",
     )
-    return Turns(rate, up[:, :-1], np.full((TURNS, SAMPLES), STEP), before, after, sigma), _Rests(
-        poses, up[:, 0] * G0
-    )
+    return Turns(
+        rate, up[:, :-1], np.full((TURNS, SAMPLES), STEP), before, after, sigma
+    ), StaticRates(poses, up[:, 0] * G0)
 
 
 def bound_of(w, up):

@@ -1,17 +1,18 @@
-"""A gyro triad against the rates of its table: bias, scale factor, cross-axis terms, and what else
-is asked for.
+"""A gyro triad against the rates of its table: bias, scale factor, cross-axis terms, and further
+linear terms.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
+from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, whitening, wrap_up
 from tiltcal.calibration.methods.screening import order_test, require_unsaturated
 from tiltcal.calibration.methods.terms import columns_under
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.validity import Test, chi2_test, verdict_of
-from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG
@@ -27,11 +28,11 @@ from tiltcal.setup.trajectory import Drive
 from tiltcal.statistics.least_squares import Fit, linear_fit
 
 NAME = "gyro_rates"
-BLOCK = 0.5  # s, whose means are compared: no shorter than the table's readout resolves a rate in
-STEADY = 0.02  # of the highest rate: a block in which the table's rate changes by less is steady
+BLOCK = 0.5  # s: the shortest time in which the table's readout resolves a rate
+STEADY = 0.02  # of the highest rate: the rate of a steady block changes by less
 LEAST_RATE = 1 * DEG
 FOLDS = 8
-LOST = 0.01  # standard uncertainty of a scale factor above which its axis counts as not turned
+UNCERTAIN = 0.01  # standard uncertainty of a scale factor whose axis counts as not turned
 
 
 def gyro_rates(
@@ -47,8 +48,8 @@ def gyro_rates(
 
     Model: ``reading = b + (I + S + C) w + G f + ...``; w is the table's own rate by its readout
     and, with latitude and heading stated, the Earth's; f gravity. Means over BLOCK seconds at
-    steady rates and at rest are fitted by least squares; the ramps between are used only where
-    nothing else tells a parameter: there a delay would look like an error.
+    steady rates and at rest are fitted by least squares. The ramps between are used only where a
+    parameter cannot be determined otherwise: there a delay would look like an error.
 
     Args:
         recording: rests and steady rates about every axis of the body, both ways, with the table's
@@ -78,10 +79,100 @@ def gyro_rates(
     _require_readout(recording, setup)
     require_unsaturated(recording, gyro)
     poses = find_poses(recording, setup, gyro, segments)
+    blocks, units = _blocks(recording, setup, gyro, terms, poses)
+    used, fit = blocks.steady, blocks.fit(blocks.steady)
+    if fit.dropped:
+        used = np.ones(len(used), bool)
+        fit = blocks.fit(used)
+    tests = [_fit_test(fit, used), *_turn_tests(blocks, used, gyro.name)]
+    if len(gyro.axes) == 3:
+        tests.append(order_test(_sensitivity(fit, gyro)))
+    uncertain = [
+        n.split(".")[1]
+        for n, s in zip(fit.names, fit.sigmas, strict=True)
+        if ".scale_" in n and s > UNCERTAIN
+    ]
+    return wrap_up(
+        NAME,
+        verdict_of(tests, not fit.dropped and not uncertain and fit.dof > 0),
+        fit,
+        [units[n] for n in fit.names],
+        tests,
+        _notes(setup, ramps_used=used.sum() > blocks.steady.sum(), uncertain=uncertain),
+        poses,
+        recording,
+        equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f",
+        inverse="w = M^-1 (reading - bias - gsens f)",
+        heldout={gyro.name: blocks.held_out(used)},
+    )
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Means over short blocks, and what the model says of them.
+
+    Args:
+        names: of the parameters, (p,).
+        columns: reading per unit parameter, (p, b, k).
+        target: mean reading less the true rate, rad/s, (b, k).
+        whiten: of a block's mean, (k, k).
+        steady: blocks of a constant rate whose readout is complete, (b,).
+    """
+
+    names: Sequence[str]
+    columns: Array
+    target: Array
+    whiten: Array
+    steady: Mask
+
+    def fit(self, used: Mask) -> Fit:
+        """Least squares over some of the blocks."""
+        return fit_blocks(self.names, self.columns[:, used], self.target[used], self.whiten)
+
+    def held_out(self, used: Mask) -> float:
+        """Rms of blocks left out of the fit, in FOLDS stretches, rad/s."""
+        chosen = np.flatnonzero(used)
+        part = np.arange(len(chosen)) * FOLDS // len(chosen)
+        left = []
+        for k in range(FOLDS):
+            fit = self.fit(chosen[part != k])
+            values = np.array([fit.value(n) for n in self.names])
+            out = chosen[part == k]
+            left.append(self.target[out] - np.einsum("p,pbk->bk", values, self.columns[:, out]))
+        return leave_out_rms(left)
+
+
+def fit_blocks(names: Sequence[str], columns: Array, target: Array, whiten: Array) -> Fit:
+    """Least squares over blocks and channels. columns: (p, b, k); target: (b, k)."""
+    A = np.einsum("ij,pbj->bip", whiten, columns).reshape(-1, len(names))
+    return linear_fit(names, A, (target @ whiten.T).ravel())
+
+
+def _blocks(
+    recording: Recording, setup: Setup, gyro: Sensor, terms: Sequence[str], poses: Poses
+) -> tuple[Blocks, dict[str, str]]:
+    """The blocks of a recording, and the unit of each parameter."""
     samples = recording.sensor(gyro)
-    whole = ~np.isnan(samples.values).any(axis=1)
-    drive = replay(recording, setup).drive(samples.time[whole])
+    complete = ~np.isnan(samples.values).any(axis=1)
+    drive = replay(recording, setup).drive(samples.time[complete])
     speed = np.column_stack([np.asarray(jet.v) for jet in drive.axes.values()])
+    _require_turning(speed, recording)
+    sense = make_sense(gyro, setup, closed_form(setup, drive), drive)
+    names, units, design = columns_under(terms, gyro, sense)
+    size = max(round(BLOCK * gyro.rate_hz), 2)
+    error = samples.values[complete] - sense.true_input()
+    blocks = Blocks(
+        names,
+        np.array([_means(column, size) for column in design]),
+        _means(error, size),
+        whitening(poses.noise * poses.inflation / float(size)),
+        _steady(drive, speed, size),
+    )
+    return blocks, dict(zip(names, units, strict=True))
+
+
+def _require_turning(speed: Array, recording: Recording) -> None:
+    """Refuse a table that does not turn. speed: of its axes, rad/s, (n, axes)."""
     if np.abs(speed).max() < LEAST_RATE:
         raise TiltcalError(
             recording.source,
@@ -89,41 +180,6 @@ def gyro_rates(
             need="turns of the table about every axis",
             do="turn at several steady rates, both ways",
         )
-    names, units, design = columns_under(
-        terms, gyro, make_sense(gyro, setup, closed_form(setup, drive), drive)
-    )
-    first, steady = _blocks(drive, speed, gyro)
-    target = _means(samples.values[whole] - _nominal(gyro, setup, drive), first)
-    columns = np.array([_means(c, first) for c in design])
-    sigma = _whitener(poses, first)
-    fit = fit_blocks(names, columns[:, steady], target[steady], sigma)
-    used = steady
-    if fit.dropped:
-        used = np.ones(len(steady), bool)
-        fit = fit_blocks(names, columns, target, sigma)
-    tests = _tests(fit, columns, used, names, gyro.name)
-    tests += [order_test(_sensitivity(fit, gyro))] if len(gyro.axes) == 3 else []
-    kept = [units[names.index(n)] for n in fit.names]
-    lost = [
-        n.split(".")[1]
-        for n, s in zip(fit.names, fit.sigmas, strict=True)
-        if ".scale_" in n and s > LOST
-    ]
-    notes = _notes(setup, steady, used, lost)
-    verdict = verdict_of(tests, not fit.dropped and not lost and fit.dof > 0)
-    return wrap_up(
-        NAME,
-        verdict,
-        fit,
-        kept,
-        tests,
-        notes,
-        poses,
-        recording,
-        equation=f"{gyro.name} = bias + (I + scale + cross) w + gsens f",
-        inverse="w = M^-1 (reading - bias - gsens f)",
-        heldout={gyro.name: _held_out(names, columns[:, used], target[used], sigma)},
-    )
 
 
 def _sensitivity(fit: Fit, gyro: Sensor) -> Array:
@@ -149,80 +205,54 @@ def _require_readout(recording: Recording, setup: Setup) -> None:
         )
 
 
-def _nominal(gyro: Sensor, setup: Setup, drive: Drive) -> Array:
-    """The true rate along each channel, rad/s, (n, k)."""
-    return make_sense(gyro, setup, closed_form(setup, drive), drive).true_input()
-
-
-def _blocks(drive: Drive, speed: Array, gyro: Sensor) -> tuple[Index, Mask]:
-    """First rows of the blocks, with a row after the last, (b + 1,), and which are steady and read
-    throughout, (b,).
-    """
-    size = max(round(BLOCK * gyro.rate_hz), 2)
-    edges = np.arange(0, len(drive.time) + 1, size)
+def _steady(drive: Drive, speed: Array, size: int) -> Mask:
+    """Which blocks have a constant rate, a complete readout and no gap, (b,)."""
     limit = max(STEADY * np.abs(speed).max(), LEAST_RATE / 20)
-    steady = np.zeros(len(edges) - 1, bool)
-    for k in range(len(edges) - 1):
-        part = speed[edges[k] : edges[k + 1]]
-        span = drive.time[edges[k + 1] - 1] - drive.time[edges[k]]
-        steady[k] = bool(
-            np.all(np.ptp(part, axis=0) < limit)
-            and drive.known[edges[k] : edges[k + 1]].all()
-            and span < 2 * BLOCK
-        )
-    return edges, steady
+    steady = np.zeros(len(drive.time) // size, bool)
+    for k in range(len(steady)):
+        part = slice(k * size, (k + 1) * size)
+        time = drive.time[part]
+        constant = np.all(np.ptp(speed[part], axis=0) < limit)
+        steady[k] = constant and drive.known[part].all() and time[-1] - time[0] < 2 * BLOCK
+    return steady
 
 
-def _means(values: Array, edges: Index) -> Array:
-    """Means over the blocks, (b, k)."""
-    size = int(edges[1] - edges[0])
-    return np.asarray(values[: edges[-1]].reshape(len(edges) - 1, size, -1).mean(axis=1))
+def _means(values: Array, size: int) -> Array:
+    """Means over blocks of some samples, (b, k)."""
+    blocks = len(values) // size
+    return np.asarray(values[: blocks * size].reshape(blocks, size, -1).mean(axis=1))
 
 
-def _whitener(poses: Poses, edges: Index) -> Array:
-    """Inverse Cholesky factor of the noise of a block's mean, (k, k)."""
-    return np.asarray(
-        np.linalg.inv(
-            np.linalg.cholesky(poses.noise * poses.inflation / float(edges[1] - edges[0]))
-        )
-    )
+def _fit_test(fit: Fit, used: Mask) -> Test:
+    words = f"{int(used.sum())} means of {BLOCK:g} s follow the table within the gyro's noise"
+    return chi2_test("fit", fit.chi2, fit.dof, words)
 
 
-def fit_blocks(names: Sequence[str], columns: Array, target: Array, whiten: Array) -> Fit:
-    """Least squares over blocks and channels. columns: (p, b, k); target: (b, k)."""
-    A = np.einsum("ij,pbj->bip", whiten, columns).reshape(-1, len(names))
-    return linear_fit(names, A, (target @ whiten.T).ravel())
-
-
-def _tests(fit: Fit, columns: Array, used: Mask, names: Sequence[str], gyro: str) -> list[Test]:
-    tests = [
-        chi2_test(
-            "fit",
-            fit.chi2,
-            fit.dof,
-            f"{int(used.sum())} means of {BLOCK:g} s follow the table within the gyro's noise",
-        )
-    ]
+def _turn_tests(blocks: Blocks, used: Mask, gyro: str) -> list[Test]:
+    """Was the gyro turned about each axis in both directions?"""
+    tests = []
     for i, axis in enumerate(AXES):
         name = f"{gyro}.scale_{axis}"
-        if name not in names:
+        if name not in blocks.names:
             continue
-        rates = columns[list(names).index(name), used, i]
-        both = bool(rates.max() > LEAST_RATE and rates.min() < -LEAST_RATE)
-        words = f"rates about {axis} from {rates.min() / DEG:.3g} to {rates.max() / DEG:.3g} deg/s"
-        words += "" if both else f": turn about {axis} both ways"
-        tests.append(
-            Test(f"turned about {axis}", float(np.ptp(rates) / DEG), 0, float(both), both, words)
-        )
+        rates = blocks.columns[list(blocks.names).index(name), used, i]
+        low, high = rates.min(), rates.max()
+        both = high > LEAST_RATE and low < -LEAST_RATE
+        words = f"rates about {axis} from {low / DEG:.3g} to {high / DEG:.3g} deg/s"
+        if not both:
+            words += f": turn about {axis} both ways"
+        tests.append(threshold_test(f"turned about {axis}", np.ptp(rates) / DEG, both, words))
     return tests
 
 
-def _notes(setup: Setup, steady: Mask, used: Mask, lost: list[str]) -> list[str]:
-    notes = [f"not determined: {', '.join(lost)}: turn about those axes"] if lost else []
-    if used.sum() > steady.sum():
+def _notes(setup: Setup, *, ramps_used: bool, uncertain: list[str]) -> list[str]:
+    notes = []
+    if uncertain:
+        notes.append(f"not determined: {', '.join(uncertain)}: turn about those axes")
+    if ramps_used:
         notes.append(
-            "the steady rates do not tell every parameter: ramps are used as well, where a delay"
-            " would look like an error"
+            "the steady rates do not determine every parameter: ramps are used as well, where a"
+            " delay would look like an error"
         )
     if setup.site.latitude_deg is None:
         notes.append(
@@ -230,18 +260,7 @@ def _notes(setup: Setup, steady: Mask, used: Mask, lost: list[str]) -> list[str]
         )
     elif setup.site.heading_deg == "unknown":
         notes.append(
-            "heading unknown: the Earth's horizontal rate is taken as if the table's North mark"
+            "heading unknown: the Earth's horizontal rate is computed as if the table's North mark"
             " pointed north"
         )
     return notes
-
-
-def _held_out(names: Sequence[str], columns: Array, target: Array, whiten: Array) -> float:
-    """Rms of blocks left out of the fit, in FOLDS stretches, rad/s."""
-    part = np.arange(len(target)) * FOLDS // len(target)
-    left = []
-    for k in range(FOLDS):
-        fit = fit_blocks(names, columns[:, part != k], target[part != k], whiten)
-        found = np.array([fit.value(n) for n in names])
-        left.append(target[part == k] - np.einsum("p,pbk->bk", found, columns[:, part == k]))
-    return leave_out_rms(left)

@@ -242,7 +242,7 @@ def test_a_wandering_zero_is_allowed_for_and_said():
     found = calibrate(
         "fog_scale", Recording.from_columns(log.time, columns), SCENARIO, segments=dwells
     )
-    assert any(w.startswith("the zero wanders") for w in found.warnings)
+    assert any(w.startswith("the zero drifts") for w in found.warnings)
     truth = {
         n: v
         for n, v in true_parameters(SCENARIO, SCENARIO.effects, found).items()

@@ -1,51 +1,44 @@
-"""What is looked at before the numbers of any method are believed: saturated channels, and columns
-under each other's name.
-"""
+"""Checks that every method makes of its input: saturated channels, and columns that are swapped."""
 
 from collections.abc import Iterator
 from itertools import permutations, product
 
 import numpy as np
-import numpy.typing as npt
 
-from tiltcal.calibration.validity import Test
-from tiltcal.core.arrays import Array
+from tiltcal.calibration.validity import Test, threshold_test
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 
-AT_END = 0.05  # of the log, from which a stated range matters
-# samples at one extreme, and in a row on average: no code of a quiet converter lasts as long
-LEAST, RUN = (
-    20,
-    20,
-)
-# at most this share of the other samples repeats the one before: a recording without noise tells
-# nothing
-LIVELY = 0.5
+AT_LIMIT = 0.05  # share of the log at the stated range that makes a channel saturated
+# samples at one extreme, and in a row on average: a quiet converter does not hold a code so long
+LEAST_AT_EXTREME = 20
+# share of repeated samples elsewhere, above which a channel is too quiet to tell
+TOO_QUIET = 0.5
 TURNING = 0.1  # rad/s
-APART = 0.3  # share of |w| g by which a wrong order of columns misses the change of the force
+MISFIT = 0.3  # of |w| g: a wrong order of columns misses the change of the force by more
 
 
 def require_unsaturated(recording: Recording, sensor: Sensor) -> None:
-    """Refuse a log in which a channel stands at the end of its range: stated, or where it freezes
-    at its extreme.
+    """Refuse a log in which a channel stays at the end of its range: the stated one, or the
+    extreme at which it freezes.
 
     Raises:
         TiltcalError: naming the channel.
     """
     samples = recording.sensor(sensor)
-    stated = sensor.converter.limit if sensor.converter is not None else sensor.full_scale
+    limit = sensor.converter.limit if sensor.converter is not None else sensor.full_scale
     for axis, values in zip(sensor.axes, samples.values.T, strict=True):
         known = values[~np.isnan(values)]
         if len(known) == 0:
             continue
-        at_end = (
-            np.abs(known) >= 0.999 * stated if stated is not None else np.zeros(len(known), bool)
-        )
-        if at_end.mean() <= AT_END:
-            at_end = _frozen_at_an_end(known)
+        at_end = np.zeros(len(known), bool)
+        if limit is not None:
+            at_end = np.abs(known) >= 0.999 * limit
+        if at_end.mean() <= AT_LIMIT:
+            at_end = _frozen_at_an_extreme(known)
         if at_end.any():
             raise TiltcalError(
                 f"{recording.source}, channel {sensor.name}_{axis}",
@@ -55,34 +48,33 @@ def require_unsaturated(recording: Recording, sensor: Sensor) -> None:
             )
 
 
-def _frozen_at_an_end(values: Array) -> "npt.NDArray[np.bool_]":
-    """Samples that stand exactly at the channel's extreme for long, where the channel is noisy
+def _frozen_at_an_extreme(values: Array) -> Mask:
+    """Samples that stay exactly at the channel's extreme for long, where the channel is noisy
     elsewhere.
     """
     for extreme in (values.max(), values.min()):
         at_end = values == extreme
-        runs = np.count_nonzero(np.diff(at_end.astype(int), prepend=0) == 1)
+        runs = int(np.sum(np.diff(at_end.astype(int), prepend=0) == 1))
         rest = values[~at_end]
-        if (
-            at_end.sum() >= max(LEAST, RUN * runs)
-            and len(rest) > LEAST
-            and np.mean(np.diff(rest) == 0) < LIVELY
-        ):
+        long_runs = at_end.sum() >= LEAST_AT_EXTREME * max(1, runs)
+        if long_runs and len(rest) > LEAST_AT_EXTREME and np.mean(np.diff(rest) == 0) < TOO_QUIET:
             return np.asarray(at_end)
     return np.zeros(len(values), bool)
 
 
 def columns_test(time: Array, rate: Array, force: Array) -> Test:
-    """Do a gyro and the accelerometer beside it turn alike? At the hand's pace ``df/dt = f x w``.
+    """Are the columns of a gyro and an accelerometer consistent? In the body ``df/dt = f x w``
+    while gravity dominates.
 
     Args:
         time: s, (n,), steps of 0.05 ... 0.5 s.
         rate: rad/s less its bias; force: g, both (n, 3).
     """
+    name = "columns of gyro and accelerometer"
     f, w, dt = (force[1:] + force[:-1]) / 2, (rate[1:] + rate[:-1]) / 2, np.diff(time)
     turning = (np.linalg.norm(w, axis=1) > TURNING) & (dt < 1.0) & ~np.isnan(f).any(axis=1)
-    if turning.sum() < LEAST:
-        return Test("columns of gyro and accelerometer", 0.0, 0, 1.0, True, "too few turns to tell")
+    if turning.sum() < LEAST_AT_EXTREME:
+        return threshold_test(name, 0.0, True, "too few turns for this test")
     change, f, w = (np.diff(force, axis=0) / dt[:, None])[turning], f[turning], w[turning]
     size = float(np.sqrt(np.mean(np.sum(w * w, axis=1))))
 
@@ -90,43 +82,37 @@ def columns_test(time: Array, rate: Array, force: Array) -> Test:
         left = np.linalg.norm(change - np.cross(f, np.array(signs) * w[:, list(order)]), axis=1)
         return float(np.sqrt(np.mean(left**2)) / size)
 
-    plain = misfit((0, 1, 2), (1, 1, 1))
-    better, words = min((misfit(o, s), _columns(o, s)) for o, s in orders())
-    ok = plain < APART or better > plain / 2
-    said = (
-        f"the change of the force follows the gyro to {plain:.2g}"
-        if ok
-        else (
-            f"the gyro's columns x, y, z turn as the accelerometer's would if they were {words}:"
+    as_named = misfit((0, 1, 2), (1, 1, 1))
+    best, columns = min((misfit(*c), columns_in_words(*c)) for c in column_orders())
+    ok = as_named < MISFIT or best > as_named / 2
+    words = f"the change of the force follows the gyro to {as_named:.2g}"
+    if not ok:
+        words = (
+            f"the gyro's columns x, y, z turn as the accelerometer's would if they were {columns}:"
             " columns of one of them are swapped or have another sign"
         )
-    )
-    return Test("columns of gyro and accelerometer", plain, 0, float(ok), ok, said)
+    return threshold_test(name, as_named, ok, words)
 
 
-def orders() -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
+def column_orders() -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
     """Every order of three columns with every choice of signs."""
     yield from product(permutations(range(3)), product((1, -1), repeat=3))
 
 
-def _columns(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
+def columns_in_words(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
+    """Columns such as ``-y, x, z``."""
     return ", ".join(f"{'-' if s < 0 else ''}{AXES[i]}" for s, i in zip(signs, order, strict=True))
 
 
 def order_test(M: Array) -> Test:
-    """Does every channel of a sensitivity matrix answer mostly to its own axis? M: (3, 3), near the
-    identity.
+    """Does every channel of a sensitivity matrix respond mostly to its own axis? M: (3, 3), near
+    the identity.
     """
     strongest = np.abs(M).argmax(axis=1)
     signs = np.sign(M[np.arange(3), strongest]).astype(int)
     ok = bool(np.all(strongest == np.arange(3)) and np.all(signs > 0))
-    order = tuple(int(i) for i in strongest)
-    said = (
-        "each column follows its own axis"
-        if ok
-        else (
-            f"the columns x, y, z follow the axes {_columns(order, tuple(int(s) for s in signs))}:"
-            " swapped, or of another sign"
-        )
-    )
-    return Test("columns as named", float(np.abs(M - np.eye(3)).max()), 0, float(ok), ok, said)
+    words = "each column follows its own axis"
+    if not ok:
+        columns = columns_in_words(tuple(strongest.tolist()), tuple(signs.tolist()))
+        words = f"the columns x, y, z follow the axes {columns}: swapped, or of another sign"
+    return threshold_test("columns as named", np.abs(M - np.eye(3)).max(), ok, words)

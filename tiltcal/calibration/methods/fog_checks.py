@@ -1,0 +1,171 @@
+"""What the log of a gyro triad beside a FOG says of its own calibration: tests and notes."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tiltcal.calibration.methods.field_log import BIAS_SPAN, FieldLog, hand_turns
+from tiltcal.calibration.methods.fog_filter import (
+    Filtered,
+    augmented_problem,
+    batch,
+    kalman,
+    patent_problem,
+    smoothed,
+)
+from tiltcal.calibration.methods.screening import column_orders, columns_in_words
+from tiltcal.calibration.validity import SIGNIFICANCE, Test, threshold_test
+from tiltcal.core.arrays import Mask
+from tiltcal.core.frames import AXES
+from tiltcal.core.units import DEG, DEG_H
+from tiltcal.recordings.segmentation import Segment
+
+FULL_TURN = 360 * DEG
+LEAST_COMPONENT = 0.05  # of the FOG's axis along a gyro axis whose scale factor it determines
+IMPLAUSIBLE = 0.2  # scale error that is due to wrong columns, signs or units, not to the gyro
+
+
+def filter_tests(log: FieldLog, state: Filtered, twin: Filtered) -> list[Test]:
+    """Innovations against the noise of the rests, and the filter against the batch solution."""
+    from scipy.special import fdtrc
+
+    dof = state.used - len(state.x)
+    ratio = state.chi2 / max(dof, 1)
+    # the noise is itself estimated from the rests: an F test
+    p = float(fdtrc(dof, log.freedom, ratio)) if dof > 0 else 1.0
+    words = (
+        f"{state.used} innovations of the filter have {np.sqrt(ratio):.3g} times the noise at rest"
+    )
+    worst = float(np.max(np.abs(state.x - twin.x) / np.sqrt(np.diag(twin.P))))
+    agree = f"they agree to {worst:.2g} sigma"
+    return [
+        Test("fit", state.chi2, dof, p, p > SIGNIFICANCE, words),
+        threshold_test("filter and batch", worst, worst < 0.01, agree),
+    ]
+
+
+def turn_tests(log: FieldLog) -> list[Test]:
+    """More than a full turn about each axis."""
+    tests = []
+    for axis, angle in zip(AXES, log.angles(), strict=True):
+        words = f"turned {angle / DEG:.0f} deg about {axis}"
+        if angle < FULL_TURN:
+            words += f", need 360 deg: turn again about {axis}"
+        name = f"turned about {axis}"
+        tests.append(threshold_test(name, angle / DEG, angle >= FULL_TURN, words))
+    return tests
+
+
+def rest_test(log: FieldLog) -> Test:
+    """A rest before the first turn that is long enough for the bias."""
+    length = float(log.span[log.rest == 0].sum())
+    enough = length >= BIAS_SPAN - 0.5
+    words = f"{length:.3g} s at rest before the first turn"
+    if not enough:
+        words += f", need {BIAS_SPAN:.0f} s, better 20 s: rest again"
+    return threshold_test("rest before the turns", length, enough, words)
+
+
+def still_test(moved: Sequence[tuple[Segment, float]]) -> Test:
+    """No motion in any rest. moved: rests with motion and its rate, rad/s."""
+    name = "still while resting"
+    if not moved:
+        return threshold_test(name, 0.0, True, "the FOG sees no motion in any rest")
+    s, rate = moved[0]
+    words = (
+        f"moved during the rest from {s.start:.4g} to {s.end:.4g} s: the FOG turns at"
+        f" {rate / DEG_H:.3g} deg/h; rest again"
+    )
+    return threshold_test(name, rate / DEG_H, False, words)
+
+
+def scale_test(log: FieldLog, state: Filtered) -> Test:
+    """No implausible scale error; where there is one, the columns and signs that would make it
+    small.
+    """
+    worst = float(np.max(np.abs(state.x[:3])))
+    if worst < IMPLAUSIBLE:
+        words = f"no scale is off by more than {IMPLAUSIBLE:.0%}"
+        return threshold_test("plausible scale", worst, True, words)
+    words = f"a scale is off by {worst:.0%}: check units, columns and the FOG's input_axis"
+    for order, signs in column_orders():
+        columns = list(order)
+        bias = np.append(np.array(signs) * log.bias[columns], log.bias[3])
+        other = replace(log, rate=np.array(signs) * log.rate[:, columns], bias=bias)
+        if np.max(np.abs(batch(augmented_problem(other)).x[:3])) < IMPLAUSIBLE / 4:
+            renamed = columns_in_words(order, signs)
+            words += f"; it would fit if the columns x, y, z were {renamed}"
+            break
+    return threshold_test("plausible scale", worst, False, words)
+
+
+def fog_notes(log: FieldLog, state: Filtered, walk: float, determined: Mask) -> list[str]:
+    """What the user should know beside the numbers.
+
+    Args:
+        log: of the calibration.
+        state: of the filter at the end.
+        walk: variance that the zero gains a second, (rad/s)^2/s.
+        determined: axes whose scale factor is, (3,).
+    """
+    notes = [
+        f"not determined about {a}: turn again about {a}"
+        for a, ok in zip(AXES, determined, strict=True)
+        if not ok
+    ]
+    notes += [
+        f"the FOG's axis has only {part:.2g} along {a}: mount it obliquely, as (1, 1, 1)"
+        for a, part in zip(AXES, log.axis, strict=True)
+        if abs(part) < LEAST_COMPONENT
+    ]
+    turns = ", ".join(t.words() for t in hand_turns(log)) or "none"
+    before, after = attitude_errors(state)
+    limit = np.max(0.1 * DEG / np.maximum(np.abs(log.axis), 1e-9))
+    notes += [
+        f"turns found: {turns}",
+        f"attitude after one full turn is wrong by {before / DEG:.3g} deg rms as it reads, by"
+        f" {after / DEG:.2g} deg corrected",
+        _patent_note(log),
+        "an error that no fit shows: 0.1 deg of the FOG's axis is up to"
+        f" {limit * 1e6:.0f} ppm of scale (-du_i/u_i)",
+        "bias is the mean of the first rest; it includes the Earth's rate",
+    ]
+    if walk:
+        notes.append(_walk_note(log, walk))
+    if log.force is None:
+        notes.append(
+            "no accelerometer triad: g-sensitivity cannot be separated from scale unless the turns"
+            " are whole"
+        )
+    return notes
+
+
+def _patent_note(log: FieldLog) -> str:
+    plain = kalman(patent_problem(log))
+    sigmas = np.sqrt(np.diag(plain.P)[:3])
+    claims = ", ".join(
+        f"{a} {v * 1e6:.0f} +- {s * 1e6:.0f}"
+        for a, v, s in zip(AXES, plain.x[:3], sigmas, strict=True)
+    )
+    return (
+        f"the filter of the patent gives and claims, in ppm: {claims}; it neglects the error of the"
+        " rest mean and S^2"
+    )
+
+
+def _walk_note(log: FieldLog, walk: float) -> str:
+    course = smoothed(augmented_problem(log, walk))[0][:, 3]
+    return (
+        f"the zero drifts: {np.sqrt(walk * 3600) / DEG_H:.3g} deg/h per square root of an hour"
+        f" between rests, {np.ptp(course) / DEG_H:.3g} deg/h over this log by the smoother; the"
+        " filter models it as a random walk"
+    )
+
+
+def attitude_errors(state: Filtered) -> tuple[float, float]:
+    """Error of attitude after one turn about each axis, rms of three, rad: before and after the
+    correction.
+    """
+    before = FULL_TURN * np.sqrt(np.mean(state.scale**2))
+    return float(before), float(FULL_TURN * np.sqrt(np.mean(np.diag(state.scale_covariance))))

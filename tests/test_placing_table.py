@@ -139,7 +139,7 @@ def test_an_ascending_sweep_hides_a_linear_drift_and_says_so_and_up_and_down_hid
     both_ways = swept(log((0, UP_AND_DOWN), drift=drift))
     error = entries(both_ways, "y") - bias("y", UP)
     assert np.ptp(error) < 1e-8  # none of it; what is common is the zero at mid-sweep
-    assert any("drift of axis y, taken off: 61.2 ug/min" in w for w in both_ways.warnings)
+    assert any("drift of axis y, subtracted: 61.2 ug/min" in w for w in both_ways.warnings)
     assert both_ways.verdict == "good"
 
 
@@ -162,7 +162,7 @@ def test_a_second_sweep_turned_round_splits_the_table_from_the_sensor():
             G * lean, rel=1e-4
         )
     assert any("leans by 8 " in w for w in split.warnings)
-    assert not any("remount of 180 deg, splits" in w for w in split.warnings)
+    assert not any("remount of 180 deg, separates" in w for w in split.warnings)
 
 
 def test_up_and_down_that_do_not_repeat_are_called_suspect():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.calibration.bias_table import BiasTable
-from tiltcal.calibration.methods.placing_table import basis, smooth_names
+from tiltcal.calibration.methods.placing_smooth import basis, smooth_names
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import Effect

@@ -1,9 +1,10 @@
-"""The sweeps behind a placing-angle table: visits of each angle, up and down, drift taken off,
-table split from sensor.
+"""The sweeps behind a placing-angle table: visits of each angle, up and down; the drift, and the
+table's own axis, are separated from the sensor.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +19,7 @@ from tiltcal.recordings.segmentation import GUARD, Segment
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.setup import Setup
 
-SAME = 0.02 * DEG  # dwells nearer than this stand at one angle
+SAME = 0.02 * DEG  # dwells nearer than this are at one angle
 OFF_GRID = 0.1  # of a step
 
 
@@ -43,21 +44,18 @@ class Sweep:
     variance: Array
 
     def solve(self) -> "Table":
-        """Table entries with a linear drift of the zero beside them: ``y = b_node + d (t -
-        t_mid)``.
+        """Table entries and a linear drift of the zero: ``y = b_node + d (t - t_mid)``.
 
-        Source: least squares in closed form; drift shows in repeated visits only.
+        Least squares in closed form; the drift is determined by repeated visits only.
         """
         nodes, where = np.unique(self.node, return_inverse=True)
         w = 1 / self.variance
         weight = np.bincount(where, w)
         middle = float(np.mean(self.time))
         t = self.time - middle
-        mean_t, mean_y = (
-            np.bincount(where, w * t) / weight,
-            np.bincount(where, w * self.value) / weight,
+        mean_t, mean_y, mean_b = (
+            np.bincount(where, w * x) / weight for x in (t, self.value, self.beta)
         )
-        mean_b = np.bincount(where, w * self.beta) / weight
         dt, dy = t - mean_t[where], self.value - mean_y[where]
         information = float(np.sum(w * dt * dt))
         repeats = np.bincount(where) > 1
@@ -80,7 +78,7 @@ class Sweep:
 
     @property
     def repeated(self) -> float:
-        """Share of the angles that were visited more than once: what shows a drift."""
+        """Share of the angles that were visited more than once: these determine the drift."""
         return float(np.mean(np.unique(self.node, return_counts=True)[1] > 1))
 
     @property
@@ -157,8 +155,8 @@ class AxisTable:
 def split_at_remounts(
     segments: Sequence[Segment], recording: Recording, setup: Setup
 ) -> list[Segment]:
-    """Dwells cut where the mounting changes, hands off included: at rest a remount need not
-    show.
+    """Dwells split where the mounting changes, with a guard time: a remount between two rests need
+    not be visible as a move.
     """
     found: list[Segment] = []
     time = recording.time
@@ -169,15 +167,8 @@ def split_at_remounts(
             first = max(s.first, int(np.searchsorted(time, after + GUARD)))
             last = min(s.last, int(np.searchsorted(time, before - GUARD, side="right")))
             if last > first:
-                found.append(
-                    replace(
-                        s,
-                        start=float(time[first]),
-                        end=float(time[last - 1]),
-                        first=first,
-                        last=last,
-                    )
-                )
+                start, end = float(time[first]), float(time[last - 1])
+                found.append(replace(s, start=start, end=end, first=first, last=last))
     return found
 
 
@@ -245,13 +236,12 @@ def _grid(beta: Array) -> tuple[float, float]:
 
 
 def solve_axis(axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float]) -> AxisTable:
-    """One table of an axis from all its sweeps; a sweep turned round by 180 deg splits the table's
+    """One table of an axis from all its sweeps; a sweep reversed by 180 deg separates the table's
     axis from the sensor.
 
-    With the axis pointing North a dwell reads b + e, turned round b - e (e: elevation of the
-    table's axis as a reading):
-    half the sum is the sensor's, half the difference the table's. What of e is odd in the table's
-    angle stays in b.
+    With the axis pointing North a dwell reads b + e, reversed b - e (e: elevation of the table's
+    axis as a reading): half the sum is b, half the difference e. The part of e that is odd in the
+    table's angle stays in b.
 
     Source: PHYSICS 6 (0).
     """
@@ -260,29 +250,17 @@ def solve_axis(axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float]) ->
     back = [t for s, t in zip(sweeps, solved, strict=True) if s.sign < 0]
     axle = None
     if forth and back:
-        common = np.array(
-            sorted(
-                set.intersection(*(set(t.node.tolist()) for t in (_average(forth), _average(back))))
-            ),
-            np.intp,
-        )
-        plus, minus = (_average(tables).at_nodes(common) for tables in (forth, back))
+        plus, minus = _at_common_nodes([_average(forth), _average(back)])
         both = (plus.covariance + minus.covariance) / 4
-        sensor = replace(
-            plus,
-            value=(plus.value + minus.value) / 2,
-            covariance=both,
-            beta=(plus.beta + minus.beta) / 2,
-        )
+        value, beta = (plus.value + minus.value) / 2, (plus.beta + minus.beta) / 2
+        sensor = replace(plus, value=value, covariance=both, beta=beta)
         axle = replace(sensor, value=(plus.value - minus.value) / 2)
     else:
         sensor = _average(forth or back)
     nominal = grid[0] + sensor.node * grid[1]
-    if len(nominal) > 1:  # a readout a little off the step: along the table's own slope
-        sensor = replace(
-            sensor,
-            value=sensor.value + np.gradient(sensor.value, sensor.beta) * (nominal - sensor.beta),
-        )
+    if len(nominal) > 1:  # to the nominal angles, along the slope of the table
+        slope = np.gradient(sensor.value, sensor.beta)
+        sensor = replace(sensor, value=sensor.value + slope * (nominal - sensor.beta))
     return AxisTable(axis, *grid, sensor, axle, tuple(sweeps), tuple(solved))
 
 
@@ -290,11 +268,16 @@ def _average(tables: Sequence[Table]) -> Table:
     """Plain mean of tables over the nodes they share."""
     if len(tables) == 1:
         return tables[0]
-    common = np.array(sorted(set.intersection(*(set(t.node.tolist()) for t in tables))), np.intp)
-    parts = [t.at_nodes(common) for t in tables]
-    value = sum((p.value for p in parts), np.zeros(len(common))) / len(parts)
-    beta = sum((p.beta for p in parts), np.zeros(len(common))) / len(parts)
-    covariance = (
-        sum((p.covariance for p in parts), np.zeros((len(common), len(common)))) / len(parts) ** 2
+    parts = _at_common_nodes(tables)
+    return replace(
+        parts[0],
+        value=np.mean([p.value for p in parts], axis=0),
+        beta=np.mean([p.beta for p in parts], axis=0),
+        covariance=np.sum([p.covariance for p in parts], axis=0) / len(parts) ** 2,
     )
-    return replace(parts[0], value=value, beta=beta, covariance=covariance)
+
+
+def _at_common_nodes(tables: Sequence[Table]) -> list[Table]:
+    """The entries of several tables at the nodes that all of them have."""
+    common = reduce(np.intersect1d, [t.node for t in tables])
+    return [t.at_nodes(common) for t in tables]

@@ -9,34 +9,40 @@ from typing import Any
 import numpy as np
 
 from tiltcal.calibration.bias_table import LOOKUPS
-from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, wrap_up
-from tiltcal.calibration.methods.placing_checks import channel_tests, require_mounting
+from tiltcal.calibration.methods.common import (
+    leave_out_rms,
+    pick_sensor,
+    require_xy,
+    wrap_up,
+)
+from tiltcal.calibration.methods.placing_checks import (
+    channel_tests,
+    require_mounting,
+    sweep_tests,
+    table_notes,
+)
+from tiltcal.calibration.methods.placing_smooth import ORDERS, joint_fit, smooth_fits
 from tiltcal.calibration.methods.placing_sweep import (
     AxisTable,
-    Table,
     find_sweeps,
     mounting_of,
     solve_axis,
     split_at_remounts,
 )
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.validity import Test, chi2_test, verdict_of
+from tiltcal.calibration.validity import chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.core.units import DEG
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
 from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import PLACING, angle_channel
-from tiltcal.statistics.least_squares import Fit, linear_fit
 
 NAME = "placing_table"
-ORDERS = (1, 2, 3, 4)
 READOUT = angle_channel(PLACING.axis_names[0])
-REPEATED = 0.5  # of the angles; with fewer repeated visits the drift is hardly known
-REMOUNT = {"x": "Rz(90)", "y": "identity"}
 
 
 def placing_table(
@@ -51,9 +57,10 @@ def placing_table(
     """Zero bias of x and y against the placing angle, as tables and as a smooth fit, from
     up-and-down sweeps.
 
-    Model: with an axis along the table's, ``reading = b(beta) + d (t - t_mid)``, beta the turn
-    about that axis, equal to table_outer. Mounted as it stands the y axis lies so, after a remount
-    by Rz(90) the x axis; Rz(180), Rz(-90) turn them round and split the table's own tilt off.
+    Model: with an axis along the table's, ``reading = b(beta) + d (t - t_mid)``, beta the rotation
+    about that axis, equal to table_outer. Under the mounting identity that is the y axis, after a
+    remount by Rz(90) the x axis; Rz(180) and Rz(-90) reverse them, which separates the tilt of the
+    table's own axis.
     Smooth fit: ``b = b0 + sum c_n cos(n beta) + s_n sin(n beta)``.
 
     Args:
@@ -70,50 +77,34 @@ def placing_table(
             unknown option.
 
     Errors:
-        The table's axis: its levelling and wobble enter one to one (split off by the 180 deg
-            remount, but for what is odd in the table's angle), its index error e only as b' e.
-            Cross-axis terms are inside the table as measured, at 1 g across the axis; at a tilt t
-            of its own an axis has 1 - cos t less of them. Interpolation: step^2/8 max b''.
+        The levelling and wobble of the table's axis enter one to one (the 180 deg remount separates
+            them except for the part that is odd in the table's angle), its index error e only as
+            b' e. The table includes cross-axis terms as measured, at 1 g across the axis; at a tilt
+            t of the axis itself they are smaller by 1 - cos t. Interpolation: step^2/8 max b''.
 
     Source: seed S0 (patent on zero-bias correction by placing angle); PHYSICS 6 (0).
     """
     used = _require(recording, setup, sensor, lookup, harmonics)
-    found = split_at_remounts(
-        find_segments(recording) if segments is None else segments, recording, setup
-    )
-    poses = find_poses(recording, setup, used, found)
-    known = np.asarray(~np.isnan(poses.up).any(axis=1))
-    if not known.any():
-        raise TiltcalError(
-            recording.source,
-            found=f"dwells without a readout of {READOUT}",
-            need="the angle of every dwell",
-            do=f"record {READOUT}_deg",
-        )
-    poses = poses.subset(known)
-    require_mounting(
-        poses, mounting_of(poses, recording, setup)[0], setup.site.gravity, recording.source
-    )
+    poses = _poses(recording, setup, used, segments)
     axes, notes = _axes(poses, recording, setup)
-    tests = [*channel_tests(poses, setup.site.gravity), *_sweep_tests(axes)]
-    smooth, more_tests, more_notes = _smooth(axes, used, harmonics)
-    fit = _together(axes, smooth)
-    chi2 = chi2_test(
-        "fit",
-        fit.chi2,
-        fit.dof,
-        f"visits of the same angle repeat within their noise ({fit.dof} spare)",
-    )
-    widen = fit.chi2_per_dof if not chi2.passed and fit.chi2_per_dof > 1 else 1.0
-    tests = [chi2, *tests, *more_tests]
-    rms = leave_out_rms([_left_out(a) for a in axes])
+    smooth, smooth_tests, smooth_notes = smooth_fits(axes, used.name, harmonics)
+    fit = joint_fit(axes, smooth)
+    words = f"visits of the same angle repeat within their noise ({fit.dof} redundant)"
+    chi2 = chi2_test("fit", fit.chi2, fit.dof, words)
+    factor = fit.chi2_per_dof if not chi2.passed and fit.chi2_per_dof > 1 else 1.0
+    tests = [
+        chi2,
+        *channel_tests(poses, setup.site.gravity),
+        *sweep_tests(axes),
+        *smooth_tests,
+    ]
     result = wrap_up(
         NAME,
         verdict_of(tests),
         fit,
         ["m_s2"] * len(fit.names),
         tests,
-        [*notes, *_advice(axes, setup), *more_notes],
+        [*notes, *table_notes(axes, setup.site.gravity), *smooth_notes],
         poses,
         recording,
         equation=(
@@ -121,18 +112,16 @@ def placing_table(
             " f_z)"
         ),
         inverse=f"f_i = {used.name}_i - b_i(beta_i), b {lookup}, beta from the other axis",
-        heldout={used.name: rms},
+        heldout={used.name: leave_out_rms([_left_out(a) for a in axes])},
     )
-    return replace(
-        result,
-        bias_tables={f"{used.name}.{a.axis}": _entries(a, widen) for a in axes},
-        lookup=lookup,
-    )
+    tables = {f"{used.name}.{a.axis}": _entries(a, factor) for a in axes}
+    return replace(result, bias_tables=tables, lookup=lookup)
 
 
 def _require(
     recording: Recording, setup: Setup, sensor: str | None, lookup: str, harmonics: int | None
 ) -> Sensor:
+    """The sensor; refuses another table and unknown options."""
     if setup.rig.directions != PLACING.directions:
         raise TiltcalError(
             f"method {NAME}",
@@ -141,11 +130,9 @@ def _require(
             do="correct rig.table, or use six_position",
         )
     if lookup not in LOOKUPS:
+        need = " or ".join(LOOKUPS)
         raise TiltcalError(
-            f"method {NAME}, option lookup",
-            found=str(lookup),
-            need=" or ".join(LOOKUPS),
-            do="correct it",
+            f"method {NAME}, option lookup", found=str(lookup), need=need, do="correct it"
         )
     if harmonics is not None and harmonics not in ORDERS:
         raise TiltcalError(
@@ -155,14 +142,28 @@ def _require(
             do="correct it",
         )
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
-    if not {"x", "y"} <= set(used.axes):
-        raise TiltcalError(
-            f"method {NAME}",
-            found=f"axes {', '.join(used.axes)} of {used.name}",
-            need="x and y: each gives the other's angle",
-            do="add the other channel",
-        )
+    require_xy(used, NAME)
     return used
+
+
+def _poses(
+    recording: Recording, setup: Setup, sensor: Sensor, segments: Sequence[Segment] | None
+) -> Poses:
+    """The dwells whose angle is known, split where the mounting changes."""
+    found = find_segments(recording) if segments is None else segments
+    poses = find_poses(recording, setup, sensor, split_at_remounts(found, recording, setup))
+    known = np.asarray(~np.isnan(poses.up).any(axis=1))
+    if not known.any():
+        raise TiltcalError(
+            recording.source,
+            found=f"dwells without a readout of {READOUT}",
+            need="the angle of every dwell",
+            do=f"record {READOUT}_deg",
+        )
+    poses = poses.subset(known)
+    which, _ = mounting_of(poses, recording, setup)
+    require_mounting(poses, which, setup.site.gravity, recording.source)
+    return poses
 
 
 def _axes(poses: Poses, recording: Recording, setup: Setup) -> tuple[list[AxisTable], list[str]]:
@@ -183,165 +184,16 @@ def _axes(poses: Poses, recording: Recording, setup: Setup) -> tuple[list[AxisTa
     return tables, notes
 
 
-def _sweep_tests(axes: Sequence[AxisTable]) -> list[Test]:
-    """One-way sweeps and missing angles, by name."""
-    one_way = [a.axis for a in axes if any(s.repeated < REPEATED for s in a.sweeps)]
-    least = min(s.both_ways for a in axes for s in a.sweeps)
-    said = (
-        f"one-way sweep of axis {' and '.join(one_way)}: a linear drift of the zero passes whole"
-        " into the table and nothing shows it; sweep up and down"
-        if one_way
-        else (
-            f"{100 * least:.0f} % of the inner angles were approached from both sides, a linear"
-            " drift is taken off"
-        )
-    )
-    missing = {a.axis: a.missing for a in axes if a.missing}
-    words = "; ".join(
-        f"axis {x}: {', '.join(f'{m:.4g}' for m in angles[:12])} deg"
-        for x, angles in missing.items()
-    )
-    ranges = "; ".join(
-        f"axis {a.axis}: {a.angles[0] / DEG:.4g} ... {a.angles[-1] / DEG:.4g} deg" for a in axes
-    )
-    count = sum(map(len, missing.values()))
-    return [
-        Test("up and down", least, len(axes), float(not one_way), not one_way, said),
-        Test(
-            "angles complete",
-            float(count),
-            0,
-            float(not count),
-            not count,
-            (
-                f"no dwell at {words}: bridged by their neighbours"
-                if count
-                else f"every step was visited ({ranges})"
-            ),
-        ),
-    ]
-
-
-def _advice(axes: Sequence[AxisTable], setup: Setup) -> list[str]:
-    """What the tables hold and may not be extended to, what is in them, and what to record next."""
-    notes = []
-    for a in axes:
-        first, last = a.angles[[0, -1]] / DEG
-        notes.append(
-            f"the table of axis {a.axis} holds for placing angles {first:.4g} ... {last:.4g} deg;"
-            " beyond, in negative or mirrored quadrants, the bias is another one: those samples"
-            " are left empty"
-        )
-        drifts = ", ".join(
-            f"{60 * t.drift / setup.site.gravity * 1e6:.3g} ug/min"
-            for t in a.solved
-            if t.drift is not None
-        )
-        if drifts:
-            notes.append(f"drift of axis {a.axis}, taken off: {drifts}")
-        if not any(s.both_ways > 0.5 for s in a.sweeps) and all(
-            t.drift is not None for t in a.solved
-        ):
-            notes.append(
-                f"axis {a.axis} was swept in one direction each time: hysteresis does not show"
-            )
-        if a.axle is None:
-            notes.append(
-                "the tilt and wobble of the table's own axis are inside the table of axis"
-                f" {a.axis}; a second sweep, turned round by a remount of 180 deg, splits them off"
-            )
-        else:
-            lean, sigma = _lean(a.axle)
-            notes.append(
-                f"table split from sensor on axis {a.axis}: the table's axis leans by"
-                f" {lean / setup.site.gravity / ARCSEC:.4g} +-"
-                f" {sigma / setup.site.gravity / ARCSEC:.2g} arcsec, taken off"
-            )
-    for axis in {"x", "y"} - {a.axis for a in axes}:
-        notes.append(
-            f"axis {axis} has no table: remount ({REMOUNT[axis]}) and sweep again; its reading is"
-            " passed on as it is"
-        )
-    return notes
-
-
-def _lean(axle: Table) -> tuple[float, float]:
-    """Mean elevation of the table's axis as a reading and its uncertainty, m/s2."""
-    n = len(axle.value)
-    return float(np.mean(axle.value)), float(np.sqrt(axle.covariance.sum()) / n)
-
-
-def _smooth(
-    axes: Sequence[AxisTable], sensor: Sensor, harmonics: int | None
-) -> tuple[dict[str, Fit], list[Test], list[str]]:
-    """The smooth fit of each axis with its test; without a fit that holds there is none."""
-    fits: dict[str, Fit] = {}
-    tests, notes = [], []
-    for a in axes:
-        whiten = np.linalg.inv(np.linalg.cholesky(a.sensor.covariance))
-        for order in ORDERS[1:] if harmonics is None else (harmonics,):
-            names = smooth_names(sensor.name, a.axis, order)
-            if len(names) > len(a.angles):
-                break
-            fit = linear_fit(names, whiten @ basis(a.angles, order), whiten @ a.sensor.value)
-            test = chi2_test(
-                f"smooth fit of {a.axis}",
-                fit.chi2,
-                fit.dof,
-                f"{len(names)} terms describe {len(a.angles)} entries (variance"
-                f" {len(names) / len(a.angles):.2g} of an entry's)",
-            )
-            if test.passed or harmonics is not None:
-                fits[a.axis] = fit
-                tests.append(test)
-                break
-        else:
-            notes.append(
-                f"no smooth fit of up to {ORDERS[-1]} harmonics describes the table of axis"
-                f" {a.axis}"
-            )
-    return fits, tests, notes
-
-
-def smooth_names(sensor: str, axis: str, order: int) -> list[str]:
-    """``bias_y, cos1_y, sin1_y, ...`` of a sensor."""
-    waves = [f"{sensor}.{part}{n}_{axis}" for n in range(1, order + 1) for part in ("cos", "sin")]
-    return [f"{sensor}.bias_{axis}", *waves]
-
-
-def basis(beta: Array, order: int) -> Array:
-    """1, cos beta, sin beta, cos 2 beta, ... (n, 2 order + 1)."""
-    waves = [part(n * beta) for n in range(1, order + 1) for part in (np.cos, np.sin)]
-    return np.column_stack([np.ones_like(beta), *waves])
-
-
-def _together(axes: Sequence[AxisTable], smooth: dict[str, Fit]) -> Fit:
-    """The smooth parameters of all axes as one Fit; its residuals are those of the single
-    visits.
-    """
-    names = [n for f in smooth.values() for n in f.names]
-    values = np.concatenate([f.values for f in smooth.values()]) if smooth else np.zeros(0)
-    covariance = np.zeros((len(names), len(names)))
-    at = 0
-    for f in smooth.values():  # sweeps of different axes share no sample
-        covariance[at : at + len(f.names), at : at + len(f.names)] = f.covariance
-        at += len(f.names)
-    residuals = np.concatenate([t.residuals for a in axes for t in a.solved])
-    rank = sum(t.rank for a in axes for t in a.solved)
-    dropped = tuple(n for f in smooth.values() for n in f.dropped)
-    return Fit(tuple(names), values, covariance, residuals, dropped, 1, 1.0, rank)
-
-
 def _left_out(a: AxisTable) -> Array:
     """Entries against the straight line between their neighbours, m/s2."""
-    return np.asarray(
-        a.sensor.value[1:-1] - np.interp(a.angles[1:-1], a.angles[::2], a.sensor.value[::2])
-    )[::2]
+    value, angles = a.sensor.value, a.angles
+    between = np.interp(angles[1:-1], angles[::2], value[::2])
+    return np.asarray(value[1:-1] - between)[::2]
 
 
-def _entries(a: AxisTable, widen: float) -> list[dict[str, Any]]:
-    """The table as CAL.json holds it."""
-    sigma = np.sqrt(np.diag(a.sensor.covariance) * widen)
+def _entries(a: AxisTable, factor: float) -> list[dict[str, Any]]:
+    """The table as CAL.json holds it; factor: by which the variances are widened."""
+    sigma = np.sqrt(np.diag(a.sensor.covariance) * factor)
     entries = [
         {
             "angle_deg": round(float(b / DEG), 6),

@@ -1,0 +1,85 @@
+"""The smooth fit of placing-angle tables: ``b = b0 + sum c_n cos(n beta) + s_n sin(n beta)``."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.calibration.methods.common import whitening
+from tiltcal.calibration.methods.placing_sweep import AxisTable
+from tiltcal.calibration.validity import Test, chi2_test
+from tiltcal.core.arrays import Array
+from tiltcal.statistics.least_squares import Fit, linear_fit
+
+ORDERS = (1, 2, 3, 4)
+
+
+def smooth_fits(
+    axes: Sequence[AxisTable], sensor: str, harmonics: int | None
+) -> tuple[dict[str, Fit], list[Test], list[str]]:
+    """The smooth fit of each axis with its test, and notes on axes that no fit describes.
+
+    Args:
+        axes: with their tables.
+        sensor: name.
+        harmonics: to fit; unless given the fewest from 2 to 4 that describe the table.
+    """
+    fits: dict[str, Fit] = {}
+    tests, notes = [], []
+    for a in axes:
+        for order in ORDERS[1:] if harmonics is None else (harmonics,):
+            names = smooth_names(sensor, a.axis, order)
+            if len(names) > len(a.angles):
+                break
+            fit, test = _smooth_fit(a, names, order)
+            if test.passed or harmonics is not None:
+                fits[a.axis] = fit
+                tests.append(test)
+                break
+        else:
+            notes.append(
+                f"no smooth fit of up to {ORDERS[-1]} harmonics describes the table of axis"
+                f" {a.axis}"
+            )
+    return fits, tests, notes
+
+
+def _smooth_fit(a: AxisTable, names: Sequence[str], order: int) -> tuple[Fit, Test]:
+    """Harmonics up to an order, fitted to the entries of a table."""
+    whiten = whitening(a.sensor.covariance)
+    fit = linear_fit(names, whiten @ basis(a.angles, order), whiten @ a.sensor.value)
+    words = (
+        f"{len(names)} terms describe {len(a.angles)} entries (variance"
+        f" {len(names) / len(a.angles):.2g} of an entry's)"
+    )
+    return fit, chi2_test(f"smooth fit of {a.axis}", fit.chi2, fit.dof, words)
+
+
+def smooth_names(sensor: str, axis: str, order: int) -> list[str]:
+    """``bias_y, cos1_y, sin1_y, ...`` of a sensor."""
+    waves = [f"{sensor}.{part}{n}_{axis}" for n in range(1, order + 1) for part in ("cos", "sin")]
+    return [f"{sensor}.bias_{axis}", *waves]
+
+
+def basis(beta: Array, order: int) -> Array:
+    """1, cos beta, sin beta, cos 2 beta, ... (n, 2 order + 1)."""
+    waves = [part(n * beta) for n in range(1, order + 1) for part in (np.cos, np.sin)]
+    return np.column_stack([np.ones_like(beta), *waves])
+
+
+def joint_fit(axes: Sequence[AxisTable], smooth: dict[str, Fit]) -> Fit:
+    """The smooth parameters of all axes as one fit; its residuals are those of the single visits.
+
+    Sweeps of different axes share no sample: the covariance is block-diagonal.
+    """
+    from scipy.linalg import block_diag
+
+    fits, solved = smooth.values(), [t for a in axes for t in a.solved]
+    p = sum(len(f.names) for f in fits)
+    return Fit(
+        tuple(n for f in fits for n in f.names),
+        np.concatenate([np.zeros(0), *(f.values for f in fits)]),
+        block_diag(*(f.covariance for f in fits)) if p else np.zeros((0, 0)),
+        np.concatenate([t.residuals for t in solved]),
+        tuple(n for f in fits for n in f.dropped),
+        rank=sum(t.rank for t in solved),
+    )

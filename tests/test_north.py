@@ -6,9 +6,9 @@ from builders import setup_of
 from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.methods.north_seeking import Turntable, start_of
-from tiltcal.calibration.methods.north_seeking import solve as solve_table
 from tiltcal.calibration.methods.registry import calibrate
+from tiltcal.calibration.methods.turntable import Turntable, start_of
+from tiltcal.calibration.methods.turntable import solve as solve_table
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import ARCSEC, DEG, DEG_H, EARTH_RATE
@@ -107,7 +107,7 @@ def test_two_positions_give_the_cosine_only_and_the_sign_cannot_be_told():
     draw = log(2.0, angles=TWO, rng=rng_of("two positions"))
     found = solve(draw, angles=TWO)
     assert found.verdict == "cannot_tell"
-    note = next(w for w in found.warnings if "sign cannot be told" in w)
+    note = next(w for w in found.warnings if "sign cannot be determined" in w)
     assert "114" in note or "115" in note
     assert "245" in note
     for near in (100.0, 260.0):

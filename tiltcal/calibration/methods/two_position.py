@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import pick_sensor, wrap_up
+from tiltcal.calibration.methods.common import pick_sensor, require_xy, whitening, wrap_up
 from tiltcal.calibration.methods.reversal import (
     dwell_angles,
     mount_of,
@@ -15,9 +15,9 @@ from tiltcal.calibration.methods.reversal import (
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain, solve, still_test
 from tiltcal.calibration.methods.screening import require_unsaturated
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.validity import Test, chi2_test, verdict_of
+from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
-from tiltcal.core.errors import TiltcalError, one_of
+from tiltcal.core.errors import one_of
 from tiltcal.core.frames import base_tilt, force_of_tilt
 from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import DEG
@@ -30,7 +30,7 @@ from tiltcal.statistics.least_squares import Fit
 from tiltcal.statistics.robust_location import ESTIMATORS, Locations, locations
 
 NAME = "two_position"
-TAILS = 1.5  # standard deviation over the robust scale from which another estimator is worth naming
+HEAVY_TAILS = 1.5  # ratio of two standard deviations above which another estimator is suggested
 
 
 def two_position(
@@ -55,8 +55,8 @@ def two_position(
         segments: dwells to use.
         sensor: which, when several fit.
         estimator: of a dwell: ``mean``; ``median`` (50 % breakdown, but it sticks to codes and is
-            25 % noisier); ``huber``, ``tukey`` (M-estimators); ``inliers`` (the median absolute
-            deviation only rejects, then the mean: keeps the dither).
+            25 % noisier); ``huber``, ``tukey`` (M-estimators); ``inliers`` (the mean after
+            rejection by the median absolute deviation: keeps the dither).
 
     Raises:
         TiltcalError: another table, fewer than two dwells, no half turn between them, or a
@@ -71,13 +71,7 @@ def two_position(
     require_vertical(setup, NAME, "use six_position")
     one_of(estimator, ESTIMATORS, f"method {NAME}, option estimator")
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
-    if not {"x", "y"} <= set(used.axes):
-        raise TiltcalError(
-            f"method {NAME}",
-            found=f"axes {', '.join(used.axes)}",
-            need="x and y",
-            do="add the other channel",
-        )
+    require_xy(used, NAME)
     require_unsaturated(recording, used)
     poses = find_poses(recording, setup, used, segments)
     angles = dwell_angles(poses, recording)
@@ -117,15 +111,15 @@ def _chunks(
 def _reversal(
     poses: Poses, found: Locations, angles: Array, mount: Array, estimator: str
 ) -> Reversal:
-    """Locations with their whitening; the mean takes the noise that all methods take."""
-    spread, ij = poses.spread[:, _channels(poses)], _channels(poses)
-    whiten = []
-    for k in range(len(poses)):
-        unit = found.unit * np.outer(spread[k], spread[k]) / poses.counts[k]
-        C = poses.covariance(k)[np.ix_(ij, ij)] if estimator == "mean" else unit
-        whiten.append(np.linalg.inv(np.linalg.cholesky(C)))
-    values = poses.means[:, ij] if estimator == "mean" else found.values * spread
-    return Reversal(values, np.array(whiten), angles, mount)
+    """Locations with their whitening; that of the mean is the one of all methods."""
+    ij = _channels(poses)
+    if estimator == "mean":
+        covariance = np.array([poses.covariance(k)[np.ix_(ij, ij)] for k in range(len(poses))])
+        return Reversal(poses.means[:, ij], whitening(covariance), angles, mount)
+    slope = poses.spread[:, ij]
+    unit = found.unit * slope[:, :, None] * slope[:, None, :]
+    covariance = unit / poses.counts[:, None, None]
+    return Reversal(found.values * slope, whitening(covariance), angles, mount)
 
 
 def _tilt(
@@ -136,12 +130,9 @@ def _tilt(
     roll, pitch = base_tilt(fit.values[:2], g)
     # d roll = du_y / (g cos roll); sin pitch = -u_x / (g cos roll)
     d_roll = np.array([0.0, 1 / (g * np.cos(roll))])
-    d_pitch = (
-        np.array([-1 / (g * np.cos(roll) * np.cos(pitch)), 0.0])
-        + np.tan(pitch) * np.tan(roll) * d_roll
-    )
+    by_x = np.array([-1 / (g * np.cos(roll) * np.cos(pitch)), 0.0])
     J = np.eye(4)
-    J[0, :2], J[1, :2] = d_roll, d_pitch
+    J[0, :2], J[1, :2] = d_roll, by_x + np.tan(pitch) * np.tan(roll) * d_roll
     names = ("base.roll", "base.pitch", *(f"{poses.sensor.name}.bias_{a}" for a in "xy"))
     values = np.array([roll, pitch, *fit.values[2:]])
     tilted = Fit(names, values, J @ fit.covariance @ J.T, fit.residuals, (), 1, fit.condition)
@@ -160,72 +151,43 @@ def _tilt(
 
 
 def _tests(fit: Fit, reversal: Reversal, dwells: int) -> list[Test]:
-    opposite = off_half_turn(reversal.angles)
-    tests = [
-        Test(
-            "half a turn",
-            float(opposite / DEG),
-            0,
-            float(opposite < 5 * DEG),
-            bool(opposite < 5 * DEG),
-            f"the nearest pair is {opposite / DEG:.4g} deg off 180",
-        )
-    ]
+    opposite = off_half_turn(reversal.angles) / DEG
+    words = f"the nearest pair is {opposite:.4g} deg off 180"
+    tests = [threshold_test("half a turn", opposite, opposite < 5, words)]
     if fit.dof > 0:
-        test = chi2_test(
-            "fit",
-            fit.chi2,
-            fit.dof,
-            f"{dwells} dwells repeat within their noise (base, mounting, drift)",
-        )
+        words = f"{dwells} dwells repeat within their noise (base, mounting, drift)"
+        test = chi2_test("fit", fit.chi2, fit.dof, words)
         if not test.passed:
-            why = (
-                explain(reversal)
-                or "no single fault explains it: drift, or a base that does not rest"
-            )
-            test = replace(
-                test, statement=f"{dwells} dwells do not repeat within their noise; {why}"
-            )
+            unknown = "no single fault explains it: drift, or a base that moves"
+            why = explain(reversal) or unknown
+            words = f"{dwells} dwells do not repeat within their noise; {why}"
+            test = replace(test, statement=words)
         tests.append(test)
     return tests
 
 
 def _still(shown: list[Array], found: Locations) -> Test:
-    """Halves of each dwell, by medians of their own where the estimator is robust, by means
-    else.
+    """The means of the two halves of each dwell agree; outliers are clipped at 3.5 robust
+    standard deviations.
     """
-    halves = [np.array_split(c, 2) for c in shown]
     limit = 3.5 * found.scale
-    means = np.array(
-        [
-            [np.clip(h - v, -limit, limit).mean(axis=0) for h in pair]
-            for pair, v in zip(halves, found.values, strict=True)
-        ]
-    )
-    noise = np.concatenate(
-        [np.clip(c - v, -limit, limit) for c, v in zip(shown, found.values, strict=True)]
-    )
+    residuals = [np.clip(c - v, -limit, limit) for c, v in zip(shown, found.values, strict=True)]
+    means = np.array([[half.mean(axis=0) for half in np.array_split(r, 2)] for r in residuals])
     counts = np.array([len(c) for c in shown])[:, None]
-    sigma = 2 * np.maximum(noise.std(axis=0), 1e-12) / np.sqrt(counts)
-    return still_test(means[:, 1] - means[:, 0], sigma)
+    noise = np.maximum(np.concatenate(residuals).std(axis=0), 1e-12)
+    return still_test(means[:, 1] - means[:, 0], 2 * noise / np.sqrt(counts))
 
 
 def _sticky(found: Locations, poses: Poses, codes: Array) -> Test:
+    """The error of a median that sticks to a code, against its noise."""
     noise = float(np.min(np.sqrt(np.pi / 2) * found.scale)) / np.sqrt(poses.counts.min())
     code = float(codes.max())
-    sticky = code / np.sqrt(24)
+    ratio = code / np.sqrt(24) / noise
     words = (
-        f"a median sticks to codes of {code:.3g} m/s2: {sticky / noise:.2g} times its noise; use"
-        " the mean, or estimator=inliers"
+        f"a median sticks to codes of {code:.3g} m/s2: {ratio:.2g} times its noise; use the mean,"
+        " or estimator=inliers"
     )
-    return Test(
-        "median against codes",
-        float(sticky / noise),
-        0,
-        float(sticky < noise),
-        bool(sticky < noise),
-        words,
-    )
+    return threshold_test("median against codes", ratio, ratio < 1, words)
 
 
 def _notes(
@@ -234,12 +196,12 @@ def _notes(
     notes = ["base.* is the tilt of the table's rotation axis; bias_* is bias plus mounting"]
     if fit.dof == 0:
         notes.append(
-            "two dwells leave nothing to check them by: repeat the first position (A-B-A) to test"
-            " drift and a moved base"
+            "two dwells are not redundant: repeat the first position (A-B-A) to test drift and a"
+            " moved base"
         )
-    if estimator == "mean" and np.any(np.sqrt(np.diag(found.unit)) > TAILS * found.scale):
+    if estimator == "mean" and np.any(np.sqrt(np.diag(found.unit)) > HEAVY_TAILS * found.scale):
         gain = np.sqrt(np.diag(found.unit) / np.diag(locations(shown, "inliers", codes).unit)).max()
-        if gain > TAILS:
+        if gain > HEAVY_TAILS:
             notes.append(
                 f"the noise has heavy tails: --option estimator=inliers would be {gain:.2g} times"
                 " as good"

@@ -1,0 +1,103 @@
+"""What the positions of a north-seeker say of their own result: tests and notes."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from tiltcal.calibration.methods.reversal_faults import Reversal, explain
+from tiltcal.calibration.methods.turntable import Turntable, start_of
+from tiltcal.calibration.validity import Test, chi2_test, threshold_test
+from tiltcal.core.units import ARCSEC, DEG, EARTH_RATE
+from tiltcal.statistics.least_squares import Fit
+
+
+def north_tests(
+    table: Turntable, fit: Fit, rivals: list[float], roll: float, pitch: float
+) -> list[Test]:
+    """Consistency of the positions, size of the horizontal Earth rate, resolution."""
+    tests = []
+    if fit.dof > 0:
+        tests.append(_fit_test(table, fit))
+    tests += _earth_rate_test(table, roll, pitch)
+    tests.append(_resolution_test(fit, rivals))
+    return tests
+
+
+def _fit_test(table: Turntable, fit: Fit) -> Test:
+    positions = f"{len(table.angles)} positions"
+    test = chi2_test("fit", fit.chi2, fit.dof, f"{positions} agree within their noise")
+    if test.passed or table.force is None:
+        return test
+    fault = explain(Reversal(*table.force, table.angles, table.mount))
+    why = fault or "the tilts repeat, or no single fault explains them"
+    return replace(test, statement=f"{positions} do not agree within their noise; {why}")
+
+
+def _earth_rate_test(table: Turntable, roll: float, pitch: float) -> list[Test]:
+    """Is the horizontal Earth rate what the latitude says? None where the positions cannot
+    determine it.
+    """
+    axes = table.input_axes(roll, pitch)
+    columns = np.column_stack([np.ones(len(axes)), axes[:, 0], axes[:, 1]])
+    design = columns / table.fog_sigma[:, None]
+    if len(axes) <= 2 or np.linalg.cond(design / np.linalg.norm(design, axis=0)) >= 30:
+        return []
+    vertical = axes[:, 2] * EARTH_RATE * np.sin(table.latitude)
+    x = np.linalg.lstsq(design, (table.fog - vertical) / table.fog_sigma, rcond=None)[0]
+    C = np.linalg.inv(design.T @ design)[1:, 1:]
+    size = float(np.hypot(x[1], x[2]))
+    sigma = float(np.sqrt(x[1:] @ C @ x[1:])) / size
+    expected = EARTH_RATE * np.cos(table.latitude)
+    words = (
+        f"the horizontal Earth rate is {size / expected:.4f} +- {sigma / expected:.4f} of what"
+        " the latitude says"
+    )
+    return [chi2_test("horizontal Earth rate", ((size - expected) / sigma) ** 2, 1, words)]
+
+
+def _resolution_test(fit: Fit, rivals: list[float]) -> Test:
+    """Is the azimuth known well enough? Near north the two headings of one cosine coincide."""
+    determined = fit.names[:1] == ("base.azimuth",)
+    sigma = float(np.sqrt(fit.covariance[0, 0])) if determined else np.inf
+    gaps = [abs(wrapped(h - k)) for h, k in combinations(rivals, 2)]
+    enough = sigma < min([5 * DEG, *(gap / 6 for gap in gaps)])
+    words = f"azimuth known to {sigma / DEG:.2g} deg"
+    if not enough:
+        words += ": stay longer, or turn the FOG's axis off north"
+    return threshold_test("resolution", min(sigma / DEG, 1e6), enough, words)
+
+
+def north_notes(
+    table: Turntable, fit: Fit, rivals: list[float], sure: bool, roll: float, pitch: float
+) -> list[str]:
+    """Ambiguity of the azimuth, and the effect of the tilt correction."""
+    notes = []
+    if not sure:
+        others = " or ".join(f"{table.azimuth(h, roll, pitch) / DEG:.4g} deg" for h in rivals)
+        notes.append(
+            f"the sign cannot be determined: azimuth {others}. Two positions give its cosine only:"
+            " record at 90 and 270 deg too, or state --option near_deg=..."
+        )
+    if table.force is None:
+        worst = np.tan(abs(table.latitude))
+        notes.append(
+            "no tilt correction: each arcsec of tilt along the FOG's axis changes the azimuth by up"
+            f" to {worst:.2g}/|sin psi| arcsec"
+        )
+        return notes
+    flat = replace(table, force=None)
+    azimuths = [flat.azimuth(h, 0.0, 0.0) for h in start_of(flat)[3]]
+    difference = min((wrapped(a - float(fit.values[0])) for a in azimuths), key=abs)
+    notes += [
+        f"without the tilt correction the azimuth would be {difference / ARCSEC:.4g} arcsec"
+        f" ({difference / DEG:.3g} deg) off",
+        "base.* is the tilt of the table's rotation axis; bias_x and bias_y of the accelerometers"
+        " are bias plus mounting",
+    ]
+    return notes
+
+
+def wrapped(angle: float) -> float:
+    """An angle in -pi ... pi."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)

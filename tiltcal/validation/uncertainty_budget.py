@@ -1,10 +1,10 @@
-"""The uncertainty budget in the metrologists' form (GUM): each source pushed through the method
+"""The uncertainty budget in the form of the GUM: each source is propagated through the method
 itself.
 
-A source of standard uncertainty u moves the recording (an effect of the catalogue, by the
+A source of standard uncertainty u changes the recording (an effect of the catalogue, by the
 difference that it makes to the predicted readings) or the set-up (gravity, latitude, heading, the
 FOG's axis) by +u and by -u, and the method runs on both: half the difference of each parameter is
-its contribution. The method's own covariance, from the noise of the record, is the type A line.
+its contribution. The covariance of the method, from the noise of the record, is the type A line.
 Combined: root sum of squares; expanded: k = 2.
 
 Source: JCGM 100:2008 (GUM), 5.1.3 note 2 (numerical sensitivities); JCGM 101 (the Monte Carlo that
@@ -12,64 +12,21 @@ checks it).
 """
 
 import inspect
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tiltcal.calibration.methods.registry import calibrate, find_method
 from tiltcal.calibration.result import Calibration
-from tiltcal.core.arrays import Array
-from tiltcal.core.errors import TiltcalError, nearest
-from tiltcal.core.frames import force_of_tilt, tilt_of_force
-from tiltcal.core.units import PARAMETER_UNITS, split_unit
-from tiltcal.effects import make_effect
-from tiltcal.effects.base import Effect, SignalEffect
-from tiltcal.effects.sense import Sense
-from tiltcal.effects.sensor.gyro import transverse
-from tiltcal.effects.table.geometry import AxisWobble, TableLevelling
-from tiltcal.effects.table.readout import EncoderZero, IndexError_
-from tiltcal.forward.signal_chain import readings
-from tiltcal.laboratory.laboratory import to_column
 from tiltcal.laboratory.scenario_tables import SourceTable
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.replay import replay
-from tiltcal.recordings.segmentation import Segment, dwells, find_segments
+from tiltcal.recordings.segmentation import dwells, find_segments
 from tiltcal.setup.setup import Setup
+from tiltcal.validation.uncertainty_sources import Source, sources, usual_sources
 
-DIVISOR = {"normal": 1.0, "rectangular": np.sqrt(3), "expanded": 2.0}
-COVERAGE = 2.0
-Readings = dict[str, Array]
-"""By sensor, SI, (n, k)."""
-Rows = npt.NDArray[np.bool_]
-Shift = Callable[[float, Recording, Setup], tuple[Recording, Setup]]
-"""What a source does: (standard uncertainties, recording, set-up) -> both moved."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """One line of the budget.
-
-    Args:
-        name: in words.
-        size: as stated, in ``unit``, with its distribution.
-        standard: standard uncertainty, in ``unit``.
-        shifts: what one standard uncertainty of it moves: one, or one a stop for errors that are
-            drawn at each stop.
-    """
-
-    name: str
-    size: float
-    unit: str
-    distribution: str
-    shifts: tuple[Shift, ...]
-
-    @property
-    def standard(self) -> float:
-        """Standard uncertainty, in ``unit``."""
-        return float(self.size / DIVISOR[self.distribution])
+COVERAGE = 2.0  # k of the expanded uncertainty
 
 
 @dataclass(frozen=True)
@@ -142,13 +99,13 @@ def make_budget(
         TiltcalError: a source is unknown, or does not fit the set-up.
     """
     if "segments" in inspect.signature(find_method(method)).parameters:
-        # the same dwells whatever is moved
+        # the same dwells whatever is changed
         options.setdefault("segments", find_segments(recording))
     found = calibrate(method, recording, setup, **options)
     stops = dwells(options.get("segments") or ())
     lines = [_type_a(found)]
     for source in sources(tables or usual_sources(setup, found), setup, stops):
-        lines.append(_push(source, found, method, recording, setup, options))
+        lines.append(_propagated(source, found, method, recording, setup, options))
     return found, Budget(tuple(lines), {n: e.unit for n, e in found.parameters.items()})
 
 
@@ -157,7 +114,7 @@ def _type_a(found: Calibration) -> Line:
     return Line("noise of the record", "A", 0.0, "", "normal", 0.0, sigmas)
 
 
-def _push(
+def _propagated(
     source: Source,
     found: Calibration,
     method: str,
@@ -166,267 +123,12 @@ def _push(
     options: dict[str, Any],
 ) -> Line:
     total = dict.fromkeys(found.parameters, 0.0)
+    u = source.standard
     for shift in source.shifts:
         up, down = (
-            calibrate(method, *shift(sign * source.standard, recording, setup), **options)
-            for sign in (1.0, -1.0)
+            calibrate(method, *shift(size, recording, setup), **options) for size in (u, -u)
         )
         for name in total:
             total[name] += ((up.value(name) - down.value(name)) / 2) ** 2
     contributions = {n: float(np.sqrt(v)) for n, v in total.items()}
-    return Line(
-        source.name,
-        "B",
-        source.size,
-        source.unit,
-        source.distribution,
-        source.standard,
-        contributions,
-    )
-
-
-def usual_sources(setup: Setup, found: Calibration) -> list[SourceTable]:
-    """What a good laboratory has to reckon with: a table of 3 arcsec, gravity to 10 ppm, heading to
-    0.1 deg.
-    """
-    three = {"distribution": "rectangular"}
-    tables: list[dict[str, Any]] = []
-    levels = "base.roll" in found.parameters  # there the table's own tilt is what is measured
-    if setup.rig.axes:
-        if not levels:
-            tables.append(
-                {
-                    "id": TableLevelling.id,
-                    "tilt_east_arcsec": 3.0,
-                    "tilt_north_arcsec": 3.0,
-                    **three,
-                }
-            )
-        for axis in setup.rig.axis_names:
-            tables.append({"id": IndexError_.id, "axis": axis, "sigma_arcsec": 3.0, **three})
-            tables.append(
-                {
-                    "id": AxisWobble.id,
-                    "axis": axis,
-                    "m1c_arcsec": 3.0,
-                    "m1s_arcsec": 3.0,
-                    **three,
-                }
-            )
-    if setup.sensors("accelerometer", "inclinometer"):
-        tables.append({"id": "gravity", "gravity_ppm": 10.0})
-    if setup.sensors("fog"):
-        tables.append({"id": "fog_axis", "axis_u_arcsec": 60.0, "axis_v_arcsec": 60.0})
-    if setup.sensors("gyro", "fog") and setup.site.latitude_deg is not None and setup.rig.axes:
-        tables.append({"id": "latitude", "latitude_deg": 0.01})
-        if "base.azimuth" not in found.parameters:
-            tables.append({"id": "heading", "heading_deg": 0.1})
-    return [SourceTable.model_validate(t) for t in tables]
-
-
-def sources(tables: Iterable[SourceTable], setup: Setup, stops: Sequence[Segment]) -> list[Source]:
-    """One source a parameter of each table.
-
-    Raises:
-        TiltcalError: an id or parameter is unknown.
-    """
-    found = []
-    for k, table in enumerate(tables, start=1):
-        for key, size in (table.model_extra or {}).items():
-            shifts, unit = _shifts(table, key, setup, stops, f"budget {k}")
-            where = table.axis or table.sensor
-            words = f"{table.id}{f'[{where}]' if where else ''} {key.removesuffix('_' + unit)}"
-            found.append(Source(words, float(size), unit, table.distribution, shifts))
-    return found
-
-
-SETUP_SOURCES = ("latitude", "heading", "fog_axis")
-
-
-def _shifts(
-    table: SourceTable, key: str, setup: Setup, stops: Sequence[Segment], subject: str
-) -> tuple[tuple[Shift, ...], str]:
-    """How one parameter of a table moves things, and its unit."""
-    name, unit = split_unit(key, PARAMETER_UNITS)
-    factor = PARAMETER_UNITS[unit or ""].factor
-    if table.id == "gravity":
-        return (lambda size, r, s: (_heavier(r, s, size * factor), s),), unit or ""
-    if table.id in SETUP_SOURCES:
-        return (
-            lambda size, r, s: (r, _moved_setup(s, table.id, name, size * factor, subject)),
-        ), unit or ""
-    try:
-        effect = make_effect(
-            table.id, {key: 1.0}, setup, sensor=table.sensor, axis=table.axis, subject=subject
-        )
-    except TiltcalError as error:
-        if "unknown effect" in error.found:
-            raise TiltcalError(
-                subject,
-                found=f"source '{table.id}'",
-                need="an effect, or one of gravity, " + ", ".join(SETUP_SOURCES),
-                do=nearest(table.id, ["gravity", *SETUP_SOURCES]),
-            ) from error
-        raise
-    if table.id != IndexError_.id:
-        return (lambda size, r, s: (_moved(r, s, _scaled(effect, size)), s),), unit or ""
-    zero = make_effect(
-        EncoderZero.id,
-        {f"{effect.axis or setup.rig.axis_names[0]}_zero_arcsec": 1.0},
-        setup,
-        subject=subject,
-    )
-    at_stops = tuple(
-        (lambda size, r, s, stop=stop: (_moved(r, s, _scaled(zero, size), stop), s))
-        for stop in stops
-    )
-    return at_stops, unit or ""
-
-
-def _scaled(effect: Effect, size: float) -> Effect:
-    return replace(effect, values={n: v * size for n, v in effect.values.items()})
-
-
-def _moved_setup(setup: Setup, id: str, name: str, size: float, subject: str) -> Setup:
-    """The set-up as somebody would state it who is wrong by ``size``, SI."""
-    if id == "latitude":
-        return _with_site(
-            setup, latitude_deg=float((setup.site.latitude_deg or 0.0) + np.degrees(size))
-        )
-    if id == "heading":
-        stated = 0.0 if setup.site.heading_deg == "unknown" else setup.site.heading_deg
-        return _with_site(setup, heading_deg=float(stated + np.degrees(size)))
-    if name not in ("axis_u", "axis_v"):
-        raise TiltcalError(
-            subject,
-            found=f"parameter '{name}' of fog_axis",
-            need="axis_u or axis_v",
-            do="correct it",
-        )
-    sensors = []
-    for s in setup.sensor:
-        if s.kind == "fog":
-            across = transverse(s.input_vector)[0 if name == "axis_u" else 1]
-            s = s.model_copy(
-                update={"input_axis": tuple(float(a) for a in s.input_vector + size * across)}
-            )
-        sensors.append(s)
-    return setup.model_copy(update={"sensor": tuple(sensors)})
-
-
-def _with_site(setup: Setup, **changed: float) -> Setup:
-    return setup.model_copy(update={"site": setup.site.model_copy(update=changed)})
-
-
-def _heavier(recording: Recording, setup: Setup, size: float) -> Recording:
-    """The recording as a gravity larger by the share ``size`` would have it: forces in proportion,
-    and so sines of tilts.
-    """
-    columns = {n: recording.column(n) for n in recording.column_names}
-    for sensor in setup.sensors("accelerometer", "inclinometer"):
-        if not recording.has(sensor):
-            continue
-        samples = recording.sensor(sensor)
-        moved = samples.values * (1 + size)
-        if sensor.kind == "inclinometer":
-            g = setup.site.gravity
-            moved = tilt_of_force(force_of_tilt(samples.values, g) * (1 + size), g)
-        for i, axis in enumerate(sensor.axes):
-            name = str(recording.channel(f"{sensor.name}_{axis}"))
-            columns[name] = columns[name].copy()
-            columns[name][samples.rows] = to_column(sensor, moved, str(split_unit(name)[1]), False)[
-                :, i
-            ]
-    return _like(recording, columns)
-
-
-def _like(recording: Recording, columns: dict[str, Array]) -> Recording:
-    return Recording.from_columns(
-        recording.time,
-        columns,
-        labels=recording.labels,
-        metadata=dict(recording.metadata),
-        source=recording.source,
-    )
-
-
-def _moved(
-    recording: Recording, setup: Setup, effect: Effect, stop: Segment | None = None
-) -> Recording:
-    """The recording with what an effect changes in its readings (at one stop, where one is
-    named).
-    """
-    with_, without, known = (
-        _on_table(recording, setup, effect)
-        if setup.rig.axes
-        else _by_hand(recording, setup, effect)
-    )
-    columns = {n: recording.column(n) for n in recording.column_names}
-    inside = np.ones(len(recording), bool)
-    if stop is not None:
-        inside[:] = False
-        inside[stop.first : stop.last] = True
-    for sensor in (setup.named(n) for n in with_):
-        for i, axis in enumerate(sensor.axes):
-            name = str(recording.channel(f"{sensor.name}_{axis}"))
-            unit = str(split_unit(name)[1])
-            change: Array = to_column(sensor, with_[sensor.name], unit, False) - to_column(
-                sensor, without[sensor.name], unit, False
-            )
-            columns[name] = columns[name] + np.where(inside & known, change[:, i], 0.0)
-    return _like(recording, columns)
-
-
-def _on_table(
-    recording: Recording, setup: Setup, effect: Effect
-) -> tuple[Readings, Readings, Rows]:
-    """Predicted readings with and without an effect, and the rows where the table was read."""
-    course = replay(recording, setup)
-    times = {s.name: recording.time for s in setup.sensor if recording.has(s)}
-    return (
-        readings(setup, course, times, [effect]),
-        readings(setup, course, times, []),
-        course.known,
-    )
-
-
-def _by_hand(recording: Recording, setup: Setup, effect: Effect) -> tuple[Readings, Readings, Rows]:
-    """The same without a table: a sensor's own readings stand for what it senses (what they are
-    wrong by is second order).
-    """
-    if not isinstance(effect, SignalEffect):
-        raise TiltcalError(
-            f"budget, {effect.id}",
-            found="a hand-held instrument",
-            need="an effect of a sensor, or gravity, fog_axis",
-            do="leave it out",
-        )
-    sensor = setup.named(str(effect.sensor))
-    plain = Sense.at_rest(sensor, setup.site.gravity, _felt(recording, setup, "accelerometer"))
-    temperature = recording.temperature()
-    warm = np.zeros(len(recording)) if temperature is None else temperature - temperature.mean()
-    sense = replace(
-        plain,
-        time=recording.time,
-        elapsed=recording.time - recording.time[0],
-        rate=_felt(recording, setup, "gyro"),
-        temperature=warm,
-        input_vector=sensor.input_vector if sensor.kind == "fog" else plain.input_vector,
-    )
-    moved = effect.apply(sense.true_input(), sense, None)
-    return {sensor.name: moved}, {sensor.name: sense.true_input()}, np.ones(len(recording), bool)
-
-
-def _felt(recording: Recording, setup: Setup, kind: str) -> Array:
-    """Readings of the first sensor of a kind at every row, body axes, (n, 3); zero where there is
-    none.
-    """
-    found = np.zeros((len(recording), 3))
-    for sensor in [s for s in setup.sensors(kind) if recording.has(s)][:1]:
-        samples = recording.sensor(sensor)
-        for i, axis in enumerate(sensor.axis_indices):
-            known = ~np.isnan(samples.values[:, i])
-            found[:, axis] = np.interp(
-                recording.time, samples.time[known], samples.values[known, i]
-            )
-    return found
+    return Line(source.name, "B", source.size, source.unit, source.distribution, u, contributions)

@@ -23,7 +23,8 @@ from tiltcal.laboratory.scenario_tables import EstimatorTable
 from tiltcal.validation.acceptance import run_scenario
 from tiltcal.validation.online import process
 from tiltcal.validation.online.estimators import make_estimator
-from tiltcal.validation.online.judging import OnlineResult, feed, part_of, run_estimator
+from tiltcal.validation.online.judging import feed, part_of, run_estimator
+from tiltcal.validation.online.online_result import OnlineResult
 
 SWEEP = [{"action": "rest", "dwell_s": 2}] + [
     {"action": "sweep", "outer_deg": a, "step_deg": 10, "dwell_s": 1.5, "rate_deg_s": 60}
@@ -110,7 +111,7 @@ def test_the_exported_c_runs_as_a_process_and_errs_as_the_corrector_does(live, t
         | {"estimator": [{"command": [str(program)], "from_s": start, "accept": {"rms_arcsec": 9}}]}
     )
     with pytest.raises(
-        TiltcalError, match=r"need leave to run programs; read it, then add --allow-commands"
+        TiltcalError, match=r"need permission to run programs; read it, then add --allow-commands"
     ):
         run_scenario(case, simulator())
     result = run_scenario(case, simulator(), allow_commands=True)

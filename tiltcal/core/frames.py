@@ -204,3 +204,11 @@ def unit(v: Sequence[float] | Array) -> Array:
     """``v`` divided by its length."""
     w = np.asarray(v, dtype=float)
     return np.asarray(w / np.linalg.norm(w))
+
+
+def tangents(up: Array) -> Array:
+    """Two orthogonal unit vectors across each direction, (m, 3) -> (m, 2, 3)."""
+    helper = np.where(np.abs(up[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(up, helper)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(up, first)], axis=1)

@@ -1,27 +1,27 @@
-"""Running scenarios: record, calibrate, judge against the acceptance limits; a folder of them with
-JUnit XML.
+"""Running scenarios: record, calibrate, judge against the acceptance limits; one or a folder of
+them.
 """
 
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from tiltcal.calibration.methods.registry import calibrate, run_command
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.validity import Verdict
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import replacing
 from tiltcal.core.progress import Progress, silent
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable
+from tiltcal.laboratory.scenario_tables import Accept, EstimatorTable, MethodTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.validation.accuracy import TiltError, normalised_error, tilt_error, true_parameters
 from tiltcal.validation.gyro_accuracy import attitude_error
-from tiltcal.validation.online.judging import OnlineResult, run_estimator
+from tiltcal.validation.online.judging import run_estimator
+from tiltcal.validation.online.online_result import OnlineResult
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
 
 
@@ -52,11 +52,11 @@ class MethodResult:
     """
 
     title: str
-    calibrations: tuple[Calibration, ...]
-    truth: dict[str, float]
-    tilt: TiltError | None
-    limits: tuple[Limit, ...]
-    seconds: float
+    calibrations: tuple[Calibration, ...] = ()
+    truth: dict[str, float] = field(default_factory=dict)
+    tilt: TiltError | None = None
+    limits: tuple[Limit, ...] = ()
+    seconds: float = 0.0
     error: str | None = None
     online: OnlineResult | None = None
     budget: Budget | None = None
@@ -108,7 +108,7 @@ def run_scenario(
             raise TiltcalError(
                 f"scenario {source or scenario.name}",
                 found=f"the command {command[0]}",
-                need="leave to run programs",
+                need="permission to run programs",
                 do="read it, then add --allow-commands",
             )
     runs = max((m.runs for m in scenario.method), default=1)
@@ -136,11 +136,10 @@ def _run_method(
         tilt = _error_of(found[0], scenario)
         budget = _budget(scenario, table, recordings[0])
     except TiltcalError as error:
-        return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
+        return MethodResult(table.title, seconds=time.perf_counter() - start, error=str(error))
     limits = tuple(_limits(scenario, table, found, tilt))
-    return MethodResult(
-        table.title, found, truth, tilt, limits, time.perf_counter() - start, budget=budget
-    )
+    seconds = time.perf_counter() - start
+    return MethodResult(table.title, found, truth, tilt, limits, seconds, budget=budget)
 
 
 def _budget(scenario: Scenario, table: MethodTable, recording: Recording) -> Budget | None:
@@ -156,11 +155,10 @@ def _run_estimator(
     try:
         found = run_estimator(scenario, table, recording, laboratory)
     except TiltcalError as error:
-        return MethodResult(table.title, (), {}, None, (), time.perf_counter() - start, str(error))
+        return MethodResult(table.title, seconds=time.perf_counter() - start, error=str(error))
     limits = tuple(Limit(*limit) for limit in found.limits(table.accept))
-    return MethodResult(
-        table.title, (), {}, None, limits, time.perf_counter() - start, online=found
-    )
+    seconds = time.perf_counter() - start
+    return MethodResult(table.title, limits=limits, seconds=seconds, online=found)
 
 
 def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> Calibration:
@@ -186,44 +184,38 @@ def _error_of(found: Calibration, scenario: Scenario) -> TiltError | None:
 def _limits(
     scenario: Scenario, table: MethodTable, found: Sequence[Calibration], tilt: TiltError | None
 ) -> Iterable[Limit]:
-    verdicts = [c.verdict for c in found]
-    wrong = [v for v in verdicts if v != table.expect]
-    said = ", ".join(
-        f"{v} x{verdicts.count(v)}" if len(verdicts) > 1 else v for v in dict.fromkeys(verdicts)
-    )
-    allowed_wrong = _rare(len(found), table.accept.false_alarm) if table.expect == "good" else 0
-    yield Limit(
-        f"verdict ({said})",
-        float(len(wrong)),
-        f"{table.expect}, at most {allowed_wrong} others",
-        len(wrong) <= allowed_wrong,
-    )
+    yield _verdict_limit(table, [c.verdict for c in found])
     if table.expect == "cannot_tell":
         return
     if table.accept.parameters:
         yield _parameter_limit(scenario, table, found)
-    if tilt is None:
-        return
-    before, after, bound = tilt.in_arcsec
-    a = table.accept
-    if a.tilt_arcsec is not None:
-        yield Limit(
-            "tilt error, arcsec rms", after, f"<= {a.tilt_arcsec:g}", after <= a.tilt_arcsec
-        )
-    if a.tilt_over_bound is not None:
-        yield Limit(
-            "tilt error over its bound",
-            _ratio(after, bound),
-            f"<= {a.tilt_over_bound:g}",
-            after <= a.tilt_over_bound * bound,
-        )
-    if a.better_by is not None:
-        yield Limit(
-            "tilt error before over after",
-            _ratio(before, after),
-            f">= {a.better_by:g}",
-            before >= a.better_by * after,
-        )
+    if tilt is not None:
+        yield from _tilt_limits(table.accept, *tilt.in_arcsec)
+
+
+def _verdict_limit(table: MethodTable, verdicts: Sequence[Verdict]) -> Limit:
+    wrong = sum(v != table.expect for v in verdicts)
+    allowed = _rare(len(verdicts), table.accept.false_alarm) if table.expect == "good" else 0
+    words = ", ".join(
+        f"{v} x{verdicts.count(v)}" if len(verdicts) > 1 else v for v in dict.fromkeys(verdicts)
+    )
+    expected = f"{table.expect}, at most {allowed} others"
+    return Limit(f"verdict ({words})", float(wrong), expected, wrong <= allowed)
+
+
+def _tilt_limits(accept: Accept, before: float, after: float, bound: float) -> Iterable[Limit]:
+    """Limits of the tilt error. before, after: arcsec; bound: predicted by the covariance."""
+    if accept.tilt_arcsec is not None:
+        allowed = accept.tilt_arcsec
+        yield Limit("tilt error, arcsec rms", after, f"<= {allowed:g}", after <= allowed)
+    if accept.tilt_over_bound is not None:
+        allowed, ratio = accept.tilt_over_bound, _ratio(after, bound)
+        ok = after <= allowed * bound
+        yield Limit("tilt error over its bound", ratio, f"<= {allowed:g}", ok)
+    if accept.better_by is not None:
+        allowed, ratio = accept.better_by, _ratio(before, after)
+        ok = before >= allowed * after
+        yield Limit("tilt error before over after", ratio, f">= {allowed:g}", ok)
 
 
 def _ratio(a: float, b: float) -> float:
@@ -252,17 +244,13 @@ def _parameter_limit(scenario: Scenario, table: MethodTable, found: Sequence[Cal
         total, dof = total + nees, dof + n
     if dof == 0:
         return Limit("parameters against the truth", 0.0, "a truth to compare with", False)
-    low, high = (
-        chdtri(dof, 1 - table.accept.false_alarm / 2),
-        chdtri(dof, table.accept.false_alarm / 2),
-    )
-    ok = low <= total <= high
-    return Limit(
+    rare = table.accept.false_alarm / 2
+    low, high = chdtri(dof, 1 - rare), chdtri(dof, rare)
+    name, allowed = (
         "parameters, NEES per degree of freedom",
-        total / dof,
         f"{low / dof:.3g} ... {high / dof:.3g}",
-        bool(ok),
     )
+    return Limit(name, total / dof, allowed, bool(low <= total <= high))
 
 
 @dataclass(frozen=True)
@@ -322,40 +310,3 @@ def verify_folder(
             do="add a [[method]]",
         )
     return Verification(tuple(results), time.perf_counter() - start)
-
-
-def _printable(text: str) -> str:
-    """Without the control characters that XML cannot hold."""
-    return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
-
-
-def write_junit(verification: Verification, path: Path) -> None:
-    """JUnit XML: a suite a scenario, a case a limit."""
-    root = ElementTree.Element(
-        "testsuites", name="tiltcal verify", time=f"{verification.seconds:.3f}"
-    )
-    for result in verification.results:
-        suite = ElementTree.SubElement(root, "testsuite", name=result.scenario.name)
-        cases, failures = 0, 0
-        for method in result.methods:
-            limits = method.limits or (Limit("calibration", np.nan, method.error or "", False),)
-            for limit in limits:
-                cases += 1
-                case = ElementTree.SubElement(
-                    suite,
-                    "testcase",
-                    classname=f"{result.source}.{method.title}",
-                    name=limit.name,
-                    time=f"{method.seconds:.3f}",
-                )
-                if not limit.passed or method.error:
-                    failures += 1
-                    text = _printable(
-                        method.error or f"reached {limit.reached:.6g}, allowed {limit.allowed}"
-                    )
-                    ElementTree.SubElement(case, "failure", message=text).text = text
-        suite.set("tests", str(cases))
-        suite.set("failures", str(failures))
-    ElementTree.indent(root)
-    with replacing(path) as temporary:
-        ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)

@@ -9,7 +9,7 @@ from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.validity import Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.frames import best_rotation
+from tiltcal.core.frames import best_rotation, tangents
 from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.effects.sensor.dynamics import placing_angle
 from tiltcal.recordings.recording import Recording
@@ -19,10 +19,12 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.validation.accuracy import estimated_up
 
+AGREES = "agrees with its uncertainty"
+
 
 @dataclass(frozen=True)
 class Check:
-    """The answer.
+    """How well a calibration predicts another recording.
 
     Args:
         accepted: within the limit, or without one within its own uncertainty.
@@ -85,23 +87,17 @@ def check(
         )
     if not by_norm:
         poses = poses.subset(known)
-    measure = _Measure(
-        poses, setup, by_norm, free_rotation=calibration.method == "norm" and not by_norm
-    )
+    free_rotation = calibration.method == "norm" and not by_norm
+    measure = _Measure(poses, setup, by_norm, free_rotation)
     residual = measure.residual(calibration.correct(sensor, poses.means, setup.site.gravity))
     covariance = measure.covariance(calibration)
     error = np.abs(residual) if by_norm else np.linalg.norm(residual.reshape(-1, 2), axis=1)
     dof = residual.size - (3 if measure.free_rotation else 0)
     chi2 = float(residual @ np.linalg.solve(covariance, residual))
-    expected = float(
-        np.sqrt(np.trace(measure.covariance(calibration, rotation=False)) / len(poses))
-    )
-    test = chi2_test(
-        "agrees with its uncertainty",
-        chi2,
-        dof,
-        f"errors against noise and covariance over {len(poses)} dwells",
-    )
+    own = measure.covariance(calibration, rotation=False)
+    expected = float(np.sqrt(np.trace(own) / len(poses)))
+    words = f"errors against noise and covariance over {len(poses)} dwells"
+    test = chi2_test(AGREES, chi2, dof, words)
     return _answer(error, expected, test, "norm" if by_norm else "tilt", limit, poses)
 
 
@@ -123,17 +119,10 @@ class _Measure:
     """
 
     def __init__(self, poses: Poses, setup: Setup, by_norm: bool, free_rotation: bool) -> None:
-        self.poses, self.g, self.by_norm, self.free_rotation = (
-            poses,
-            setup.site.gravity,
-            by_norm,
-            free_rotation,
-        )
+        self.poses, self.g = poses, setup.site.gravity
+        self.by_norm, self.free_rotation = by_norm, free_rotation
         if not by_norm:
-            helper = np.where(np.abs(poses.up[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-            first = np.cross(poses.up, helper)
-            first /= np.linalg.norm(first, axis=1)[:, None]
-            self.basis = np.stack([first, np.cross(poses.up, first)], axis=1)  # (m, 2, 3)
+            self.basis = tangents(poses.up)  # (m, 2, 3)
 
     def residual(self, f: Array) -> Array:
         """Errors of corrected forces, rad, (m,) or (2 m,)."""
@@ -148,40 +137,45 @@ class _Measure:
         """Of the residual, from the calibration's covariance (common to all dwells) and each
         dwell's own noise.
         """
-        poses, names = self.poses, list(calibration.parameters)
-        base = self.residual(calibration.correct(poses.sensor, poses.means, self.g))
+        base = self._residual_of_means(calibration, self.poses.means)
+        total = self._common_covariance(calibration, base)
+        self._add_noise(total, calibration, base)
+        if self.free_rotation and rotation:  # three directions that the best rotation removes
+            axes = np.array([np.cross(e, self.poses.up) for e in np.eye(3)])
+            turns = np.einsum("mij,amj->ami", self.basis, axes).reshape(3, -1)
+            total += turns.T @ turns
+        return total + 1e-30 * np.eye(len(base))
+
+    def _residual_of_means(self, calibration: Calibration, means: Array) -> Array:
+        return self.residual(calibration.correct(self.poses.sensor, means, self.g))
+
+    def _common_covariance(self, calibration: Calibration, base: Array) -> Array:
+        """The calibration's covariance, along its eigenvectors."""
+        parameters = calibration.parameters
         values, vectors = np.linalg.eigh(calibration.covariance)
         columns = []
         for step, vector in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
-            moved = {
-                n: replace(
-                    calibration.parameters[n], value=calibration.parameters[n].value + step * d
-                )
-                for n, d in zip(names, vector, strict=True)
+            changed = {
+                name: replace(estimate, value=estimate.value + step * d)
+                for (name, estimate), d in zip(parameters.items(), vector, strict=True)
             }
-            shifted = replace(calibration, parameters=moved).correct(
-                poses.sensor, poses.means, self.g
-            )
-            columns.append(self.residual(shifted) - base)
+            shifted = replace(calibration, parameters=changed)
+            columns.append(self._residual_of_means(shifted, self.poses.means) - base)
         common = np.array(columns).T
-        total = common @ common.T if columns else np.zeros((len(base), len(base)))
+        return common @ common.T if columns else np.zeros((len(base), len(base)))
+
+    def _add_noise(self, total: Array, calibration: Calibration, base: Array) -> None:
+        """Add each dwell's own noise to its block of a covariance."""
+        poses = self.poses
         size = len(base) // len(poses)
+        sigmas = np.sqrt(np.diag(poses.noise) * poses.inflation / poses.counts[:, None])
         for i in range(len(poses.sensor.axes)):
             shifted = poses.means.copy()
-            shifted[:, i] += (
-                np.sqrt(poses.noise[i, i] * poses.inflation / poses.counts) * poses.spread[:, i]
-            )
-            change = (
-                self.residual(calibration.correct(poses.sensor, shifted, self.g)) - base
-            ).reshape(-1, size)
-            for k, row in enumerate(change):
-                total[k * size : (k + 1) * size, k * size : (k + 1) * size] += np.outer(row, row)
-        if self.free_rotation and rotation:  # three directions that the best rotation takes out
-            turns = np.einsum(
-                "mij,amj->ami", self.basis, np.array([np.cross(e, poses.up) for e in np.eye(3)])
-            ).reshape(3, -1)
-            total += turns.T @ turns
-        return total + 1e-30 * np.eye(len(base))
+            shifted[:, i] += sigmas[:, i] * poses.spread[:, i]
+            change = self._residual_of_means(calibration, shifted) - base
+            for k, row in enumerate(change.reshape(-1, size)):
+                block = slice(k * size, (k + 1) * size)
+                total[block, block] += np.outer(row, row)
 
 
 def _answer(
@@ -189,11 +183,9 @@ def _answer(
 ) -> Check:
     rms, worst = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
     accepted = test.passed if limit is None else rms <= limit
-    against = (
-        f"its own uncertainty ({expected / ARCSEC:.3g} arcsec expected)"
-        if limit is None
-        else f"the limit of {limit / ARCSEC:.4g} arcsec"
-    )
+    against = f"its own uncertainty ({expected / ARCSEC:.3g} arcsec expected)"
+    if limit is not None:
+        against = f"the limit of {limit / ARCSEC:.4g} arcsec"
     named = {
         "tilt": "tilt error",
         "norm": "error of the norm (as an angle; attitudes are not known)",
@@ -212,8 +204,8 @@ def _answer(
 def _table_check(
     calibration: Calibration, poses: Poses, g: float, limit: float | None, source: str
 ) -> Check:
-    """A placing-angle table is judged where its axis is stated to be horizontal: what is left there
-    is its error.
+    """A placing-angle table is judged where its axis is stated to be horizontal: the corrected
+    reading there is its error.
     """
     sensor = poses.sensor
     corrector = calibration.placing(sensor, g)
@@ -221,9 +213,8 @@ def _table_check(
     error, variance, used = [], [], []
     for axis, table in corrector.tables.items() if corrector else ():
         i, j = sensor.axes.index(axis), "xyz".index(axis)
-        for k in np.flatnonzero(
-            (np.abs(poses.up[:, j]) < np.sin(1 * DEG)) & ~np.isnan(fixed[:, i])
-        ).tolist():
+        horizontal = np.abs(poses.up[:, j]) < np.sin(1 * DEG)
+        for k in np.flatnonzero(horizontal & ~np.isnan(fixed[:, i])).tolist():
             beta = placing_angle(axis, poses.up[k : k + 1])
             near = replace(table, values=table.sigmas).at(beta)[0]
             error.append((fixed[k, i] - g * poses.up[k, j]) / g)
@@ -237,12 +228,8 @@ def _table_check(
             do="record dwells on the table it was made on, at angles inside it",
         )
     e, v = np.array(error), np.array(variance)
-    test = chi2_test(
-        "agrees with its uncertainty",
-        float(np.sum(e**2 / v)),
-        len(e),
-        f"{len(e)} dwells against noise and table",
-    )
+    words = f"{len(e)} dwells against noise and table"
+    test = chi2_test(AGREES, float(np.sum(e**2 / v)), len(e), words)
     keep = np.isin(np.arange(len(poses)), used)
     return _answer(np.abs(e), float(np.sqrt(v.mean())), test, "table", limit, poses.subset(keep))
 
@@ -263,12 +250,8 @@ def _base_check(
     sigma = np.array(
         [np.hypot(again.parameters[n].sigma, calibration.parameters[n].sigma) for n in names]
     )
-    test = chi2_test(
-        "agrees with its uncertainty",
-        float(np.sum((difference / sigma) ** 2)),
-        2,
-        "roll and pitch found again",
-    )
+    chi2 = float(np.sum((difference / sigma) ** 2))
+    test = chi2_test(AGREES, chi2, 2, "roll and pitch measured again")
     error = np.array([float(np.hypot(*difference))])
     poses = find_poses(recording, setup, _judged_sensor(calibration, setup), segments)
     return _answer(error, float(np.hypot(*sigma)), test, "base", limit, poses)

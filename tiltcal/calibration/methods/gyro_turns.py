@@ -29,6 +29,7 @@ from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import tangents
 from tiltcal.core.units import DEG, G0
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
@@ -185,16 +186,16 @@ def solve(
     Where the model is incomplete, neither group fits to its noise: each is weighted by the inverse
     of its own misfit. The residuals returned are those without the weights.
     """
-    tangents = _tangents(turns.after)
+    across = tangents(turns.after)
     equations = [2 * len(turns), static.means.size]
     weight = np.ones(2)
 
     def residuals(X: Array) -> Array:
         models = [GyroModel(x, names) for x in X]
         error = propagated(turns, models) - turns.after
-        across = np.einsum("mij,kmj->kmi", tangents, error) / turns.sigma[:, None]
+        angles = np.einsum("mij,kmj->kmi", across, error) / turns.sigma[:, None]
         at_rest = np.array([static.residual(model) for model in models])
-        return np.hstack([across.reshape(len(X), -1) * weight[0], at_rest * weight[1]])
+        return np.hstack([angles.reshape(len(X), -1) * weight[0], at_rest * weight[1]])
 
     def problem(x: Array) -> tuple[Array, Array]:
         parts = max(1, turns.step.size * 2 * len(x) // MEMORY_LIMIT)
@@ -235,14 +236,6 @@ def _slopes(
     found = np.concatenate([residuals(part) for part in np.array_split(moved, parts)])
     up, down = np.split(found, 2)
     return np.asarray(((up - down) / (2 * steps[:, None])).T)
-
-
-def _tangents(up: Array) -> Array:
-    """Two unit vectors across each direction, (m, 2, 3)."""
-    helper = np.where(np.abs(up[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(up, helper)
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(up, first)], axis=1)
 
 
 def _held_out(turns: Turns, static: StaticRates, names: Sequence[str], whole: Fit) -> float:

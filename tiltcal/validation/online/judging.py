@@ -5,7 +5,6 @@ motion.
 import os
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,139 +14,16 @@ from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import angle_between
-from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.laboratory import Laboratory, TruthfulLaboratory
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.laboratory.scenario_tables import AcceptOnline, EstimatorTable
+from tiltcal.laboratory.scenario_tables import EstimatorTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.validation.online.estimators import Estimator, Sample, make_estimator
+from tiltcal.validation.online.online_result import OnlineResult, Section
 from tiltcal.validation.online.process import Process
 
 CHUNK = 4096  # samples made ready at a time
 KINDS = {"rest": "rest", "ramp": "move", "swing": "swing"}
-
-
-@dataclass(frozen=True)
-class Section:
-    """A stretch of the motion: at rest, a move or a swing.
-
-    Args:
-        kind: rest, move or swing; start, end: s; rms, worst: tilt error over its answered samples,
-            rad.
-    """
-
-    kind: str
-    start: float
-    end: float
-    rms: float
-    worst: float
-
-
-@dataclass(frozen=True)
-class OnlineResult:
-    """An estimator's tilt error.
-
-    Args:
-        time: s, (n,); error: angle between the true and the found up, rad, (n,), NaN where it gave
-            no answer.
-        sections: of the motion, in order; kinds: of each sample, (n,).
-        seconds: mean time a sample.
-    """
-
-    time: Array
-    error: Array
-    sections: tuple[Section, ...]
-    kinds: "np.ndarray[tuple[int], np.dtype[np.str_]]"
-    seconds: float
-
-    @property
-    def answered(self) -> float:
-        """Share of samples with an answer."""
-        return float(np.mean(~np.isnan(self.error)))
-
-    def rms(self, *kinds: str) -> float:
-        """Root mean square error, rad, over samples of some kinds; of all when none is named."""
-        chosen = self.error[np.isin(self.kinds, kinds)] if kinds else self.error
-        chosen = chosen[~np.isnan(chosen)]
-        return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else float("nan")
-
-    @property
-    def worst(self) -> float:
-        """Largest error, rad."""
-        return float(np.nanmax(self.error)) if self.answered else float("nan")
-
-    def settling(self, band: float) -> float:
-        """Longest time from the end of a move until the error stays within a band (rad) for the
-        rest of the dwell, s.
-        """
-        longest = 0.0
-        for before, s in zip(self.sections[:-1], self.sections[1:], strict=True):
-            if s.kind == "rest" and before.kind != "rest":
-                inside = (self.time >= s.start) & (self.time < s.end)
-                late = np.flatnonzero(~(self.error[inside] <= band))
-                if len(late):
-                    longest = max(longest, float(self.time[inside][late[-1]] - s.start))
-        return longest
-
-    def limits(self, accept: AcceptOnline) -> Iterator[tuple[str, float, str, bool]]:
-        """Name, reached, allowed and whether it holds, of each limit."""
-        yield (
-            "samples answered",
-            self.answered,
-            f">= {accept.answered:g}",
-            self.answered >= accept.answered,
-        )
-        reached = {
-            "tilt error, arcsec rms": (self.rms() / ARCSEC, accept.rms_arcsec),
-            "tilt error, arcsec worst": (self.worst / ARCSEC, accept.worst_arcsec),
-            "tilt error at rest, arcsec rms": (self.rms("rest") / ARCSEC, accept.rest_arcsec),
-            "tilt error in motion, arcsec rms": (
-                self.rms("move", "swing") / ARCSEC,
-                accept.moving_arcsec,
-            ),
-            f"settling to {accept.settled_arcsec:g} arcsec, s": (
-                self.settling(accept.settled_arcsec * ARCSEC),
-                accept.settling_s,
-            ),
-            "time a sample, us": (self.seconds * 1e6, accept.sample_us),
-        }
-        for name, (value, allowed) in reached.items():
-            if allowed is not None:
-                yield name, value, f"<= {allowed:g}", bool(value <= allowed)
-
-    @property
-    def statement(self) -> str:
-        """In words."""
-        parts = ", ".join(
-            f"{k} {self.rms(k) / ARCSEC:.4g}"
-            for k in ("rest", "move", "swing")
-            if np.any(self.kinds == k)
-        )
-        return (
-            f"tilt error {self.rms() / ARCSEC:.4g} arcsec rms ({parts}), {self.worst / ARCSEC:.4g}"
-            f" worst, over {len(self.time)} samples, {100 * self.answered:.4g} % answered;"
-            f" {self.seconds * 1e6:.3g} us a sample"
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """For machines."""
-        return {
-            "samples": len(self.time),
-            "answered": self.answered,
-            "rms_arcsec": self.rms() / ARCSEC,
-            "worst_arcsec": self.worst / ARCSEC,
-            "sample_us": self.seconds * 1e6,
-            "sections": [
-                {
-                    "kind": s.kind,
-                    "start_s": s.start,
-                    "end_s": s.end,
-                    "rms_arcsec": s.rms / ARCSEC,
-                    "worst_arcsec": s.worst / ARCSEC,
-                }
-                for s in self.sections
-            ],
-        }
 
 
 def run_estimator(
@@ -291,12 +167,9 @@ def judge(
     for k in np.unique(which):
         e = error[which == k]
         e = e[~np.isnan(e)]
-        rms, worst = (
-            (float(np.sqrt(np.mean(e**2))), float(e.max()))
-            if len(e)
-            else (float("nan"), float("nan"))
-        )
-        sections.append(
-            Section(str(kinds[k]), max(legs[k].t0, float(stamps[0])), legs[k].t1, rms, worst)
-        )
+        rms = worst = float("nan")
+        if len(e):
+            rms, worst = float(np.sqrt(np.mean(e**2))), float(e.max())
+        start = max(legs[k].t0, float(stamps[0]))
+        sections.append(Section(str(kinds[k]), start, legs[k].t1, rms, worst))
     return OnlineResult(stamps, error, tuple(sections), kinds[which], seconds)

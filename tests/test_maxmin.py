@@ -22,9 +22,8 @@ from tiltcal.design.maxmin import (
     blind_to_nothing,
     goal_of,
     grid_of_poses,
-    most_log_det,
-    most_visible,
 )
+from tiltcal.design.optimal_weights import most_log_det, most_visible
 from tiltcal.design.signatures import Field, catalogue_signatures
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.time_budget import Clock

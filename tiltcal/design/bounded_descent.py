@@ -1,11 +1,13 @@
 """Minimisation within bounds: L-BFGS on the variables that are free to move, with a projected line
 search.
 
-scipy's own spends 2.5 ms an iteration on threads for these few hundred variables where the
-criterion takes 1 ms, and its import a second; this one spends 0.1 ms.
+scipy.optimize's L-BFGS-B reaches the same designs (within 0.04 of 213 nats) and is as fast with one
+BLAS thread, but with the default threads of a two-core machine a design took 18 to 40 s instead of
+3 to 5 s.
 
 Source: Nocedal and Wright, Numerical Optimization, algorithms 7.4 (two-loop recursion) and 3.1
-(backtracking); Bertsekas 1982 (projection, with the variables at a bound that want to leave held).
+(backtracking); Bertsekas 1982 (projection: variables at a bound whose gradient points outwards are
+held).
 """
 
 from collections import deque
@@ -16,8 +18,8 @@ import numpy as np
 from tiltcal.core.arrays import Array
 
 MEMORY = 10
-DECREASE = 1e-4  # share of the promised decrease that a step has to bring
-ENOUGH = 1e-9  # relative decrease from which it is not worth going on
+DECREASE = 1e-4  # share of the predicted decrease that a step has to reach (Armijo)
+CONVERGED = 1e-9  # relative decrease of one iteration
 Function = Callable[[Array], tuple[float, Array]]
 
 
@@ -30,7 +32,7 @@ def minimise(function: Function, start: Array, low: Array, high: Array, iteratio
         free = ~(((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0)))
         step = -_direction(np.where(free, gradient, 0.0), memory)
         step[~free] = 0.0
-        if step @ gradient >= 0:  # the memory misleads: start it again
+        if step @ gradient >= 0:  # no descent direction: restart the memory
             memory.clear()
             step = -np.where(free, gradient, 0.0)
         if not memory:
@@ -45,7 +47,7 @@ def minimise(function: Function, start: Array, low: Array, high: Array, iteratio
         s, y = ahead - x, slope - gradient
         if s @ y > 1e-10 * float(y @ y):
             memory.append((s, y))
-        done = value - lower < ENOUGH * max(abs(value), 1.0)
+        done = value - lower < CONVERGED * max(abs(value), 1.0)
         x, value, gradient = ahead, lower, slope
         if done:
             return x

@@ -1,10 +1,10 @@
-"""Blind to nothing: the poses whose least visible effect is seen best, with little loss for the
+"""Max-min design: the poses whose least visible effect is most visible, with little loss for the
 ordinary calibration.
 
 share_e = energy of effect e that a design leaves visible, over the most that any design of as many
-poses could. Weights on a grid of poses make every energy concave: the greatest least share over all
-weights is a bound that no number of poses can pass, and its dual certifies it. Exact poses come
-from the best weights by gradient ascent of a soft minimum.
+poses can leave. As functions of weights on a grid of poses the energies are concave: the greatest
+least share over all weights is a bound that no number of poses can pass, and its dual certifies it.
+The poses follow from the best weights by gradient ascent of a soft minimum.
 
 Source: T-optimality, Atkinson and Fedorov 1975; maximin efficiency, Dette 1997.
 """
@@ -16,6 +16,12 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import DEG
 from tiltcal.design.bounded_descent import minimise
+from tiltcal.design.optimal_weights import (
+    best_weights,
+    certified,
+    most_log_det,
+    most_visible,
+)
 from tiltcal.design.signatures import Field, Signatures
 from tiltcal.design.time_budget import Clock
 from tiltcal.design.visit_order import visiting_order
@@ -26,13 +32,11 @@ KEPT = 0.9853  # D-efficiency that ascent aims at
 REQUIRED = 0.985  # and that a design has to have
 PENALTY = 3000.0
 DIFF = 1e-5  # rad
-CLOSE = 1.002  # upper over lower bound of a reference at which it is good enough
-CUTS = 4  # planes of a bound
 
 
 @dataclass(frozen=True)
 class MaxMin:
-    """A design that is blind to nothing.
+    """A design that shows every effect.
 
     Args:
         seen: the effects.
@@ -67,13 +71,12 @@ class Goal:
 
     def shares(self, angles: Array) -> Array:
         """Share of each effect, (effects,)."""
-        return np.asarray(
-            Field(self.seen, angles).left_over(_even(angles)).mean(axis=0) / self.references
-        )
+        energy = Field(self.seen, angles).left_over(_even(angles)).mean(axis=0)
+        return np.asarray(energy / self.references)
 
     def efficiency(self, angles: Array) -> float:
         """D-efficiency of the linear terms: det(F'F / n)^(1/q) over the most."""
-        return float(np.exp(Field(self.seen, angles).spread(_even(angles))[0] - self.log_det))
+        return float(np.exp(Field(self.seen, angles).log_det(_even(angles))[0] - self.log_det))
 
     def merit(self, angles: Array) -> float:
         """Least share, lessened where the linear terms lose too much."""
@@ -97,10 +100,8 @@ def blind_to_nothing(
     best = max((climbed(a, goal, clock, 300) for a in ranked[-2:]), key=goal.merit)
     ordered, in_order = visiting_order(seen, best, clock, rng)
     both = Field(seen, np.vstack([grid, best]))
-    of_grid, of_design = (
-        np.append(weights, np.zeros(poses)),
-        np.append(np.zeros(len(grid)), _even(best)),
-    )
+    of_grid = np.append(weights, np.zeros(poses))
+    of_design = np.append(np.zeros(len(grid)), _even(best))
     kept = goal.log_det + float(np.log(REQUIRED))
     bounds = (
         certified(both, goal.references, of_grid)[1],
@@ -140,124 +141,15 @@ def goal_of(seen: Signatures, field: Field) -> tuple[Goal, float]:
     """
     found = [most_visible(field.only(k)) for k in range(len(seen.names))]
     references = np.array([upper for _, upper in found])
-    return Goal(seen, references, most_log_det(field)), max(
-        upper / lower - 1 for lower, upper in found
-    )
-
-
-def most_visible(field: Field, rounds: int = 600) -> tuple[float, float]:
-    """What the best weights found leave of an effect, and what no weights can pass.
-
-    Multiplicative ascent; the largest energy at any pose is the bound (equivalence theorem). Where
-    it creeps, cutting planes.
-    """
-    n = len(field.F)
-    w = best = np.full(n, 1 / n)
-    least, upper = 0.0, np.inf
-    for k in range(rounds):
-        r = field.left_over(w)[:, 0]
-        mean = float(w @ r)
-        best, least = (w, mean) if mean > least else (best, least)
-        upper = min(upper, float(r.max()))
-        if upper < CLOSE * least:
-            return least, upper
-        w = w * np.exp((1.0 + 4.0 * k / rounds) * (r / mean - 1).clip(-1, 1))
-        w /= w.sum()
-    least, below = certified(field, np.ones(1), best, planes=60)
-    return least, min(upper, below)
-
-
-def most_log_det(field: Field, rounds: int = 200) -> float:
-    """What no weights can pass of the log determinant per term, mean of the channels (D-optimality,
-    equivalence theorem).
-    """
-    n = len(field.F)
-    w, upper = np.full(n, 1 / n), np.inf
-    for _ in range(rounds):
-        value, slope = field.spread(w)
-        upper = min(upper, value + float(np.log(slope.max())))
-        if slope.max() < 1.0005:
-            break
-        w = w * slope
-        w /= w.sum()
-    return upper
-
-
-def best_weights(field: Field, references: Array, rounds: int = 300) -> Array:
-    """Weights with the greatest least share.
-
-    Multiplicative ascent of the mix of effects that a soft minimum picks, ever sharper.
-    """
-    n = len(field.F)
-    w = np.full(n, 1 / n)
-    best, least = w, -np.inf
-    for k in range(rounds):
-        r = field.left_over(w) / references
-        seen = w @ r
-        if seen.min() > least:
-            best, least = w, float(seen.min())
-        mix = np.exp(-80 * (0.2 + 2.0 * k / rounds) * (seen - seen.min()))
-        pull = r @ (mix / mix.sum())
-        w = w * np.exp(0.8 * (pull / float(w @ pull) - 1).clip(-1, 1))
-        w /= w.sum()
-    return best
-
-
-def certified(
-    field: Field, references: Array, best: Array, planes: int = CUTS, log_det: float | None = None
-) -> tuple[float, float]:
-    """The greatest least share found, and what no weights can pass, by cutting planes (Kelley
-    1960).
-
-    The energies that the terms fitted with any weights v leave are at least those that the best
-    terms leave, so that share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave:
-    a linear programme over w, with some v between its solution and the best weights so far.
-
-    Args:
-        field: of all poses; references: most of each effect.
-        best: weights to start from.
-        planes: how many v.
-        log_det: of the linear terms, which the weights have to keep; any unless given.
-    """
-    from scipy.optimize import linprog
-
-    n = len(best)
-    rows: list[Array] = []
-    right: list[float] = []
-    v, least, upper = best, -np.inf, np.inf
-    for _ in range(planes):
-        left = field.left_over(v) / references
-        value, slope = field.spread(v)
-        if (v @ left).min() > least and (log_det is None or value >= log_det):
-            best, least = v, float((v @ left).min())
-        rows += [np.append(-share, 1.0) for share in left.T]
-        right += [0.0] * len(references)
-        if log_det is not None:
-            rows.append(np.append(-slope, 0.0))
-            right.append(value - 1 - log_det)
-        found = linprog(
-            np.append(np.zeros(n), -1.0),
-            A_ub=np.array(rows),
-            b_ub=np.array(right),
-            A_eq=np.append(np.ones(n), 0.0)[None, :],
-            b_eq=[1.0],
-            bounds=[(0, None)] * n + [(None, None)],
-            method="highs",
-        )
-        upper = min(upper, -float(found["fun"]))
-        if upper < CLOSE * least:
-            break
-        v = (found["x"][:-1].clip(0) / found["x"][:-1].clip(0).sum() + 3 * best) / 4
-    return least, upper
+    gap = max(upper / lower - 1 for lower, upper in found)
+    return Goal(seen, references, most_log_det(field)), gap
 
 
 def climbed(angles: Array, goal: Goal, clock: Clock, iterations: int) -> Array:
     """The poses after ascent of the soft minimum of the shares, the linear terms kept."""
     n, axes = angles.shape
-    low, high = (
-        np.tile([pair[side] if pair else free for pair in clock.limits], n)
-        for side, free in ((0, -np.inf), (1, np.inf))
-    )
+    bounds = [pair or (-np.inf, np.inf) for pair in clock.limits]
+    low, high = np.tile(np.array(bounds).T, n)
 
     def fall(x: Array) -> tuple[float, Array]:
         return _falling(x.reshape(n, axes), goal)
@@ -281,19 +173,18 @@ def _falling(angles: Array, goal: Goal) -> tuple[float, Array]:
     mix = np.exp(-SHARP * (seen - seen.min()))
     value = float(seen.min() - np.log(mix.sum()) / SHARP)
     mix /= mix.sum() * goal.references
-    kept = float(np.exp(here.spread(even)[0] - goal.log_det))
+    kept = float(np.exp(here.log_det(even)[0] - goal.log_det))
     lost = max(KEPT - kept, 0.0)
     slope = np.empty((n, axes))
     for axis in range(axes):
         ahead = Field(goal.seen, angles + DIFF * np.eye(axes)[axis])
         moved = (ahead.energy(terms) - energy) @ mix
-        slope[:, axis] = moved / (n * DIFF) + 2 * PENALTY * lost * kept * _spread_slope(
-            here.F, (ahead.F - here.F) / DIFF
-        )
+        slope_of_log_det = _log_det_slope(here.F, (ahead.F - here.F) / DIFF)
+        slope[:, axis] = moved / (n * DIFF) + 2 * PENALTY * lost * kept * slope_of_log_det
     return -value + PENALTY * lost**2, -slope.ravel()
 
 
-def _spread_slope(F: Array, dF: Array) -> Array:
+def _log_det_slope(F: Array, dF: Array) -> Array:
     """Derivative of the log determinant per term, mean of the channels, by each pose, (n,)."""
     n, channels, terms = F.shape
     found = np.zeros(n)

@@ -1,5 +1,5 @@
-"""What the effects of the catalogue leave in the readings at poses, for designs that shall be blind
-to none of them.
+"""What the effects of the catalogue leave in the readings at poses, for designs that show all of
+them.
 
 An effect (of one table axis, where it has one) acts with all its parameters at their plausible
 sizes; its energy at a pose is the sum over parameters and channels of what bias, scale and
@@ -8,7 +8,7 @@ once; kinks keep their own form, the sign of f smoothed over 5 deg: what no tabl
 no pose.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -147,7 +147,7 @@ class Field:
         """The same with the terms fitted with these weights to these poses."""
         return self.energy(self.fitted(weight))
 
-    def spread(self, weight: Array) -> tuple[float, Array]:
+    def log_det(self, weight: Array) -> tuple[float, Array]:
         """Log determinant of the linear terms per term, mean of the channels, and its derivative by
         each weight, (n,).
         """
@@ -174,43 +174,36 @@ def catalogue_signatures(
     Raises:
         TiltcalError: the allowed poses show none beside the ordinary terms.
     """
-    shown, ordered, unseen = _sorted(
-        still, sensor, grade, [one_of(id, CATALOGUE, "design, effect") for id in only]
-    )
-    table, held = tabulate(still, sensor, [p.effect for p in shown])
-    smooth = [k for k, is_held in enumerate(held) if is_held]
-    kinks = [k for k, is_held in enumerate(held) if not is_held and shown[k].direct]
-    rough = [
-        p.effect for p, is_held in zip(shown, held, strict=True) if not is_held and not p.direct
-    ]
-    winding = _winding(still, sensor, rough)
-    ordered += winding
-    fine = {name_of(e) for e in rough} - {name_of(shown[k].effect) for k in [*smooth, *kinks]}
+    wanted = [one_of(id, CATALOGUE, "design, effect") for id in only]
+    shown, ordered, unseen = _sorted(still, sensor, grade, wanted)
+    table, smooth = tabulate(still, sensor, [p.effect for p in shown])
+    names = [name_of(p.effect) for p in shown]
+    direct = [is_smooth or p.direct for is_smooth, p in zip(smooth, shown, strict=True)]
+    fine_effects = [p.effect for p, is_direct in zip(shown, direct, strict=True) if not is_direct]
+    winding = _winding(still, sensor, fine_effects)
+    fine = {name_of(e) for e in fine_effects}
+    fine -= {name for name, is_direct in zip(names, direct, strict=True) if is_direct}
 
-    def having(kept: Callable[[str], bool]) -> Signatures:
-        some = (
-            [k for k in smooth if kept(name_of(shown[k].effect))],
-            [k for k in kinks if kept(name_of(shown[k].effect))],
-        )
-        own = [name_of(shown[k].effect) for k in [*some[0], *some[1]]]
-        names = tuple(dict.fromkeys(own))
+    def without(left_out: set[str]) -> Signatures:
+        kept = [k for k, name in enumerate(names) if direct[k] and name not in left_out]
+        harmonics = [k for k in kept if smooth[k]]
+        kinks = [k for k in kept if not smooth[k]]
+        owners = [names[k] for k in [*harmonics, *kinks]]
+        effects = tuple(dict.fromkeys(owners))
+        ordinary = [name for name in dict.fromkeys(names) if name in left_out - fine]
         return Signatures(
             still,
             sensor,
-            names,
-            np.array([[float(name == other) for other in names] for name in own]),
-            Table(table.coefficients[:, :, some[0]]),
-            tuple(shown[k] for k in some[1]),
-            tuple(
-                name
-                for name in dict.fromkeys(name_of(p.effect) for p in shown)
-                if not kept(name) and name not in fine
-            ),
-            tuple(ordered),
+            effects,
+            np.array([[float(owner == e) for e in effects] for owner in owners]),
+            Table(table.coefficients[:, :, harmonics]),
+            tuple(shown[k] for k in kinks),
+            tuple(ordinary),
+            tuple(ordered + winding),
             tuple(sorted({*unseen, *fine} - {name_of(e) for e in winding})),
         )
 
-    every = having(lambda name: name not in fine)
+    every = without(fine)
     ordinary = _taken(every, allowed)
     if len(ordinary) == len(every.names):
         raise TiltcalError(
@@ -219,7 +212,7 @@ def catalogue_signatures(
             need="at least one",
             do="name others as --terms, or widen --angles",
         )
-    return having(lambda name: name not in fine and name not in ordinary)
+    return without(fine | ordinary)
 
 
 def _winding(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> list[Effect]:

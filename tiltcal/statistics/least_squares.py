@@ -98,6 +98,9 @@ def gauss_newton(
 ) -> tuple[Fit, bool]:
     """Minimise |r(x)|^2 by damped Gauss-Newton steps.
 
+    scipy.optimize.least_squares finds the same values (to 2e-11 on twelve norms and nine
+    parameters) in 3.2 ms (lm) or 6.1 ms (trf) instead of 2.0 ms.
+
     Args:
         names: of the parameters.
         start: (p,).

@@ -6,7 +6,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from tiltcal.core.files import replacing
-from tiltcal.validation.acceptance import Limit, MethodResult, ScenarioResult, Verification
+from tiltcal.validation.acceptance import MethodResult, ScenarioResult, Verification
+from tiltcal.validation.limits import Limit
 
 
 def write_junit(verification: Verification, path: Path) -> None:

@@ -20,9 +20,9 @@ from tiltcal.validation.acceptance import (
     Verification,
     run_scenario,
     verify_folder,
-    write_junit,
 )
 from tiltcal.validation.accuracy import TiltError
+from tiltcal.validation.junit import write_junit
 
 HEADER = ("scenario", "method", "runs", "verdict", "before, arcsec", "after", "bound", "judged")
 

@@ -1,5 +1,5 @@
-"""A hand-held log of a gyro triad and one FOG, as means over short blocks: rests, turns, and what
-both say of each other.
+"""A hand-held log of a gyro triad and one FOG, as means over short blocks: rests, turns, and the
+difference of the two sensors.
 """
 
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, G0
@@ -18,8 +18,7 @@ from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
-# s: both sensors are means over it, so that the noise in H biases nothing (0.1 ppm; 1 ppm sample by
-# sample)
+# s: means over it make the bias by the noise in H negligible (0.1 ppm; 1 ppm sample by sample)
 BLOCK = 0.1
 BIAS_SPAN = 10.0  # s, whose mean the patent takes for the bias
 
@@ -46,7 +45,7 @@ class FieldLog:
     rate: Array
     fog: Array
     force: Array | None
-    rest: "np.ndarray[tuple[int], np.dtype[np.intp]]"
+    rest: Index
     axis: Array
     density: float
     bias: Array
@@ -59,8 +58,8 @@ class FieldLog:
 
     @property
     def difference(self) -> Array:
-        """``axis . rate - fog``, both without the first rest's means, rad/s, (n,): Earth's rate is
-        in both and cancels.
+        """``axis . rate - fog``, both without the first rest's means, rad/s, (n,): the
+        Earth's rate cancels.
         """
         return np.asarray(self.turned @ self.axis - (self.fog - self.bias[3]))
 
@@ -164,9 +163,7 @@ def _edges(gyro: Array, fog: Array, start: float) -> Array:
     return np.asarray(middles[::stride][: len(middles) // stride + 1])
 
 
-def _block_means(
-    time: Array, values: Array, edges: Array
-) -> tuple[Array, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
+def _block_means(time: Array, values: Array, edges: Array) -> tuple[Array, Mask]:
     """Means over the blocks, each sample standing for the time to halfway to its neighbours, (n,
     k); and which have no gap.
     """
@@ -183,9 +180,7 @@ def _block_means(
     return np.diff(at, axis=0) / np.diff(edges)[:, None], inside & (np.diff(seen) == 0)
 
 
-def _rest_numbers(
-    edges: Array, rests: Sequence[Segment]
-) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
+def _rest_numbers(edges: Array, rests: Sequence[Segment]) -> Index:
     """Number of the rest each block lies in wholly, -1 elsewhere."""
     number = np.full(len(edges) - 1, -1, dtype=np.intp)
     for k, s in enumerate(rests):
@@ -200,14 +195,13 @@ def _density(poses: tuple[Poses, Poses], gyro: Sensor, fog: Sensor) -> float:
     return triad + float(poses[1].noise[0, 0]) * poses[1].inflation / fog.rate_hz
 
 
-def restless(
+def rests_with_motion(
     recording: Recording, setup: Setup, fog: Sensor, rests: Sequence[Segment]
 ) -> list[tuple[Segment, float]]:
-    """Rests in which the FOG, which hardly drifts, says that the instrument turned: the rest and
-    the rate, rad/s.
+    """Rests during which the instrument turned according to the FOG, with the rate, rad/s.
 
-    A rest is judged by the means of its quarters; their spread must be no more than five sigmas of
-    the FOG's own noise, and their mean no more than Earth's rate and a FOG's bias (60 deg/h).
+    The means of consecutive quarters of a rest must agree within five sigmas of the FOG's noise,
+    and the mean must not exceed the Earth's rate and the bias of a FOG (60 deg/h).
     """
     poses = find_poses(recording, setup, fog, rests)
     time, values = _series(recording, fog)

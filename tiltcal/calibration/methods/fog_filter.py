@@ -2,8 +2,8 @@
 batch twin.
 
 With X = S/(1 + S), the bias-free reading r = (1 + S) w gives ``u . r - F = sum_i u_i r_i X_i + c +
-h . f``: linear and exact in X. c is what is wrong with the difference of the rest means, h = u' G
-the g-sensitivity along the FOG's axis.
+h . f``: linear and exact in X. c is the error of the difference of the rest means, h = u' G the
+g-sensitivity along the FOG's axis.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from tiltcal.calibration.methods.field_log import BIAS_SPAN, FieldLog
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import DEG
 
-SCALE_PRIOR = 0.5  # of X: nothing known
-ZERO_PRIOR = 1.0 * DEG  # rad/s, of c where the log's own rests have to tell it
+SCALE_PRIOR = 0.5  # standard deviation of X: uninformative
+ZERO_PRIOR = 1.0 * DEG  # rad/s, of c: uninformative, the rests of the log determine it
 GSENS_PRIOR = 0.1 * DEG  # rad/s per g and axis: 360 deg/h/g, a consumer gyro
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """What a filter, smoother or batch fit says at the end of the log.
+    """The estimate of a filter, smoother or batch fit at the end of the log.
 
     Args:
         x: X (3), then c, then h where they are estimated.
@@ -110,8 +110,8 @@ def kalman(problem: Problem) -> Filtered:
 
 
 def smoothed(problem: Problem) -> tuple[Array, Array]:
-    """The Rauch-Tung-Striebel smoother's states (n, p) and covariances (n, p, p): c at every moment
-    by all of the log.
+    """States (n, p) and covariances (n, p, p) of the Rauch-Tung-Striebel smoother: c at every time
+    from the whole log.
     """
     _, _, _, track, (filter_, Ps) = _run(problem, keep=True)
     Qs = [_process(problem, k) for k in range(len(track))]
@@ -134,9 +134,9 @@ def _run(problem: Problem, *, keep: bool) -> tuple[Array, Array, float, Array, A
     f = KalmanFilter(dim_x=p, dim_z=1)
     f.x, f.P, f.F = np.zeros((p, 1)), np.diag(problem.prior), np.eye(p)
     chi2, track, Ps = 0.0, np.empty((n, p)), np.empty((n if keep else 0, p, p))
-    wanders = problem.walk > 0
+    drifting = problem.walk > 0
     for k in range(n):
-        if wanders:
+        if drifting:
             f.predict(Q=_process(problem, k))
         f.R[0, 0] = problem.R[k]
         f.update(problem.z[k], H=problem.H[k : k + 1])
@@ -148,13 +148,13 @@ def _run(problem: Problem, *, keep: bool) -> tuple[Array, Array, float, Array, A
 
 
 def batch(problem: Problem) -> Filtered:
-    """The same by least squares over everything at once; with a wandering zero, over its whole
-    course (``x[3]``: its end).
+    """The same by one least-squares solution; with a random walk of c over all its values
+    (``x[3]``: the last).
     """
-    return _wandering_batch(problem) if problem.walk > 0 else _plain_batch(problem)
+    return _random_walk_batch(problem) if problem.walk > 0 else _constant_batch(problem)
 
 
-def _plain_batch(problem: Problem) -> Filtered:
+def _constant_batch(problem: Problem) -> Filtered:
     root = np.sqrt(problem.prior)
     weight = 1 / np.sqrt(problem.R)
     A = np.vstack([problem.H * root * weight[:, None], np.eye(len(root))])
@@ -162,17 +162,12 @@ def _plain_batch(problem: Problem) -> Filtered:
     q, r = np.linalg.qr(A)
     y = np.linalg.solve(r, q.T @ target)
     residual = target - A @ y
-    spread = root[:, None] * np.linalg.inv(r)
-    return Filtered(
-        y * root,
-        spread @ spread.T,
-        float(residual @ residual),
-        len(problem.z),
-        np.zeros((0, len(root))),
-    )
+    factor = root[:, None] * np.linalg.inv(r)  # of the covariance
+    chi2, none = float(residual @ residual), np.zeros((0, len(root)))
+    return Filtered(y * root, factor @ factor.T, chi2, len(problem.z), none)
 
 
-def _wandering_batch(problem: Problem) -> Filtered:
+def _random_walk_batch(problem: Problem) -> Filtered:
     """Normal equations of the constants and of c at every measurement; c's are tridiagonal and are
     eliminated.
     """
@@ -193,11 +188,11 @@ def _wandering_batch(problem: Problem) -> Filtered:
     B, C = columns[:, :k], solved[:, :k]
     P = np.linalg.inv((A.T * w) @ A + np.diag(1 / problem.prior[constant]) - B.T @ C)
     x = P @ (A.T @ (w * problem.z) - C.T @ (w * problem.z))
-    last = -C[-1]  # how the zero at the end follows the constants
-    full, spread = np.empty(k + 1), np.empty((k + 1, k + 1))
+    last = -C[-1]  # derivative of the last c by the constants
+    full, covariance = np.empty(k + 1), np.empty((k + 1, k + 1))
     full[constant], full[3] = x, solved[-1, k] + last @ x
-    spread[np.ix_(constant, constant)] = P
-    spread[3, constant] = spread[constant, 3] = P @ last
-    spread[3, 3] = solved[-1, k + 1] + last @ P @ last
+    covariance[np.ix_(constant, constant)] = P
+    covariance[3, constant] = covariance[constant, 3] = P @ last
+    covariance[3, 3] = solved[-1, k + 1] + last @ P @ last
     chi2 = problem.z @ (w * problem.z) - (w * problem.z) @ solved[:, k] - x @ np.linalg.solve(P, x)
-    return Filtered(full, spread, float(chi2), len(w), np.zeros((0, k + 1)))
+    return Filtered(full, covariance, float(chi2), len(w), np.zeros((0, k + 1)))

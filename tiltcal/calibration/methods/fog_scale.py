@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.calibration.methods.common import pick_sensor, require_triad, wrap_up
-from tiltcal.calibration.methods.field_log import FieldLog, field_log, hand_turns, restless
+from tiltcal.calibration.methods.field_log import FieldLog, field_log, hand_turns, rests_with_motion
 from tiltcal.calibration.methods.fog_checks import (
     LEAST_COMPONENT,
     filter_tests,
@@ -87,7 +87,7 @@ def fog_scale(
         *filter_tests(log, state, batch(problem)),
         *turn_tests(log),
         rest_test(log),
-        still_test(restless(recording, setup, reference, rests)),
+        still_test(rests_with_motion(recording, setup, reference, rests)),
         scale_test(log, state),
     ]
     if log.force is not None:

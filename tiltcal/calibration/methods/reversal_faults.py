@@ -1,4 +1,4 @@
-"""What is wrong with a reversal whose dwells do not agree: which single fault would explain it?"""
+"""Single faults that would explain why the dwells of a reversal do not agree."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from tiltcal.core.frames import rotation
 from tiltcal.core.units import DEG
 from tiltcal.statistics.least_squares import Fit, linear_fit
 
-STILL = 1e-4  # significance of a base that moves during a dwell: one test a dwell and channel
+MOVED = 1e-4  # significance of a base that moves during a dwell, over all dwells and channels
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,10 @@ def _hypotheses(r: Reversal) -> Iterator[tuple[float, str]]:
             )
             yield _p(r.fit(swapped)), words
     exchanged = Reversal(r.values[:, ::-1], r.whiten[:, ::-1, ::-1], r.angles, r.mount)
-    yield (
-        _p(exchanged.fit(r.angles)),
-        (
-            "they fit if the columns x and y are swapped: check the wiring, or the names of the"
-            " columns"
-        ),
+    swapped_columns = (
+        "they fit if the columns x and y are swapped: check the wiring, or the names of the columns"
     )
+    yield _p(exchanged.fit(r.angles)), swapped_columns
     for k in range(1, m):
         moved = np.zeros((m, 2, 2))
         for j in range(k, m):
@@ -96,8 +93,8 @@ def _hypotheses(r: Reversal) -> Iterator[tuple[float, str]]:
 
 
 def _wrong_angle(r: Reversal, rest: Fit, k: int) -> str:
-    """Which angle of the table the reading of one dwell says, by what the others say of tilt and
-    constants.
+    """The angle of the table that fits the reading of one dwell best, with tilt and constants from
+    the others.
     """
     seen = r.values[k] - rest.values[2:]
     trial = np.arange(-180.0, 180.0, 0.05) * DEG
@@ -127,13 +124,12 @@ def still_test(halves: Array, sigma: Array) -> Test:
     z = halves / sigma
     worst = int(np.argmax(np.abs(z).max(axis=1)))
     p = float(chdtrc(1, float(np.abs(z[worst]).max()) ** 2))
-    ok = p > STILL / z.size
-    words = (
-        f"the halves of each dwell agree (worst: {np.abs(z).max():.2g} sigma)"
-        if ok
-        else (
+    ok = p > MOVED / z.size
+    largest = float(np.abs(z).max())
+    words = f"the halves of each dwell agree (worst: {largest:.2g} sigma)"
+    if not ok:
+        words = (
             f"the base or the bias moved during position {worst + 1}: its halves differ by"
-            f" {np.abs(z).max():.2g} sigma"
+            f" {largest:.2g} sigma"
         )
-    )
-    return Test("still while dwelling", float(np.abs(z).max()), 0, p, ok, words)
+    return Test("still while dwelling", largest, 0, p, ok, words)

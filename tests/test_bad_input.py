@@ -161,7 +161,7 @@ CASES = [
         "two_position",
         "a moved base",
         scenario_of("two_position_moved_base"),
-        "drift, or a base that does not rest",
+        "drift, or a base that moves",
     ),
     Case(
         "two_position",

@@ -93,7 +93,7 @@ def test_its_effect_and_its_method_are_listed(tiltcal):
     assert "opposite_faces" in [m["method"] for m in json.loads(tiltcal("methods", "--json"))]
     explained = tiltcal("effects", "table_wobble_third")
     assert "three-lobed tilt of the rotation axis" in explained
-    assert "rivals:" in explained
+    assert "similar:" in explained
     assert "azimuth_zero_arcsec" in tiltcal("effects", "table_encoder_zero")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.recordings.rest_edges import corners
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 DEGREES = (4, 6)  # of the local polynomials: a fast swing bends more than a quartic does
 # samples of them: those that leave no more than the readout's own noise
@@ -137,7 +138,7 @@ def _noise_of_motion(uniform: Array) -> float:
     """
     return float(
         min(
-            1.4826 * np.median(np.abs(np.diff(uniform, k))) / np.sqrt(comb(2 * k, k))
+            MAD_TO_SIGMA * np.median(np.abs(np.diff(uniform, k))) / np.sqrt(comb(2 * k, k))
             for k in ORDERS
         )
     )

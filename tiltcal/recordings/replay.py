@@ -21,6 +21,7 @@ from tiltcal.recordings.segmentation import resting_rows
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet, Rests
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 EDGE = 2  # samples beside a move that are left to the polynomial
 BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
@@ -190,7 +191,7 @@ def still_rows(angles: Array, resting: Mask) -> Mask:
             off = np.abs(part - np.median(part[level], axis=0))
             # half of the readings of one code: the rest tell the spread
             half, most = np.quantile(off[level], (0.5, 0.8), axis=0)
-            spread = 6 * np.maximum(1.4826 * half, most / 1.2816)
+            spread = 6 * np.maximum(MAD_TO_SIGMA * half, most / 1.2816)
             quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
             for _ in range(EDGE):  # the first samples of a move hide in the noise
                 quiet[1:-1] &= quiet[:-2] & quiet[2:]
@@ -217,7 +218,7 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
         yield from whole
         return
     means = sliding_window_view(part, BESIDE, axis=0).mean(axis=-1)
-    noise = 1.4826 * np.median(np.abs(np.diff(part, axis=0)), axis=0) / np.sqrt(2)
+    noise = MAD_TO_SIGMA * np.median(np.abs(np.diff(part, axis=0)), axis=0) / np.sqrt(2)
     steps = np.abs(means[BESIDE:] - means[:-BESIDE])
     slow = np.ones(n, bool)
     slow[BESIDE : n - BESIDE + 1] = (steps > 6 * noise * np.sqrt(2 / BESIDE) + codes).any(axis=1)

@@ -11,6 +11,16 @@ from tiltcal.core.quantisation import code_width
 
 ARITHMETIC = 1e-9  # SI: standard deviation below which a recording counts as free of noise
 
+MAD_TO_SIGMA = 1.4826  # standard deviation of a normal over its median absolute deviation
+
+
+def second_difference_noise(values: Array) -> float:
+    """White noise of evenly sampled values from their second differences, in which no slow signal
+    is left: standard deviation of a sample, robust against outliers.
+    """
+    second = values[2:] - 2 * values[1:-1] + values[:-2]
+    return float(MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6))
+
 
 def pooled_noise(residuals: Sequence[Array]) -> tuple[Array, float]:
     """Noise of dwells whose means are taken off.

@@ -14,12 +14,11 @@ from typing import Self
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.statistics.dwell_noise import ARITHMETIC
+from tiltcal.statistics.dwell_noise import ARITHMETIC, second_difference_noise
 from tiltcal.statistics.projection import column_space
 
 BINS = 160  # of the logarithmic frequency axis: S is smooth
 LOW = 3000  # cosine coefficients in which slow noise may stand out of white noise
-MAD_TO_SIGMA = 1.4826  # of a normal distribution
 CHI2_MEDIAN = 0.4549  # of one degree of freedom
 CONFIDENCE = 3.84  # of deviance: 95 % of chi-square with one degree of freedom
 
@@ -102,8 +101,7 @@ def sines(n: int) -> Array:
 def robust_white(residual: Array) -> float:
     """White noise from second differences, in which no slow signal is left."""
     second = residual[2:] - 2 * residual[1:-1] + residual[:-2]
-    spread = MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6)
-    return float(max(spread, 0.05 * np.std(second), ARITHMETIC))
+    return max(second_difference_noise(residual), 0.05 * float(np.std(second)), ARITHMETIC)
 
 
 @dataclass(frozen=True)

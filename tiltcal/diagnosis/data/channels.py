@@ -13,6 +13,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import axis_of
+from tiltcal.statistics.dwell_noise import second_difference_noise
 
 
 def column_values(recording: Recording, sensor: Sensor, axis: str) -> tuple[Index, Array, Array]:
@@ -96,8 +97,7 @@ def at_least(k: int, n: int, p: float) -> float:
 
 def repeat_chance(values: Array) -> float:
     """Chance that two independent samples of a noisy column fall on the same code."""
-    second = values[2:] - 2 * values[1:-1] + values[:-2]
-    noise = float(1.4826 * np.median(np.abs(second)) / np.sqrt(6))
+    noise = second_difference_noise(values)
     width = code_width(values)
     if width <= 0:
         return 0.0

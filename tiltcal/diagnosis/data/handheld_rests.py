@@ -13,6 +13,7 @@ from tiltcal.forward.gravity_transport import EDGE
 from tiltcal.laboratory.smoothing import stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import group_directions
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 from tiltcal.statistics.projection import column_space
 
@@ -49,7 +50,7 @@ def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
     found = rows.copy()
     for rest in rests_of(np.where(rows, stop, -1)):
         off = np.abs(values[rest] - np.nanmedian(values[rest], axis=0))
-        spread = 1.4826 * np.nanmedian(off, axis=0)
+        spread = MAD_TO_SIGMA * np.nanmedian(off, axis=0)
         far = (
             np.nan_to_num(off > NUDGE * spread).any(axis=1)
             if (spread > 0).all()

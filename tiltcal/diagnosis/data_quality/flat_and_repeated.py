@@ -25,6 +25,7 @@ from tiltcal.effects.electronics.converter import AdcStuckBit
 from tiltcal.effects.sensor.dynamics import AccSaturation, GyrSaturation
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
+from tiltcal.statistics.dwell_noise import second_difference_noise
 
 
 def stuck_values(
@@ -148,12 +149,8 @@ def _in_runs(mask: Mask) -> bool:
 
 def noise_of(values: Array) -> float:
     """White noise of a column from its second differences, one code at least."""
-    second = values[2:] - 2 * values[1:-1] + values[:-2]
-    return float(
-        max(
-            1.4826 * np.median(np.abs(second)) / np.sqrt(6), code_width(values) / np.sqrt(12), 1e-15
-        )
-    )
+    code = code_width(values) / np.sqrt(12)
+    return float(max(second_difference_noise(values), code, 1e-15))
 
 
 def repeated_samples(

@@ -16,6 +16,7 @@ from tiltcal.diagnosis.data_quality.flat_and_repeated import noise_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataOutlier
 from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
 ENDS = 3  # samples to either side of where a stop begins or ends
@@ -99,7 +100,7 @@ def off_neighbours(values: Array) -> Array:
     bent[2:-2] = values[2:-2] - (4 * (values[1:-3] + values[3:-1]) - (values[:-4] + values[4:])) / 6
     # the crest of a quick turn is where its flanks say
     off[2:-2] = np.minimum(off, np.abs(bent))[2:-2]
-    local = 1.4826 * median_filter(off, 51, mode="nearest")
+    local = MAD_TO_SIGMA * median_filter(off, 51, mode="nearest")
     beside = np.maximum(np.concatenate([[0.0], off[:-1]]), np.concatenate([off[1:], [0.0]]))
     alone = beside < ISOLATED * off  # the corner of a move drags its neighbours along
     # how far the neighbours are off theirs once a value is put where they say

@@ -21,7 +21,7 @@ from tiltcal.effects.events import as_met
 from tiltcal.forward.signal_chain import readings
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
-from tiltcal.statistics.dwell_noise import ARITHMETIC
+from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA
 from tiltcal.statistics.noise_spectrum import robust_white
 
 GROSS = 8.0  # sigma of the readout's own noise
@@ -86,7 +86,7 @@ def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
     bent[1:-1] = np.where(
         read[:-2] & read[1:-1] & read[2:], step[1:-1] - (step[:-2] + step[2:]) / 2, 0.0
     )
-    noise, sharp = 1.4826 * float(np.median(np.abs(bent))), _sharp(bent)
+    noise, sharp = MAD_TO_SIGMA * float(np.median(np.abs(bent))), _sharp(bent)
     first = int(np.argmax(np.abs(sharp)))
     others = np.where(np.abs(np.arange(len(bent)) - first) > 2, sharp, 0.0)
     first, last = sorted((first, int(np.argmax(np.abs(others)))))

@@ -21,7 +21,7 @@ SILENT = {
     "vibration",
     "direction",
 }
-POSE = {"outer": 33.0, "middle": -21.0, "inner": 47.0}
+POSE = {"outer": 33.0, "middle": -21.0, "inner": 47.0, "head": 15.0}
 
 
 def one_pose(table: str, *effects):

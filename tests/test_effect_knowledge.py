@@ -19,12 +19,13 @@ from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.accelerometer import AccTerm
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.setup.tables import angle_channel, built_in_axes
 
 EVERY = pytest.mark.parametrize("cls", CATALOGUE.values(), ids=list(CATALOGUE))
 LINES = SpectralLines(tones=(3.3, 7.1), shakes=(5.0,), ripples=(33,))
 SPAN = CoordinateRanges(300.0, 50.0, LINES, {"temperature": (-2.0, 3.0)})
 SILENT = CoordinateRanges(300.0, 50.0)
-AXES = ("outer", "middle", "inner")
+ANGLES = {angle_channel(axis) for axis in built_in_axes()}
 FOLLOWED = {"temperature", "time", "move", "rate", "frequency", "tilt", "sample"}
 
 
@@ -73,7 +74,7 @@ def test_a_line_of_time_is_tried_only_where_one_stands_out(cls):
 @EVERY
 def test_a_family_is_of_known_coordinates_slots_and_effects(cls):
     family = cls.family
-    assert set(family.reading) | set(family.scale) <= set(COORDINATES)
+    assert set(family.reading) | set(family.scale) <= {*COORDINATES, *ANGLES}
     assert set(family.readout) <= {"table_{axis}", *COORDINATES}
     for slot, coordinate in family.tilt:
         assert slot in {"base", "mount", "{axis}_bearing"}
@@ -131,7 +132,7 @@ def test_an_effect_shows_on_a_table_and_on_none_only_if_it_needs_none(cls):
 
 @EVERY
 def test_an_effect_has_sizes_on_every_table(cls):
-    for table in ("placing", "dual", "three"):
+    for table in ("dual", "three", "four"):
         setup = setup_of(table, *INSTRUMENT)
         for sensor in sensors_for(cls, setup):
             sizes = cls.sizes_on(sensor.axes if sensor else (), setup.rig)
@@ -202,7 +203,7 @@ def test_wording_is_plain(cls):
     assert cls.physics.endswith(".")
     for words in (cls.title, cls.look, cls.excited_by):
         assert not words.endswith(".")
-    assert cls.follows in {"", *FOLLOWED, *(f"table_{axis}" for axis in AXES)}
+    assert cls.follows in {"", *FOLLOWED, *ANGLES, angle_channel("{innermost}")}
 
 
 @EVERY
@@ -238,7 +239,7 @@ class AccK4(AccTerm):
 
 
 def test_an_effect_that_joins_the_catalogue_is_a_hypothesis_like_any_other(monkeypatch):
-    monkeypatch.setitem(CATALOGUE, AccK4.id, AccK4)
+    monkeypatch.setitem(CATALOGUE._classes, AccK4.id, AccK4)
     scenario = parse_scenario(
         {
             "schema": 1,

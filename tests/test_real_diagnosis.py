@@ -167,7 +167,7 @@ def test_a_thermal_cycle_leaves_a_lag_that_no_curve_over_temperature_has(tmp_pat
         "acc_thermal_hysteresis",
         "acc_thermal_gradient",
     } <= named  # in the class of the late bias, or beside it
-    assert "warming and cooling differ, as of a thermal lag or hysteresis" in late["statement"]
+    assert "warming and cooling differ, as with a thermal lag or hysteresis" in late["statement"]
 
 
 def test_six_positions_by_the_norm_alone_cannot_be_told(tmp_path):

@@ -11,7 +11,7 @@ from tests.scenario_files import refusal
 from tests.statistics_helpers import seed_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import G0
-from tiltcal.design.recording_blocks import Block, Table, candidates, said
+from tiltcal.design.recording_blocks import Block, TableLimits, candidates, said
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
     ENOUGH,
     Pair,
@@ -78,7 +78,7 @@ def cubic() -> tuple[Scenario, Question]:
 
 
 def blocks_of(scenario: Scenario) -> dict[str, Any]:
-    return {b.name: b for b in candidates(Table(scenario.rig, {"outer": (0.0, 360.0)}))}
+    return {b.name: b for b in candidates(TableLimits(scenario.rig, {"outer": (0.0, 360.0)}))}
 
 
 def test_a_circle_tells_what_a_quarter_turn_does_not(cubic: tuple[Scenario, Question]) -> None:
@@ -264,7 +264,7 @@ def test_every_block_rests_long_enough_for_its_moves_to_be_seen(table: str) -> N
         {**PLACING, "rig": {"table": table}, "sequence": [{"action": "rest", "dwell_s": 5.0}]}
     )
     reach = dict.fromkeys(scenario.rig.axis_names, (0.0, 360.0))
-    for block in candidates(Table(scenario.rig, reach)):
+    for block in candidates(TableLimits(scenario.rig, reach)):
         recording = blank(block, scenario)
         drive = build_schedule(block.steps, scenario.rig).drive(recording.time)
         moving = np.max(
@@ -299,7 +299,9 @@ def test_a_block_does_not_promise_to_come_from_another_side_than_the_table_came_
     assert last_sides(recording, known) == {"outer": 1.0, "inner": 1.0}
     blocks = {
         b.name: b
-        for b in candidates(Table(known.rig, dict.fromkeys(known.rig.axis_names, (0.0, 360.0))))
+        for b in candidates(
+            TableLimits(known.rig, dict.fromkeys(known.rig.axis_names, (0.0, 360.0)))
+        )
     }
     for name, block in blocks.items():
         (pair,) = (p for p in judged(block, [question], known) if p.truth == "table_backlash")

@@ -2,16 +2,16 @@
 
 import pytest
 
-from tiltcal.design.recording_blocks import REMOUNT, WORDS, Table, candidates, said, within
+from tiltcal.design.recording_blocks import REMOUNT, WORDS, TableLimits, candidates, said, within
 from tiltcal.setup.sequence_files import sequence_text
 from tiltcal.setup.setup import Rig
 
 FREE = {"outer": (0.0, 360.0), "middle": (0.0, 360.0), "inner": (0.0, 360.0)}
 
 
-def table_of(kind: str, **more: object) -> Table:
+def table_of(kind: str, **more: object) -> TableLimits:
     rig = Rig(table=kind)  # type: ignore[arg-type]
-    return Table(rig, {n: FREE[n] for n in rig.axis_names}, **more)  # type: ignore[arg-type]
+    return TableLimits(rig, {n: FREE[n] for n in rig.axis_names}, **more)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", ["vertical", "placing", "dual", "three"])
@@ -26,7 +26,7 @@ def test_every_block_can_be_written_for_its_table(kind: str) -> None:
 
 
 def test_a_narrow_reach_is_kept_by_the_blocks_that_are_left() -> None:
-    table = Table(
+    table = TableLimits(
         Rig(table="placing"), {"outer": (-45.0, 45.0)}, visited=((-45.0,), (0.0,), (45.0,))
     )
     kept = [b for b in candidates(table) if within(b, table)]
@@ -37,7 +37,7 @@ def test_a_narrow_reach_is_kept_by_the_blocks_that_are_left() -> None:
 
 def test_a_block_out_of_reach_is_known() -> None:
     wide = next(b for b in candidates(table_of("placing")) if b.name == "circle outer")
-    assert not within(wide, Table(Rig(table="placing"), {"outer": (0.0, 90.0)}))
+    assert not within(wide, TableLimits(Rig(table="placing"), {"outer": (0.0, 90.0)}))
 
 
 def test_flipped_poses_are_the_same_attitude_of_the_body() -> None:

@@ -1,5 +1,5 @@
-"""The sequences of the textbooks as table angles, and the best that each can do with a budget:
-baselines of a design.
+"""Textbook sequences as table angles, and the best that each reaches with a budget: baselines of a
+design.
 """
 
 from collections.abc import Iterator
@@ -97,10 +97,8 @@ def nearest_order(up: Array) -> Array:
 
 
 def baseline(problem: Problem, name: str, table: Table = DUAL) -> Draft:
-    """A classic sequence repeated, or cut short, with the number of poses that serves the criterion
-    best; equal dwells.
-
-    Poses beyond the table's limits are left out.
+    """A classic sequence, repeated or shortened to the number of poses that is best for the
+    criterion, with equal dwells. Poses beyond the table's limits are left out.
     """
     cycle = classic(name, table)
     cycle = cycle[

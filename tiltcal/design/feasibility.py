@@ -1,4 +1,4 @@
-"""Wishes that no sequence can grant, said in words with the parameter named."""
+"""Requirements that no sequence can meet, reported with the parameter named."""
 
 import numpy as np
 
@@ -98,8 +98,8 @@ def _untold(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype
 
 
 def needed_pose(problem: Problem, index: int) -> Array:
-    """A pose beyond the limits that shows most of a parameter that those within do not show, rad,
-    (axes,).
+    """A pose beyond the limits that shows most of a parameter that the allowed poses do not show,
+    rad, (axes,).
     """
     model = problem.model
     inside, everywhere = every_pose(problem, True), every_pose(problem, False)

@@ -24,7 +24,7 @@ STEP = 1e-5  # rad, s: of the differences
 
 @dataclass(frozen=True)
 class Draft:
-    """A sequence as the search carries it.
+    """A sequence during the search.
 
     Args:
         angles: rad, (n, axes); z: logarithmic shares of the free time, (n,).

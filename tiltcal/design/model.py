@@ -1,5 +1,5 @@
-"""What a design has to know of an instrument: how its readings at a pose change with every
-parameter, and how it is noisy.
+"""What a design needs to know of an instrument: how its readings at a pose change with every
+parameter, and its noise.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ Rows = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True)
 class Model:
-    """Parameters, what a pose tells of them, and what the design is for.
+    """Parameters, the information that a pose gives on them, and what the design is for.
 
     Args:
         names, units: of the parameters, (p,).

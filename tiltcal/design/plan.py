@@ -1,4 +1,4 @@
-"""A finished design: where the table goes, how long it reads, and what is expected of it."""
+"""A finished design: poses, reading times, and the expected uncertainties."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +23,7 @@ EAGER = Effort(starts=42, kept=5, rounds=3)
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a sequence is expected to bring.
+    """Expected results of a sequence.
 
     Args:
         nats: gained on the parameters of interest over the prior.
@@ -101,7 +101,7 @@ class Plan:
 
 
 def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
-    """What a sequence is expected to bring."""
+    """Expected results of a sequence."""
     model = problem.model
     information = problem.information(angles, dwell)
     covariance = np.linalg.inv(information) * np.outer(model.prior, model.prior)

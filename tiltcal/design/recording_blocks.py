@@ -1,6 +1,4 @@
-"""Blocks of a sequence that tell explanations apart, and the words for them: the one place that
-knows both.
-"""
+"""Blocks of a sequence that separate hypotheses, and their description in words."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ WORDS = {
 
 
 def said(kind: str, axis: str = DUAL.axis_names[0], mount: str = "180 deg") -> str:
-    """A kind of block in words."""
+    """The description of a kind of block."""
     return WORDS[kind].format(axis=axis, mount=mount)
 
 
@@ -47,7 +45,7 @@ CIRCLE = (0.0, 360.0)  # deg, of an axis that may go round
 
 
 @dataclass(frozen=True)
-class Table:
+class TableLimits:
     """What a table may do.
 
     Args:
@@ -92,11 +90,11 @@ class Block:
 
     @property
     def remounts(self) -> int:
-        """How often the instrument is taken off."""
+        """How often the instrument is remounted."""
         return sum(s.action == "remount" for s in self.steps)
 
     def seconds(self, rig: Rig) -> float:
-        """Table time, remounting counted, s."""
+        """TableLimits time, remounting counted, s."""
         start, end = build_schedule(self.steps, rig).times
         return end - start + REMOUNT * self.remounts
 
@@ -108,8 +106,8 @@ class Block:
         )
 
 
-def candidates(table: Table) -> Iterator[Block]:
-    """Every block that this table can do."""
+def candidates(table: TableLimits) -> Iterator[Block]:
+    """Every block that this table can run."""
     names = table.rig.axis_names
     for axis in names:
         yield from _of_axis(table, axis)
@@ -128,7 +126,7 @@ def candidates(table: Table) -> Iterator[Block]:
         yield Block(f"remount {mount}", said("remount", mount=mount), steps)
 
 
-def _of_axis(table: Table, axis: str) -> Iterator[Block]:
+def _of_axis(table: TableLimits, axis: str) -> Iterator[Block]:
     """Blocks that move one axis, the others where they tell most."""
     for others in _elsewhere(table, axis):
         at = {angle_key(k): v for k, v in others.items()}
@@ -162,7 +160,7 @@ def _of_axis(table: Table, axis: str) -> Iterator[Block]:
         yield block("slow", [(low, rate, QUIET), (high, max((high - low) / 60.0, 1.0), QUIET)])
 
 
-def _elsewhere(table: Table, axis: str) -> list[dict[str, float]]:
+def _elsewhere(table: TableLimits, axis: str) -> list[dict[str, float]]:
     """Where the other axes stand: as they are, and turned a quarter."""
     others = [n for n in table.rig.axis_names if n != axis]
     if not others:
@@ -175,7 +173,7 @@ def _elsewhere(table: Table, axis: str) -> list[dict[str, float]]:
     return places
 
 
-def _spread(table: Table) -> list[tuple[float, ...]]:
+def _spread(table: TableLimits) -> list[tuple[float, ...]]:
     """Poses all over the reach, in an order of short moves that passes most angles from both sides,
     deg.
     """
@@ -195,7 +193,7 @@ def _spread(table: Table) -> list[tuple[float, ...]]:
     return poses
 
 
-def _poses(table: Table, poses: Sequence[Sequence[float]]) -> tuple[Step, ...]:
+def _poses(table: TableLimits, poses: Sequence[Sequence[float]]) -> tuple[Step, ...]:
     """Moves to poses, with a dwell at each."""
     names = [angle_key(n) for n in table.rig.axis_names]
     common = {"action": "move", "rate_deg_s": table.rate, "dwell_s": table.dwell}
@@ -204,7 +202,7 @@ def _poses(table: Table, poses: Sequence[Sequence[float]]) -> tuple[Step, ...]:
     )
 
 
-def within(block: Block, table: Table) -> bool:
+def within(block: Block, table: TableLimits) -> bool:
     """Whether every angle of a block is allowed."""
     for step in block.steps:
         for axis, (low, high) in table.reach.items():

@@ -1,5 +1,5 @@
-"""The instrument at rest at table angles: what it senses there, and whether an effect cares how it
-got there.
+"""The instrument at rest at table angles: what it senses there, and whether an effect depends on
+the path to a pose.
 """
 
 from dataclasses import dataclass
@@ -102,7 +102,7 @@ class Poses:
 
 
 def watch(still: Still, angles: Array) -> NominalMotion:
-    """What effects change at poses, each a second after the other."""
+    """What effects change at poses, one second apart."""
     return NominalMotion(still.scenario, Poses(still, angles), np.arange(len(angles), dtype=float))
 
 
@@ -147,7 +147,7 @@ def sense_of(
 
 
 def pointwise(still: Still, sensor: Sensor, effect: Effect) -> bool:
-    """Whether an effect shows at poses, and by the same amount wherever in the sequence the pose
+    """Whether an effect shows at poses, with the same amount wherever in the sequence the pose
     stands.
     """
     if effect.needs not in POINTWISE or (effect.needs != "pose" and not _of_sensor(effect)):

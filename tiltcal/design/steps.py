@@ -1,5 +1,5 @@
-"""A plan as steps that a laboratory follows: CSV, scenario, printable list, and the dwells to
-calibrate from.
+"""A plan as steps for a laboratory: CSV, scenario, printable list, and the dwells to calibrate
+from.
 """
 
 import csv
@@ -75,8 +75,8 @@ def segments_csv(plan: Plan) -> str:
 
 
 def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str, Any]:
-    """The scenario's table with the designed sequence in place of its own; claims about its own
-    sequence are left out.
+    """The scenario's table with the designed sequence in place of its own; acceptance limits of its
+    own sequence are left out.
     """
     stated = json.loads(
         scenario.model_dump_json(
@@ -91,7 +91,9 @@ def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str
 
 
 def printable(plan: Plan, up: Array) -> str:
-    """The list to take to the table: poses, then what each parameter will be known to."""
+    """The printed list for the table: poses, then the expected standard uncertainty of each
+    parameter.
+    """
     clock, model, what = plan.problem.clock, plan.problem.model, plan.forecast
     head = "".join(f"{name + ' deg':>12}" for name in plan.axes)
     lines = [

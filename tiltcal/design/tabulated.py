@@ -20,7 +20,7 @@ COARSE = 0.02  # misfit, of the largest change, from which an effect is too fine
 
 
 @dataclass(frozen=True)
-class Table:
+class TabulatedColumns:
     """Columns as harmonics of the angles.
 
     Args:
@@ -53,7 +53,9 @@ def harmonics(angles: Array) -> Array:
     return found
 
 
-def tabulate(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> tuple[Table, list[bool]]:
+def tabulate(
+    still: Still, sensor: Sensor, effects: Sequence[Effect]
+) -> tuple[TabulatedColumns, list[bool]]:
     """The changes that effects make at their size, and of each whether these harmonics hold it.
 
     What changes from one line of an encoder to the next they do not hold: no design can rely on it.
@@ -68,7 +70,7 @@ def tabulate(still: Still, sensor: Sensor, effects: Sequence[Effect]) -> tuple[T
     coefficients = (inverse @ changes[: len(grid)].reshape(len(grid), k * len(effects))).reshape(
         len(inverse), k, len(effects)
     )
-    table = Table(coefficients)
+    table = TabulatedColumns(coefficients)
     misfit = np.abs(table.at(tried) - changes[len(grid) :]).max(axis=(0, 1), initial=0.0)
     return table, list(misfit <= COARSE * np.abs(changes).max(axis=(0, 1), initial=0.0))
 

@@ -1,4 +1,4 @@
-"""What a sequence of poses costs in table time, and which poses are allowed."""
+"""The table time of a sequence of poses, and which poses are allowed."""
 
 from dataclasses import dataclass
 
@@ -81,7 +81,7 @@ class Clock:
         return float(self.moves(angles).sum() + self.settle * len(angles) + dwell.sum())
 
     def spare(self, angles: Array) -> Array:
-        """Time left to read in when every dwell has its shortest length, s, (...)."""
+        """Time left for reading when every dwell has its shortest length, s, (...)."""
         n = angles.shape[-2]
         return np.asarray(
             self.budget - self.moves(angles).sum(axis=-1) - n * (self.settle + self.shortest)

@@ -1,5 +1,5 @@
-"""In which order poses are visited: what changes in time, or remembers where it came from, shall
-not hide behind them.
+"""The order in which poses are visited, so that effects of time and of the direction of approach
+are visible.
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
-"""Rate and acceleration of a readout, by the local polynomials that its noise allows, and beside a
-rest by how it left it.
+"""Rate and acceleration of a readout: by the local polynomials that its noise allows, and beside a
+rest by the motion out of it.
 """
 
 from itertools import product
@@ -121,8 +121,8 @@ def _fits(u: Array, width: int, degree: int, noise: float) -> Mask:
 
 
 def noise_of_rests(angle: Array, still: Mask) -> float | None:
-    """Standard deviation of a readout from row to row where it rests, rad, at least that of its
-    codes; None if it hardly does.
+    """Standard deviation of a readout from row to row at rest, rad, at least that of its codes;
+    None if it hardly rests.
     """
     steps = np.diff(angle)[still[1:] & still[:-1]]
     return (

@@ -1,6 +1,4 @@
-"""A recorded readout played again: the Course that a model needs to predict what a recording should
-read.
-"""
+"""A recorded readout replayed: the Course that a model needs to predict a recording."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -43,7 +43,7 @@ NEAR = 2.5  # samples from the instant in which every window reaches across it
 
 @dataclass(frozen=True)
 class Corner:
-    """The course beside one end of a rest.
+    """The motion beside one end of a rest.
 
     Args:
         rows: (n,); near: of them those that every window would take across the corner, (n,).
@@ -60,7 +60,7 @@ class Corner:
 
 @dataclass(frozen=True)
 class _Side:
-    """Moves as they leave a rest; time runs backwards for those that come to one.
+    """Moves as they leave a rest; time runs backwards for those that reach one.
 
     Args:
         time: samples, (n,); angle: (n,).
@@ -94,8 +94,8 @@ def corners(time: Array, angle: Array, still: Mask, noise: float) -> Iterator[Co
 
 
 def edges(time: Array, angle: Array, still: Mask, noise: float) -> tuple[Array, Array]:
-    """The instants at which moves leave a rest, and those at which they come to one, samples; where
-    no course tells: none.
+    """The instants at which moves leave a rest, and those at which they reach one, in samples; none
+    where they cannot be determined.
 
     Args:
         time, angle, still, noise: see ``corners``.

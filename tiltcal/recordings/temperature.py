@@ -1,6 +1,4 @@
-"""What a thermometer that rounds, and is read now and then, saw: a smooth course that its codes
-allow.
-"""
+"""A temperature column without its rounding: a smooth course that its codes allow."""
 
 from collections.abc import Callable
 

@@ -1,6 +1,4 @@
-"""Foreign formats by a mapping file: columns, units and time of somebody else's text log ->
-Recording.
-"""
+"""Text logs of other systems, read by a mapping file: columns, units and time -> Recording."""
 
 import contextlib
 import io
@@ -22,7 +20,7 @@ _SEPARATORS = {"space": None, "comma": ",", "tab": "\t", "semicolon": ";"}
 
 
 class FileWords(Part):
-    """How the text is laid out."""
+    """Layout of the text."""
 
     separator: Literal["space", "comma", "tab", "semicolon"] = "comma"
     header: bool = True
@@ -30,7 +28,7 @@ class FileWords(Part):
 
 
 class TimeWords(Part):
-    """Where time comes from: a column, or the sample rate."""
+    """Source of the time: a column, or the sample rate."""
 
     column: int | str | None = None
     unit: Literal["s", "ms", "us", "ns"] = "s"
@@ -44,7 +42,7 @@ class TimeWords(Part):
 
 
 class ColumnWords(Part):
-    """One channel: which column, what it is called here."""
+    """One channel: its column, and its name here."""
 
     from_: Annotated[int | str, Field(alias="from")]
     to: str

@@ -1,3 +1,3 @@
-"""What stands in the laboratory and what it is asked to do: site, rig, sensors, sequences,
+"""The set-up of a laboratory and what it is asked to do: site, rig, tables, sensors, sequences,
 trajectories.
 """

@@ -1,4 +1,4 @@
-"""A sequence in laboratory words, and the climate it runs in."""
+"""The steps of a sequence, and the climate it runs in."""
 
 from math import pi
 from typing import Annotated, Any, Literal

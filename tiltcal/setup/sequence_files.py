@@ -1,4 +1,4 @@
-"""A sequence as a laboratory gets it: a CSV with one step a row (CONTRACT section 5)."""
+"""A sequence as a CSV file for a laboratory, one step a row (CONTRACT section 5)."""
 
 import csv
 from collections.abc import Mapping, Sequence

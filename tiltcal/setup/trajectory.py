@@ -1,5 +1,5 @@
-"""What moves, as frozen records: a Jet (angle, rate, acceleration), a Drive (what was asked or
-read), a Motion (truth).
+"""Motion as frozen records: a Jet (angle, rate, acceleration), a Drive (commanded or read), a
+Motion (true).
 """
 
 from collections.abc import Callable, Mapping
@@ -176,7 +176,7 @@ class Rests:
 
 
 class Course(Protocol):
-    """Something that can say what the table does at any time: a sequence, or a replayed readout."""
+    """Whatever gives the table's motion at any time: a sequence, or a replayed readout."""
 
     @property
     def times(self) -> tuple[float, float]:
@@ -188,7 +188,7 @@ class Course(Protocol):
 
 @dataclass(frozen=True)
 class Motion:
-    """What the instrument truly went through.
+    """The true motion of the instrument.
 
     Args:
         time: s, (n,).

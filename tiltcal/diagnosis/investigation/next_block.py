@@ -10,7 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import Progress
 from tiltcal.core.units import DEG
 from tiltcal.design.identifiability import tie_breaker
-from tiltcal.design.recording_blocks import CIRCLE, Table, candidates, within
+from tiltcal.design.recording_blocks import CIRCLE, TableLimits, candidates, within
 from tiltcal.diagnosis.investigation.discriminating_blocks import Design, Proposal, propose
 from tiltcal.diagnosis.investigation.rival_hypotheses import questions
 from tiltcal.effects import CATALOGUE
@@ -123,7 +123,7 @@ def next_block(
     return NextBlock(design.best, _statement(design), _twins(design))
 
 
-def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> Table:
+def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> TableLimits:
     """What the table may do: the whole circle, unless the user or an inclinometer's range says
     otherwise.
     """
@@ -152,8 +152,8 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
                 do="correct it",
             )
     visited = poses_of(recordings[0], scenario) if recordings else ()
-    return Table(
-        scenario.rig, reach, limits.rate, limits.dwell, visited, () if flat else Table.mounts
+    return TableLimits(
+        scenario.rig, reach, limits.rate, limits.dwell, visited, () if flat else TableLimits.mounts
     )
 
 
@@ -174,7 +174,7 @@ def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...
     return tuple(tuple(round(float(x), 2) for x in m) for m in middles)
 
 
-def _more_poses(table: Table, scenario: Scenario, why: str) -> NextBlock:
+def _more_poses(table: TableLimits, scenario: Scenario, why: str) -> NextBlock:
     """Something of everything, for want of rivals."""
     block = next(
         b

@@ -94,7 +94,7 @@ class Block:
         return sum(s.action == "remount" for s in self.steps)
 
     def seconds(self, rig: Rig) -> float:
-        """TableLimits time, remounting counted, s."""
+        """Table time, remounting counted, s."""
         start, end = build_schedule(self.steps, rig).times
         return end - start + REMOUNT * self.remounts
 

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import one_thread
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
-from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects
+from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.statistics.noise_spectrum import NoiseFit
@@ -74,7 +74,9 @@ def test_scores_are_those_of_the_columns_themselves_under_each_noise_in_turn(rng
     found = prepare(honest(truth), [recorded(truth, 5)])
     whitened, fitted = found.whitened, found.start
     hypotheses = list(
-        listed_suspects(found.observations.scenario, ranges_of(found.observations, SpectralLines()))
+        listed_hypotheses(
+            found.observations.scenario, ranges_of(found.observations, SpectralLines())
+        )
     )[:40]
     for hypothesis in hypotheses:
         whitened.columns.add(hypothesis, fitted.effects)

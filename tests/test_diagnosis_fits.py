@@ -16,7 +16,7 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
 from tiltcal.diagnosis.data_quality.setting_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
 from tiltcal.diagnosis.model.cross_validation import drop_unpredictive
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
@@ -390,7 +390,7 @@ def test_curves_of_two_readings_are_two_causes_those_of_one_are_one():
 
 
 def test_a_loss_is_weighed_by_one_sample():
-    (drop,) = (s for s in step_suspects(honest(bench()), [50.0]) if s.id == "data_drop")
+    (drop,) = (s for s in step_hypotheses(honest(bench()), [50.0]) if s.id == "data_drop")
     assert drop.effect.values["samples"] == 1.0
 
 
@@ -399,7 +399,9 @@ def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_thro
     range_degC, widths
 ):
     span = CoordinateRanges(100.0, 10.0, ranges={"temperature": range_degC})
-    found = [s for s in listed_suspects(honest(bench()), span) if s.id == "acc_thermal_hysteresis"]
+    found = [
+        s for s in listed_hypotheses(honest(bench()), span) if s.id == "acc_thermal_hysteresis"
+    ]
     assert len({s.effect.values.get("width", 0.0) for s in found}) == widths
 
 

@@ -11,8 +11,8 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import (
     CREEPS,
     Hypothesis,
-    listed_suspects,
-    step_suspects,
+    listed_hypotheses,
+    step_hypotheses,
     steps_at,
 )
 from tiltcal.diagnosis.model.channel_noise import noise_under
@@ -68,12 +68,12 @@ def test_every_step_may_set_in_at_once_or_creep():
 
 
 def test_what_shakes_the_base_is_a_suspect_at_the_lines_of_the_world():
-    found = [s for s in listed_suspects(honest(bench()), SPAN) if s.id == "base_vibration"]
+    found = [s for s in listed_hypotheses(honest(bench()), SPAN) if s.id == "base_vibration"]
     assert [s.effect.values["frequency"] for s in found] == [3.4]
 
 
 def test_ripples_and_widths_come_from_the_recording():
-    hypotheses = list(listed_suspects(honest(bench()), SPAN))
+    hypotheses = list(listed_hypotheses(honest(bench()), SPAN))
     assert any(s.id == "table_encoder_sde" and s.effect.values["lines"] == 12 for s in hypotheses)
     widths = [s.effect.values["width"] for s in hypotheses if s.id == "acc_thermal_hysteresis"]
     np.testing.assert_allclose(sorted(widths), [0.5, 1.0, 1.75, 2.5, 4.0])
@@ -135,7 +135,7 @@ def test_a_step_has_to_show_without_the_samples_next_to_it(rows, ends, good):
     found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)])
     times = [float(sound.time[at + end] - sound.time[0]) - 0.05 for end in ends]
     steps = [
-        s for s in step_suspects(found.observations.scenario, times) if s.id == "acc_bias_step"
+        s for s in step_hypotheses(found.observations.scenario, times) if s.id == "acc_bias_step"
     ]
     fitted = refit(
         replace(found.start, terms=tuple(FittedTerm.start(s, ("bias_step_x",)) for s in steps)),

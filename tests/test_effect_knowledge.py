@@ -8,7 +8,7 @@ from builders import INSTRUMENT, setup_of
 from catalogue_cases import plausible, sensors_for
 
 from tiltcal.design.recording_blocks import WORDS
-from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects
+from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.calibration_terms import calibration_effect
@@ -249,7 +249,7 @@ def test_an_effect_that_joins_the_catalogue_is_a_hypothesis_like_any_other(monke
             "sequence": [{"action": "rest", "dwell_s": 1.0}],
         }
     )
-    found = [h for h in listed_suspects(scenario, SPAN) if h.id == AccK4.id]
+    found = [h for h in listed_hypotheses(scenario, SPAN) if h.id == AccK4.id]
     assert [h.effect.values["at"] for h in found] == [0.0, 300.0]
     assert all(h.effect.sensor == "accel" and h.textbook for h in found)
     assert found[0].names == ("k4_x", "k4_y", "k4_z")

@@ -96,7 +96,7 @@ def adjustable(scenario: Scenario) -> list[Hypothesis]:
         for term in sensor.adjustable:
             if (cls := calibration_effect(term, sensor.kind)) is not None:
                 found += [
-                    _suspect(cls, scenario, sensor, axis, role="calibration")
+                    _hypothesis(cls, scenario, sensor, axis, role="calibration")
                     for axis in _axes(cls, scenario)
                 ]
     return found
@@ -106,7 +106,7 @@ def _axes(cls: type[Effect], scenario: Scenario) -> Sequence[str | None]:
     return scenario.rig.axis_names if cls.axis_wise else (None,)
 
 
-def _suspect(
+def _hypothesis(
     cls: type[Effect],
     scenario: Scenario,
     sensor: Sensor | None,
@@ -126,7 +126,7 @@ def _suspect(
     return Hypothesis(effect, tuple(plausible), variants)
 
 
-def listed_suspects(
+def listed_hypotheses(
     scenario: Scenario, span: CoordinateRanges, taken: Sequence[Hypothesis] = ()
 ) -> Iterator[Hypothesis]:
     """Every effect of the catalogue that a residual may hold, but steps at unknown times and faults
@@ -145,7 +145,7 @@ def listed_suspects(
         for sensor, axis in product(sensors, _axes(cls, scenario)):
             shapes = cls.shapes(span)
             for shape in shapes:
-                hypothesis = _suspect(cls, scenario, sensor, axis, shape, len(shapes))
+                hypothesis = _hypothesis(cls, scenario, sensor, axis, shape, len(shapes))
                 if hypothesis.place not in nuisance:
                     yield hypothesis
 
@@ -170,14 +170,14 @@ def _told_on(cls: type[Effect], scenario: Scenario) -> bool:
     return bool(scenario.rig.axes) or not of_table
 
 
-def step_suspects(scenario: Scenario, times: Sequence[float]) -> Iterator[Hypothesis]:
+def step_hypotheses(scenario: Scenario, times: Sequence[float]) -> Iterator[Hypothesis]:
     """Effects that begin at an instant, at these times (s from the first stamp)."""
     for cls in CATALOGUE.values():
         if not (cls.acts_from_an_instant and _told_on(cls, scenario)):
             continue
         for sensor in scenario.sensors(*cls.kinds) if cls.kinds else (None,):
             for time in times:
-                yield _suspect(
+                yield _hypothesis(
                     cls, scenario, sensor, None, {"time": float(time)}, max(len(times), 1)
                 )
 
@@ -189,7 +189,7 @@ def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Hypothesis
     """Every effect that may have begun at an instant, at once or creeping on; tried: how many
     instants were looked at.
     """
-    for step in step_suspects(scenario, (time,)):
+    for step in step_hypotheses(scenario, (time,)):
         yield replace(step, variants=tried)
         if step.is_step:
             for creep in CREEPS:

@@ -14,7 +14,7 @@ from tiltcal.diagnosis.hypotheses.block_averaging import block_of
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.families import completes
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_suspects, step_suspects
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
 from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
@@ -41,9 +41,9 @@ class Question:
 
     Args:
         names: ids of the class, the finding's own first.
-        account: adjustable terms and other findings, fitted.
+        fitted: adjustable terms and other findings.
         rivals: one a name: how it would explain the finding.
-        suspects: the class at all its shapes.
+        hypotheses: the class at all its shapes.
         observations: what was read so far, thinned.
         noise: of each sensor's axis.
         block: rows that were averaged into one.
@@ -106,7 +106,7 @@ def questions(
 
 
 def _term(effect: Effect) -> FittedTerm:
-    """A found effect as a fitted term of a suspect of plausible size."""
+    """A found effect as a fitted term of a hypothesis of plausible size."""
     sizes = {
         n: p.plausible[1] * p.factor
         for p in effect.parameters
@@ -152,7 +152,7 @@ def _question(
     noise = noise_under(fitted, columns)
     whitened = WhitenedModel.of(columns, models(noise))
     fitted = refit(fitted, whitened)
-    hypotheses = _suspects(names, old, [terms[k].hypothesis for k in own], lines)
+    hypotheses = _hypotheses_of(names, old, [terms[k].hypothesis for k in own], lines)
     for hypothesis in hypotheses:
         columns.add(hypothesis, fitted.effects)
     case = remove_finding(fitted, whitened, list(own))
@@ -171,7 +171,7 @@ def _question(
     return Question(names, rest, ordered, tuple(hypotheses), old, by_axis, block, reference)
 
 
-def _suspects(
+def _hypotheses_of(
     names: Sequence[str],
     observations: Observations,
     own: Sequence[Hypothesis],
@@ -188,8 +188,8 @@ def _suspects(
     )
     every = chain(
         own,
-        listed_suspects(scenario, span),
-        step_suspects(scenario, times),
+        listed_hypotheses(scenario, span),
+        step_hypotheses(scenario, times),
         curves(observations, span),
     )
     return [s for s in every if s.id in names and (s.textbook or s.id == names[0])]

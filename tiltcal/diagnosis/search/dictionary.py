@@ -11,7 +11,7 @@ from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
-from tiltcal.diagnosis.hypotheses.hypothesis import listed_suspects, step_suspects
+from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses, step_hypotheses
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
@@ -28,9 +28,9 @@ def build_dictionary(
     effects = fitted.effects
     span = ranges_of(observations, lines)
     nuisance = [t.hypothesis for t in fitted.nuisance]
-    steps = step_suspects(observations.scenario, instants(observations))
+    steps = step_hypotheses(observations.scenario, instants(observations))
     for hypothesis in chain(
-        listed_suspects(observations.scenario, span, nuisance), steps, curves(observations, span)
+        listed_hypotheses(observations.scenario, span, nuisance), steps, curves(observations, span)
     ):
         if not (blurred and needs_motion(hypothesis.effect)):
             columns.add(hypothesis, effects)
@@ -57,7 +57,7 @@ def extend_dictionary(
             ),
         )
     before = len(columns.hypotheses)
-    for hypothesis in listed_suspects(
+    for hypothesis in listed_hypotheses(
         observations.scenario, ranges_of(observations, new), [t.hypothesis for t in fitted.nuisance]
     ):
         lines = hypothesis.effect.values.get("lines")

@@ -40,6 +40,8 @@ dwell_s = 6
 [[method]]
 name = "opposite_faces"
 runs = 3
+[method.accept]
+required = ["accel.bias", "accel.scale"]
 """
 
 

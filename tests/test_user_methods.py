@@ -81,7 +81,10 @@ def test_a_function_that_is_wrong_is_not_accepted(module, here, capsys):
     found = judged(here, capsys, f'name = "{module}:wrong"', status=1)
     assert not found["accepted"]
     broken = [limit["name"] for limit in found["limits"] if not limit["passed"]]
-    assert broken == ["parameters, NEES per degree of freedom"]
+    assert broken == [
+        "parameters, NEES per degree of freedom",
+        "parameters, largest error, sigma",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -172,6 +175,7 @@ with open(cal, "w") as out:
     found = {"schema": 1, "method": "six by hand", "verdict": "good", "parameters": parameters}
     json.dump(found, out)
 """
+PAIRS = ("xy", "xz", "yx", "yz", "zx", "zy")
 FILES = '"{recording}", "{scenario}", "{cal}"'
 
 
@@ -182,11 +186,14 @@ def program(here):
 
 
 def test_a_program_is_judged_and_its_words_pass_no_shell(program, here, capsys):
-    found = judged(
-        here, capsys, program + ', "; touch hacked", "$HOME", "*"]', "--allow-commands", status=0
-    )
+    method = program + ', "; touch hacked", "$HOME", "*"]'
+    found = judged(here, capsys, method, "--allow-commands", status=1)
+    missing = next(limit for limit in found["limits"] if not limit["passed"])
+    assert missing["where"].split(", ") == [f"accel.cross_{p}" for p in PAIRS]
+    required = '\n[method.accept]\nrequired = ["accel.bias", "accel.scale"]'
+    found = judged(here, capsys, method + required, "--allow-commands", status=0)
     assert found["accepted"], found
-    assert found["verdict"] == "good"
+    assert (found["verdict"], found["verdicts"]) == ("good", "untested")
     assert len(found["parameters"]) == 6
     assert json.loads((here / "said.json").read_text()) == ["; touch hacked", "$HOME", "*"]
     assert not (here / "hacked").exists()

@@ -137,7 +137,7 @@ def print_calibration(c: Calibration) -> None:
         print(f"note: {w}")
     print(
         f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of"
-        f" freedom; verdict: {c.verdict}"
+        f" freedom; verdict: {c.verdict}{'' if c.tests else ' (no test of its own)'}"
     )
 
 

@@ -129,10 +129,14 @@ def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> 
     }
     print_table(
         ["fit", "before", "after"],
-        [[words, f"{before[k]:.4g}", f"{after[k]:.4g}"] for k, words in names.items()],
+        [[words, _figure(before[k]), _figure(after[k])] for k, words in names.items()],
     )
     print(f"{answer['verdict']}: {answer['statement']}")
     print(f"report of the diagnosis: {out / 'diagnosis' / 'report.html'}")
+
+
+def _figure(value: float | None) -> str:
+    return "not tested" if value is None else f"{value:.4g}"
 
 
 def _sizes(sizes: dict[str, float]) -> str:

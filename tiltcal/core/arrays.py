@@ -6,3 +6,6 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
+
+# of no rows
+NOWHERE: Index = np.zeros(0, np.intp)

@@ -1,6 +1,6 @@
 """The one error that users see: what was found, what is needed, what to do."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 
 class TiltcalError(Exception):
@@ -16,6 +16,14 @@ class TiltcalError(Exception):
     def __init__(self, subject: str, *, found: str, need: str, do: str) -> None:
         self.subject, self.found, self.need, self.do = subject, found, need, do
         super().__init__(f"{subject}: found {found}, need {need}; {do}")
+
+    def __reduce__(self) -> "tuple[Callable[..., TiltcalError], tuple[str, str, str, str]]":
+        """So that the error of another process arrives whole."""
+        return _rebuilt, (self.subject, self.found, self.need, self.do)
+
+
+def _rebuilt(subject: str, found: str, need: str, do: str) -> TiltcalError:
+    return TiltcalError(subject, found=found, need=need, do=do)
 
 
 def one_of(word: str, valid: Collection[str], subject: str, what: str = "") -> str:

@@ -8,7 +8,10 @@ from tiltcal.setup.sensor import Part
 
 
 class EffectTable(BaseModel):
-    """One ``[[effect]]``: an id, where it acts, and its parameters with their units."""
+    """One ``[[effect]]``: an id, where it acts, and its parameters with their units.
+
+    ``finding`` is the number of the finding of a diagnosis that it is part of, from 1.
+    """
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -16,6 +19,7 @@ class EffectTable(BaseModel):
     sensor: str | None = None
     axis: str | None = None
     role: Literal["calibration", "found", "concealed"] | None = None
+    finding: Annotated[int, Field(ge=1)] | None = None
     fit: bool = False
     seen_in: str | None = None
 
@@ -56,23 +60,28 @@ class Dynamics(Part):
 
 
 class Accept(Part):
-    """What a method has to reach. Bands are computed from statistics; the numbers here are choices,
-    not tolerances.
+    """What a method has to reach, over all its runs. Bands are computed from statistics; the
+    numbers here are choices, not tolerances.
 
     Args:
-        parameters: every recovered parameter agrees with the injected truth within the band that
-            holds all of them at once with probability 1 - false_alarm.
-        false_alarm: of that band.
+        parameters: every recovered parameter agrees with the injected truth: over all runs, in
+            every run, and by itself.
+        required: parameters that every run has to return, such as accel.bias_x, or accel.bias for
+            all axes; if not given, the adjustable and the injected terms of the sensor.
+        false_alarm: probability, at most, of rejecting a correct method; shared by all limits.
         tilt_arcsec: largest rms tilt error over all directions.
         tilt_over_bound: the same, as a multiple of what the covariance predicts.
         better_by: rms tilt error before calibration over after, at least.
+        quantile: of the runs, for which the limits of the tilt error are judged beside their rms.
     """
 
     parameters: bool = True
+    required: tuple[str, ...] | None = None
     false_alarm: Annotated[float, Field(gt=0, lt=1)] = 1e-3
     tilt_arcsec: Annotated[float, Field(gt=0)] | None = None
     tilt_over_bound: Annotated[float, Field(gt=0)] | None = None
     better_by: Annotated[float, Field(gt=0)] | None = None
+    quantile: Annotated[float, Field(gt=0, lt=1)] = 0.95
 
 
 class MethodTable(Part):

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tiltcal.calibration.methods.registry import calibrate, run_command
+import numpy as np
+
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import Progress, silent
@@ -15,11 +16,13 @@ from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable
 from tiltcal.recordings.recording import Recording
-from tiltcal.validation.accuracy import TiltError, tilt_error, true_parameters
-from tiltcal.validation.gyro_accuracy import attitude_error
-from tiltcal.validation.limits import Limit, limits_of
+from tiltcal.validation.accuracy import TiltError
+from tiltcal.validation.limit import Limit
+from tiltcal.validation.limits import limits_of
 from tiltcal.validation.online.judging import run_estimator
 from tiltcal.validation.online.online_result import OnlineResult
+from tiltcal.validation.runs import Row, Run, Workers, results_by_seed
+from tiltcal.validation.tilt_limits import dof_of_mean, tilts
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
 
 
@@ -29,20 +32,16 @@ class MethodResult:
 
     Args:
         title: of the method.
-        calibrations: one a run.
-        truth: injected value of each parameter that has one.
-        tilt: error before and after, of the first run.
-        limits: judged.
+        runs: one a seed.
+        limits: judged over all runs.
         seconds: all runs.
-        error: what went wrong, when it did not even calibrate.
+        error: what went wrong, when it did not even calibrate; of the first such run.
         online: of an estimator that was fed sample by sample.
         budget: of the first run, where the scenario names sources of uncertainty.
     """
 
     title: str
-    calibrations: tuple[Calibration, ...] = ()
-    truth: dict[str, float] = field(default_factory=dict)
-    tilt: TiltError | None = None
+    runs: tuple[Run, ...] = ()
     limits: tuple[Limit, ...] = ()
     seconds: float = 0.0
     error: str | None = None
@@ -53,6 +52,45 @@ class MethodResult:
     def accepted(self) -> bool:
         """Whether every limit holds."""
         return self.error is None and all(limit.passed for limit in self.limits)
+
+    @property
+    def rows(self) -> list[Row]:
+        """The plain record of each run."""
+        return [run.row for run in self.runs]
+
+    @property
+    def calibrations(self) -> tuple[Calibration, ...]:
+        """Of the runs that did not fail."""
+        return tuple(run.calibration for run in self.runs if run.calibration is not None)
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """Injected value of each parameter of the first run that has one."""
+        found = self.rows[0].parameters if self.runs else ()
+        return {p.name: p.truth for p in found if p.truth is not None}
+
+    @property
+    def tilt(self) -> TiltError | None:
+        """Tilt error before and after, and as predicted: rms over runs, with the degrees of freedom
+        of that mean.
+        """
+        known = [run.tilt for run in self.runs if run.tilt is not None]
+        if not known:
+            return None
+        before, after, bound = np.sqrt(np.mean(tilts(self.rows) ** 2, axis=0)).tolist()
+        dof = dof_of_mean(np.array([t.bound for t in known]), np.array([t.dof for t in known]))
+        return TiltError(before, after, bound, known[0].over, dof)
+
+    @property
+    def verdict(self) -> str:
+        """The verdicts of all runs, in words; those of one run and of runs that agree without a
+        number.
+        """
+        shown = [row.shown_verdict for row in self.rows]
+        different = list(dict.fromkeys(shown))
+        if len(different) < 2:
+            return different[0] if different else "error" if self.error else "on line"
+        return ", ".join(f"{v} x{shown.count(v)}" for v in different)
 
 
 @dataclass(frozen=True)
@@ -78,12 +116,37 @@ def run_scenario(
     source: str = "",
     allow_commands: bool = False,
     progress: Progress = silent,
+    workers: Workers | None = None,
 ) -> ScenarioResult:
     """Simulate, calibrate, judge.
+
+    Args:
+        laboratory: of this process; workers: other processes, which make the same runs.
 
     Raises:
         TiltcalError: the scenario holds no method, or a command that is not allowed.
     """
+    _require_runnable(scenario, source, allow_commands)
+    runs = max((m.runs for m in scenario.method), default=1)
+    seeds = []
+    progress(f"{scenario.name}: run 1 of {runs}")
+    for result in results_by_seed(scenario, laboratory, workers):
+        seeds.append(result)
+        progress(f"{scenario.name}: {len(seeds)} of {runs} runs done")
+    recording = seeds[0].recording
+    assert recording is not None
+    results = []
+    for k, m in enumerate(scenario.method):
+        of_method = [run for s in seeds if (run := s.runs[k]) is not None]
+        results.append(_judged(scenario, m, of_method, recording))
+    for e in scenario.estimator:
+        progress(f"{scenario.name}: {e.title}, sample by sample")
+        results.append(_run_estimator(scenario, e, recording, laboratory))
+    return ScenarioResult(scenario, source, tuple(results), recording)
+
+
+def _require_runnable(scenario: Scenario, source: str, allow_commands: bool) -> None:
+    """Refuse a scenario without methods, or with a command that is not allowed."""
     if not scenario.method and not scenario.estimator:
         raise TiltcalError(
             f"scenario {source or scenario.name}",
@@ -99,35 +162,24 @@ def run_scenario(
                 need="permission to run programs",
                 do="read it, then add --allow-commands",
             )
-    runs = max((m.runs for m in scenario.method), default=1)
-    recordings = []
-    for k in range(runs):
-        progress(f"{scenario.name}: recording {k + 1} of {runs}")
-        recordings.append(laboratory.record(scenario, scenario.seed + k))
-    results = []
-    for m in scenario.method:
-        progress(f"{scenario.name}: {m.title}")
-        results.append(_run_method(scenario, m, recordings[: m.runs]))
-    for e in scenario.estimator:
-        progress(f"{scenario.name}: {e.title}, sample by sample")
-        results.append(_run_estimator(scenario, e, recordings[0], laboratory))
-    return ScenarioResult(scenario, source, tuple(results), recordings[0])
 
 
-def _run_method(
-    scenario: Scenario, table: MethodTable, recordings: Sequence[Recording]
+def _judged(
+    scenario: Scenario, table: MethodTable, runs: Sequence[Run], recording: Recording
 ) -> MethodResult:
-    start = time.perf_counter()
+    """A method over its runs. recording: of the first."""
+    seconds = sum(run.row.seconds for run in runs)
+    failed = [run.row for run in runs if run.row.error is not None]
+    if failed:
+        first, where = failed[0], f"{len(failed)} of {len(runs)} runs, first seed {failed[0].seed}"
+        words = first.error if len(runs) == 1 else f"{first.error} ({where})"
+        return MethodResult(table.title, tuple(runs), seconds=seconds, error=words)
     try:
-        found = tuple(_calibrate(scenario, table, r) for r in recordings)
-        truth = true_parameters(scenario, scenario.effects, found[0])
-        tilt = _error_of(found[0], scenario)
-        budget = _budget(scenario, table, recordings[0])
+        budget = _budget(scenario, table, recording)
     except TiltcalError as error:
-        return MethodResult(table.title, seconds=time.perf_counter() - start, error=str(error))
-    limits = tuple(limits_of(scenario, table, found, tilt))
-    seconds = time.perf_counter() - start
-    return MethodResult(table.title, found, truth, tilt, limits, seconds, budget=budget)
+        return MethodResult(table.title, tuple(runs), seconds=seconds, error=str(error))
+    limits = tuple(limits_of(scenario, table, [run.row for run in runs]))
+    return MethodResult(table.title, tuple(runs), limits, seconds, budget=budget)
 
 
 def _budget(scenario: Scenario, table: MethodTable, recording: Recording) -> Budget | None:
@@ -147,26 +199,6 @@ def _run_estimator(
     limits = tuple(Limit(*limit) for limit in found.limits(table.accept))
     seconds = time.perf_counter() - start
     return MethodResult(table.title, limits=limits, seconds=seconds, online=found)
-
-
-def _calibrate(scenario: Scenario, table: MethodTable, recording: Recording) -> Calibration:
-    if table.command is not None:
-        return run_command(table.command, recording, scenario)
-    return calibrate(str(table.name), recording, scenario, **table.options)
-
-
-def _error_of(found: Calibration, scenario: Scenario) -> TiltError | None:
-    """Tilt error of what senses gravity, attitude error of a gyro triad; None where nothing was
-    determined.
-    """
-    if "base.roll" in found.parameters:
-        return tilt_error(scenario, scenario.effects, found)
-    if found.verdict == "cannot_tell" or not found.sensors():
-        return None
-    sensor = scenario.named(found.sensors()[0])
-    if sensor.kind == "gyro" and len(sensor.axes) == 3:
-        return attitude_error(scenario, scenario.effects, found)
-    return tilt_error(scenario, scenario.effects, found) if sensor.is_accelerometer else None
 
 
 @dataclass(frozen=True)
@@ -189,8 +221,9 @@ def verify_folder(
     *,
     allow_commands: bool = False,
     progress: Progress = silent,
+    workers: Workers | None = None,
 ) -> Verification:
-    """Run every scenario of a folder that holds methods.
+    """Run every scenario of a folder that holds methods, or one file.
 
     Raises:
         TiltcalError: there is none, or one does not read.
@@ -216,6 +249,7 @@ def verify_folder(
                     source=path.name,
                     allow_commands=allow_commands,
                     progress=progress,
+                    workers=workers,
                 )
             )
     if not results:

@@ -25,6 +25,7 @@ from tiltcal.laboratory.laboratory import true_readings
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.validation.bias_table_accuracy import table_errors, table_truth
+from tiltcal.validation.effective_dof import dof_of_changes, effective_dof
 
 DIRECTIONS = 400
 CONE = 45 * DEG  # working range of a two-channel sensor
@@ -38,12 +39,15 @@ class TiltError:
         before: of the uncalibrated reading; after: of the corrected one.
         bound: what the calibration's own covariance predicts for ``after``.
         over: the directions, in words.
+        dof: degrees of freedom of after^2 = sum of w_k chi2(1), by that covariance: the sum of the
+            weights w over the largest. A scaled chi-square with so many has tails at least as long.
     """
 
     before: float
     after: float
     bound: float
     over: str
+    dof: float = 1.0
 
     @property
     def in_arcsec(self) -> tuple[float, float, float]:
@@ -74,7 +78,7 @@ def true_parameters(
         return table_truth(setup, effects, calibration, mount_rotation(effects))
     truth: dict[str, float] = {}
     for name in calibration.sensors():
-        truth |= _sensor_truth(setup.named(name), effects, symmetric=calibration.method == "norm")
+        truth |= sensor_truth(setup.named(name), effects, symmetric=calibration.method == "norm")
     for e in effects:
         if isinstance(e, TableLevelling):
             truth |= {"base.roll": e.value("tilt_east"), "base.pitch": e.value("tilt_north")}
@@ -107,7 +111,14 @@ def _true_azimuth(setup: Setup, effects: Sequence[Effect], found: float) -> floa
     return float(found + (true - found + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _sensor_truth(sensor: Sensor, effects: Sequence[Effect], symmetric: bool) -> dict[str, float]:
+def sensor_truth(sensor: Sensor, effects: Sequence[Effect], symmetric: bool) -> dict[str, float]:
+    """The injected terms of a sensor by the names of parameters, in their units.
+
+    Args:
+        sensor: one of the set-up.
+        effects: that are injected.
+        symmetric: the matrix up to a rotation, as ``norm`` sees it.
+    """
     rows = sensor.axis_indices
     bias, M = np.zeros(len(rows)), np.eye(3)[list(rows)]
     truth: dict[str, float] = {}
@@ -147,13 +158,10 @@ def tilt_error(setup: Setup, effects: Sequence[Effect], calibration: Calibration
     if "base.roll" in calibration.parameters:
         return _base_error(effects, calibration)
     if calibration.bias_tables:
-        before, after, bound = table_errors(setup, effects, calibration, mount_rotation(effects))
-        return TiltError(
-            before,
-            after,
-            bound,
-            f"the table's placing angles and between them, look-up {calibration.lookup}",
-        )
+        over = f"the table's placing angles and between them, look-up {calibration.lookup}"
+        mount = mount_rotation(effects)
+        before, after, bound, dof = table_errors(setup, effects, calibration, mount)
+        return TiltError(before, after, bound, over, dof)
     sensor = setup.named(calibration.sensors()[0])
     up, over = _directions(sensor)
     in_body = up @ mount_rotation(effects)  # rows (R^T up)'
@@ -163,12 +171,9 @@ def tilt_error(setup: Setup, effects: Sequence[Effect], calibration: Calibration
     plain = _bare(calibration).correct(sensor, reading, setup.site.gravity)
     if free:
         over += ", after the best common rotation"
-    return TiltError(
-        _rms(plain, up, setup, free),
-        _rms(corrected, up, setup, free),
-        _bound(setup, sensor, reading, calibration, free),
-        over,
-    )
+    before, after = _rms(plain, up, setup, free), _rms(corrected, up, setup, free)
+    bound, dof = _bound(setup, sensor, reading, calibration, free)
+    return TiltError(before, after, bound, over, dof)
 
 
 def _directions(sensor: Sensor) -> tuple[Array, str]:
@@ -203,15 +208,15 @@ def _rms(f: Array, up: Array, setup: Setup, free: bool) -> float:
 
 def _bound(
     setup: Setup, sensor: Sensor, reading: Array, calibration: Calibration, free: bool
-) -> float:
-    """Root mean square tilt error predicted by the covariance: directions moved by each principal
-    parameter error.
+) -> tuple[float, float]:
+    """Root mean square tilt error predicted by the covariance, and its degrees of freedom:
+    directions moved by each principal parameter error.
     """
     g = setup.site.gravity
     names = list(calibration.parameters)
     values, vectors = np.linalg.eigh(calibration.covariance)
     centre = estimated_up(calibration.correct(sensor, reading, g), g)
-    total = 0.0
+    total, changes = 0.0, []
     for value, vector in zip(values, vectors.T, strict=True):
         step = np.sqrt(max(value, 0.0))
         if step == 0:
@@ -226,7 +231,8 @@ def _bound(
         if free:
             shifted = shifted @ best_rotation(centre, shifted).T
         total += float(np.mean(angle_between(shifted, centre) ** 2))
-    return float(np.sqrt(total))
+        changes.append((shifted - centre).ravel())
+    return float(np.sqrt(total)), dof_of_changes(changes)
 
 
 def _base_error(effects: Sequence[Effect], calibration: Calibration) -> TiltError:
@@ -239,13 +245,13 @@ def _base_error(effects: Sequence[Effect], calibration: Calibration) -> TiltErro
             truth = {"base.roll": e.value("tilt_east"), "base.pitch": e.value("tilt_north")}
     axis = base_rotation(truth["base.roll"], truth["base.pitch"])[:, 2]
     found = base_rotation(calibration.value("base.roll"), calibration.value("base.pitch"))[:, 2]
-    variance = (
-        calibration.parameters["base.roll"].sigma ** 2
-        + calibration.parameters["base.pitch"].sigma ** 2
-    )
+    rows = [k for k, n in enumerate(calibration.parameters) if n in truth]
+    covariance = np.asarray(calibration.covariance)[np.ix_(rows, rows)]
+    variance = float(np.trace(covariance))
     before = float(angle_between(axis[None], np.array([[0.0, 0.0, 1.0]]))[0])
     after = float(angle_between(axis[None], found[None])[0])
-    return TiltError(before, after, float(np.sqrt(variance)), "the table's rotation axis")
+    dof = effective_dof(np.asarray(np.linalg.eigvalsh(covariance)))
+    return TiltError(before, after, float(np.sqrt(variance)), "the table's rotation axis", dof)
 
 
 def normalised_error(calibration: Calibration, truth: Mapping[str, float]) -> tuple[float, int]:

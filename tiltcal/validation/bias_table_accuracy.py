@@ -15,6 +15,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.laboratory.laboratory import true_readings
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
+from tiltcal.validation.effective_dof import effective_dof
 
 FINE = 8  # directions a step of the table
 
@@ -57,13 +58,14 @@ def table_truth(
 
 def table_errors(
     setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float, float]:
     """Tilt error, rad rms, of a horizontal axis over the table's angles and between them.
 
     Returns:
-        Before correction, after it, and what entry noise and interpolation let expect.
+        Before correction, after it, what entry noise and interpolation let expect, and the
+        degrees of freedom of the error after it.
     """
-    before, after, expected = [], [], []
+    before, after, steps, noise = [], [], [], []
     g = setup.site.gravity
     for sensor, axis, table in _tables(setup, calibration):
         last = len(table.values) - 1
@@ -78,8 +80,13 @@ def table_errors(
             if calibration.lookup == "smooth"
             else exact.at(beta, calibration.lookup) - readings[:, channel]
         )
-        expected.append((_variance(table, beta, sensor, axis, calibration) + step**2) / g**2)
-    return _root([b**2 for b in before]), _root([a**2 for a in after]), _root(expected)
+        steps.append(step / g + np.zeros(len(beta)))
+        noise.append(_look_up_errors(table, beta, sensor, axis, calibration) / g)
+    n = sum(len(part) for part in noise)
+    expected = [(D**2).sum(axis=1) + step**2 for D, step in zip(noise, steps, strict=True)]
+    weights = np.concatenate([np.linalg.eigvalsh(D.T @ D / n) for D in noise])
+    dof = effective_dof(weights, float(np.mean(np.concatenate(steps) ** 2)))
+    return _root([b**2 for b in before]), _root([a**2 for a in after]), _root(expected), dof
 
 
 def _root(squares: Sequence[Array]) -> float:
@@ -97,20 +104,23 @@ def _tables(setup: Setup, calibration: Calibration) -> list[tuple[Sensor, str, B
     return found
 
 
-def _variance(
+def _look_up_errors(
     table: BiasTable, beta: Array, sensor: Sensor, axis: str, calibration: Calibration
 ) -> Array:
-    """Variance of the look-up from the entries' own uncertainties, (n,)."""
+    """What each independent error of one standard uncertainty does to the look-up, (n, k)."""
     if calibration.lookup == "smooth":
         names = smooth_names(sensor.name, axis, len(table.wave) // 2)
         index = [list(calibration.parameters).index(n) for n in names]
+        values, vectors = np.linalg.eigh(np.asarray(calibration.covariance)[np.ix_(index, index)])
         B = basis(beta, len(table.wave) // 2)
-        return np.asarray(
-            np.einsum("ni,ij,nj->n", B, np.asarray(calibration.covariance)[np.ix_(index, index)], B)
-        )
+        return np.asarray(B @ vectors * np.sqrt(np.maximum(values, 0.0)))
     t = (beta - table.start) / table.step
     k = np.minimum((t + 1e-9).astype(int), len(table.values) - 2)
     part = t - k
     if calibration.lookup == "rounded":
         part = np.round(part)
-    return np.asarray((1 - part) ** 2 * table.sigmas[k] ** 2 + part**2 * table.sigmas[k + 1] ** 2)
+    rows = np.arange(len(beta))
+    errors = np.zeros((len(beta), len(table.values)))
+    errors[rows, k] = (1 - part) * table.sigmas[k]
+    errors[rows, k + 1] = part * table.sigmas[k + 1]
+    return errors

@@ -16,6 +16,7 @@ from tiltcal.forward.signal_chain import CONVERSION
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.validation.accuracy import TiltError
+from tiltcal.validation.effective_dof import dof_of_changes
 
 RATE = 60 * DEG
 
@@ -30,12 +31,10 @@ def attitude_error(setup: Setup, effects: Sequence[Effect], calibration: Calibra
     sensor = setup.named(calibration.sensors()[0])
     turns = [_reading(sensor, setup, effects, RATE * axis) for axis in np.eye(3)]
     bare = replace(calibration, parameters={}, covariance=np.zeros((0, 0)))
-    return TiltError(
-        _rms(turns, bare, sensor),
-        _rms(turns, calibration, sensor),
-        _bound(turns, calibration, sensor),
-        "attitude after one turn about each axis at 60 deg/s",
-    )
+    over = "attitude after one turn about each axis at 60 deg/s"
+    before, after = _rms(turns, bare, sensor), _rms(turns, calibration, sensor)
+    bound, dof = _bound(turns, calibration, sensor)
+    return TiltError(before, after, bound, over, dof)
 
 
 def _reading(sensor: Sensor, setup: Setup, effects: Sequence[Effect], rate: Array) -> Array:
@@ -76,14 +75,16 @@ def _rms(turns: Sequence[Array], calibration: Calibration, sensor: Sensor) -> fl
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-def _bound(turns: Sequence[Array], calibration: Calibration, sensor: Sensor) -> float:
-    """What the covariance predicts: the turns moved by each principal error of the parameters."""
+def _bound(turns: Sequence[Array], calibration: Calibration, sensor: Sensor) -> tuple[float, float]:
+    """What the covariance predicts, and its degrees of freedom: the turns moved by each principal
+    error of the parameters.
+    """
     from scipy.spatial.transform import Rotation
 
     names = list(calibration.parameters)
     values, vectors = np.linalg.eigh(calibration.covariance)
     centre = [_final(reading, calibration, sensor) for reading in turns]
-    total = 0.0
+    total, changes = 0.0, []
     for value, vector in zip(values, vectors.T, strict=True):
         step = np.sqrt(max(value, 0.0))
         moved = {
@@ -91,9 +92,10 @@ def _bound(turns: Sequence[Array], calibration: Calibration, sensor: Sensor) -> 
             for (n, e), d in zip(calibration.parameters.items(), vector, strict=True)
         }
         shifted = replace(calibration, parameters=dict(zip(names, moved.values(), strict=True)))
-        angles = [
-            Rotation.from_matrix(_final(reading, shifted, sensor) @ R.T).magnitude()
+        turned = [
+            Rotation.from_matrix(_final(reading, shifted, sensor) @ R.T)
             for reading, R in zip(turns, centre, strict=True)
         ]
-        total += float(np.mean(np.square(angles)))
-    return float(np.sqrt(total))
+        total += float(np.mean([r.magnitude() ** 2 for r in turned]))
+        changes.append(np.ravel([r.as_rotvec() for r in turned]))
+    return float(np.sqrt(total)), dof_of_changes(changes)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.core.files import replacing
 from tiltcal.validation.acceptance import MethodResult, ScenarioResult, Verification
-from tiltcal.validation.limits import Limit
+from tiltcal.validation.limit import Limit
 
 
 def write_junit(verification: Verification, path: Path) -> None:
@@ -32,7 +32,9 @@ def _add_cases(suite: ElementTree.Element, result: ScenarioResult, method: Metho
         words = {"classname": name, "name": limit.name, "time": seconds}
         case = ElementTree.SubElement(suite, "testcase", words)
         if not limit.passed or method.error:
-            text = method.error or f"reached {limit.reached:.6g}, allowed {limit.allowed}"
+            where = f" ({limit.where})" if limit.where else ""
+            reached = f"reached {limit.reached:.6g}{where}, allowed {limit.allowed}"
+            text = method.error or reached
             text = _printable(text)
             ElementTree.SubElement(case, "failure", message=text).text = text
 

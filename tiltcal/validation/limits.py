@@ -1,95 +1,74 @@
-"""Acceptance limits of a calibration method: verdict, tilt error, parameters against the truth."""
+"""Acceptance of a calibration method over all its runs: verdict, required parameters, parameters
+against the truth, tilt error.
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+A correct method is rejected with probability ``false_alarm`` at most: that probability is shared
+equally by all tests that decide by chance (Bonferroni).
+"""
 
-import numpy as np
+from collections.abc import Iterator, Sequence
 
-from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.validity import Verdict
+from tiltcal.calibration.validity import SIGNIFICANCE
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.laboratory.scenario_tables import Accept, MethodTable
-from tiltcal.validation.accuracy import TiltError, normalised_error, true_parameters
+from tiltcal.laboratory.scenario_tables import MethodTable
+from tiltcal.validation.limit import Judge, Limit
+from tiltcal.validation.parameter_limits import (
+    missing_limit,
+    parameter_judges,
+    required_parameters,
+)
+from tiltcal.validation.runs import Row
+from tiltcal.validation.tilt_limits import tilt_limits
 
 
-@dataclass(frozen=True)
-class Limit:
-    """One acceptance limit: what was reached, what was allowed, in words."""
+def limits_of(scenario: Scenario, table: MethodTable, rows: Sequence[Row]) -> list[Limit]:
+    """All limits of a method over its runs.
 
-    name: str
-    reached: float
-    allowed: str
-    passed: bool
+    Args:
+        scenario: that was run; table: the method's part of it.
+        rows: one a run, none of them with an error.
+    """
+    certain: list[Limit] = []
+    judges: list[Judge] = [lambda share: _verdict_limit(table, rows, share)]
+    if table.expect != "cannot_tell":
+        if table.accept.parameters or table.accept.required is not None:
+            certain.append(missing_limit(required_parameters(scenario, table.accept, rows), rows))
+        if table.accept.parameters:
+            judges += parameter_judges(rows)
+        judges += _tilt_judges(table, rows)
+    share = table.accept.false_alarm / len(judges)
+    verdict, *others = [judge(share) for judge in judges]
+    return [verdict, *(limit for limit in certain if not limit.passed), *others]
 
 
-def limits_of(
-    scenario: Scenario, table: MethodTable, found: Sequence[Calibration], tilt: TiltError | None
-) -> Iterable[Limit]:
-    """All limits of a method over its runs. tilt: error of the first run."""
-    yield _verdict_limit(table, [c.verdict for c in found])
-    if table.expect == "cannot_tell":
+def _tilt_judges(table: MethodTable, rows: Sequence[Row]) -> Iterator[Judge]:
+    accept = table.accept
+    if accept.tilt_arcsec is accept.tilt_over_bound is accept.better_by is None:
         return
-    if table.accept.parameters:
-        yield _parameter_limit(scenario, table, found)
-    if tilt is not None:
-        yield from _tilt_limits(table.accept, *tilt.in_arcsec)
+    without = [r.seed for r in rows if r.tilt_after is None]
+    if without:
+        where = f"seed {without[0]}" if len(without) < len(rows) else ""
+        n = float(len(rows) - len(without))
+        yield lambda _: Limit("runs with a tilt error", n, f"{len(rows)}", False, where=where)
+        return
+    for limit in tilt_limits(accept, rows):
+        yield from limit.judges()
 
 
-def _verdict_limit(table: MethodTable, verdicts: Sequence[Verdict]) -> Limit:
-    wrong = sum(v != table.expect for v in verdicts)
-    allowed = _rare(len(verdicts), table.accept.false_alarm) if table.expect == "good" else 0
-    words = ", ".join(
-        f"{v} x{verdicts.count(v)}" if len(verdicts) > 1 else v for v in dict.fromkeys(verdicts)
-    )
-    expected = f"{table.expect}, at most {allowed} others"
-    return Limit(f"verdict ({words})", float(wrong), expected, wrong <= allowed)
-
-
-def _tilt_limits(accept: Accept, before: float, after: float, bound: float) -> Iterable[Limit]:
-    """Limits of the tilt error. before, after: arcsec; bound: predicted by the covariance."""
-    if accept.tilt_arcsec is not None:
-        allowed = accept.tilt_arcsec
-        yield Limit("tilt error, arcsec rms", after, f"<= {allowed:g}", after <= allowed)
-    if accept.tilt_over_bound is not None:
-        allowed, ratio = accept.tilt_over_bound, _ratio(after, bound)
-        ok = after <= allowed * bound
-        yield Limit("tilt error over its bound", ratio, f"<= {allowed:g}", ok)
-    if accept.better_by is not None:
-        allowed, ratio = accept.better_by, _ratio(before, after)
-        ok = before >= allowed * after
-        yield Limit("tilt error before over after", ratio, f">= {allowed:g}", ok)
-
-
-def _ratio(a: float, b: float) -> float:
-    """a / b; a perfect b makes it infinite."""
-    return a / b if b else np.inf
-
-
-def _rare(runs: int, false_alarm: float) -> int:
-    """How many of ``runs`` good calibrations may be called suspect: each has a few tests at 0.1
-    %.
+def _verdict_limit(table: MethodTable, rows: Sequence[Row], share: float) -> Limit:
+    """Runs with another verdict than the expected one. Where ``good`` is expected of several runs,
+    as many may be ``suspect`` as the method's own tests let expect: each fails for a good
+    calibration with probability SIGNIFICANCE.
     """
     from scipy.stats import binom
 
-    return int(binom.isf(false_alarm, runs, 5e-3)) if runs > 1 else 0
-
-
-def _parameter_limit(scenario: Scenario, table: MethodTable, found: Sequence[Calibration]) -> Limit:
-    """All parameters of all runs against the truth: the sum of squared errors in units of their
-    covariance (NEES).
-    """
-    from scipy.special import chdtri
-
-    total, dof = 0.0, 0
-    for c in found:
-        nees, n = normalised_error(c, true_parameters(scenario, scenario.effects, c))
-        total, dof = total + nees, dof + n
-    if dof == 0:
-        return Limit("parameters against the truth", 0.0, "a truth to compare with", False)
-    rare = table.accept.false_alarm / 2
-    low, high = chdtri(dof, 1 - rare), chdtri(dof, rare)
-    name, allowed = (
-        "parameters, NEES per degree of freedom",
-        f"{low / dof:.3g} ... {high / dof:.3g}",
+    shown = [r.shown_verdict for r in rows]
+    wrong = sum(r.verdict != table.expect for r in rows)
+    allowed = 0
+    if table.expect == "good" and len(rows) > 1 and all(r.verdict != "cannot_tell" for r in rows):
+        tests = max(r.tests for r in rows)
+        allowed = int(binom.isf(share, len(rows), 1 - (1 - SIGNIFICANCE) ** tests)) if tests else 0
+    words = ", ".join(
+        f"{v} x{shown.count(v)}" if len(rows) > 1 else v for v in dict.fromkeys(shown)
     )
-    return Limit(name, total / dof, allowed, bool(low <= total <= high))
+    expected = f"{table.expect}, at most {allowed} others"
+    return Limit(f"verdict ({words})", float(wrong), expected, wrong <= allowed)

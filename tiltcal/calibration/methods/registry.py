@@ -23,6 +23,7 @@ from tiltcal.calibration.methods.north_seeking import north
 from tiltcal.calibration.methods.placing_table import placing_table
 from tiltcal.calibration.methods.six_position import six_position
 from tiltcal.calibration.methods.two_position import two_position
+from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.recordings.recording import Recording
@@ -102,7 +103,8 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
     """Run a method on a recording. It is handed the recording and the set-up, never a truth.
 
     Raises:
-        TiltcalError: an option is unknown, or the method returns no Calibration.
+        TiltcalError: an option is unknown, the method returns no Calibration, or an estimate in a
+            unit of another dimension.
     """
     method = find_method(name)
     accepted = inspect.signature(method).parameters
@@ -134,7 +136,8 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             need="a tiltcal.calibration.result.Calibration",
             do="return one",
         )
-    return _with_setup(result, bare)
+    ours = name in METHODS
+    return _with_setup(result if ours else in_our_units(result, bare), bare)
 
 
 def _foreign(
@@ -201,7 +204,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
                 need="0",
                 do="run it by hand",
             )
-        return _with_setup(load_calibration(paths["cal"]), bare)
+        return _with_setup(in_our_units(load_calibration(paths["cal"]), bare), bare)
 
 
 _FILES = {"recording": "recording.csv", "scenario": "scenario.toml", "cal": "CAL.json"}

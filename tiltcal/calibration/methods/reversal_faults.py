@@ -12,6 +12,7 @@ from tiltcal.core.units import DEG
 from tiltcal.statistics.least_squares import Fit, linear_fit
 
 MOVED = 1e-4  # significance of a base that moves during a dwell, over all dwells and channels
+DIGITS = 9  # of a p-value
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,10 @@ def solve(reversal: Reversal) -> Fit:
 
 
 def explain(reversal: Reversal) -> str | None:
-    """The fault that makes the dwells agree best, in words; None when none does."""
-    found = [(p, words) for p, words in _hypotheses(reversal) if p > SIGNIFICANCE]
+    """The fault that makes the dwells agree best, in words; None when none does. Of faults that
+    agree alike rounding must not choose.
+    """
+    found = [(round(p, DIGITS), words) for p, words in _hypotheses(reversal) if p > SIGNIFICANCE]
     return max(found)[1] if found else None
 
 

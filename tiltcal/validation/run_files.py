@@ -1,0 +1,80 @@
+"""One row a run, as a table for Parquet and CSV."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tiltcal.core.files import replacing
+from tiltcal.core.units import ARCSEC
+from tiltcal.validation.runs import Row
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def record_of(row: Row) -> dict[str, Any]:
+    """A row as plain values by column name; None where there is none.
+
+    A parameter has three columns: ``<name>_<unit>``, ``<name>_sigma_<unit>`` and
+    ``<name>_truth_<unit>``. A ratio has the unit ``unitless``.
+    """
+    record: dict[str, Any] = {
+        "scenario": row.scenario,
+        "method": row.method,
+        "seed": row.seed,
+        "verdict": row.shown_verdict,
+        "nees": row.nees if row.nees_dof else None,
+        "nees_dof": row.nees_dof,
+        "tilt_before_arcsec": _arcsec(row.tilt_before),
+        "tilt_after_arcsec": _arcsec(row.tilt_after),
+        "tilt_bound_arcsec": _arcsec(row.tilt_bound),
+        "tilt_dof": None if row.tilt_after is None else row.tilt_dof,
+        "seconds": row.seconds,
+        "error": row.error,
+    }
+    for p in row.parameters:
+        unit = "unitless" if p.unit in ("1", "") else p.unit
+        record |= {
+            f"{p.name}_{unit}": p.value,
+            f"{p.name}_sigma_{unit}": p.sigma,
+            f"{p.name}_truth_{unit}": p.truth,
+        }
+    return record
+
+
+def table_of(rows: Sequence[Row]) -> "pa.Table":
+    """All rows as one table; a column that a row does not have is null there.
+
+    Returns:
+        Text, int64 (seed, nees_dof) and float64 columns; the fixed ones first, then the parameters
+        in the order in which they appear.
+    """
+    import pyarrow as pa
+
+    records = [record_of(row) for row in rows]
+    text, whole = ("scenario", "method", "verdict", "error"), ("seed", "nees_dof")
+    names = list(dict.fromkeys(name for record in records for name in record))
+    kinds = {
+        n: pa.string() if n in text else pa.int64() if n in whole else pa.float64() for n in names
+    }
+    columns = [pa.array([r.get(n) for r in records], kinds[n]) for n in names]
+    return pa.table(columns, names=names)
+
+
+def write_runs(rows: Sequence[Row], folder: Path) -> None:
+    """Write ``runs.parquet`` and ``runs.csv`` into a folder, each whole or not at all.
+
+    Raises:
+        TiltcalError: the folder cannot be written.
+    """
+    from pyarrow import csv, parquet
+
+    table = table_of(rows)
+    with replacing(folder / "runs.parquet") as temporary:
+        parquet.write_table(table, temporary)
+    with replacing(folder / "runs.csv") as temporary:
+        csv.write_csv(table, temporary)
+
+
+def _arcsec(angle: float | None) -> float | None:
+    return None if angle is None else angle / ARCSEC

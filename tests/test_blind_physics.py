@@ -14,6 +14,7 @@ from blind.laboratory import Lab, another, draw
 from blind.memory import leaky, play
 from blind.motion import Move, Plan
 from blind.oracle import Oracle, adjustable
+from blind.second_author import second_author
 from blind.world import Past, felt, readings
 from statistics_helpers import rng_of
 
@@ -98,7 +99,7 @@ def test_every_effect_is_nothing_at_zero_and_finite_at_its_plausible_size(kind):
     t = np.linspace(0.5, lab.track.end_s - 0.5, 60)
     past = Past(lab)
     zero = readings(lab, (), t, past)
-    for spec in listed(lab) + unlisted(lab):
+    for spec in listed(lab) + unlisted(lab) + second_author(lab):
         for shape in (
             spec.shapes(rng_of("x"), lab)[0],
             spec.odd(rng_of("x"), lab) if spec.odd else None,
@@ -227,9 +228,9 @@ def test_the_products_simulator_reads_the_same_for_the_same_motion(kind, here):
 def test_a_case_is_the_same_every_time_and_conceals_what_its_type_says(kind, type_):
     a, b = (make(kind, type_, 1, [7, 1, 2]) for _ in range(2))
     assert (a.rows.y == b.rows.y).all()
-    count = {"null": 0, "pair": 2}.get(type_, 1)
+    count = {"null": 0, "pair": 2, "triple": 3}.get(type_, 1)
     assert len(a.truth["effects"]) == count
-    if type_ in ("single", "odd", "pair", "unlisted"):
+    if type_ in ("single", "odd", "pair", "triple", "unlisted"):
         assert all(e["lambda"] >= 60 for e in a.truth["effects"])
     if type_ == "impossible":
         assert a.truth["effects"][0]["lambda"] < 5

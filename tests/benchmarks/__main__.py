@@ -13,6 +13,7 @@ ROOMS = (
     "allan",
     "investigating",
     "diagnosing",
+    "trials",
 )
 
 

@@ -1,4 +1,4 @@
-"""Run trials and print the score table: ``python -m blind --command 'tiltcal' -o DIR`` with this
+"""Run trials and print the score table: ``python -m blind --diagnoser 'tiltcal' -o DIR`` with this
 folder's parent on the path.
 """
 
@@ -12,36 +12,36 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from pathlib import Path
 from typing import Any
 
-from blind.cases import KINDS, TYPES, possible
+from blind.cases import KINDS, TYPES
+from blind.catalogue import AUTHORS
+from blind.plans import BENCHMARK_SEED, benchmark, plan
+from blind.reliability import reliability
+from blind.reliability import show as show_reliability
 from blind.table import lines, show
 from blind.trial import trial
-
-
-def plan(n: int, kinds: Sequence[str], types: Sequence[str]) -> list[tuple[str, str, int]]:
-    """(kind, type, number) of n cases of every type, the kinds in turn; number decides the noise
-    stratum too.
-    """
-    out = []
-    for i in range(n):
-        for type_ in types:
-            own = [k for k in kinds if possible(k, type_)]
-            if own:
-                out.append((own[i % len(own)], type_, i // len(own)))
-    return out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status 0: nothing fell short beyond chance; 1: something did; 130: interrupted."""
     args = _parser().parse_args(arguments)
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="blind-"))
-    jobs = plan(args.n, args.kinds, args.types)
+    jobs = benchmark() if args.benchmark else plan(args.n, args.kinds, args.types, args.authors)
+    seed = BENCHMARK_SEED if args.benchmark else args.seed
     results = []
     with ProcessPoolExecutor(args.jobs) as pool:
         waiting: set[Future[Any]] = {
             pool.submit(
-                trial, folder, kind, type_, k, args.seed, shlex.split(args.command), args.time_limit
+                trial,
+                folder,
+                job.kind,
+                job.type_,
+                job.k,
+                seed,
+                shlex.split(args.diagnoser),
+                args.time_limit,
+                job.author,
             )
-            for kind, type_, k in jobs
+            for job in jobs
         }
         try:
             while waiting:
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _finish(results: list[dict[str, Any]], folder: Path, as_json: bool) -> int:
-    table = lines(results)
+    table, told = lines(results), reliability(results)
     rows = [
         {
             "name": x.name,
@@ -74,20 +74,26 @@ def _finish(results: list[dict[str, Any]], folder: Path, as_json: bool) -> int:
         for x in table
     ]
     folder.mkdir(parents=True, exist_ok=True)
+    score = {"table": rows} | ({"reliability": told} if told else {})
     (folder / "score.json").write_text(
-        json.dumps({"table": rows, "cases": results}, indent=1, default=float) + "\n",
-        encoding="utf-8",
+        json.dumps(score | {"cases": results}, indent=1, default=float) + "\n", encoding="utf-8"
     )
-    print(json.dumps({"table": rows}, indent=1, default=float) if as_json else show(table))
+    if as_json:
+        print(json.dumps(score, indent=1, default=float))
+    else:
+        print(show(table))
+        if told:
+            print(show_reliability(told))
     print(f"cases, answers and truth: {folder}", file=sys.stderr)
     return int(any(x.failed for x in table))
 
 
 def _tell(r: dict[str, Any], n: int, of: int) -> None:
     said = "+".join(str(f) for f in r["findings"]) or "-"
+    truth = "+".join(r["truth"]) or r.get("nuisance") or "-"
     lam = "+".join("-" if x is None else f"{x:.0f}" for x in r["lambda"])
     print(
-        f"{n}/{of} {r['name']:32s} {r['seconds']:5.1f} s  {'+'.join(r['truth']) or '-'} ({lam})"
+        f"{n}/{of} {r['name']:32s} {r['seconds']:5.1f} s  {truth} ({lam})"
         f" -> {r['verdict']}: {said} {r['note']}",
         file=sys.stderr,
         flush=True,
@@ -101,7 +107,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--types", nargs="+", choices=TYPES, default=TYPES)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-j", "--jobs", type=int, default=1)
-    parser.add_argument("--command", default=f"{shlex.quote(sys.executable)} -m tiltcal")
+    parser.add_argument("--authors", nargs="+", choices=AUTHORS, default=AUTHORS)
+    parser.add_argument("--benchmark", action="store_true")
+    parser.add_argument("--diagnoser", default=f"{shlex.quote(sys.executable)} -m tiltcal")
     parser.add_argument("--time-limit", type=float, default=300.0)
     parser.add_argument("-o", "--output")
     parser.add_argument("--json", action="store_true")

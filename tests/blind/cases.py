@@ -8,34 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from blind.catalogue import bound, listed, settled, unlisted
+from blind.catalogue import bound, listed, settled, unlisted_by
 from blind.faults import Rows, faults
 from blind.laboratory import KINDS, Lab, another, draw
 from blind.noise import draw as draw_noise
 from blind.oracle import TELL, Found, Oracle, prediction
+from blind.second_author_nulls import ordinary
 from blind.spec import Shape, Spec
+from blind.truth import Hidden, told_of, told_of_fault
 from blind.world import Past, Physics, readings
 
-TYPES = ("null", "single", "odd", "data", "pair", "unlisted", "impossible")
+TYPES = ("null", "single", "odd", "data", "pair", "unlisted", "impossible", "triple")
+AUTHORED = ("null", "unlisted")  # types of which every author has cases
+SEVERAL = {"pair": 2, "triple": 3}
 SIX = ("six_faces", "six_any")
 TRIES = 60
 LEAST = 60.0  # non-centrality below which nothing is concealed: chance decides there
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """One concealed effect and what the oracle knows of it."""
-
-    spec: Spec
-    shape: Shape
-    p: np.ndarray  # SI
-    found: Found
-    textbook: bool
-
-    @property
-    def physics(self) -> Physics:
-        """The hook."""
-        return self.spec.physics(self.p, self.shape)
 
 
 @dataclass(frozen=True)
@@ -52,13 +40,15 @@ class Case:
 
 def possible(kind: str, type_: str) -> bool:
     """Six poses carry nulls and the impossible only; elsewhere nothing that is drawn is
-    impossible.
+    impossible. Hardly three effects can be told apart on the vertical table.
     """
+    if (kind, type_) == ("vertical_turn", "triple"):
+        return False
     return (type_ in ("null", "impossible")) if kind in SIX else type_ != "impossible"
 
 
-def make(kind: str, type_: str, stratum: int, seed: Sequence[int]) -> Case:
-    """Draw one case.
+def make(kind: str, type_: str, stratum: int, seed: Sequence[int], author: str = "first") -> Case:
+    """Draw one case. ``author``: who invented what is unlisted, or the ways to be ordinary.
 
     Raises:
         RuntimeError: no draw gave an effect that fits.
@@ -66,18 +56,20 @@ def make(kind: str, type_: str, stratum: int, seed: Sequence[int]) -> Case:
     rng = np.random.default_rng(seed)
     for _ in range(TRIES):
         lab = draw(rng, kind, stratum)
-        hidden = _conceal(rng, lab, type_)
+        if type_ == "null" and author == "second":
+            lab = ordinary(rng, lab)
+        hidden = None if lab is None else _conceal(rng, lab, type_, author)
         if hidden is not None:
-            return _finish(rng, lab, type_, hidden)
+            return _finish(rng, lab, type_, author, hidden)
     raise RuntimeError(f"{kind} {type_} {list(seed)}: no effect fits")
 
 
-def _conceal(rng: np.random.Generator, lab: Lab, type_: str) -> list[Hidden] | None:
+def _conceal(rng: np.random.Generator, lab: Lab, type_: str, author: str) -> list[Hidden] | None:
     if type_ in ("null", "data"):
         return []
     oracle = Oracle(lab, rng)
     specs = (
-        unlisted(lab)
+        unlisted_by(author, lab)
         if type_ == "unlisted"
         else [s for s in listed(lab) if s.drawn and (type_ != "odd" or s.odd)]
     )
@@ -91,10 +83,23 @@ def _conceal(rng: np.random.Generator, lab: Lab, type_: str) -> list[Hidden] | N
     if not specs:
         return None
     first = _draw(rng, oracle, _pick(rng, specs), type_)
-    if first is None or type_ != "pair":
+    if first is None or type_ not in SEVERAL:
         return first and [first]
-    second = _draw(rng, oracle, _pick(rng, [s for s in specs if s.id != first.spec.id]), "single")
-    return second and _together(oracle, first, second)
+    return _beside(rng, oracle, specs, [first], SEVERAL[type_])
+
+
+def _beside(
+    rng: np.random.Generator, oracle: Oracle, specs: Sequence[Spec], drawn: list[Hidden], n: int
+) -> list[Hidden] | None:
+    """Others of another id beside what is drawn, until there are n that can be told apart."""
+    while len(drawn) < n:
+        used = {h.spec.id for h in drawn}
+        one = _draw(rng, oracle, _pick(rng, [s for s in specs if s.id not in used]), "single")
+        together = one and _together(oracle, [*drawn, one])
+        if not together:
+            return None
+        drawn = together
+    return drawn
 
 
 def _pick(rng: np.random.Generator, specs: Sequence[Spec]) -> Spec:
@@ -129,7 +134,7 @@ def _draw(rng: np.random.Generator, oracle: Oracle, spec: Spec, type_: str) -> H
         )
     r = oracle.residual(oracle.signal([spec.physics(0.1 * full, shape)])[:, :, None])
     lam = float((r**2).sum())
-    size = 0.1 * np.sqrt(10 ** rng.uniform(1.7, 5) / max(lam, 1e-12))
+    size = 0.1 * np.sqrt(10 ** rng.uniform(*spec.strength) / max(lam, 1e-12))
     return _hidden(oracle, spec, shape, full * min(size, 1.3), textbook=not odd)
 
 
@@ -154,13 +159,16 @@ def _hidden(
     return Hidden(spec, shape, p, found, textbook)
 
 
-def _together(oracle: Oracle, a: Hidden, b: Hidden) -> list[Hidden] | None:
-    """Both, judged beside one another; None where one hides the other."""
+def _together(oracle: Oracle, every: Sequence[Hidden]) -> list[Hidden] | None:
+    """All, each judged beside the others; None where some hide another."""
     out = []
-    for one, other in ((a, b), (b, a)):
-        columns = oracle.residual(oracle.columns(other.spec, other.shape))
-        found = oracle.judge(one.spec, one.shape, one.physics, beside=list(columns.T))
-        if found.lam < 100 or other.spec.id in found.inseparable:
+    for one in every:
+        others = [h for h in every if h is not one]
+        columns = [oracle.residual(oracle.columns(h.spec, h.shape)) for h in others]
+        found = oracle.judge(
+            one.spec, one.shape, one.physics, beside=[c for U in columns for c in U.T]
+        )
+        if found.lam < 100 or {h.spec.id for h in others} & set(found.inseparable):
             return None
         out.append(Hidden(one.spec, one.shape, one.p, found, one.textbook))
     return out
@@ -170,15 +178,19 @@ def _together(oracle: Oracle, a: Hidden, b: Hidden) -> list[Hidden] | None:
 # ----------- the files
 
 
-def _finish(rng: np.random.Generator, lab: Lab, type_: str, hidden: list[Hidden]) -> Case:
+def _finish(
+    rng: np.random.Generator, lab: Lab, type_: str, author: str, hidden: list[Hidden]
+) -> Case:
     hooks = [h.physics for h in hidden]
     ideal = _clean(rng, lab, hooks)
-    rows, effects = _noisy(rng, lab, ideal), [_said(h) for h in hidden]
+    rows, effects = _noisy(rng, lab, ideal), [told_of(h) for h in hidden]
     if type_ == "data":
         rows, effects = _broken(rng, lab)
     truth: dict[str, Any] = {
         "kind": lab.kind,
         "type": type_,
+        "author": author,
+        "nuisance": lab.noise.nuisance.id if lab.noise.nuisance else None,
         "walk": lab.noise.walk_stratum,
         "flicker": lab.noise.flicker > 0,
         "effects": effects,
@@ -190,14 +202,23 @@ def _finish(rng: np.random.Generator, lab: Lab, type_: str, hidden: list[Hidden]
         or type_ in ("data", "impossible")
         or any(h.spec.later == "none" for h in hidden)
     ):
-        return Case(lab, rows, None, None, None, truth)
+        return Case(lab, _logged(lab, rows), None, None, None, truth)
     other = another(rng, lab)
     after = [bound(h.spec, other).physics(h.p, settled(h.spec, h.shape)) for h in hidden]
     clean = _clean(rng, other, after)
     truth["heldout"] = prediction(
         Oracle(lab, rng), other, [(h.spec, h.shape, h.p) for h in hidden], rows.y - ideal.y
     )
-    return Case(lab, rows, other, _noisy(rng, other, clean), clean, truth)
+    return Case(lab, _logged(lab, rows), other, _noisy(rng, other, clean), clean, truth)
+
+
+def _logged(lab: Lab, rows: Rows) -> Rows:
+    """The rows that are in the file."""
+    own = lab.noise.nuisance
+    if own is None or own.logged is None:
+        return rows
+    kept = own.logged(rows.t)
+    return Rows(rows.t[kept], rows.table[kept], rows.y[kept], rows.T[kept])
 
 
 def channel_names(lab: Lab) -> list[str]:
@@ -205,34 +226,12 @@ def channel_names(lab: Lab) -> list[str]:
     return [f"{lab.sensors[s].name}_{lab.sensors[s].axes[i]}" for s, i in lab.channels]
 
 
-def _said(h: Hidden) -> dict[str, Any]:
-    values = {
-        n: float(v / h.spec.unit)
-        for n, v in zip(h.spec.names, h.p, strict=True)
-        if v or h.spec.together
-    }
-    return {
-        "id": h.spec.id,
-        "listed": h.spec.listed,
-        "textbook": h.textbook,
-        "stage": h.spec.stage,
-        "where": list(h.spec.where),
-        "sensors": list(h.spec.sensors),
-        "parameters": {**values, **h.spec.extra(h.shape)},
-        "shape": {k: str(v) for k, v in h.shape.items()},
-        "lambda": h.found.lam,
-        "own": h.found.own,
-        "inseparable": h.found.inseparable,
-        "tolerated": h.found.tolerated,
-        "left": {k: round(v, 2) for k, v in sorted(h.found.left.items(), key=lambda x: x[1])[:8]},
-        "energy": h.found.energy,
-    }
-
-
 def _clean(rng: np.random.Generator, lab: Lab, hooks: Sequence[Physics]) -> Rows:
     n = int(lab.track.end_s * lab.rate_hz)
     t = (np.arange(n) + lab.noise.jitter * rng.uniform(-1, 1, n)) / lab.rate_hz
     t = np.round(t - t[0], 4)
+    own = lab.noise.nuisance
+    t = own.stamps(rng, t) if own and own.stamps else t
     return Rows(
         t, lab.track.angles(t), readings(lab, hooks, t, Past(lab)), np.round(lab.room.at(t), 2)
     )
@@ -250,21 +249,7 @@ def _broken(rng: np.random.Generator, lab: Lab) -> tuple[Rows, list[dict[str, An
     said = fault.make(rng, lab, clean) if fault.before_noise else {}
     rows = _noisy(rng, lab, clean)
     said = said or fault.make(rng, lab, rows)
-    effect = {
-        "id": fault.id,
-        "listed": True,
-        "textbook": True,
-        "stage": fault.stage,
-        "where": list(fault.where),
-        "sensors": [said.pop("sensor", "")],
-        "parameters": said,
-        "interval_s": said.pop("interval_s", None),
-        "lambda": None,
-        "inseparable": [],
-        "tolerated": [],
-        "energy": {},
-    }
-    return rows, [effect]
+    return rows, [told_of_fault(fault, said)]
 
 
-__all__ = ["KINDS", "TYPES", "Case", "channel_names", "make", "possible"]
+__all__ = ["AUTHORED", "KINDS", "TYPES", "Case", "Hidden", "channel_names", "make", "possible"]

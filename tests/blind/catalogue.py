@@ -3,6 +3,7 @@
 from blind.electronics import electronics
 from blind.laboratory import Lab
 from blind.mechanics import mechanics
+from blind.second_author import second_author
 from blind.sensing import sensing
 from blind.spec import Shape, Spec
 from blind.unlisted import unlisted
@@ -23,7 +24,14 @@ def bound(spec: Spec, lab: Lab) -> Spec:
     temperature.
     """
     key = (spec.id, spec.axes, spec.sensors)
-    return next(s for s in listed(lab) + unlisted(lab) if (s.id, s.axes, s.sensors) == key)
+    every = listed(lab) + unlisted(lab) + second_author(lab)
+    return next(s for s in every if (s.id, s.axes, s.sensors) == key)
 
 
-__all__ = ["bound", "listed", "settled", "unlisted"]
+def unlisted_by(author: str, lab: Lab) -> list[Spec]:
+    """What the catalogue does not have, by who invented it."""
+    return {"first": unlisted, "second": second_author}[author](lab)
+
+
+AUTHORS = ("first", "second")
+__all__ = ["AUTHORS", "bound", "listed", "settled", "unlisted", "unlisted_by"]

@@ -9,6 +9,7 @@ import numpy as np
 from blind.cases import channel_names
 from blind.faults import Rows
 from blind.laboratory import Lab
+from blind.nuisance import Nuisance
 from blind.rotations import ARCSEC, DEG, G0
 
 UNITS = {
@@ -32,25 +33,28 @@ TITLES = {
 
 def write_recording(path: Path, lab: Lab, rows: Rows, rng: np.random.Generator | None) -> None:
     """A recording in CSV. ``rng`` None: nothing is missing."""
-    columns, head, blank = [rows.t], ["time_s"], [np.zeros(len(rows.t), bool)]
+    own = (lab.noise.nuisance if rng is not None else None) or Nuisance("none")
+    stamps = own.written(rows.t) if own.written else rows.t
+    columns, head, blank = [stamps], ["time_s"], [np.zeros(len(rows.t), bool)]
     if lab.written:
         between = _between(lab, rows.t) if lab.unlocked else blank[0]
         for k, name in enumerate(lab.axis_names):
             columns.append(np.round(rows.table[:, k] / DEG, 5))
             head.append(f"table_{name}_deg")
             blank.append(between)
-    formats = ["%.4f"] + ["%.5f"] * (len(head) - 1)
+    formats = ["%.7f" if own.stamps else "%.4f"] + ["%.5f"] * (len(head) - 1)
+    empty = (
+        own.empty(rng, len(rows.t), len(lab.channels)) if own.empty and rng is not None else None
+    )
     for c, (name, (s, _)) in enumerate(zip(channel_names(lab), lab.channels, strict=True)):
         unit = lab.sensors[s].unit
         columns.append(rows.y[:, c] / UNITS[unit])
         head.append(f"{name}_{unit}")
-        decimals = (
-            9
-            if rng is None
-            else max(0, int(np.ceil(-np.log10(lab.sensors[s].sigma / UNITS[unit] / 30))))
-        )
+        step = lab.sensors[s].sigma / UNITS[unit] * (own.coarse or 1 / 30)
+        decimals = 9 if rng is None else max(0, int(np.ceil(-np.log10(step))))
         formats.append(f"%.{decimals}f")
         blank.append(rng.random(len(rows.t)) < lab.noise.missing if rng is not None else blank[0])
+        blank[-1] = blank[-1] | empty[:, c] if empty is not None else blank[-1]
     columns.append(rows.T)
     head.append("temperature_degC")
     formats.append("%.2f")

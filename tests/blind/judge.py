@@ -31,6 +31,7 @@ def judge(truth: Plain, answer: Plain | None, heldout: float | None) -> Plain:
     findings = (answer or {}).get("findings") or []
     verdict = (answer or {}).get("verdict")
     said = {k: truth[k] for k in ("kind", "type", "walk", "flicker")}
+    said |= {"author": truth.get("author", "first"), "nuisance": truth.get("nuisance")}
     said |= {
         "verdict": verdict,
         "claims": verdict in CLAIMS,
@@ -43,6 +44,8 @@ def judge(truth: Plain, answer: Plain | None, heldout: float | None) -> Plain:
     }
     if truth["type"] == "null":
         said["p_min"] = min([f.get("p_value", 1.0) for f in findings], default=None)
+    if statements := stated(truth, findings):
+        said["stated"] = statements
     if "heldout" in truth:
         said["heldout"] = {**truth["heldout"], "product": heldout}
     alone = len(truth["effects"]) == 1
@@ -74,9 +77,36 @@ def _effect(e: Plain, findings: list[Plain], kind: str, verdict: str | None, alo
     )
 
 
-def _listed(e: Plain, findings: list[Plain], kind: str, alone: bool) -> Plain:
+def right_names(e: Plain, kind: str) -> set[str]:
+    """Every name of what is concealed."""
+    if not e["listed"]:
+        return {"unlisted"}
     right = {e["id"]}.union(*(t for t in TWINS if e["id"] in t))
-    right |= TURNED if e["id"] in TURNED and kind in ("placing_sweep", "vertical_turn") else set()
+    turned = e["id"] in TURNED and kind in ("placing_sweep", "vertical_turn")
+    return right | TURNED if turned else right
+
+
+def stated(truth: Plain, findings: list[Plain]) -> Plain:
+    """(probability stated, whether it is so) of every finding that states one: that something is
+    there, and of its likeliest name. What nobody can see is left out.
+    """
+    out: Plain = {}
+    if truth["type"] == "impossible":
+        return out
+    right: set[str] = set()
+    for e in truth["effects"]:
+        right |= right_names(e, truth["kind"])
+    for f in findings:
+        if "probability" in f:
+            out.setdefault("exists", []).append([f["probability"], bool(truth["effects"])])
+        if f.get("names"):
+            name, p = max(f["names"].items(), key=lambda item: item[1])
+            out.setdefault("name", []).append([p, name in right])
+    return out
+
+
+def _listed(e: Plain, findings: list[Plain], kind: str, alone: bool) -> Plain:
+    right = right_names(e, kind)
     allowed = right | set(e["tolerated"]) | set(e["inseparable"])
     allowed |= {CONTAINED[id] for id in allowed & set(CONTAINED)}
     first = findings[:1] if alone else findings
@@ -114,6 +144,7 @@ def _unlisted(e: Plain, findings: list[Plain], verdict: str | None) -> Plain:
         "said": verdict == "unlisted" or bool(unnamed),
         "wrong_certain": verdict == "explained"
         and any(f["effect"] not in e["inseparable"] for f in names),
+        "certain_name": any(len(f.get("class") or [0]) == 1 for f in names),
         "channel": bool(where) and _channel(where, main),
         "coordinate": bool(where) and (where.get("where") or {}).get("coordinate") in e["where"],
     }

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from blind.motion import Plan, Track
+from blind.nuisance import Nuisance
 from blind.rotations import DEG, G0
 
 TABLES = {"vertical": (2,), "placing": (1,), "dual": (0, 2), "three": (2, 1, 0)}
@@ -47,6 +48,7 @@ class Noise:
     jitter: float
     missing: float
     readout_rad: float
+    nuisance: Nuisance | None = None
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,25 @@ def draw(rng: np.random.Generator, lab: Lab, t: np.ndarray) -> np.ndarray:
     """White (with heavier tails), random walk and flicker of every channel, SI. t: (n,), returns
     (n, channels).
     """
-    return np.stack([lab.sensors[s].sigma * _one(rng, lab, t) for s, _ in lab.channels], 1)
+    parts = [_one(rng, lab, t) for _ in lab.channels]
+    white, walk, flicker = (np.stack(part, 1) for part in zip(*parts, strict=True))
+    own = lab.noise.nuisance
+    if own and own.white:
+        white = own.white(rng, lab, t, white)
+    return np.array([lab.sensors[s].sigma for s, _ in lab.channels]) * (white + walk + flicker)
 
 
-def _one(rng: np.random.Generator, lab: Lab, t: np.ndarray) -> np.ndarray:
+def _one(
+    rng: np.random.Generator, lab: Lab, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """White noise, random walk and flicker of one channel, in units of a sample's sigma."""
     n, own = len(t), lab.noise
     white = rng.standard_normal(n) * np.where(rng.random(n) < own.heavy_share, TAIL, 1.0)
     steps = np.diff(t, prepend=t[0])
     walk = own.walk * np.cumsum(rng.standard_normal(n) * np.sqrt(steps))
-    flicker = (
-        sum((_lagged(rng, steps, tau) for tau in FLICKER_TAUS), np.zeros(n)) if own.flicker else 0.0
-    )
-    return white + walk + own.flicker * flicker
+    taus = FLICKER_TAUS if own.flicker else ()
+    flicker = sum((_lagged(rng, steps, tau) for tau in taus), np.zeros(n))
+    return white, walk, own.flicker * flicker
 
 
 def _lagged(rng: np.random.Generator, steps: np.ndarray, tau: float) -> np.ndarray:

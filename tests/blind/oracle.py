@@ -23,6 +23,16 @@ CREDIBLE = 1.5  # times the plausible size: the largest that makes a rival
 TELL = 12.0  # separated non-centrality at which two effects can be told apart
 
 
+def space(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of what columns span, whatever their lengths; columns that others make up
+    add nothing. (n, k) -> (n, rank).
+    """
+    length = np.linalg.norm(columns, axis=0)
+    unit = columns[:, length > 0] / length[length > 0]
+    U, s, _ = np.linalg.svd(unit, full_matrices=False)
+    return U[:, s > 1e-9 * s.max(initial=0.0)]
+
+
 @dataclass(frozen=True)
 class Found:
     """What an oracle knows of one concealed effect."""
@@ -66,7 +76,7 @@ class Oracle:
         self.sigma = np.array([lab.sensors[s].sigma for s, _ in lab.channels])
         self.zero = readings(lab, (), self.t, self.past, self.state)
         self.W = whitener(lab, self.t, self.every)
-        self.Q = np.linalg.qr(self.white(adjustable(lab, self.state, self.zero)))[0]
+        self.Q = space(self.white(adjustable(lab, self.state, self.zero)))
 
     def means(self, rows: np.ndarray) -> np.ndarray:
         """What the instants stand for: means of their neighbours. rows: (n, channels), every sample
@@ -157,7 +167,7 @@ class Oracle:
         s = self.signal([physics])
         r = self.residual(s[:, :, None])[:, 0]
         energy = self._energy(r)
-        B = np.linalg.qr(np.column_stack(beside))[0] if beside else np.zeros((len(r), 0))
+        B = space(np.column_stack(beside)) if beside else np.zeros((len(r), 0))
         r = r - B @ (B.T @ r)
         lam = float(r @ r)
         rivals: dict[str, float] = {}

@@ -56,6 +56,7 @@ class Spec:
     listed: bool = True
     extra: Callable[[Shape], dict[str, float]] = field(default=lambda shape: {})
     axes: tuple[str, ...] | None = None
+    strength: tuple[float, float] = (1.7, 5.0)  # log10 of the non-centrality that is asked for
 
 
 def per_axis(stem: str, axes: tuple[str, ...], suffix: str) -> tuple[str, ...]:
@@ -85,6 +86,21 @@ def added(sensor: str, column: Column) -> Callable[[np.ndarray, Shape], Physics]
     return physics
 
 
+def unlisted_effect(
+    id_: str,
+    names: tuple[str, ...],
+    unit: float,
+    size: float,
+    physics: Callable[[np.ndarray, Shape], Physics],
+    where: tuple[str, ...],
+    sensors: tuple[str, ...] = (),
+    **more: Any,
+) -> Spec:
+    """Physics that no catalogue lists; of a sensor unless ``more`` says otherwise."""
+    stage = more.pop("stage", "sensor")
+    return Spec(id_, stage, names, unit, size, physics, where, sensors, listed=False, **more)
+
+
 __all__ = [
     "ARCSEC",
     "DEG",
@@ -97,4 +113,5 @@ __all__ = [
     "on_axes",
     "one_shape",
     "per_axis",
+    "unlisted_effect",
 ]

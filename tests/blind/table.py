@@ -6,7 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from blind.catalogue import AUTHORS
+
 Plain = dict[str, Any]
+FAINT = 40.0  # from here to SEEN a detection is welcome and not owed
 SEEN = 100.0  # non-centrality from which a detection without a static record is owed
 
 
@@ -65,6 +68,7 @@ def lines(results: Sequence[Plain]) -> list[Line]:
         + _seen(results)
         + _names(results)
         + _open_world(results)
+        + [line for author in AUTHORS for line in _by_author(results, author)]
         + _figures(results)
     )
 
@@ -124,7 +128,6 @@ def _names(results: Sequence[Plain]) -> list[Line]:
         )
         out.append(_rate("  named first", [e["named"] for e in own]))
         out.append(_rate("  in its class, honest or not", [e["in_class"] for e in own]))
-    pairs = [r for r in results if r["type"] == "pair" and min(r["lambda"]) >= SEEN]
     return [
         *out,
         _rate(
@@ -135,14 +138,21 @@ def _names(results: Sequence[Plain]) -> list[Line]:
         _rate("certain of what nobody can tell, singles", [e["false_certainty"] for e in singles]),
         _rate("class padded, singles", [bool(e["padded"]) for e in singles]),
         _rate("stage right, singles", [e["stage_right"] for e in singles], (">=", 0.9)),
+        *_several(results, "pair", "pairs: both", (">=", 0.8)),
+        *_several(results, "triple", "triples: all three"),
+    ]
+
+
+def _several(
+    results: Sequence[Plain], type_: str, words: str, limit: tuple[str, float] | None = None
+) -> list[Line]:
+    """Cases with several effects, each visible beside the others."""
+    own = [r for r in results if r["type"] == type_ and min(r["lambda"]) >= SEEN]
+    return [
+        _rate(f"{words} found", [all(e["in_class"] for e in r["effects"]) for r in own], limit),
         _rate(
-            "pairs: both found",
-            [all(e["in_class"] for e in r["effects"]) for r in pairs],
-            (">=", 0.8),
-        ),
-        _rate(
-            "pairs: both named or in honest classes",
-            [all(e["good"] for e in r["effects"]) for r in pairs],
+            f"{words} named or in honest classes",
+            [all(e["good"] for e in r["effects"]) for r in own],
         ),
     ]
 
@@ -173,8 +183,46 @@ def _open_world(results: Sequence[Plain]) -> list[Line]:
     ]
 
 
+def _by_author(results: Sequence[Plain], author: str) -> list[Line]:
+    """What one author invented: ordinary recordings and unlisted physics. None where no such case
+    was run.
+    """
+    own = [r for r in results if r.get("author", "first") == author]
+    nulls = [r["claims"] for r in own if r["type"] == "null"]
+    new = [r for r in own if r["type"] == "unlisted"]
+    if not nulls and not new:
+        return []
+    every = [e for r in new for e in r["effects"]]
+    strong = [e for e in every if e["lambda"] >= SEEN]
+    held = [r["heldout"] for r in new if (r.get("heldout") or {}).get("product") is not None]
+    return [
+        _rate(f"{author} author: false alarms", nulls),
+        _rate("  unlisted said so, lambda >= 100", [e["said"] for e in strong]),
+        _rate("  unlisted given a certain wrong name", [e["certain_name"] for e in every]),
+        _rate(
+            "  coordinate plausible, of those said so",
+            [e["coordinate"] for e in every if e["said"]],
+        ),
+        _rate("  detected at lambda >= 100", _claimed(new, SEEN, math.inf)),
+        _rate("  detected at lambda 40 to 100", _claimed(new, FAINT, SEEN)),
+        _median(
+            "  unlisted: rms over the oracle's (median)",
+            [h["product"] / h["oracle"] for h in held],
+        ),
+        _median(
+            "  unlisted: rms over the nominal model's (median)",
+            [h["product"] / h["nominal"] for h in held],
+        ),
+    ]
+
+
+def _claimed(results: Sequence[Plain], low: float, high: float) -> list[bool]:
+    """Whether anything was claimed, for each case between two non-centralities."""
+    return [r["claims"] for r in results if low <= max(r["lambda"]) < high]
+
+
 def _figures(results: Sequence[Plain]) -> list[Line]:
-    pulls = [p for e in _effects(results, "single", "pair") for p in e["pulls"]]
+    pulls = [p for e in _effects(results, "single", "pair", "triple") for p in e["pulls"]]
     held = [r for r in results if r.get("heldout") and r["heldout"]["product"] is not None]
     plain = [r["heldout"] for r in held if r["type"] == "null"]
     telling = [r["heldout"] for r in held if r["heldout"]["nominal"] > 2 * r["heldout"]["oracle"]]

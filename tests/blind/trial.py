@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from blind.cases import KINDS, TYPES, Case, channel_names, make
+from blind.catalogue import AUTHORS
 from blind.faults import Rows
 from blind.files import UNITS, write_recording, write_scenario
 from blind.judge import judge
@@ -28,15 +29,24 @@ KEPT = ("diagnosis.json", "amended.toml", "report.html")
 
 
 def trial(
-    folder: Path, kind: str, type_: str, k: int, seed: int, command: Sequence[str], limit_s: float
+    folder: Path,
+    kind: str,
+    type_: str,
+    k: int,
+    seed: int,
+    command: Sequence[str],
+    limit_s: float,
+    author: str = "first",
 ) -> Plain:
     """Run one trial, or take its result from ``folder`` where it is finished."""
-    name = f"{kind}-{type_}-{k:03d}"
+    own = AUTHORS.index(author)
+    name = f"{kind}-{type_}-{k:03d}" + f"-{author}" * (own > 0)
     done = folder / "truth" / name / "result.json"
     if done.exists():
         return json.loads(done.read_text(encoding="utf-8"))
     key = [seed, KINDS.index(kind), TYPES.index(type_), k]
-    case = make(kind, type_, 1 if k % 2 == 0 else 4, key)
+    key += [own + 1] * (own > 0)  # cases of the first author keep the seeds they always had
+    case = make(kind, type_, 1 if k % 2 == 0 else 4, key, author)
     rng = np.random.default_rng([*key, 1])
     with tempfile.TemporaryDirectory(prefix="blind-") as place:
         desk = Path(place)

@@ -1,10 +1,10 @@
-"""Physics that no catalogue lists, invented for these trials."""
+"""Physics that no catalogue lists, invented by the author of the search."""
 
 import numpy as np
 
 from blind.laboratory import Lab
 from blind.rotations import ARCSEC, DEG
-from blind.spec import DEG_H, G0, UG, Shape, Spec, added, per_axis
+from blind.spec import DEG_H, G0, UG, Shape, Spec, added, per_axis, unlisted_effect
 from blind.world import Past, Physics, State
 
 
@@ -21,30 +21,6 @@ def unlisted(lab: Lab) -> list[Spec]:
     if lab.table in ("three", "handheld") and len(lab.sensors) > 1:
         specs += _of_rate(lab)
     return specs
-
-
-def _new(
-    id_: str,
-    names: tuple[str, ...],
-    unit: float,
-    size: float,
-    physics,
-    where: tuple[str, ...],
-    sensors: tuple[str, ...] = (),
-    **more,
-) -> Spec:  # type: ignore[no-untyped-def]
-    return Spec(
-        id_,
-        more.pop("stage", "sensor"),
-        names,
-        unit,
-        size,
-        physics,
-        where,
-        sensors,
-        listed=False,
-        **more,
-    )
 
 
 def _of_angle(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
@@ -68,7 +44,7 @@ def _of_angle(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
 
     angle = ("table_outer", "table_middle", "table_inner", "tilt")
     specs = [
-        _new(
+        unlisted_effect(
             "u_angle_bump",
             per_axis("bump", axes, "ug"),
             UG,
@@ -78,7 +54,7 @@ def _of_angle(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
             (name,),
             shapes=at,
         ),
-        _new(
+        unlisted_effect(
             "u_angle_saw",
             per_axis("saw", axes, "ug"),
             UG,
@@ -91,7 +67,7 @@ def _of_angle(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
     ]
     if len(lab.axes) > 1:
         specs.append(
-            _new(
+            unlisted_effect(
                 "u_angle_product",
                 per_axis("product", axes, "ug"),
                 UG,
@@ -132,7 +108,7 @@ def _of_history(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
 
     moves, time = ("move", "time"), ("move", "time", "rate", "table_outer", "tilt")
     return [
-        _new(
+        unlisted_effect(
             "u_move_count",
             per_axis("count", axes, "ug"),
             UG,
@@ -142,7 +118,7 @@ def _of_history(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
             (name,),
             shapes=lambda r, lab: [{"moves": r.uniform(6, 15)}],
         ),
-        _new(
+        unlisted_effect(
             "u_every_third_move",
             per_axis("third", axes, "ug"),
             UG,
@@ -151,7 +127,7 @@ def _of_history(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
             moves,
             (name,),
         ),
-        _new(
+        unlisted_effect(
             "u_pulse_since_move",
             per_axis("pulse", axes, "ug"),
             UG,
@@ -161,7 +137,7 @@ def _of_history(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
             (name,),
             shapes=lambda r, lab: [{"period": r.uniform(0.6, 1.6)}],
         ),
-        _new(
+        unlisted_effect(
             "u_leaky_rate",
             per_axis("charge", axes, "ug_s"),
             UG,
@@ -171,7 +147,7 @@ def _of_history(lab: Lab, name: str, axes: tuple[str, ...]) -> list[Spec]:
             (name,),
             shapes=lambda r, lab: [{"tau": r.uniform(4, 20)}],
         ),
-        _new(
+        unlisted_effect(
             "u_cross_creep",
             per_axis("creep", axes, "ug"),
             UG,
@@ -208,7 +184,7 @@ def _of_axis(lab: Lab) -> list[Spec]:
         ]
 
     return [
-        _new(
+        unlisted_effect(
             "u_hose_tanh",
             ("hose_arcsec",),
             ARCSEC,
@@ -243,7 +219,7 @@ def _of_rate(lab: Lab) -> list[Spec]:
 
     rate = ("rate",)
     return [
-        _new(
+        unlisted_effect(
             "u_fog_transverse",
             ("transverse_ppm",),
             1e-6,
@@ -253,7 +229,7 @@ def _of_rate(lab: Lab) -> list[Spec]:
             ("fog",),
             shapes=lambda r, lab: [{"form": str(r.choice(["abs", "square"]))}],
         ),
-        _new(
+        unlisted_effect(
             "u_rate_heat",
             per_axis("heat", ("x", "y", "z"), "ppm_degC"),
             1e-6,
@@ -262,7 +238,7 @@ def _of_rate(lab: Lab) -> list[Spec]:
             ("rate", "temperature"),
             ("gyro",),
         ),
-        _new(
+        unlisted_effect(
             "u_root_rate",
             per_axis("root", ("x", "y", "z"), "deg_h"),
             DEG_H,
@@ -271,7 +247,7 @@ def _of_rate(lab: Lab) -> list[Spec]:
             rate,
             ("gyro",),
         ),
-        _new(
+        unlisted_effect(
             "u_leaky_turns",
             per_axis("charge", ("x", "y", "z"), "ppm"),
             1e-6,

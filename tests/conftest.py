@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosis_fixtures import bench, recorded
 from scenario_files import make_files
 from statistics_helpers import rng_of
 
@@ -25,3 +26,15 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty working directory."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """The instrument of the diagnosis tests, as it is."""
+    return bench()
+
+
+@pytest.fixture(scope="module")
+def sound(truth):
+    """A recording of it without any fault."""
+    return recorded(truth, 5)

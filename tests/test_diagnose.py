@@ -157,10 +157,18 @@ def test_the_command_writes_the_answer_the_amended_scenario_and_an_offline_repor
     assert json.loads(capsys.readouterr().out) == answer
     assert answer["schema"] == 1
     assert "acc_K2" in answer["findings"][0]["class"]
-    assert set(answer["fit"]["after"]) == {"chi2_per_dof", "rms", "heldout_chi2_per_dof"}
+    assert set(answer["fit"]["after"]) == {
+        "chi2_per_dof",
+        "rms",
+        "heldout_chi2_per_dof",
+        "log_likelihood",
+    }
     assert any("re-simulated" in note for note in answer["notes"])
     report = (files / "out" / "report.html").read_text()
     assert "acc_K2" in report
+    for channel, noise in answer["noise"]["channels"].items():
+        assert channel in report
+        assert f"{noise['white']['value']:.3g}" in report
     assert 'src="http' not in report
     amended = [
         "diagnose",

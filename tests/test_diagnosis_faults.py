@@ -24,16 +24,6 @@ from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 
 
-@pytest.fixture(scope="module")
-def truth():
-    return bench()
-
-
-@pytest.fixture(scope="module")
-def sound(truth):
-    return recorded(truth, 5)
-
-
 def x_of(recording):
     return recording.column("accel_x_m_s2").copy()
 

@@ -10,6 +10,7 @@ from scipy.stats import binom
 from statistics_helpers import FALSE_ALARM, mean_band, variance_band
 
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines, estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
@@ -127,8 +128,11 @@ def test_a_random_walk_alone_is_no_finding_but_would_be_if_all_noise_were_taken_
     recordings = [recorded(truth, seed) for seed in range(4)]
     assert [diagnose(honest(truth), [r]).verdict for r in recordings] == ["match"] * 4
 
-    def as_white(self, *_):
-        return WhiteFlickerWalk(self.model.white), WhiteFlickerWalk(self.model.white)
+    usual = NoiseGate.noise
 
-    monkeypatch.setattr(NoiseFit, "bounds", as_white)
+    def as_white(self, *about):
+        fits = usual(self, *about)
+        return [NoiseFit.known(WhiteFlickerWalk(fit.model.white)) for fit in fits]
+
+    monkeypatch.setattr(NoiseGate, "noise", as_white)
     assert any(diagnose(honest(truth), [r]).verdict != "match" for r in recordings)

@@ -10,55 +10,18 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import (
     CREEPS,
-    Hypothesis,
     listed_hypotheses,
     step_hypotheses,
     steps_at,
 )
 from tiltcal.diagnosis.model.channel_noise import noise_under
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
-from tiltcal.diagnosis.search.alternatives import fair
-from tiltcal.diagnosis.search.forward_selection import _grown
-from tiltcal.diagnosis.search.merging import merge_same_cause
-from tiltcal.effects import CATALOGUE
-from tiltcal.effects.learned import LearnedReading
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 
 SPAN = CoordinateRanges(
     200.0, 10.0, SpectralLines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)}
 )
-
-
-def term(id, values, names, sensor="accel", sizes=(1e-4,)):
-    return FittedTerm(Hypothesis(CATALOGUE[id](values, sensor), names), names, sizes)
-
-
-def shake(frequency):
-    return term("base_vibration", {"ec": 1e-3, "frequency": frequency}, ("ec",), None)
-
-
-def step(time):
-    return term("acc_bias_step", {"bias_step_x": 1e-3, "time": time}, ("bias_step_x",))
-
-
-def test_one_name_at_one_place_is_one_finding():
-    k2 = term("acc_K2", {"k2_x": 1e-4}, ("k2_x",))
-    fitted = merge_same_cause(FittedModel((), (), (shake(3.40), k2, shake(3.41))))
-    assert [[fitted.terms[k].hypothesis.id for k in places] for places in fitted.findings()] == [
-        ["base_vibration", "base_vibration"],
-        ["acc_K2"],
-    ]
-
-
-def test_two_steps_at_two_instants_are_two_findings():
-    assert len(merge_same_cause(FittedModel((), (), (step(20.0), step(90.0)))).findings()) == 2
-
-
-@pytest.mark.parametrize(("value", "good"), [(5e-3, True), (-5e-3, False), (700.0, False)])
-def test_a_time_constant_below_nothing_or_of_minutes_is_no_bandwidth(value, good):
-    bandwidth = term("acc_bandwidth", {"tau": 0.01}, ("tau",))
-    assert fair(replace(bandwidth, values=(value,))) is good
 
 
 def test_every_step_may_set_in_at_once_or_creep():
@@ -84,14 +47,6 @@ def test_known_lines_are_not_looked_at_again():
         SpectralLines(tones=(5.001,), ripples=(36,)), 0.005
     )
     assert new == SpectralLines(tones=(1.0,), ripples=(12,))
-
-
-@pytest.mark.parametrize(("samples", "good"), [(0.02, False), (0.9, True), (3.0, True)])
-def test_a_small_part_of_a_sample_is_not_lost(samples, good):
-    effect = CATALOGUE["data_drop"]({"samples": 1.0, "time": 5.0}, "accel", None, "found")
-    assert (
-        fair(replace(FittedTerm.start(Hypothesis(effect, ("samples",))), values=(samples,))) is good
-    )
 
 
 def test_a_slow_effect_that_stood_in_the_noise_of_a_larger_one_is_found_after_it():
@@ -159,33 +114,3 @@ def test_one_value_far_off_is_no_finding():
     x = sound.column("accel_x_m_s2").copy()
     x[1000] += 40 * np.std(np.diff(x)[900:930])
     assert diagnose(honest(truth), [rewritten(sound, accel_x_m_s2=x)]).findings == ()
-
-
-@pytest.mark.parametrize(("size", "good"), [(0.5, True), (20.0, False)])
-def test_a_law_that_follows_temperature_as_a_curve_is_no_steeper_than_its_straight_form_may_be(
-    size, good
-):
-    """Ten times 300 ppm/K over 30 K to either side are 9 %."""
-    curve = LearnedReading(
-        {"c0": 1e-6},
-        "accel",
-        "y",
-        coordinate="temperature",
-        knots=(-30.0, 0.0, 30.0),
-        per_input=True,
-    )
-    late = Hypothesis(curve, ("c0",), 1, "acc_temp_scale")
-    assert fair(FittedTerm(late, ("c0",), (size * 0.09,))) is good
-
-
-def test_a_further_shape_of_a_finding_that_brings_nothing_ends_the_search():
-    """The same term again stands out as the first did, and takes nothing away: it was added again
-    and again.
-    """
-    truth = bench({"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0})
-    found = prepare(honest(truth), [recorded(truth, 8)])
-    k2 = Hypothesis(CATALOGUE["acc_K2"]({"k2_x": 1e-4}, "accel"), ("k2_x",))
-    before = refit(replace(found.start, terms=(FittedTerm.start(k2),)), found.whitened)
-    again = refit(replace(before, terms=(*before.terms, FittedTerm.start(k2))), found.whitened)
-    assert _grown(again, before, found.whitened) is None
-    assert _grown(before, found.start, found.whitened) is not None

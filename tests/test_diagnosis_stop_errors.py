@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
+from scipy.special import logsumexp
+from scipy.stats import norm
 
 from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
@@ -15,10 +17,13 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import noise_under, noise_within_stops
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.search.bayes_factors import SIZES
+from tiltcal.diagnosis.search.random_settings import common_width
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
+ARCSEC = np.radians(1 / 3600)
 INDEX = {"id": "table_index_error", "axis": "outer", "sigma_arcsec": 60.0}
 HYSTERESIS = {
     "id": "acc_hysteresis",
@@ -87,6 +92,20 @@ def test_a_finding_that_the_stops_explain_as_well_falls():
 def test_stops_that_agree_have_no_setting_error():
     found = prepared(bench())
     assert find_setting_error(found.start, found.start, found.whitened, 300) is None
+
+
+def test_the_evidence_for_random_settings_is_that_of_a_variance_component(rng):
+    """Against the densities of the normal distributions themselves."""
+    variances = rng.uniform(0.5, 2.0, 12) * ARCSEC**2
+    values = rng.normal(0.0, 8.0 * ARCSEC, 12)
+    widths = np.sqrt(SIZES) * 20.0 * ARCSEC
+
+    def density(width):
+        return norm.logpdf(values, 0.0, np.sqrt(variances + width**2)).sum()
+
+    expected = logsumexp([density(w) - density(0.0) for w in widths]) - np.log(len(widths))
+    assert common_width(values, variances) == pytest.approx(expected)
+    assert common_width(np.zeros(12), variances) < 0
 
 
 @pytest.mark.parametrize(("power", "alone"), [(9, False), (400, True)])

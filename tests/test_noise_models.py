@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.statistics.noise_spectrum import CONFIDENCE, NoiseFit, cosines, estimate_noise
-from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+from tiltcal.statistics.white_flicker_walk import LEAST_WHITE, WhiteFlickerWalk
 
 MODELS = [
     WhiteFlickerWalk(1.0),
@@ -45,6 +45,18 @@ def test_the_fit_is_no_less_likely_than_the_truth_and_its_bounds_as_stated(model
     for bound in fit.bounds():  # the spectrum is binned: the deviance is that of the bins
         assert deviance(bound) - deviance(fit.model) < CONFIDENCE + 1.0
     assert any(bound != fit.model for bound in fit.bounds())
+
+
+def test_the_most_probable_noise_beside_a_pure_random_walk_keeps_the_least_white_part(rng):
+    """Its likelihood grows as the white part goes to nothing: a spectrum of nothing weighs no
+    reading.
+    """
+    n = 2000
+    e = rng.normal(size=n) * np.sqrt(WhiteFlickerWalk(0.0, 0.0, 1e-3).spectrum(n))
+    fit = NoiseFit.of(e, np.ones(n), WhiteFlickerWalk)
+    found = fit.model.most_probable(fit.bins, lambda model: 1e3 * model.walk)
+    assert found.white**2 >= (1 - 1e-9) * LEAST_WHITE * fit.bins.scale
+    assert found.white <= 1.1 * fit.model.white
 
 
 def test_an_autoregressive_process_has_the_spectrum_that_the_class_says(rng):

@@ -23,7 +23,9 @@ NUMBERS = (
     "temperature_degC",
 )
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
-WORD = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=12).map(lambda t: t or None)
+WORD = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=12).map(
+    lambda t: t if t.strip(" ") else None  # spaces only are an empty cell
+)
 KEY = st.text(st.characters(categories=("L", "N")), min_size=1, max_size=8)
 
 
@@ -44,6 +46,15 @@ def recordings(draw):
     extra = draw(st.dictionaries(st.sampled_from(["operator", 'said "so", he', "Prüfer"]), words))
     metadata = draw(st.dictionaries(KEY, WORD.map(lambda t: (t or "").strip())))
     return Recording.from_columns(time, columns, labels=labels, extra=extra, metadata=metadata)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_text_of_spaces_is_an_empty_cell(suffix, tmp_path):
+    path = tmp_path / f"r{suffix}"
+    words = np.array([" ", " " * 20, " a "], dtype=object)
+    write_recording(Recording(np.arange(3.0), labels=words, extra={"operator": words}), path)
+    again = read_recording(path)
+    assert list(again.labels) == list(again.extra["operator"]) == [None, None, " a "]
 
 
 def assert_same_bits(one, two):

@@ -24,8 +24,24 @@ def prove(
     types: Annotated[
         tuple[str, ...],
         SEVERAL,
-        Parameter(help="null single odd data pair unlisted impossible; all by default."),
+        Parameter(help="null single odd data pair triple unlisted impossible; all by default."),
     ] = (),
+    authors: Annotated[
+        tuple[str, ...],
+        SEVERAL,
+        Parameter(help="first second: who invented unlisted physics and nulls; both by default."),
+    ] = (),
+    benchmark: Annotated[
+        bool,
+        Parameter(
+            negative=(),
+            help="The frozen set of 200 cases; --n --kinds --types --authors --seed do not count.",
+        ),
+    ] = False,
+    diagnoser: Annotated[
+        str | None,
+        Parameter(help="Command that is judged; this program by default. See the guide."),
+    ] = None,
     seed: Annotated[int, WHOLE, Parameter(help="Seed of the trials.")] = 0,
     jobs: Annotated[int, WHOLE, Parameter(alias="-j", help="Trials at the same time.")] = 1,
     trials: Annotated[
@@ -47,6 +63,7 @@ def prove(
 
       tiltcal prove --n 30 -j 4 -o proof
       tiltcal prove --n 100 --types null unlisted --kinds dual_tumble three_rates
+      tiltcal prove --benchmark --diagnoser 'python mine.py' -o mine
 
     Exit status 1: a success rate is too low to be explained by chance.
     """
@@ -62,6 +79,9 @@ def prove(
     command += ["--jobs", f"{jobs}"]
     command += ["--kinds", *kinds] if kinds else []
     command += ["--types", *types] if types else []
+    command += ["--authors", *authors] if authors else []
+    command += ["--benchmark"] if benchmark else []
+    command += ["--diagnoser", diagnoser] if diagnoser else []
     command += ["--output", str(output)] if output else []
     command += ["--json"] if as_json else []
     environment = os.environ | {"PYTHONPATH": str(tests)}

@@ -26,7 +26,7 @@ from tiltcal.setup.trajectory import Drive, Jet
 
 INPUTS = {
     f"{quantity}_{axis}": (quantity, "xyz".index(axis))
-    for quantity in ("force", "rate")
+    for quantity in ("force", "rate", "angular_acceleration")
     for axis in "xyz"
 }
 COORDINATES = (
@@ -37,12 +37,14 @@ COORDINATES = (
     "temperature",
     "warming",
     "since_move",
+    "since_start",
     "moves",
 )
 """What a curve may follow, beside the angle of a table axis: ``table_<axis>``.
 
 ``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt;
-``moves``: how many there were.
+``since_move``, ``since_start``: time since the last move ended, began; ``moves``: how many there
+were.
 """
 CONTINUED = ("temperature",)
 """Coordinates beyond whose range a spline goes on: the next recording will not have the same
@@ -105,6 +107,16 @@ class Learned(Effect):
         if self.beside:
             return 4 * ORDERS**2
         return len(self.knots) or 1 + max((int(name[1:]) for name in self.values), default=0)
+
+    @property
+    def is_step(self) -> bool:
+        """Whether it goes from one level to another."""
+        return len(self.knots) == 2 and not self.period
+
+    @property
+    def is_saw(self) -> bool:
+        """Whether it is a ramp that begins anew after its period."""
+        return len(self.knots) == 2 and self.period > 0
 
     @property
     def coefficients(self) -> Array:
@@ -272,9 +284,9 @@ def _prompt(name: str, sense: Sense, own: Array) -> Array:
         return sense.angles[own_axis]
     if name in INPUTS:
         quantity, axis = INPUTS[name]
-        return np.asarray((sense.force if quantity == "force" else sense.rate)[:, axis])
+        return np.asarray(getattr(sense, quantity)[:, axis])
     if name == "transverse":
         return np.asarray(np.linalg.norm(np.cross(sense.rate, sense.input_vector), axis=1))
-    if name in ("since_move", "moves"):
-        return sense.since_move if name == "since_move" else sense.moves
+    if name in ("since_move", "since_start", "moves"):
+        return np.asarray(getattr(sense, name))
     return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]

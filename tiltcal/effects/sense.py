@@ -56,6 +56,11 @@ class Sense:
         return self._rests.since(self.time)
 
     @cached_property
+    def since_start(self) -> Array:
+        """Time since the last move began, s, (n,); 0 before the first."""
+        return self._rests.since_start(self.time)
+
+    @cached_property
     def moves(self) -> Array:
         """How many moves have begun, (n,)."""
         return self._rests.moves(self.time)

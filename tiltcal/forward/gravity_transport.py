@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.setup.pauses import pauses
 
 WILD = 1e3  # rad/s: beyond it a trial of sizes is absurd, and its rotation would not be a number
 EDGE = 0.5  # s at the edge of a rest over which gravity's direction is averaged
@@ -17,12 +18,15 @@ LONGEST = 20.0  # s of a turn over which a gyro is trusted
 
 def turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
     """Last row of each dwell and first row of the next, where both are long enough to know
-    gravity's direction.
+    gravity's direction, and the log does not pause between.
     """
-    edges = []
+    edges: list[tuple[int, int]] = []
+    resumes = pauses(time)
     for k in range(int(stop.max(initial=-1))):
         before, after = np.flatnonzero(stop == k), np.flatnonzero(stop == k + 1)
-        if len(before) > 8 and len(after) > 8 and time[after[0]] - time[before[-1]] < LONGEST:
+        if min(len(before), len(after)) <= 8 or time[after[0]] - time[before[-1]] >= LONGEST:
+            continue
+        if not ((resumes > before[-1]) & (resumes <= after[0])).any():
             edges.append((int(before[-1]), int(after[0])))
     return edges
 

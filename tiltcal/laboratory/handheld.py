@@ -22,18 +22,16 @@ CONVERGED = 1e-10  # of the largest reading
 def predicted_readings(
     setup: Setup, motion: Recording, effects: Sequence[Effect]
 ) -> dict[str, Array]:
-    """What each sensor should read, SI, (n, k) at the recording's rows; NaN where nothing predicts
-    it.
+    """What each sensor should read by the others, SI, (n, k) at the recording's rows; NaN where
+    nothing predicts it.
 
     FOGs from the gyro triad's rate, interpolated to their stamps; an accelerometer triad at rest
-    from |f| = g along its
-    own corrected direction. Gyro triads predict themselves.
+    from |f| = g along its own corrected direction. Gyro triads predict themselves.
 
     Raises:
         TiltcalError: there is no gyro triad and no accelerometer triad.
     """
-    gyros = [s for s in setup.sensors("gyro") if motion.has(s) and len(s.axes) == 3]
-    triads = [s for s in setup.sensors("accelerometer") if motion.has(s) and len(s.axes) == 3]
+    gyros, triads = triads_of(setup, motion, "gyro"), triads_of(setup, motion, "accelerometer")
     if not gyros and not triads:
         raise TiltcalError(
             motion.source,
@@ -41,14 +39,9 @@ def predicted_readings(
             need="one of them to take the attitude from",
             do="predict a recording of a table instead",
         )
-    n = len(motion)
-    force = (
-        whole(motion, triads[0], inverted(triads[0], setup, motion, effects))
-        if triads
-        else np.full((n, 3), np.nan)
-    )
+    force = force_felt(setup, motion, effects)
     found: dict[str, Array] = {}
-    rate = np.zeros((n, 3))
+    rate = np.zeros((len(motion), 3))
     if gyros:
         rate = whole(motion, gyros[0], inverted(gyros[0], setup, motion, effects, force))
         found[gyros[0].name] = motion_values(motion, gyros[0])
@@ -59,6 +52,18 @@ def predicted_readings(
     if triads:
         found[triads[0].name] = at_rest(triads[0], setup, motion, effects, force)
     return found
+
+
+def triads_of(setup: Setup, motion: Recording, kind: str) -> list[Sensor]:
+    """The triads of one kind that a recording has."""
+    return [s for s in setup.sensors(kind) if motion.has(s) and len(s.axes) == 3]
+
+
+def force_felt(setup: Setup, motion: Recording, effects: Sequence[Effect]) -> Array:
+    """Specific force by the accelerometer triad, m/s2, (n, 3); NaN without one."""
+    for triad in triads_of(setup, motion, "accelerometer"):
+        return whole(motion, triad, inverted(triad, setup, motion, effects))
+    return np.full((len(motion), 3), np.nan)
 
 
 def earlier(

@@ -17,6 +17,7 @@ from tiltcal.effects.events import as_met
 from tiltcal.effects.sense import Sense
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import CONVERSION, Mover, readings, streams_of
+from tiltcal.laboratory.hand_motion import smoothed_readings
 from tiltcal.laboratory.handheld import predicted_readings
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -38,7 +39,13 @@ class Laboratory(Protocol):
         quantisation.
         """
 
-    def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
+    def predict(
+        self,
+        scenario: Scenario,
+        motion: Recording,
+        seed: int | None = None,
+        by_others: bool = False,
+    ) -> Recording:
         """What the model says ``motion`` should have read: its stamps and readout replayed."""
 
 
@@ -98,11 +105,25 @@ class SimulatedLaboratory:
             source=f"recording of {scenario.name}",
         )
 
-    def predict(self, scenario: Scenario, motion: Recording, seed: int | None = None) -> Recording:
-        """What the model says ``motion`` should have read."""
+    def predict(
+        self,
+        scenario: Scenario,
+        motion: Recording,
+        seed: int | None = None,
+        by_others: bool = False,
+    ) -> Recording:
+        """What the model says ``motion`` should have read.
+
+        Args:
+            scenario: the model; motion: its readout, or by hand its readings, is the motion.
+            seed: of the noise that is added; None: no noise.
+            by_others: by hand, predict each sensor from the others alone. Otherwise its own
+                readings count as well, which leaves less noise but follows its errors.
+        """
         effects = as_met(scenario.effects, motion.fingerprint)
         if not scenario.rig.axes:
-            values = predicted_readings(scenario, motion.require_increasing(), effects)
+            by_hand = predicted_readings if by_others else smoothed_readings
+            values = by_hand(scenario, motion.require_increasing(), effects)
         else:
             course = restored(replay(motion, scenario, scenario.climate.reference_degC), effects)
             times = {s.name: motion.time for s in scenario.sensor}

@@ -7,9 +7,10 @@ from math import comb
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.recordings.rest_edges import corners
+from tiltcal.setup.pauses import stretches
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 DEGREES = (4, 6)  # of the local polynomials: a fast swing bends more than a quartic does
@@ -27,29 +28,42 @@ WIDTHS = (
 )
 AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
 BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
+FEWEST = 9  # rows that a motion is told from
 RESTS = 32  # steps at rest that tell the readout's noise
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
 
-def differentiate(time: Array, angle: Array, still: Mask) -> tuple[Array, Array]:
+def differentiate(
+    time: Array, angle: Array, still: Mask, parted: Index = NOWHERE
+) -> tuple[Array, Array]:
     """Rate and acceleration of a readout, exactly zero at rest. All (n,).
 
     Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
     the readout's noise and tells the rate best: long in steady turns, short where moves bend, and
     on its own side of a corner. Where an axis leaves its rest and where it comes to one, the rate
-    begins at zero.
+    begins at zero. No window reaches across a pause of the log.
 
     Args:
         time: s, increasing. angle: rad.
         still: rows at which the axis rests.
+        parted: first rows after pauses of the log.
 
     Returns:
         rad/s, rad/s2.
     """
+    v, a = np.zeros((2, len(angle)))
+    noise = noise_of_rests(angle, still, parted)
+    for rows in stretches(len(time), parted):
+        v[rows], a[rows] = _of_stretch(time[rows], angle[rows], still[rows], noise)
+    return v, a
+
+
+def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> tuple[Array, Array]:
+    """Rate and acceleration where the log does not pause. told: noise of the readout at rest."""
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
     zero = np.zeros_like(angle)
-    if len(time) < 9 or np.ptp(angle) == 0:
+    if len(time) < FEWEST or np.ptp(angle) == 0:
         return zero, zero
     dt = float(np.median(np.diff(time)))
     n = round(float(time[-1] - time[0]) / dt) + 1
@@ -57,7 +71,7 @@ def differentiate(time: Array, angle: Array, still: Mask) -> tuple[Array, Array]
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     step, uniform = float(grid[1] - grid[0]), CubicSpline(time, angle)(grid)
-    noise = noise_of_rests(angle, still) or _noise_of_motion(uniform)
+    noise = told or _noise_of_motion(uniform)
     beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
     wanted = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside), mode="same") > 0.5
     v, a, variance = np.zeros((3, n))
@@ -120,11 +134,13 @@ def _fits(u: Array, width: int, degree: int, noise: float) -> Mask:
     return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= noise * (1 + 1 / np.sqrt(2 * dof)))
 
 
-def noise_of_rests(angle: Array, still: Mask) -> float | None:
+def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:
     """Standard deviation of a readout from row to row at rest, rad, at least that of its codes;
     None if it hardly rests.
     """
-    steps = np.diff(angle)[still[1:] & still[:-1]]
+    both = still[1:] & still[:-1]
+    both[parted - 1] = False  # what moved within a pause is no noise
+    steps = np.diff(angle)[both]
     return (
         float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12)))
         if len(steps) > RESTS

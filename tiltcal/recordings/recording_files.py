@@ -105,15 +105,16 @@ def assemble(
         for n, v in columns.items()
         if v.dtype != object and n != "time_s"
     }
-    texts: dict[str, Labels] = {n: v for n, v in columns.items() if v.dtype == object}  # type: ignore[misc]
+    texts = {n: _without_blanks(v) for n, v in columns.items() if v.dtype == object}
     labels = texts.pop("label", None)
     return Recording.from_columns(
         time, numbers, labels=labels, extra=texts, metadata=metadata, source=subject
     )
 
 
-# --------------------------------------------------------------------------------------------------
-# -------------- CSV
+def _without_blanks(texts: Array | Labels) -> Labels:
+    """The texts of a column; spaces only are an empty cell, as they are among numbers."""
+    return np.array([t if t and t.strip(" ") else None for t in texts], dtype=object)
 
 
 # --------------------------------------------------------------------------------------------------

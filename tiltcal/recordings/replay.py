@@ -1,31 +1,20 @@
 """A recorded readout replayed: the Course that a model needs to predict a recording."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import pairwise
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
-from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mounts
-from tiltcal.core.quantisation import code_width
 from tiltcal.recordings.differentiation import differentiate, noise_of_rests
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
-from tiltcal.recordings.segmentation import resting_rows
+from tiltcal.recordings.table_rests import at_rest
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet, Rests
-from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
-
-EDGE = 2  # samples beside a move that are left to the polynomial
-BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
-# rad: what a readout covers within a stop; more is a slow move, or the turning point of an
-# oscillation
-WANDER = 2e-3
 
 
 @dataclass(frozen=True)
@@ -141,11 +130,12 @@ def replay(
         float(np.mean(temperature)) if reference_temperature is None else reference_temperature
     )
     mounts = tuple(parse_mounts(recording.metadata.get("mount", setup.rig.mount)))
-    resting = np.ones(len(recording), bool)
+    resting, parted = np.ones(len(recording), bool), NOWHERE
     if angles:
-        stacked = np.column_stack(list(angles.values()))
-        resting = still_rows(stacked, resting_rows(recording.time, stacked))
-    starts = np.flatnonzero(np.diff(resting.astype(int), prepend=0) == 1)
+        resting, parted = at_rest(recording.time, np.column_stack(list(angles.values())))
+    begins = np.diff(resting.astype(int), prepend=0) == 1
+    begins[parted] = resting[parted]
+    starts = np.flatnonzero(begins)
     stop = np.where(
         resting, np.searchsorted(starts, np.arange(len(recording)), side="right") - 1, -1
     )
@@ -170,65 +160,6 @@ def nearest_rows(stamps: Array, time: Array) -> Index:
     """The row whose stamp is nearest to each time, (n,). stamps: increasing."""
     between = (stamps[1:] + stamps[:-1]) / 2
     return np.searchsorted(between, time)
-
-
-def still_rows(angles: Array, resting: Mask) -> Mask:
-    """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one
-    code, of the dwell's level.
-
-    The search for dwells takes the very start and end of a move for rest, and the slow parts of a
-    table that never rests; a rate of zero there would be wrong. A slow move within a dwell parts it
-    into rests with a level each.
-    """
-    still = resting.copy()
-    codes = 1.01 * np.array([code_width(column) for column in angles.T])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        for begin, end, level in _levels(angles[first:last], codes):
-            part = angles[first + begin : first + end]
-            off = np.abs(part - np.median(part[level], axis=0))
-            # half of the readings of one code: the rest tell the spread
-            half, most = np.quantile(off[level], (0.5, 0.8), axis=0)
-            spread = 6 * np.maximum(MAD_TO_SIGMA * half, most / 1.2816)
-            quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
-            for _ in range(EDGE):  # the first samples of a move hide in the noise
-                quiet[1:-1] &= quiet[:-2] & quiet[2:]
-                quiet[0] &= first + begin == 0
-                quiet[-1] &= first + end == len(angles)
-            still[first + begin : first + end] = quiet & bool(
-                (np.ptp(part[quiet], axis=0) <= WANDER).all() if quiet.any() else False
-            )
-    return still
-
-
-def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
-    """The rests of a dwell: from row, to row, and which of these rows tell the level.
-
-    Slow moves lie between them, each half a rest's. A readout that hardly ever stays where it is
-    wanders: that is one rest.
-
-    Args:
-        part: rad, (n, axes). codes: of each axis, rad.
-    """
-    n = len(part)
-    whole = [(0, n, slice(None))]
-    if n <= 4 * BESIDE:
-        yield from whole
-        return
-    means = sliding_window_view(part, BESIDE, axis=0).mean(axis=-1)
-    noise = MAD_TO_SIGMA * np.median(np.abs(np.diff(part, axis=0)), axis=0) / np.sqrt(2)
-    steps = np.abs(means[BESIDE:] - means[:-BESIDE])
-    slow = np.ones(n, bool)
-    slow[BESIDE : n - BESIDE + 1] = (steps > 6 * noise * np.sqrt(2 / BESIDE) + codes).any(axis=1)
-    slow[:BESIDE], slow[n - BESIDE :] = slow[BESIDE], slow[n - BESIDE]
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], ~slow, [0]])))
-    rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= BESIDE]
-    if len(rests) < 2 or sum(b - a for a, b in rests) < n / 3:
-        yield from whole
-        return
-    parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(rests)), n]
-    for (a, b), begin, end in zip(rests, parted, parted[1:], strict=False):
-        yield begin, end, slice(a - begin, b - begin)
 
 
 def rests_between(time: Array, stop: Index, leaves: Array, comes: Array) -> Rests:
@@ -271,11 +202,11 @@ def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
     t, x = np.frombuffer(time), np.frombuffer(angle)
     if len(t) < 9 or np.ptp(x) == 0:
         return np.zeros(0), np.zeros(0)
-    still = still_rows(x[:, None], resting_rows(t, x[:, None]))
-    noise, step = noise_of_rests(x, still), float(np.median(np.diff(t)))
+    still, parted = at_rest(t, x[:, None])
+    noise, step = noise_of_rests(x, still, parted), float(np.median(np.diff(t)))
     if noise is None:
         return np.zeros(0), np.zeros(0)
-    leaves, comes = edges(t / step, x, still, noise)
+    leaves, comes = edges(t / step, x, still, noise, parted)
     return leaves * step, comes * step
 
 
@@ -287,4 +218,4 @@ def _differentiated(time: bytes, angle: bytes) -> tuple[Array, Array]:
     An axis rests for itself, whatever the others do.
     """
     t, x = np.frombuffer(time), np.frombuffer(angle)
-    return differentiate(t, x, still_rows(x[:, None], resting_rows(t, x[:, None])))
+    return differentiate(t, x, *at_rest(t, x[:, None]))

@@ -12,7 +12,7 @@ from itertools import combinations_with_replacement, pairwise, product
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
 REACHES = (6, 8, 11, 16, 25, 36, 50)  # that tell one law of a start from another
@@ -93,15 +93,19 @@ def corners(time: Array, angle: Array, still: Mask, noise: float) -> Iterator[Co
         yield Corner(n - 1 - c.rows, c.near, -c.rate, c.acceleration, c.variance)
 
 
-def edges(time: Array, angle: Array, still: Mask, noise: float) -> tuple[Array, Array]:
+def edges(
+    time: Array, angle: Array, still: Mask, noise: float, parted: Index = NOWHERE
+) -> tuple[Array, Array]:
     """The instants at which moves leave a rest, and those at which they reach one, in samples; none
     where they cannot be determined.
 
     Args:
         time, angle, still, noise: see ``corners``.
+        parted: first rows after pauses of the log, which no move and no rest goes on across.
     """
-    leaves = _told(_side(time, angle, still), noise)
-    comes = _told(_side(-time[::-1], angle[::-1], still[::-1]), noise)
+    back = len(time) - parted[::-1]
+    leaves = _told(_side(time, angle, still, parted), noise)
+    comes = _told(_side(-time[::-1], angle[::-1], still[::-1], back), noise)
     return leaves, -comes[::-1]
 
 
@@ -145,12 +149,14 @@ def _tell(
     return tried[fits]
 
 
-def _side(time: Array, angle: Array, still: Mask) -> _Side:
+def _side(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> _Side:
     n = len(time)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    first, after = edges[::2], edges[1::2]  # of each rest
-    end = np.append(first[1:], n)
-    left = (after < n) & (after - first >= REST[0])
+    inside = parted[still[parted] & still[parted - 1]]
+    first, after = np.sort(np.append(edges[::2], inside)), np.sort(np.append(edges[1::2], inside))
+    limits = np.append(parted, n)
+    end = np.minimum(np.append(first[1:], n), limits[np.searchsorted(limits, after)])
+    left = (after < end) & (after - first >= REST[0])
     level = np.array(
         [
             angle[max(a, b - REST[1]) : b].mean()

@@ -13,11 +13,12 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.pauses import breaks
 
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
@@ -77,6 +78,7 @@ def find_segments(
             do="name columns as <sensor>_<axis>_<unit>",
         )
     moving = np.zeros(len(recording), bool)
+    parted = []
     for (
         rows,
         values,
@@ -88,7 +90,8 @@ def find_segments(
         moving |= _spread(
             rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording)
         )
-    return _segments(recording, ~moving, guard, shortest)
+        parted.append(rows[breaks(recording.time[rows], values, quiet)])
+    return _segments(recording, ~moving, np.concatenate(parted), guard, shortest)
 
 
 def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
@@ -211,9 +214,14 @@ def _spread(rows: npt.NDArray[np.intp], mask: Mask, n: int) -> Mask:
     return mask[where]
 
 
-def _segments(recording: Recording, resting: Mask, guard: float, shortest: float) -> list[Segment]:
+def _segments(
+    recording: Recording, resting: Mask, parted: Index, guard: float, shortest: float
+) -> list[Segment]:
     time = recording.time
-    edges = [0, *(np.flatnonzero(np.diff(resting.astype(int))) + 1).tolist(), len(time)]
+    changes = np.flatnonzero(np.diff(resting.astype(int))) + 1
+    # a pause of the log may hide the move from one dwell to the next
+    inside = parted[resting[parted] & resting[parted - 1]]
+    edges = [0, *np.union1d(changes, inside).tolist(), len(time)]
     found: list[Segment] = []
     for first, last in pairwise(edges):
         dwell = bool(resting[first])

@@ -27,7 +27,7 @@ MEANING = {
     "explained": "The scenario leaves out physics; every finding has one name.",
     "ambiguous": "The scenario leaves out physics; several effects fit.",
     "unlisted": "The scenario leaves out physics of no listed effect; it is modelled as a curve.",
-    "cannot_tell": "The recording leaves no degrees of freedom for a judgement.",
+    "cannot_tell": "The recording, or the check of the answer, leaves no judgement.",
 }
 
 
@@ -48,6 +48,8 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path, sources: str) -> None:
         findings=[{"f": f, "figures": _figures(f, diagnosis)} for f in diagnosis.findings],
         overview=_html(_spectra(diagnosis)),
         unseen=_unseen(diagnosis),
+        noise=_noise(diagnosis),
+        figure=_figure,
     )
     write_text(path, text)
 
@@ -128,6 +130,27 @@ def _unseen(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         for u in diagnosis.undetectable
     ]
     return sorted(rows, key=lambda row: (bool(row["size"]), -row["absorbed"]))
+
+
+def _noise(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """The noise of each channel, a row for each of its amplitudes."""
+    return [
+        {
+            "channel": name,
+            "kind": kind,
+            "value": f"{a.value:.3g}",
+            "interval": "" if a.low is None else f"{a.low:.3g} to {a.high:.3g}",
+            "unit": c.units[kind],
+            "share": f"{100 * c.share:.1f} %",
+        }
+        for name, c in diagnosis.noise.channels.items()
+        for kind, a in c.amplitudes.items()
+    ]
+
+
+def _figure(value: float | None, digits: int = 4) -> str:
+    """A number as text; a dash where nothing was tested."""
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _html(figure: Any) -> str:

@@ -170,6 +170,12 @@ class Rests:
         found[there] = time[there] - self.begin[at]
         return found
 
+    def since_start(self, time: Array) -> Array:
+        """Time since the last move began, s, (n,); 0 before the first."""
+        at = np.searchsorted(self.end, time) - 1
+        began = self.end[np.maximum(at, 0)] if len(self.end) else np.zeros(len(time))
+        return np.where((at >= 0) & np.isfinite(began), time - began, 0.0)
+
     def moves(self, time: Array) -> Array:
         """How many moves have begun, (n,)."""
         return np.searchsorted(self.end, time).astype(float)

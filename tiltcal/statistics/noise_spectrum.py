@@ -7,8 +7,9 @@ and is fitted by restricted Whittle likelihood: the leverage of the mean model i
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -45,6 +46,24 @@ class SpectrumBins:
         return cls(np.zeros(0), np.zeros(0), np.zeros(0), 1.0)
 
 
+@dataclass(frozen=True)
+class Amplitude:
+    """The size of one kind of noise.
+
+    Args:
+        value: the most likely one; low, high: 95 % interval; None where it was not estimated.
+    """
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    def scaled(self, factor: float) -> "Amplitude":
+        """In another unit."""
+        ends = (None if x is None else factor * x for x in (self.low, self.high))
+        return Amplitude(factor * self.value, *ends)
+
+
 class NoiseModel(ABC):
     """Noise of one channel: its spectrum, and how that is fitted. Subclasses are frozen."""
 
@@ -64,13 +83,42 @@ class NoiseModel(ABC):
     def most_likely(cls, bins: SpectrumBins) -> Self:
         """The model of the largest Whittle likelihood."""
 
+    def most_probable(self, bins: SpectrumBins, price: Callable[[Self], float]) -> Self:
+        """The model of the largest posterior probability near this most likely one.
+
+        Without more knowledge of a model this one.
+
+        Args:
+            price: -log prior of a model, nats.
+        """
+        return self
+
     @abstractmethod
     def bounds(self, bins: SpectrumBins, drop: float) -> tuple["NoiseModel", "NoiseModel"]:
         """The noisiest models, in two ways, whose deviance is ``drop`` above that of this one."""
 
+    def amplitudes(self, bins: SpectrumBins, drop: float) -> dict[str, Amplitude]:
+        """Its kinds of noise by name, SI, each with the interval in which the deviance is less than
+        ``drop`` above its least, all else as likely as can be (profile likelihood).
+
+        Without more knowledge of a model: white noise alone, the shape of the spectrum held.
+        """
+        if not len(bins.weight):
+            return {"white": Amplitude(self.white)}
+        weight = float(bins.weight.sum())
+        best = float((bins.power * bins.scale / self.density(1 / bins.inverse)).sum()) / weight
+        low, high = (self.white * float(np.sqrt(best * x)) for x in _scales(drop / weight))
+        return {"white": Amplitude(self.white, min(low, self.white), max(high, self.white))}
+
     def drift_density(self, s: Array) -> Array:
         """The part of the density that begins at nothing with each recording: a random walk."""
         return np.zeros_like(s)
+
+    def slow_noise(self, rate_hz: float) -> Array:
+        """Flicker, SI, and random walk, SI per square root of a second, (2,); 0 where the model has
+        none.
+        """
+        return np.zeros(2)
 
     def with_excess(self, weights: Array, excess: float) -> "NoiseModel":
         """A model with more noise: ``weights @ spectrum`` grows by ``excess``, SI^2."""
@@ -91,6 +139,18 @@ class NoiseModel(ABC):
 
         waves = dct(column, norm="ortho") / np.sqrt(self.spectrum(len(column)))
         return np.asarray(idct(waves, norm="ortho"))
+
+
+def _scales(rise: float) -> tuple[float, float]:
+    """The least and the largest x with log x + 1/x - 1 = rise: factors on a variance by which the
+    deviance per degree of freedom rises so much.
+    """
+    from scipy.special import lambertw
+
+    # with y = 1/x: y exp(-y) = exp(-1 - rise)
+    ends = (-1 / lambertw(-np.exp(-1 - rise), branch).real for branch in (-1, 0))
+    low, high = (float(x) for x in ends)
+    return low, high
 
 
 def sines(n: int) -> Array:
@@ -172,6 +232,11 @@ class NoiseFit:
         if not len(self.bins.weight):
             return self.model, self.model
         return self.model.bounds(self.bins, drop)
+
+    @cached_property
+    def amplitudes(self) -> dict[str, Amplitude]:
+        """The amplitudes of the model with the 95 % intervals that the record allows."""
+        return self.model.amplitudes(self.bins, CONFIDENCE)
 
 
 def white_noise(sigma: float) -> NoiseModel:

@@ -4,17 +4,20 @@ Exact in the cosine basis for white noise and for a random walk with a free leve
 is D'D; nearly so for flicker.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.statistics.noise_spectrum import NoiseModel, SpectrumBins
+from tiltcal.statistics.noise_spectrum import Amplitude, NoiseModel, SpectrumBins
 
 SCORINGS = 60  # at most: convergence is quadratic in the end
 CLOSE = 1e-7  # of the deviance, that a further step may bring
 LEAST_WHITE = np.exp(-12.0)  # share of the mean power
+NOTHING = -14.0  # log of a variance, over that which the slowest bin would have from it alone
+LESS = 1e-2  # of a slow variance, from where a more probable model is looked for too
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,9 @@ class WhiteFlickerWalk(NoiseModel):
     def drift_density(self, s: Array) -> Array:
         return np.asarray(self.walk**2 / s**2)
 
+    def slow_noise(self, rate_hz: float) -> Array:
+        return np.array([self.flicker, self.walk * np.sqrt(rate_hz)])
+
     def scaled(self, factor: float) -> Self:
         return type(self)(factor * self.white, factor * self.flicker, factor * self.walk)
 
@@ -51,6 +57,34 @@ class WhiteFlickerWalk(NoiseModel):
         starts = np.array([[1.0, 1e-2 * low, 1e-1 * low**2], [1.0, low, 1e-4 * low**2]])
         return cls._at(min((search(bins, s) for s in starts), key=lambda found: found[0])[1], bins)
 
+    def most_probable(self, bins: SpectrumBins, price: Callable[[Self], float]) -> Self:
+        """The model of the largest posterior probability: simplex method in the logarithms of the
+        variances, from where the likelihood is largest with all or little of the slow noise.
+        """
+        from scipy.optimize import minimize
+
+        def variances(logs: Array) -> Array:
+            v = np.exp(logs)
+            v[0] = max(v[0], LEAST_WHITE)
+            return v
+
+        def cost(logs: Array) -> float:
+            v = variances(logs)
+            return deviance(bins, v) / 2 + price(self._at(v, bins))
+
+        best = np.array([self.white, self.flicker, self.walk]) ** 2 / bins.scale
+        slowest = 1 / float(bins.inverse.max())
+        nothing = np.exp(NOTHING) * slowest ** np.arange(3)
+        starts = [best]
+        for k in (1, 2):
+            less = best.copy()
+            less[k] *= LESS
+            starts.append(search(bins, less, k)[1])
+        logs = min((np.log(np.maximum(v, nothing)) for v in starts), key=cost)
+        simplex = np.vstack([logs, logs + np.eye(3)])
+        found = minimize(cost, logs, method="Nelder-Mead", options={"initial_simplex": simplex})
+        return self._at(variances(found.x), bins)
+
     def bounds(self, bins: SpectrumBins, drop: float) -> tuple[NoiseModel, NoiseModel]:
         """With as much flicker, and as much random walk, as the deviance allows."""
         found = np.array([self.white, self.flicker, self.walk]) ** 2 / bins.scale
@@ -58,6 +92,18 @@ class WhiteFlickerWalk(NoiseModel):
         return self._at(_bound(bins, best, 1, drop), bins), self._at(
             _bound(bins, best, 2, drop), bins
         )
+
+    def amplitudes(self, bins: SpectrumBins, drop: float) -> dict[str, Amplitude]:
+        """White noise, flicker and walk, each with its profile's interval."""
+        sizes = {"white": self.white, "flicker": self.flicker, "walk": self.walk}
+        if not len(bins.weight):
+            return {name: Amplitude(size) for name, size in sizes.items()}
+        best = np.array(list(sizes.values())) ** 2 / bins.scale
+        found = {}
+        for k, (name, size) in enumerate(sizes.items()):
+            low, high = np.sqrt(np.array(_interval(bins, best, k, drop)) * bins.scale)
+            found[name] = Amplitude(size, min(float(low), size), max(float(high), size))
+        return found
 
     @classmethod
     def _at(cls, v: Array, bins: SpectrumBins) -> Self:
@@ -127,3 +173,29 @@ def _bound(bins: SpectrumBins, best: Array, which: int, drop: float) -> Array:
     if above(inside) < 0 < above(6.0):
         brentq(above, inside, 6.0, xtol=0.01)
     return found
+
+
+def _interval(bins: SpectrumBins, best: Array, which: int, drop: float) -> tuple[float, float]:
+    """The least and the largest that one variance can be with the deviance less than ``drop`` above
+    the best; 0 where even none of it is as likely.
+    """
+    from scipy.optimize import brentq
+
+    floor = deviance(bins, best)
+    slowest = 1 / float(bins.inverse.max())
+    # where one variance alone is all there is of the slowest bin, and where it is next to nothing
+    scale = which * np.log(slowest)
+    middle = max(float(np.log(max(best[which], 1e-300))), scale - 28.0)
+
+    def above(size: float) -> float:
+        start = best.copy()
+        start[which] = np.exp(size)
+        return search(bins, start, which)[0] - floor - drop
+
+    least, most = middle - 28.0, max(scale, middle) + 28.0
+    low, high = 0.0, float(np.exp(middle))
+    if above(middle) < 0 < above(least):
+        low = float(np.exp(brentq(above, least, middle, xtol=0.005)))
+    if above(middle) < 0 < above(most):
+        high = float(np.exp(brentq(above, middle, most, xtol=0.005)))
+    return low, high

@@ -1,6 +1,7 @@
 """Faults of the data as findings."""
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
+from tiltcal.diagnosis.conclusions.parts import part_of
 from tiltcal.diagnosis.data.channels import CHANCE
 from tiltcal.diagnosis.data_quality.fault import Fault
 
@@ -21,6 +22,7 @@ def finding_of(fault: Fault) -> Finding:
         axes=fault.axes,
         where=Where("sample", None, fault.interval),
         parameters=parameters,
+        parts=(part_of(fault),),
         p_value=CHANCE,
         delta_bic=0.0,
         heldout_gain=0.0,

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
+from tiltcal.diagnosis.conclusions.part import Part
 from tiltcal.diagnosis.conclusions.residual_plots import View
+from tiltcal.diagnosis.conclusions.seen_range import SeenRange
 
 Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]
 
@@ -17,12 +20,13 @@ class Where:
 
     Args:
         coordinate: what it follows; harmonic: orders over the outer and inner angle; interval: s
-            from the first stamp.
+            from the first stamp; seen: range of the coordinate over which a curve was learned.
     """
 
     coordinate: str
     harmonic: tuple[int, int] | None = None
     interval: tuple[float, float | None] | None = None
+    seen: SeenRange | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -30,6 +34,7 @@ class Where:
             "coordinate": self.coordinate,
             "harmonic": list(self.harmonic) if self.harmonic else None,
             "interval_s": None if self.interval is None else list(self.interval),
+            "seen": None if self.seen is None else self.seen.to_json(),
         }
 
 
@@ -43,11 +48,14 @@ class Finding:
         stage: of the chain.
         sensors, axes: where it shows, the strongest first.
         where: coordinate, harmonic, interval.
-        parameters: name with unit -> (value, standard uncertainty).
+        parameters: name with unit -> (value, standard uncertainty), of the whole law.
+        parts: effects of the amended scenario that it consists of.
         p_value: after correction for all that was tried.
         delta_bic: BIC with it minus without; heldout_gain: nats.
         rivals: (id, cosine, separation).
         statement, next_measurement: in words.
+        probability: that something is there; of each name, ``unlisted`` for none of the catalogue,
+            given that something is.
     """
 
     effect: str | None
@@ -57,12 +65,15 @@ class Finding:
     axes: tuple[str, ...]
     where: Where
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    parts: tuple[Part, ...] = ()
     p_value: float = 0.0
     delta_bic: float = 0.0
     heldout_gain: float = 0.0
     rivals: tuple[tuple[str, float, float], ...] = ()
     statement: str = ""
     next_measurement: str = ""
+    probability: float | None = None
+    name_probability: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -74,24 +85,36 @@ class Finding:
             "axes": list(self.axes),
             "where": self.where.to_json(),
             "parameters": {n: {"value": v, "sigma": s} for n, (v, s) in self.parameters.items()},
+            "parts": [p.to_json() for p in self.parts],
             "p_value": self.p_value,
             "delta_bic": self.delta_bic,
             "heldout_gain": self.heldout_gain,
             "rivals": [{"effect": e, "cosine": c, "separation": s} for e, c, s in self.rivals],
             "statement": self.statement,
             "next_measurement": self.next_measurement,
+            **({} if self.probability is None else self._probabilities()),
         }
+
+    def _probabilities(self) -> dict[str, Any]:
+        return {"probability": self.probability, "names": dict(self.name_probability)}
 
 
 @dataclass(frozen=True)
 class Fitness:
-    """How well a model fits: whitened chi-square per degree of freedom, rms by channel (SI), the
-    same on held-out blocks.
+    """How well a model fits; None where nothing was tested.
+
+    Args:
+        chi2_per_dof: of the residual under the white noise of each channel, which is fixed before
+            anything is explained.
+        rms: by channel, SI.
+        heldout_chi2_per_dof: the same of blocks that were not fitted to.
+        log_likelihood: Whittle's, under the noise that the model itself leaves, nats.
     """
 
-    chi2_per_dof: float = 0.0
+    chi2_per_dof: float | None = None
     rms: Mapping[str, float] = field(default_factory=dict)
-    heldout_chi2_per_dof: float = 0.0
+    heldout_chi2_per_dof: float | None = None
+    log_likelihood: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -99,6 +122,7 @@ class Fitness:
             "chi2_per_dof": self.chi2_per_dof,
             "rms": dict(self.rms),
             "heldout_chi2_per_dof": self.heldout_chi2_per_dof,
+            "log_likelihood": self.log_likelihood,
         }
 
 
@@ -130,6 +154,7 @@ class Diagnosis:
         statement: in words.
         findings, notes, undetectable: see there.
         before, after: fit of the scenario as it is and of the amended one.
+        noise: that the amended one leaves.
         amended: the amended scenario, as a table.
         views: of what is left, for a picture.
     """
@@ -141,6 +166,7 @@ class Diagnosis:
     undetectable: tuple[Undetectable, ...] = ()
     before: Fitness = Fitness()
     after: Fitness = Fitness()
+    noise: NoiseReport = field(default_factory=NoiseReport)
     amended: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[View, ...] = ()
 
@@ -154,15 +180,20 @@ class Diagnosis:
             "notes": list(self.notes),
             "undetectable": [u.to_json() for u in self.undetectable],
             "fit": {"before": self.before.to_json(), "after": self.after.to_json()},
+            "noise": self.noise.to_json(),
         }
 
 
-def verdict_of(findings: tuple[Finding, ...], enough: bool) -> Verdict:
-    """The first that applies."""
-    if not enough and not findings:
+def verdict_of(findings: tuple[Finding, ...], tested: bool, doubts: bool = False) -> Verdict:
+    """The first that applies; tested: whether anything was left to test the model with; doubts:
+    whether a cause that is not claimed is more probable than not.
+    """
+    if not tested:
         return "cannot_tell"
     if any(f.effect is None for f in findings):
         return "unlisted"
     if any(len(f.names) > 1 for f in findings):
         return "ambiguous"
-    return "explained" if findings else "match"
+    if findings:
+        return "explained"
+    return "cannot_tell" if doubts else "match"

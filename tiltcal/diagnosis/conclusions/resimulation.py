@@ -1,4 +1,4 @@
-"""The amended scenario is simulated again and compared with the recording."""
+"""The amended scenario is simulated again and compared with the fit and with the recording."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.model.finding_tests import ALPHA
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.statistics.noise_spectrum import robust_white
@@ -21,23 +22,59 @@ class Resimulation:
             together.
         algebra: largest distance of the simulator from the closed form that was fitted, in the same
             unit.
+        rise: sum of squares of measured minus simulated, less that of measured minus fitted, in
+            squares of that unit.
+        samples: how many there are; 0 where nothing was simulated.
+        refused: why the simulator did not run.
     """
 
-    rms: float
-    algebra: float
+    rms: float = 0.0
+    algebra: float = 0.0
+    rise: float = 0.0
+    samples: int = 0
+    refused: str = ""
+
+    @property
+    def limit(self) -> float:
+        """What chance adds to the chi-square of so many samples in a share ALPHA of recordings."""
+        from scipy.special import chdtri
+
+        return float(chdtri(self.samples, ALPHA)) - self.samples if self.samples else np.inf
+
+    @property
+    def failed(self) -> bool:
+        """Whether the simulator is further from the recording than the fit, by more than chance
+        moves a chi-square.
+
+        By hand the two may differ, because each reads the motion from noisy sensors in its own way.
+        """
+        return not self.rise <= self.limit
 
     @property
     def words(self) -> str:
         """As a note."""
+        if self.refused:
+            return f"not re-simulated: {self.refused}"
+        if not self.samples:
+            return "not re-simulated: no channel of the recording is like one of the simulator's"
         return (
             f"re-simulated with the amended scenario: residual {self.rms:.3f} of a sample's noise"
             f" rms; the simulator and the fitted algebra differ by {self.algebra:.2g} at most"
         )
 
+    @property
+    def failure(self) -> str:
+        """How much worse it is than the fit."""
+        return (
+            f"it differs by up to {self.algebra:.3g} of a sample's noise, which adds"
+            f" {self.rise:.3g} to chi-square where chance adds {self.limit:.3g} in {ALPHA:.0%} of"
+            " recordings"
+        )
+
 
 def resimulate(
     laboratory: Laboratory, amended: Scenario, observations: Observations, fitted: list[Array]
-) -> Resimulation | None:
+) -> Resimulation:
     """Run the amended scenario along the first recording.
 
     Args:
@@ -49,23 +86,25 @@ def resimulate(
     """
     recording = observations.recordings[0]
     try:
-        predicted = laboratory.predict(amended, recording)
-    except TiltcalError:
-        return None
-    left, apart, count = 0.0, 0.0, 0
+        predicted = laboratory.predict(amended, recording, by_others=True)
+    except TiltcalError as refusal:
+        return Resimulation(refused=str(refusal))
+    left, rise, furthest, count = 0.0, 0.0, 0.0, 0
     for channel, algebra in zip(observations.channels, fitted, strict=True):
         if channel.recording or channel.derived:
             continue
-        sensor = amended.named(channel.sensor)
-        samples = predicted.sensor(sensor)
+        samples = predicted.sensor(amended.named(channel.sensor))
         full = np.full(len(recording), np.nan)
         full[samples.rows] = samples.values[:, channel.column]
-        there = ~np.isnan(full[channel.rows])
+        run = full[channel.rows]
+        there = ~np.isnan(run) & ~np.isnan(algebra)
         noise = robust_white((channel.values - algebra)[there])
-        error = (channel.values - full[channel.rows])[there] / noise
+        error = (channel.values - run)[there] / noise
+        beside = (algebra - run)[there] / noise
+        of_fit = (channel.values - algebra)[there] / noise
         left += float(error @ error)
+        rise += float(error @ error - of_fit @ of_fit)
         count += int(there.sum())
-        apart = max(
-            apart, float(np.abs((algebra - full[channel.rows])[there]).max(initial=0.0)) / noise
-        )
-    return Resimulation(float(np.sqrt(left / count)), apart) if count else None
+        furthest = max(furthest, float(np.abs(beside).max(initial=0.0)))
+    rms = float(np.sqrt(left / count)) if count else 0.0
+    return Resimulation(rms, furthest, rise, count)

@@ -1,11 +1,13 @@
 """Findings in words."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from tiltcal.design.identifiability import tie_breaker
-from tiltcal.diagnosis.conclusions.finding import Finding
+from tiltcal.diagnosis.conclusions.finding import Finding, Fitness
+from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
+from tiltcal.diagnosis.search.state import Doubt
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import ORDERS, Learned, LearnedReadout, LearnedTilt
@@ -24,6 +26,7 @@ LEARNED_WORD = {
     "transverse": "rate",
     "warming": "temperature",
     "since_move": "move",
+    "since_start": "move",
     "moves": "move",
 }
 
@@ -33,7 +36,7 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
     if isinstance(effect, Learned):
         if effect.coordinate.startswith("force"):
             return "tilt"
-        if effect.coordinate.startswith("rate"):
+        if effect.coordinate.startswith(("rate", "angular_acceleration")):
             return "rate"
         if (
             effect.coordinate == "input"
@@ -53,6 +56,12 @@ def coordinate_of_effect(effect: Effect, setup: Setup) -> str:
         return "sample"
     on_body = effect.stage in ("sensor", "electronics", "mount") or not setup.rig.axes
     return "tilt" if on_body else angle_channel(setup.rig.axis_names[0])
+
+
+LATE = (
+    " No curve over temperature alone explains it: warming and cooling differ, as with a thermal"
+    " lag or hysteresis."
+)
 
 
 def stage_of(effect: Effect) -> str:
@@ -86,9 +95,15 @@ def learned_name(effect: Learned) -> str:
         "transverse": "the rate across its axis",
         "warming": "the rate of warming",
         "since_move": "the time since the last move",
+        "since_start": "the time since the last move began",
         "moves": "the number of moves",
     }
-    what = words.get(effect.coordinate, effect.coordinate.replace("_", " along body "))
+    what = words.get(
+        effect.coordinate,
+        " along body ".join(
+            effect.coordinate.replace("angular_acceleration", "angular acceleration").split("_")
+        ),
+    )
     if axis := axis_of(effect.coordinate):
         what = f"the {axis} angle"
     if effect.beside:
@@ -130,20 +145,74 @@ def next_step(names: tuple[str, ...], effect: Effect) -> str:
 
 
 def summary(
-    findings: tuple[Finding, ...], verdict: str, before: float, after: float, kind: str
+    findings: tuple[Finding, ...],
+    verdict: str,
+    reason: str,
+    before: Fitness | None = None,
+    after: Fitness | None = None,
+    noise: NoiseReport | None = None,
 ) -> str:
-    """The statement of a diagnosis, in two or three sentences."""
-    if verdict == "cannot_tell":
-        return (
-            "This recording leaves no degrees of freedom to test the model; any error would fit"
-            " it as well."
-        )
-    if verdict == "match":
-        agrees = (
-            "The recording agrees with the scenario: nothing is significant beyond its noise"
-            f" ({kind})"
-        )
-        return f"{agrees}, chi-square per degree of freedom {after:.3f}."
+    """The statement of a diagnosis, in a few sentences.
+
+    Args:
+        findings, verdict: of it.
+        reason: why nothing was tested, where that is the verdict.
+        before, after: figures of the fit; noise: that is left.
+    """
     told = " ".join(f.statement for f in findings)
-    fall = f"Chi-square per degree of freedom falls from {before:.3f} to {after:.3f}."
-    return f"{told} {fall}"
+    if verdict == "cannot_tell" or before is None or after is None or noise is None:
+        return f"{told} {reason}".strip()
+    left = f"{after.chi2_per_dof:.4g} of the sensors' white noise; {noise.words}."
+    if verdict == "match":
+        return (
+            "The recording agrees with the scenario: nothing is significant beyond its noise"
+            f" (taken from {noise.source}). Chi-square per degree of freedom is {left}"
+        )
+    course = "falls" if (after.chi2_per_dof or 0) < (before.chi2_per_dof or 0) else "goes"
+    first = f"{before.chi2_per_dof:.4g}"
+    return f"{told} Chi-square per degree of freedom {course} from {first} to {left}"
+
+
+def untold(rig: Rig, samples: int, columns: int) -> str:
+    """Why a recording tests nothing, and what to record.
+
+    Args:
+        rig: what the sensors stand on.
+        samples: readings that have a model; columns: independent parameters fitted to them.
+    """
+    by_hand = "several seconds at rest in more attitudes than there are adjustable terms"
+    on_table = "poses with the table read while the sensors are sampled, more than there are terms"
+    record = by_hand if not rig.axes else on_table
+    if not samples:
+        missing = "rests" if not rig.axes else "table angles beside readings of a sensor"
+        why = f"The recording holds no {missing}, so nothing in it tests the model"
+    else:
+        why = (
+            f"This recording leaves no degrees of freedom to test the model ({columns} parameters"
+            " are fitted to it); any error would fit it as well"
+        )
+    return f"{why}. Record {record}."
+
+
+def doubted(doubts: Sequence[Doubt]) -> str:
+    """Why a recording that shows no certain finding is no match, and what to record."""
+    told = " and ".join(
+        f"{_law_name(d.law.effect)} (probability {d.probability:.2f})" for d in doubts
+    )
+    return (
+        f"Something may be there that this recording cannot tell from slow or random noise: {told}."
+        " Record again for longer, and once at rest for as long (--static), so that the noise is"
+        " known."
+    )
+
+
+def _law_name(effect: Effect) -> str:
+    return learned_name(effect) if isinstance(effect, Learned) else f"{effect.title} ({effect.id})"
+
+
+def not_reproduced(statement: str, failure: str) -> str:
+    """The statement of a diagnosis whose amended scenario failed its re-simulation."""
+    return (
+        f"{statement} The amended model does not reproduce the fit in the simulator: {failure}."
+        " The findings are not confirmed."
+    )

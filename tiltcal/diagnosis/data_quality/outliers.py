@@ -16,12 +16,16 @@ from tiltcal.diagnosis.data_quality.flat_and_repeated import noise_of
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.data.faults import DataOutlier
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import Replay
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 GROSS = 8.0  # sigma: nearer in, a heavy tail is no fault
 ENDS = 3  # samples to either side of where a stop begins or ends
 TAIL = 0.1  # share of the number between 4 and GROSS sigma that a heavy tail has beyond
 TOUCHED = 1.0  # the same in a hand, where no model tells a touch from noise
+STRETCH = 51  # rows whose median tells the local deviation
+BRIEF = 15  # of them, within a move
+FEWEST = 32  # rows that tell one at all
 ISOLATED = 0.3  # share of its distance that its neighbours may be off as well
 
 
@@ -40,11 +44,13 @@ def find_outliers(
     repaired = list(observations.sources)
     together = zip(observations.sources, observations.recordings, observations.stops, strict=True)
     stops = [stop if used is source else known_stops(source) for source, used, stop in together]
+    speeds = [_speed(course) for course in observations.courses]
+    speeds = speeds or [(stop < 0).astype(float) for stop in stops]  # of a hand: whether it turns
     seen: dict[str, list[tuple[str, float, float, int]]] = {}
     for number, sensor, axis, rows, values in observations.outlier_signals(fitted.effects, stops):
         if sensor in coarse:
             continue
-        anywhere = off_neighbours(values)
+        anywhere = off_neighbours(values, speeds[number][rows])
         off = np.where(_at_an_end(stops[number], rows), 0.0, anywhere)
         far, tail = off > GROSS, (off > 4) & (off <= GROSS)
         if far.sum() > 3 + heavy * tail.sum() and np.median(off[far]) > GROSS + 2:
@@ -87,20 +93,36 @@ def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
     return Fault(effect, (sensor,), axes, words, sigma=sigma)
 
 
-def off_neighbours(values: Array) -> Array:
+def _speed(course: Replay) -> Array:
+    """How fast a table turns about all its axes, rad/s, (n,)."""
+    axes = course.drive(course.time).axes.values()
+    return np.sqrt(sum((jet.v**2 for jet in axes), np.zeros(len(course.time))))
+
+
+def off_neighbours(values: Array, speed: Array | None = None) -> Array:
     """Distance of each value from the median of its neighbourhood, in local standard deviations; 0
     unless it is a single value, (n,).
+
+    Local is a stretch of rows, and where the table turns no less than the rows of like ``speed``,
+    rad/s, (n,), nor than the nearest that turn: noise may grow with the rate, and from move to
+    move, within a move that is shorter than a stretch.
     """
     from scipy.ndimage import median_filter
 
-    if len(values) < 64:
+    if len(values) < 2 * FEWEST:
         return np.zeros(len(values))
     off = np.abs(values - median_filter(values, 5, mode="nearest"))
     bent = np.zeros(len(values))  # off the cubic through two neighbours on each side
     bent[2:-2] = values[2:-2] - (4 * (values[1:-3] + values[3:-1]) - (values[:-4] + values[4:])) / 6
     # the crest of a quick turn is where its flanks say
     off[2:-2] = np.minimum(off, np.abs(bent))[2:-2]
-    local = MAD_TO_SIGMA * median_filter(off, 51, mode="nearest")
+    local = MAD_TO_SIGMA * median_filter(off, STRETCH, mode="nearest")
+    if speed is not None and (speed > 0).sum() > FEWEST:
+        turning = np.flatnonzero(speed > 0)
+        alike = turning[np.argsort(speed[turning], kind="stable")]
+        for rows, width in ((alike, STRETCH), (turning, BRIEF)):
+            usual = MAD_TO_SIGMA * median_filter(off[rows], width, mode="nearest")
+            local[rows] = np.maximum(local[rows], usual)
     beside = np.maximum(np.concatenate([[0.0], off[:-1]]), np.concatenate([off[1:], [0.0]]))
     alone = beside < ISOLATED * off  # the corner of a move drags its neighbours along
     # how far the neighbours are off theirs once a value is put where they say

@@ -24,7 +24,7 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.faults import DataDrop
-from tiltcal.effects.data.labelling_faults import DataPoseLabel, DataUnit
+from tiltcal.effects.data.labelling_faults import DataPoseLabel, DataTruncation, DataUnit
 from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
@@ -57,6 +57,11 @@ class PreparedData:
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
     floors: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def blurred(self) -> bool:
+        """Whether the table's angles are truncated."""
+        return any(isinstance(f.effect, DataTruncation) for f in self.faults)
 
     def over(self, observations: Observations, *faults: Fault) -> "PreparedData":
         """The same for other observations, with the adjustable terms re-fitted and further

@@ -16,6 +16,8 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.table.readout import EncoderZero, IndexError_
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 
+FEWEST = 8  # stops of an axis
+
 
 def find_setting_error(
     fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int
@@ -31,11 +33,7 @@ def find_setting_error(
     noise = noise_within_stops(fitted, whitened)
     if noise is None:
         return None
-    trials = {
-        axis: _stop_columns(observations, axis, fitted)
-        for axis in observations.scenario.rig.axis_names
-    }
-    trials = {axis: columns for axis, columns in trials.items() if len(columns) >= 8}
+    trials = stops_by_axis(observations, fitted)
     limit = float(np.log(ALPHA) - np.log(max(total, 1)))
     chances = {
         axis: _chance(columns, fitted, whitened, noise, limit) for axis, columns in trials.items()
@@ -44,8 +42,8 @@ def find_setting_error(
     if axis is None or chances[axis] > limit:
         return None
     columns, within = trials[axis], whitened.under(models(noise))
-    gain, values, variances = _stops(columns, refit(fitted, within), within)
-    first = _stops(columns, refit(start, within), within)[0]
+    gain, values, variances = rotations_of_stops(columns, refit(fitted, within), within)
+    first = rotations_of_stops(columns, refit(start, within), within)[0]
     # so many sizes take their share of chance as well
     free = max(len(columns) - sum(len(t.names) for t in fitted.terms), 1)
     if gain / free < 0.5 * first / len(columns):
@@ -83,11 +81,11 @@ def _chance(
     for side in (0, 1):
         bound = whitened.under([fit.bounds()[side] for fit in noise])
         at_this = refit(fitted, bound)
-        gain, _, _ = _stops(stops, at_this, bound)
+        gain, _, _ = rotations_of_stops(stops, at_this, bound)
         worst = max(worst, log_tail(gain, len(stops)))
         if worst > limit:
             break
-        other = _stops([*stops, *levels], at_this, bound)[0] - gain
+        other = rotations_of_stops([*stops, *levels], at_this, bound)[0] - gain
         free = len(levels) - len(stops) - at_this.basis[0].shape[1]
         worst = max(worst, log_ratio(gain, len(stops), other, free) if free > 0 else -np.inf)
     return worst
@@ -132,6 +130,13 @@ def beside_stops(
     return refit(replace(fitted, terms=tuple(fitted.terms[k] for k in kept)), whitened)
 
 
+def stops_by_axis(observations: Observations, fitted: FittedModel) -> dict[str, list[Columns]]:
+    """Change of the readings per radian at each stop, of each axis that stops often enough."""
+    axes = observations.scenario.rig.axis_names
+    every = {axis: _stop_columns(observations, axis, fitted) for axis in axes}
+    return {axis: columns for axis, columns in every.items() if len(columns) >= FEWEST}
+
+
 def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) -> list[Columns]:
     """Change of the readings per radian of one axis at one stop, for each stop, interpolated
     between stops.
@@ -155,7 +160,7 @@ def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) ->
     return found
 
 
-def _stops(
+def rotations_of_stops(
     columns: Sequence[Columns], fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[float, Array, Array]:
     """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""

@@ -1,57 +1,161 @@
-"""Random errors of the time stamps."""
+"""Random errors of the time stamps.
 
-from collections.abc import Mapping
+A wrong stamp is one error of time for its whole row: the residual of channel i in row k is s_ik d_k
++ e_ik, with s the change of the reading by a delay and d ~ N(0, tau2) the same for every channel.
+Two channels then have the covariance tau2 s_ik s_jk, whose sign and size follow the motion (the
+one-factor model of factor analysis, with known loadings; Lawley and Maxwell 1971). Noise that grows
+with the rate or while moving makes the same variance and no covariance, so variances prove nothing:
+where only one channel changes with time nothing is claimed.
+
+Assumed of noise: each channel has any variance at rest, another while moving, and one more that
+grows with the square of its rate; two channels may be correlated, by as much at all rests and by as
+much in all moves. The slope of their normalised products on s_i s_j is tested after these two means
+are taken out, by its heteroscedastic standard error (White 1980). Differences between neighbouring
+rows are taken, because a misfit of physics is smooth.
+"""
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.diagnosis.data.channels import changed
-from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.stop_errors import SPOILS
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.timing.delays import DataJitter, DataLatency
 from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.dwell_noise import ARITHMETIC
 from tiltcal.statistics.noise_spectrum import robust_white
+
+UNIT = 1e-3  # s, of the delay whose changes are taken
+# sigma. A sum of symmetric terms over the root of their squares exceeds x by a chance of exp(-x2/2)
+# at most (Hoeffding 1963): 0.1 % for both scopes together
+CERTAIN = float(np.sqrt(2 * np.log(2 / 1e-3)))
+FAR = 4.0  # sigma: what is farther out in a channel counts as that
+WILD = 20.0  # times the noise of a channel: a gross value
+SMOOTH = 0.3  # share of the excess that neighbouring rows may have in common
+FEWEST = 32  # pairs of rows
 
 
 def find_stamp_jitter(fitted: FittedModel, observations: Observations) -> Fault | None:
-    """Random errors of the time stamps: the variance of the residual grows with the square of the
-    rate of the reading.
-    """
+    """Random errors of the time stamps: channels err together, as their rates say."""
     if not observations.courses:
         return None
-    late = DataLatency({"latency": 1e-3}, None, None, "found")
-    slopes = observations.changes(late, fitted.effects)
-    noises = [
-        _quiet_noise(r, c.stop)
-        for r, c in zip(observations.residuals(fitted.effects), observations.channels, strict=True)
-    ]
-    top = bottom = smooth = 0.0
-    energy: dict[tuple[str, str], float] = {}
-    for i, r in enumerate(observations.residuals(fitted.effects)):
-        if i not in slopes:
-            continue
-        channel = observations.channels[i]
-        noise = noises[i]
-        s2 = (slopes[i] / 1e-3 / noise) ** 2
-        excess = np.minimum((r / noise) ** 2, 400.0) - 1
-        top += float(excess @ s2)
-        next_to = np.sqrt(s2[1:] * s2[:-1])
-        # a smooth misfit is like its neighbour
-        smooth += float(np.clip(r[1:] * r[:-1] / noise**2, -400.0, 400.0) @ next_to)
-        bottom += float(s2 @ s2)
-        energy[channel.sensor, channel.axis] = float(s2.sum())
-    if bottom <= 0:
-        return None
-    # heavier than Gaussian tails double the variance of a square
-    value, sigma = (
-        top / bottom,
-        np.sqrt(4.0 / bottom),
+    residuals = observations.residuals(fitted.effects)
+    changes = observations.changes(
+        DataLatency({"latency": UNIT}, None, None, "found"), fitted.effects
     )
-    if value < 8 * sigma or smooth > 0.3 * top:
+    slopes = {i: c / UNIT for i, c in changes.items()}
+    if _is_smooth(observations, residuals, slopes):
         return None
+    found = list(_evidence(observations, residuals, slopes))
+    own = [e for e, same in found if same]
+    # a recorder stamps all its sensors, or each its own
+    told = max((_pooled(own), _pooled([e for e, _ in found])), key=lambda t: t[0] / (t[1] or 1.0))
+    value, sigma = told
+    if sigma == 0 or value < CERTAIN * sigma:
+        return None
+    energy = _energy(observations, residuals, slopes)
     return _jitter(float(np.sqrt(value)), float(sigma / (2 * np.sqrt(value))), energy)
+
+
+def _evidence(
+    observations: Observations, residuals: list[Array], slopes: Columns
+) -> Iterator[tuple[tuple[float, float, float], bool]]:
+    """Of every two channels with a slope what ``_covariance`` says, and whether they are of one
+    sensor.
+    """
+    for i, j in combinations(sorted(slopes), 2):
+        one, other = observations.channels[i], observations.channels[j]
+        if one.recording != other.recording:
+            continue
+        rows, at, there = np.intersect1d(one.rows, other.rows, return_indices=True)
+        if len(rows) < 2 * FEWEST:
+            continue
+        r = np.array([residuals[i][at], residuals[j][there]])
+        s = np.array([slopes[i][at], slopes[j][there]])
+        yield _covariance(r, s, one.stop[at] < 0), one.sensor == other.sensor
+
+
+def _covariance(r: Array, s: Array, moving: Mask) -> tuple[float, float, float]:
+    """Slope times information, information, and variance of the first, of what two channels have in
+    common.
+
+    Args:
+        r: residuals, (2, n); s: their slopes, SI/s, (2, n); moving: (n,).
+    """
+    n = r.shape[1] // 2 * 2
+    steps = np.diff(r[:, :n].reshape(2, -1, 2), axis=2)[:, :, 0]
+    pairs = s[:, :n].reshape(2, -1, 2)
+    moves: Mask = np.asarray(moving[:n].reshape(-1, 2).any(axis=1))
+    kept = (steps != 0).all(axis=0)  # lost samples have no residual
+    steps, pairs, moves = steps[:, kept], pairs[:, kept], moves[kept]
+    if len(moves) < FEWEST:
+        return 0.0, 0.0, 0.0
+    means = (
+        np.linalg.qr(np.column_stack([np.ones(len(moves)), moves]))[0]
+        if (0 < moves.sum() < len(moves))
+        else np.full((len(moves), 1), len(moves) ** -0.5)
+    )
+    spread = np.array(
+        [_spread(d, (p**2).sum(axis=1), moves) for d, p in zip(steps, pairs, strict=True)]
+    )
+    product = np.prod(np.clip(steps / spread, -FAR, FAR), axis=0)
+    loading = np.prod(pairs, axis=0).sum(axis=1) / np.prod(spread, axis=0)
+    loading = loading - means @ (means.T @ loading)
+    product = product - means @ (means.T @ product)
+    top, bottom = float(loading @ product), float(loading @ loading)
+    return top, bottom, float((loading**2) @ product**2)
+
+
+def _spread(steps: Array, energy: Array, moves: Mask) -> Array:
+    """Standard deviation of each step of a channel, (n,): one at rest, one while moving, and what
+    grows with the slope. energy: sum of the squared slopes of both rows, (n,).
+    """
+    from scipy.optimize import nnls
+
+    square = np.minimum(steps**2, (WILD * robust_white(steps)) ** 2)
+    columns = np.column_stack([np.ones(len(steps)), moves, energy])
+    size = np.maximum(columns.max(axis=0), 1e-300)
+    weights, _ = nnls(columns / size, square / square.mean())
+    variance = columns / size @ weights * square.mean()
+    return np.sqrt(np.maximum(variance, 1e-6 * square.mean()))
+
+
+def _pooled(found: list[tuple[float, float, float]]) -> tuple[float, float]:
+    """Variance of the stamps, s2, and its standard deviation; zeros where no two channels tell."""
+    top, bottom, variance = np.sum(found, axis=0) if found else (0.0, 0.0, 0.0)
+    return (float(top / bottom), float(np.sqrt(variance) / bottom)) if bottom > 0 else (0.0, 0.0)
+
+
+def _is_smooth(observations: Observations, residuals: list[Array], slopes: Columns) -> bool:
+    """Whether what grows with the slope is much the same in neighbouring rows: a misfit of physics,
+    as a constant delay makes it.
+    """
+    top = smooth = 0.0
+    for i, slope in slopes.items():
+        noise = _quiet_noise(residuals[i], observations.channels[i].stop)
+        r, s2 = residuals[i] / noise, (slope / noise) ** 2
+        top += float((np.minimum(r**2, WILD**2) - 1) @ s2)
+        next_to = np.sqrt(s2[1:] * s2[:-1])
+        smooth += float(np.clip(r[1:] * r[:-1], -(WILD**2), WILD**2) @ next_to)
+    return smooth > SMOOTH * top
+
+
+def _energy(
+    observations: Observations, residuals: list[Array], slopes: Columns
+) -> dict[tuple[str, str], float]:
+    """Squared slopes in units of the noise, summed, of each channel."""
+    energy: dict[tuple[str, str], float] = {}
+    for i, slope in slopes.items():
+        c = observations.channels[i]
+        noise = _quiet_noise(residuals[i], c.stop)
+        key = (c.sensor, c.axis)
+        energy[key] = energy.get(key, 0.0) + float(((slope / noise) ** 2).sum())
+    return energy
 
 
 def _jitter(size: float, sigma: float, energy: Mapping[tuple[str, str], float]) -> Fault:
@@ -61,29 +165,33 @@ def _jitter(size: float, sigma: float, energy: Mapping[tuple[str, str], float]) 
     strong = [key for key, e in ordered if e > 0.05 * total]
     effect = DataJitter({"jitter": size}, strong[0][0], None, "found")
     words = (
-        f"Time stamps scatter by {1e3 * size:.3g} ms rms: the residual grows with the rate of the"
-        " reading."
+        f"Time stamps scatter by {1e3 * size:.3g} ms rms: in each row the channels err together, as"
+        " their rates say."
     )
     sensors, axes = (tuple(dict.fromkeys(column)) for column in zip(*strong, strict=True))
     return Fault(effect, sensors, axes, words, sigma={"jitter": sigma})
 
 
 def _quiet_noise(residual: Array, stop: Index) -> float:
-    """Standard deviation of a residual at rest; of its second differences where it never rests."""
+    """Standard deviation of a residual at rest; of its second differences where it never rests;
+    never less than that of arithmetic.
+    """
     still = stop >= 0
-    return float(np.std(residual[still])) if still.sum() > 32 else robust_white(residual)
+    if still.sum() <= 32:
+        return robust_white(residual)
+    return max(float(np.std(residual[still])), ARITHMETIC)
 
 
 def at_rest_only(
     observations: Observations, fitted: FittedModel, jitter: float
 ) -> tuple[Recording, ...]:
     """The recordings without the samples that random stamps (s, rms) spoil."""
-    late = DataLatency({"latency": 1e-3}, None, None, "found")
+    late = DataLatency({"latency": UNIT}, None, None, "found")
     recordings = list(observations.recordings)
     residuals = observations.residuals(fitted.effects)
     for i, slope in observations.changes(late, fitted.effects).items():
         channel = observations.channels[i]
-        spoiled = np.abs(slope) / 1e-3 * jitter > SPOILS * _quiet_noise(residuals[i], channel.stop)
+        spoiled = np.abs(slope) / UNIT * jitter > SPOILS * _quiet_noise(residuals[i], channel.stop)
         sensor = observations.scenario.named(channel.sensor)
         recordings[channel.recording] = changed(
             recordings[channel.recording], sensor, channel.axis, channel.rows[spoiled], np.nan

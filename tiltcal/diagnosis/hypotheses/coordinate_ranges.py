@@ -7,6 +7,7 @@ from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 from tiltcal.setup.tables import angle_channel
 
+TURNED = 0.05  # share of the largest rate above which an axis turned: the Earth's is no turn
 Ranges = dict[str, tuple[float, float]]
 """Least and largest value of each coordinate, SI."""
 
@@ -19,7 +20,10 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
     ranges |= _thermal(observations) | _angular(observations) | _inputs(observations)
     ranges |= _between_moves(observations) | {f"force_{a}": (-g, g) for a in "xyz"}
     if (top := fastest(observations)) > 0:
-        ranges |= {f"rate_{a}": (-top, top) for a in "xyz"} | {"transverse": (0.0, top)}
+        ranges |= {f"rate_{a}": (-top, top) for a in _turned(observations)}
+        ranges |= {"transverse": (0.0, top)}
+    for a, most in _quickest(observations).items():
+        ranges[f"angular_acceleration_{a}"] = (-most, most)
     rate = max(s.rate_hz for s in observations.scenario.sensor)
     return CoordinateRanges(duration, rate, lines, ranges)
 
@@ -63,10 +67,15 @@ def _between_moves(observations: Observations) -> Ranges:
     stops = observations.stops
     if not any((stop >= 0).any() and (stop < 0).any() for stop in stops):
         return {}
-    pairs = zip(observations.recordings, stops, strict=True)
+    pairs = list(zip(observations.recordings, stops, strict=True))
     longest = max(_longest_rest(r.time, s) for r, s in pairs)
     count = float(max(stop.max() for stop in stops))
-    return {"since_move": (0.0, longest), "moves": (0.0, count + 1)}
+    cycle = max(_longest_cycle(r.time, s) for r, s in pairs)
+    return {
+        "since_move": (0.0, longest),
+        "since_start": (0.0, cycle),
+        "moves": (0.0, count + 1),
+    }
 
 
 def _readings(channel: Channel, observations: Observations) -> Array:
@@ -87,6 +96,12 @@ def _longest_rest(time: Array, stop: Index) -> float:
     return max(
         (float(np.ptp(time[stop == k])) for k in range(int(stop.max(initial=-1)) + 1)), default=0.0
     )
+
+
+def _longest_cycle(time: Array, stop: Index) -> float:
+    """Longest time from the beginning of a move to that of the next, s."""
+    begin = time[1:][(stop[1:] < 0) & (stop[:-1] >= 0)]
+    return float(np.diff([*begin, time[-1]]).max(initial=0.0))
 
 
 def fastest(observations: Observations) -> float:
@@ -113,3 +128,24 @@ def fastest(observations: Observations) -> float:
                 time, angle = recording.time[known], angle[known]
                 found.append(float(np.percentile(np.abs(np.diff(angle)) / np.diff(time), 99)))
     return max(found)
+
+
+def _turned(observations: Observations) -> str:
+    """The body axes about which a table turned the sensors; all of them by hand."""
+    if not observations.courses:
+        return "xyz"
+    top = np.zeros(3)
+    for watch in observations.watches(observations.known):
+        for sense in watch.sense.values():
+            top = np.maximum(top, np.abs(sense.rate).max(axis=0))
+    return "".join(a for a, most in zip("xyz", top, strict=True) if most > TURNED * top.max())
+
+
+def _quickest(observations: Observations) -> dict[str, float]:
+    """The largest angular acceleration of a table about each body axis that it turned, rad/s2."""
+    found = dict.fromkeys(_turned(observations), 0.0)
+    for watch in observations.watches(observations.known):
+        for sense in watch.sense.values():
+            most = np.abs(sense.angular_acceleration).max(axis=0)
+            found = {a: max(old, float(most["xyz".index(a)])) for a, old in found.items()}
+    return {a: most for a, most in found.items() if most > 0}

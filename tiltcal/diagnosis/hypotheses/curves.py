@@ -106,10 +106,11 @@ def _reading_curves(
         if knots := _knots(f"{sensor.name}_input", span, count):
             yield replace(_curve(LearnedReading, "input", knots, **where), alias=cls.id)
     inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
+    turns = [f"angular_acceleration_{a}" for a in "xyz"]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
     across = ["transverse"] if sensor.kind == "fog" else []
-    for coordinate in ("input", "time", "temperature", "warming", *inputs, *across):
-        if coordinate == own or (sensor.is_accelerometer and coordinate.startswith("rate")):
+    for coordinate in ("input", "time", "temperature", "warming", *inputs, *turns, *across):
+        if coordinate == own:
             continue
         if knots := _knots(
             coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7
@@ -189,8 +190,7 @@ def _of_any_form(sensor: Sensor, coordinate: str, form: str = "any") -> list[typ
 def _felt_late(sensor: Sensor) -> list[tuple[str, str, bool]]:
     """What a sensor may feel late: the law, what it follows, and whether it multiplies the input.
 
-    An accelerometer's late rate is not among them: its temperature is late by minutes, and
-    ``thermal_lag`` says what tells its branches.
+    An accelerometer's late rate is not among them: its temperature is late by minutes.
     """
     laws = [c for c in CATALOGUE.values() if c.felt_late and c.senses(sensor.kind)]
     return [
@@ -232,15 +232,11 @@ def _histories(
         yield _curve(LearnedReading, "since_move", knots, **where)
         for frequency in span.lines.echoes:
             yield _curve(LearnedReading, "since_move", _waves(3), period=1 / frequency, **where)
+        yield _curve(LearnedReading, "since_start", _spread("since_start", span), **where)
         yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
         for period in (2, 3, 4, 5):
-            yield _curve(
-                LearnedReading,
-                "moves",
-                2 * (period // 2) - (period % 2 == 0),
-                period=float(period),
-                **where,
-            )
+            waves = 2 * (period // 2) - (period % 2 == 0)
+            yield _curve(LearnedReading, "moves", waves, period=float(period), **where)
     for coordinate, lag in product(inputs, MEMORIES):
         if knots := _knots(coordinate, span, 3):
             curve = _curve(LearnedReading, coordinate, knots, lag=lag, **where)

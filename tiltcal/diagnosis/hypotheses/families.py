@@ -26,6 +26,8 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     if curve.listed:
         return _same_law(curve, host)
     assert isinstance(effect, Learned)
+    if effect.is_step:
+        return False
     family = host.law.family
     if isinstance(effect, LearnedReading):
         if effect.sensor != host.effect.sensor or (

@@ -53,6 +53,11 @@ class Hypothesis:
         return self.listed and (self.alias is None or self.law.form == "law")
 
     @property
+    def has_plausible_size(self) -> bool:
+        """Whether the catalogue says how large it may be: of a curve it does not."""
+        return not isinstance(self.effect, Learned)
+
+    @property
     def has_instant(self) -> bool:
         """Whether it begins at an instant."""
         return self.law.acts_from_an_instant

@@ -27,7 +27,8 @@ from tiltcal.diagnosis.model.fitted_model import whitened_of
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.removed_finding import RemovedFinding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import LOOSE, Alternative
+from tiltcal.diagnosis.search.explanation import Explanation
+from tiltcal.diagnosis.search.names import coarsened
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -190,7 +191,7 @@ def separations(question: Question, more: Recording) -> list[Pair]:
 
 
 def _signal(
-    truth: Alternative,
+    truth: Explanation,
     both: Observations,
     whitened: WhitenedModel,
     effects: Sequence[Effect],
@@ -208,11 +209,11 @@ def _signal(
 
 
 def _against(
-    truth: Alternative, case: RemovedFinding, whitened: WhitenedModel, question: Question
+    truth: Explanation, case: RemovedFinding, whitened: WhitenedModel, question: Question
 ) -> list[Pair]:
     """The truth against every other name, each at its best shape and sizes."""
     energy = sum(float(s @ s) for s in case.signal)
-    needed = SEPARABLE + LOOSE * energy
+    needed = SEPARABLE * coarsened(energy / 2)
     best: dict[str, float] = {}
     for score in whitened.scores(case.basis, case.target):
         best[score.hypothesis.id] = max(best.get(score.hypothesis.id, 0.0), score.gain()[0])

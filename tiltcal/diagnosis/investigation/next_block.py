@@ -217,9 +217,18 @@ def _statement(design: Design) -> str:
 
 
 def _twins(design: Design) -> tuple[str, ...]:
-    """Pairs that no block can separate, each with what would be needed."""
+    """Pairs that no block can separate, each with what would be needed. Where only one of the two
+    can take the other's place, the pair says which has to be the truth.
+    """
     pairs = dict.fromkeys(tuple(sorted(p)) for p in design.twins)
-    return tuple(f"{a} and {b} ({_needs(a, b)})" for a, b in pairs)
+    return tuple(f"{_pair(a, b, design)} ({_needs(a, b)})" for a, b in pairs)
+
+
+def _pair(a: str, b: str, design: Design) -> str:
+    if {(a, b), (b, a)} <= set(design.twins):
+        return f"{a} and {b}"
+    truth, other = (a, b) if (a, b) in design.twins else (b, a)
+    return f"{truth}, if that is the truth, from {other}"
 
 
 def _needs(a: str, b: str) -> str:

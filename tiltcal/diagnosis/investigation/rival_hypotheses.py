@@ -19,10 +19,9 @@ from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembe
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
-from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import Alternative, rank_alternatives
 from tiltcal.diagnosis.search.dictionary import instants
+from tiltcal.diagnosis.search.explanation import Explanation, explain
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -52,7 +51,7 @@ class Question:
 
     names: tuple[str, ...]
     fitted: FittedModel
-    rivals: tuple[Alternative, ...]
+    rivals: tuple[Explanation, ...]
     hypotheses: tuple[Hypothesis, ...]
     observations: Remembering
     noise: Mapping[tuple[str, str], NoiseModel]
@@ -155,16 +154,19 @@ def _question(
     hypotheses = _hypotheses_of(names, old, [terms[k].hypothesis for k in own], lines)
     for hypothesis in hypotheses:
         columns.add(hypothesis, fitted.effects)
-    case = remove_finding(fitted, whitened, list(own))
-    found = rank_alternatives(case, whitened, lambda s: s.id in names)
-    rivals: dict[str, Alternative] = {}
-    for r in found:
-        rivals.setdefault(r.hypothesis.id, r)
     rest = refit(
         replace(fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in own)),
         whitened,
         rounds=0,
     )
+    rivals: dict[str, Explanation] = {}
+    for k, hypothesis in enumerate(whitened.hypotheses):
+        told = explain(k, rest.basis, rest.residual, whitened)
+        if told is None:
+            continue
+        plain, before = told.plain or told, rivals.get(hypothesis.id)  # as its rivals are weighed
+        if before is None or plain.evidence > before.evidence:
+            rivals[hypothesis.id] = plain
     by_axis = {(c.sensor, c.axis): f.model for c, f in zip(old.channels, noise, strict=True)}
     ordered = tuple(rivals[n] for n in names if n in rivals)
     reference = old.inner.courses[0].reference if old.inner.courses else 0.0

@@ -99,8 +99,12 @@ class ColumnStore:
         rows = slice(shelf.used, shelf.used + len(numbers))
         shelf.waves[rows], shelf.numbers[rows], shelf.owners[rows] = waves, numbers, owner
         for row, number in enumerate(numbers, shelf.used):
-            self._places.setdefault(number, []).append((shelf, row))
+            self._places[number] = [*self._places.get(number, []), (shelf, row)]
         shelf.used += len(numbers)
+
+    def shared(self) -> "ColumnStore":
+        """Another store of the same columns, to which more can be added."""
+        return ColumnStore(list(self.all), {}, dict(self._places))
 
     def of(self, wanted: Mask) -> list[ColumnBlock]:
         """Those on which a wanted hypothesis has a column; wanted: by the hypothesis's number."""

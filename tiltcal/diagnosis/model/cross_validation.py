@@ -3,12 +3,11 @@ in turn.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit, whitened_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 FOLDS = 6
@@ -19,30 +18,6 @@ def heldout_gain(fitted: FittedModel, whitened: WhitenedModel, places: Sequence[
     rest = [t for k, t in enumerate(fitted.terms) if k not in places]
     whole = _left_out(fitted, whitened, list(fitted.terms))
     return 0.5 * (_left_out(fitted, whitened, rest) - whole)
-
-
-def drop_unpredictive(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
-    """The fitted model without names that predict left-out blocks worse than without them, by more
-    than their parameters cost.
-
-    A law holds where it was not fitted. An unlisted curve only says where it was seen: a bump in
-    one block predicts nothing of the others.
-    """
-    while True:
-        named = [
-            places for places in fitted.findings() if fitted.terms[places[0]].hypothesis.listed
-        ]
-        worth = [
-            heldout_gain(fitted, whitened, p) + sum(len(fitted.terms[k].names) for k in p)
-            for p in named
-        ]
-        if not named or min(worth) >= 0:
-            return fitted
-        worst = named[worth.index(min(worth))]
-        fitted = refit(
-            replace(fitted, terms=tuple(t for k, t in enumerate(fitted.terms) if k not in worst)),
-            whitened,
-        )
 
 
 def heldout_misfit(fitted: FittedModel, whitened: WhitenedModel) -> float:

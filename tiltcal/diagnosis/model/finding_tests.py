@@ -10,6 +10,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
+from tiltcal.diagnosis.model.noise_prior import with_probable_noise
 from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.noise_spectrum import NoiseFit
@@ -64,8 +65,11 @@ class NoiseGate:
         )
 
     def left_by(self, fitted: FittedModel, whitened: WhitenedModel) -> WhitenedModel:
-        """The same columns under the noise that a fitted model leaves."""
-        return whitened.under(models(self.noise(fitted, whitened)))
+        """The same columns under the noise that a fitted model leaves, the most probable one unless
+        it was taken from a record at rest.
+        """
+        left = whitened.as_fitted(self.noise(fitted, whitened))
+        return left if self.static is not None else with_probable_noise(left)
 
     def log_p(
         self, fitted: FittedModel, whitened: WhitenedModel

@@ -55,6 +55,7 @@ class FittedModel:
         known: effects at stated values; nuisance: the adjustable terms; terms: what was found.
         residual: whitened cosine coefficients of what is left, by channel; basis: of all fitted
             columns.
+        design: whitened change per plausible size of each value, nuisance first, by channel, (n,).
         covariance: of all values in order, nuisance first, SI.
     """
 
@@ -63,6 +64,7 @@ class FittedModel:
     terms: tuple[FittedTerm, ...] = ()
     residual: tuple[Array, ...] = ()
     basis: tuple[Array, ...] = ()
+    design: tuple[Columns, ...] = ()
     covariance: Array | None = None
 
     @property
@@ -112,6 +114,15 @@ def whitened_of(
     ]
 
 
+def stored_of(whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> list[Columns]:
+    """As ``whitened_of``, about the model that the hypotheses stand for: what a trial needs."""
+    return [
+        whitened.weighed(whitened.columns.stored(t.hypothesis, name))
+        for t in terms
+        for name in t.names
+    ]
+
+
 def columns_of(
     observations: Observations, terms: Sequence[FittedTerm], effects: Sequence[Effect]
 ) -> list[Columns]:
@@ -155,19 +166,73 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
         fitted.known, terms, whitened, design, inverse, prior, size, rounds
     )
     basis = design.basis()
-    along = sum(
-        (Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1])
-    )
-    residual = [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
     covariance = inverse / np.outer(size, size) * np.outer(units, units)
     return replace(
         fitted,
         nuisance=tuple(terms[:split]),
         terms=tuple(terms[split:]),
-        residual=tuple(residual),
+        residual=tuple(_beside(basis, residual)),
         basis=tuple(basis),
+        design=tuple(columns),
         covariance=covariance,
     )
+
+
+def refit_linearly(
+    fitted: FittedModel, found: Sequence[FittedTerm], whitened: WhitenedModel
+) -> FittedModel:
+    """Other found terms in a fitted model, their values fitted to first order: nothing is
+    simulated.
+
+    The adjustable terms stay at their values, so that no column of theirs changes; what they would
+    take up is not in the residual.
+    """
+    residual, owned, start = [r.copy() for r in fitted.residual], {}, 0
+    for term in (*fitted.nuisance, *fitted.terms):
+        owned[id(term)] = fitted.design[start : start + len(term.names)]
+        start += len(term.names)
+    kept = {id(t) for t in found}
+    for term in fitted.terms:
+        if id(term) not in kept:
+            _put_back(term, owned[id(term)], residual)
+    terms = [*fitted.nuisance, *found]
+    columns: list[Columns] = []
+    for term in terms:
+        columns += owned.get(id(term)) or stored_of(whitened, [term])
+    design = BlockDesignMatrix(columns, [len(r) for r in residual])
+    basis, gram = design.basis(), design.gram()
+    size = np.sqrt(np.diag(gram))
+    size[size == 0] = 1.0
+    units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
+    step = _pseudo_inverse(gram / np.outer(size, size)) @ (design.along(residual) / size) / size
+    moved = _moved([t if id(t) in owned else _at_nothing(t) for t in terms], step * units)
+    return replace(
+        fitted,
+        terms=tuple(moved[len(fitted.nuisance) :]),
+        residual=tuple(_beside(basis, residual)),
+        basis=tuple(basis),
+        design=tuple(columns),
+        covariance=None,
+    )
+
+
+def _put_back(term: FittedTerm, columns: Sequence[Columns], residual: list[Array]) -> None:
+    """Add what a term explains to a whitened residual, by channel, (n,)."""
+    for name, value, column in zip(term.names, term.values, columns, strict=True):
+        for i, change in column.items():
+            residual[i] += change * (value / term.hypothesis.size(name))
+
+
+def _at_nothing(term: FittedTerm) -> FittedTerm:
+    return replace(term, values=(0.0,) * len(term.names))
+
+
+def _beside(basis: Sequence[Array], residual: Sequence[Array]) -> list[Array]:
+    """A whitened residual without its part in an orthonormal basis, by channel, (n,)."""
+    along = sum(
+        (Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1])
+    )
+    return [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
 
 
 def _descended(

@@ -6,10 +6,16 @@ import numpy as np
 
 from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.observations import Columns, Observations
+from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import ColumnBlock, ColumnStore, Waves
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.noise_spectrum import cosines
+
+Parts = dict[int, tuple[list[int], Waves]]
+"""By channel: numbers of the sizes that change it, and cosine coefficients of the changes,
+(k, n).
+"""
 
 
 class HypothesisColumns:
@@ -25,25 +31,70 @@ class HypothesisColumns:
         self.starts: list[int] = []
         self.width = 0
         self._places: dict[tuple[str, str | None], list[int]] = {}
+        self._numbers: dict[int, int] = {}
+        self._around: tuple[Effect, ...] = ()
+        self._shapes: dict[str, Parts] = {}
+        self._families: dict[int, list[int]] = {}
         self._store = ColumnStore()
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
     def add(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> None:
         """Add the columns of a hypothesis; one that changes nothing is left out."""
-        parts = self.observations.columns(hypothesis.effect, hypothesis.names, around)
+        self._around = self._around or tuple(around)
+        self._put(hypothesis, self._simulated(hypothesis, around))
+
+    def beside(self, hypotheses: Sequence[Hypothesis]) -> "HypothesisColumns":
+        """These and further hypotheses, about the model that these stand for; the columns here
+        stay as they are.
+        """
+        other = HypothesisColumns(self.observations)
+        other.hypotheses, other.starts = list(self.hypotheses), list(self.starts)
+        other.width, other._store = self.width, self._store.shared()
+        other._places = {place: list(numbers) for place, numbers in self._places.items()}
+        other._numbers = dict(self._numbers)
+        other._around, other._kept, other._shapes = self._around, self._kept, self._shapes
+        for hypothesis in hypotheses:
+            other._put(hypothesis, self._of_shape(hypothesis))
+        return other
+
+    def _put(self, hypothesis: Hypothesis, parts: Parts) -> None:
         if not parts:
             return
         owner = len(self.hypotheses)
+        self._numbers[id(hypothesis)] = owner
+        self._families.clear()
         self._places.setdefault(_place(hypothesis), []).append(owner)
         self.hypotheses.append(hypothesis)
         self.starts.append(self.width)
-        for i, (which, block) in parts.items():
+        for i, (which, waves) in parts.items():
             numbers = [self.width + k for k in which]
-            waves = np.asarray(cosines(block.astype(np.float32)), np.float32)
             self._store.put(i, not hypothesis.textbook, owner, numbers, waves)
         self.width += len(hypothesis.names)
 
-    def near(self, hypothesis: Hypothesis) -> list[int]:
+    def _simulated(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> Parts:
+        parts = self.observations.columns(hypothesis.effect, hypothesis.names, around)
+        return {
+            i: (which, np.asarray(cosines(block.astype(np.float32)), np.float32))
+            for i, (which, block) in parts.items()
+        }
+
+    def _of_shape(self, hypothesis: Hypothesis) -> Parts:
+        """The columns of a hypothesis that is not among these: the same shapes are tried often."""
+        key = repr((hypothesis.effect, hypothesis.names))
+        if key not in self._shapes:
+            self._shapes[key] = self._simulated(hypothesis, self._around)
+        return self._shapes[key]
+
+    def family(self, number: int) -> list[int]:
+        """Numbers of the hypotheses that complete the form of one, in order."""
+        if number not in self._families:
+            host = self.hypotheses[number]
+            self._families[number] = [
+                k for k in self._near(host) if k != number and completes(self.hypotheses[k], host)
+            ]
+        return self._families[number]
+
+    def _near(self, hypothesis: Hypothesis) -> list[int]:
         """Numbers of the hypotheses that may be of its family: of its name, of related names, or
         without a name at its place, in order.
         """
@@ -51,9 +102,32 @@ class HypothesisColumns:
         keys = [*((n, None) for n in names), ("", hypothesis.effect.sensor), ("", None)]
         return sorted({k for key in keys for k in self._places.get(key, [])})
 
+    def places(self, members: Sequence[int]) -> list[int]:
+        """Numbers of all columns of some hypotheses, one after the other."""
+        return [
+            place
+            for m in members
+            for place in range(self.starts[m], self.starts[m] + len(self.hypotheses[m].names))
+        ]
+
     def column(self, number: int) -> list[tuple[int, Waves]]:
         """The channels that a column changes, and its coefficients there, (n,)."""
         return self._store.column(number)
+
+    def stored(self, hypothesis: Hypothesis, name: str) -> Columns:
+        """Cosine coefficients of the change by one plausible size, about the model that the
+        hypotheses stand for, SI.
+        """
+        number = self._numbers.get(id(hypothesis))
+        if number is not None:
+            place = self.starts[number] + hypothesis.names.index(name)
+            return {i: wave.astype(float) for i, wave in self.column(place)}
+        parts, k = self._of_shape(hypothesis), hypothesis.names.index(name)
+        return {
+            i: waves[which.index(k)].astype(float)
+            for i, (which, waves) in parts.items()
+            if k in which
+        }
 
     def blocks(self, wanted: Mask) -> list[ColumnBlock]:
         """The blocks that hold a column of a wanted hypothesis; wanted: by its number."""

@@ -2,7 +2,7 @@
 asks of the samples.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,35 +13,30 @@ from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.projection import DISTINCT
 
-NEW = 9e-4  # share of a column's energy that has to be its own beside the chosen ones
-
 
 @dataclass(frozen=True)
 class NormalEquations:
     """Inner products of projected whitened columns, (p,) or (p, p).
 
     Args:
-        gram: of the columns with each other; target, signal: with what has to be explained, and
-            with the finding's signal.
+        gram: of the columns with each other; target: with what has to be explained.
         owner: number of the hypothesis of each column; names: of its size.
+        raw: squared lengths of the columns before the projection.
     """
 
     gram: Array
     target: Array
-    signal: Array
     owner: list[int]
     names: list[str]
+    raw: Array
 
-    def gain(self, along: Array, chosen: Sequence[int]) -> float:
-        """Energy of the part of a vector in the space of some columns, given its products with
-        them, (p,).
-        """
-        b = along[list(chosen)]
-        return float(b @ self.solve(along, chosen))
+    def gain(self, chosen: Sequence[int]) -> float:
+        """Energy that some columns explain."""
+        return float(self.target[list(chosen)] @ self.solve(chosen))
 
-    def solve(self, along: Array, chosen: Sequence[int]) -> Array:
+    def solve(self, chosen: Sequence[int]) -> Array:
         """Least squares on some columns, (len(chosen),)."""
-        return np.asarray(self._inverse(chosen) @ along[list(chosen)])
+        return np.asarray(self._inverse(chosen) @ self.target[list(chosen)])
 
     def _inverse(self, chosen: Sequence[int]) -> Array:
         index = list(chosen)
@@ -54,66 +49,63 @@ class NormalEquations:
             (vectors[:, keep] / values[keep]) @ vectors[:, keep].T / np.outer(size, size)
         )
 
-    def greedy(self, allowed: Iterable[int], price: float, start: Sequence[int] = ()) -> list[int]:
-        """Columns added one by one to a start while each brings more than its price."""
-        chosen = list(start)
-        G, b, size = self.gram, self.target, np.diag(self.gram)
-        if chosen:
-            part = self._inverse(chosen) @ G[chosen]
-            b = b - part.T @ b[chosen]
-            G = G - G[:, chosen] @ part
-        free = np.zeros(len(b), bool)
-        free[[i for i in allowed if size[i] > 0 and i not in chosen]] = True
-        while free.any():
-            rest = np.diag(G)
-            good = free & (rest > NEW * size)
-            gains = np.where(good, b * b / np.where(good, rest, 1.0), 0.0)
-            j = int(np.argmax(gains))
-            if gains[j] <= price:
-                break
-            part = G[j] / G[j, j]
-            b, G = b - part * b[j], G - np.outer(part, G[j])
-            free[j] = False
-            chosen.append(j)
-        return chosen
-
 
 def normal_equations(
     members: Sequence[int],
     basis: Sequence[Array],
     target: Sequence[Array],
-    signal: Sequence[Array],
     whitened: WhitenedModel,
 ) -> NormalEquations:
     """Of all columns of some hypotheses, the basis projected out.
 
     Args:
         members: numbers of the hypotheses.
-        basis: orthonormal, by channel, (n, q); target, signal: free of it, whitened, by channel,
-            (n,).
+        basis: orthonormal, by channel, (n, q); target: free of it, whitened, by channel, (n,).
         whitened: holds the columns.
     """
-    places = [
-        whitened.columns.starts[m] + j
-        for m in members
-        for j in range(len(whitened.hypotheses[m].names))
-    ]
-    p = len(places)
-    gram, sides, inside = np.zeros((p, p)), np.zeros((p, 2)), np.zeros((p, basis[0].shape[1]))
-    by_channel: dict[int, list[tuple[int, Waves]]] = {}
-    for k, place in enumerate(places):
-        for i, wave in whitened.columns.column(place):
-            by_channel.setdefault(i, []).append((k, wave))
-    for i, rows in by_channel.items():
-        mine = [k for k, _ in rows]
-        part = np.array([wave for _, wave in rows]) * (1 / whitened.roots[i])
+    along = np.zeros((len(whitened.columns.places(members)), 1 + basis[0].shape[1]))
+    for i, (mine, part) in _parts(members, whitened).items():
+        along[mine, 0] += part @ target[i]
+        along[mine, 1:] += part @ basis[i]
+    return projected_equations(members, gram_of(members, whitened), along, whitened)
+
+
+def gram_of(members: Sequence[int], whitened: WhitenedModel) -> Array:
+    """Inner products of all columns of some hypotheses with each other, (p, p)."""
+    count = len(whitened.columns.places(members))
+    gram = np.zeros((count, count))
+    for mine, part in _parts(members, whitened).values():
         gram[np.ix_(mine, mine)] += part @ part.T
-        sides[mine] += part @ np.column_stack([target[i], signal[i]])
-        inside[mine] += part @ basis[i]
-    raw = np.diag(gram).copy()
-    gram -= inside @ inside.T
-    gone = np.diag(gram) < SURVIVES * raw
-    gram[gone], gram[:, gone], sides[gone] = 0.0, 0.0, 0.0
+    return gram
+
+
+def projected_equations(
+    members: Sequence[int], gram: Array, along: Array, whitened: WhitenedModel
+) -> NormalEquations:
+    """Of all columns of some hypotheses, a basis projected out.
+
+    Args:
+        members: numbers of the hypotheses.
+        gram: of their columns, (p, p).
+        along: inner products of them with the target and the basis, (p, 1 + q).
+        whitened: holds the columns.
+    """
+    side, inside, raw = along[:, 0].copy(), along[:, 1:], np.diag(gram)
+    rest = gram - inside @ inside.T
+    gone = np.diag(rest) < SURVIVES * raw
+    rest[gone], rest[:, gone], side[gone] = 0.0, 0.0, 0.0
     owner = [m for m in members for _ in whitened.hypotheses[m].names]
     names = [n for m in members for n in whitened.hypotheses[m].names]
-    return NormalEquations(gram, sides[:, 0], sides[:, 1], owner, names)
+    return NormalEquations(rest, side, owner, names, raw)
+
+
+def _parts(members: Sequence[int], whitened: WhitenedModel) -> dict[int, tuple[list[int], Array]]:
+    """By channel: which columns of some hypotheses change it, and these whitened, (k, n)."""
+    by_channel: dict[int, list[tuple[int, Waves]]] = {}
+    for k, place in enumerate(whitened.columns.places(members)):
+        for i, wave in whitened.columns.column(place):
+            by_channel.setdefault(i, []).append((k, wave))
+    return {
+        i: ([k for k, _ in rows], np.array([wave for _, wave in rows]) * (1 / whitened.roots[i]))
+        for i, rows in by_channel.items()
+    }

@@ -16,6 +16,13 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 SURVIVES = 1e-3  # share of a direction's energy that has to be left beside the nuisance parameters
 
 
+def lengths(energy: Array) -> Array:
+    """Lengths of columns from their energies; infinite, so that nothing is left of it when divided,
+    for a column that is too small for the single precision in which columns are kept.
+    """
+    return np.where(energy > np.finfo(np.float32).tiny, np.sqrt(energy), np.inf)
+
+
 @dataclass(frozen=True)
 class ScoreTest:
     """What one hypothesis would explain.
@@ -59,7 +66,7 @@ class ScoreTest:
 
     def _directions(self, index: list[int]) -> tuple[Array, Array, Array]:
         """Eigenvalues and vectors of B that survive, its columns scaled by ``size``."""
-        size = np.sqrt(np.maximum(self.raw[index], 1e-300))
+        size = lengths(self.raw[index])
         values, vectors = np.linalg.eigh(self.B[np.ix_(index, index)] / np.outer(size, size))
         keep = values > SURVIVES
         return values[keep], vectors[:, keep], size
@@ -68,23 +75,3 @@ class ScoreTest:
     def absorbed(self) -> float:
         """Share of the columns' energy that the nuisance parameters take."""
         return 1 - float(np.trace(self.B) / max(self.raw.sum(), 1e-300))
-
-    def best(self, price: float) -> tuple[float, list[int]]:
-        """Largest gain less ``price`` a column over subsets, built up one column at a time."""
-        A, B, size = self.A.astype(float), self.B.astype(float), SURVIVES * self.raw
-        chosen: list[int] = []
-        top = 0.0
-        free = np.diag(B) > size
-        while free.any():
-            rest = np.diag(B)
-            free &= rest > size
-            gains = np.where(free, A * A / np.where(free, rest, 1.0), 0.0)
-            i = int(np.argmax(gains))
-            if gains[i] <= price:
-                break
-            top += float(gains[i]) - price
-            chosen.append(i)
-            free[i] = False
-            part = B[i] / B[i, i]
-            A, B = A - part * A[i], B - np.outer(part, B[i])
-        return top, sorted(chosen)

@@ -13,7 +13,7 @@ from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.score_test import ScoreTest
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseModel, cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, cosines
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 
@@ -26,12 +26,14 @@ class WhitenedModel:
         noise: model of each channel, in order.
         roots: square roots of their spectra, by channel, (n,) each.
         law: kind of noise model, wherever noise is estimated.
+        fits: of the noise of each channel, where it was estimated.
     """
 
     columns: HypothesisColumns
     noise: tuple[NoiseModel, ...]
     roots: tuple[Array, ...]
     law: type[NoiseModel] = WhiteFlickerWalk
+    fits: tuple[NoiseFit, ...] = ()
 
     @classmethod
     def of(
@@ -60,12 +62,20 @@ class WhitenedModel:
         """The same columns under another noise."""
         return self.of(self.columns, noise, self.law)
 
+    def as_fitted(self, fits: Sequence[NoiseFit]) -> "WhitenedModel":
+        """The same columns under an estimated noise."""
+        return replace(self.under([f.model for f in fits]), fits=tuple(fits))
+
     def alone(self, hypotheses: Sequence[Hypothesis], around: Sequence[Effect]) -> "WhitenedModel":
         """Columns of these hypotheses only, under the same noise."""
         columns = HypothesisColumns(self.observations)
         for hypothesis in hypotheses:
             columns.add(hypothesis, around)
         return replace(self, columns=columns)
+
+    def beside(self, hypotheses: Sequence[Hypothesis]) -> "WhitenedModel":
+        """These columns and those of further hypotheses, under the same noise."""
+        return replace(self, columns=self.columns.beside(hypotheses))
 
     def whiten(self, columns: Columns) -> Columns:
         """Columns by channel as cosine coefficients in units of the noise."""
@@ -97,9 +107,9 @@ class WhitenedModel:
         blocks = self.columns.blocks(asked)
         left = project(basis, residual)
         vectors = [np.column_stack([r, Q]) for r, Q in zip(left, basis, strict=True)]
-        both = self._inner(vectors, blocks)
+        both = self.along(vectors, blocks)
         A, UQ = both[:, 0], both[:, 1:]
-        own = self._own(blocks)
+        own = self.inner_products(blocks)
         found = []
         for k in np.flatnonzero(asked):
             hypothesis, start = self.hypotheses[k], self.columns.starts[k]
@@ -109,7 +119,7 @@ class WhitenedModel:
             found.append(ScoreTest(hypothesis, A[part], B, np.diag(inner).copy()))
         return found
 
-    def _inner(self, vectors: Sequence[Array], blocks: Sequence[ColumnBlock]) -> Array:
+    def along(self, vectors: Sequence[Array], blocks: Sequence[ColumnBlock]) -> Array:
         """U'V of the columns of some blocks with whitened vectors by channel, (n, q): (P, q)."""
         total = np.zeros((self.columns.width, vectors[0].shape[1]))
         # most columns of a basis are of one channel
@@ -123,7 +133,7 @@ class WhitenedModel:
             total[index] += block.columns @ weighed[block.channel]
         return total
 
-    def _own(self, blocks: Sequence[ColumnBlock]) -> dict[int, Array]:
+    def inner_products(self, blocks: Sequence[ColumnBlock]) -> dict[int, Array]:
         """U'U of each hypothesis with a column in some blocks, by its number."""
         weights = [(1 / root).astype(np.float32) for root in self.roots]
         energies = np.zeros(self.columns.width)

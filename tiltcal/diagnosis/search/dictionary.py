@@ -12,6 +12,7 @@ from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses, step_hypotheses
+from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
@@ -29,8 +30,9 @@ def build_dictionary(
     span = ranges_of(observations, lines)
     nuisance = [t.hypothesis for t in fitted.nuisance]
     steps = step_hypotheses(observations.scenario, instants(observations))
+    every_curve = steps_beside(curves(observations, span))
     for hypothesis in chain(
-        listed_hypotheses(observations.scenario, span, nuisance), steps, curves(observations, span)
+        listed_hypotheses(observations.scenario, span, nuisance), steps, every_curve
     ):
         if not (blurred and needs_motion(hypothesis.effect)):
             columns.add(hypothesis, effects)

@@ -8,19 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.data.table_channels import TableObservations
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.localised_curves import form_of, with_form
 from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
-from tiltcal.diagnosis.model.removed_finding import RemovedFinding, price_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.alternatives import LOOSE, explain
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.timing.delays import DataLatency
 
 GRAIN = 4  # halvings of the step between shapes
 FINE = 8  # of an instant, and of a line and its phase: strong ones show a hundredth of their width
-INSTANTS = 3  # times that an instant is looked for with what creeps on after it
 LINE = 0.5  # of the width of a line, which is one over the duration
 STEP = {
     "time": 4.0,
@@ -33,9 +30,11 @@ STEP = {
     "period": np.log(1.05),
     "creep": np.log(1.6),
     "crossing": np.log(1.5),
+    "place": 0.1,
+    "breadth": np.log(4.0),
 }
-"""From one shape to the next: s for an instant, rad for a phase, else relative."""
-SHIFTED = ("time", "phase")  # by steps that are added
+"""From one shape to the next: s for an instant, rad for a phase or a place, else relative."""
+SHIFTED = ("time", "phase", "place")  # by steps that are added
 PROMPT = ("creep", "lag")  # at nothing there is none, and nothing to refine
 
 
@@ -48,32 +47,26 @@ def refined(
     first = terms[0].hypothesis
     duration = float(np.ptp(whitened.observations.recordings[0].time))
     for name in _shapes_of(terms):
-        if name == "lag" and _told_by_its_bend(first, whitened.observations):
-            continue
         line = name == "frequency" and first.law.spectral_line == "time"
         step = LINE / duration if line else STEP[name]
         added = line or name in SHIFTED
+        terms = _shaped(terms, name, _shapes_of(terms)[name], duration)
+        here = _gain(terms, fitted, whitened)
         for last in reversed(range(FINE if added else GRAIN)):
             x = _shapes_of(terms)[name]
-            trials = [
+            sides = [
                 _shaped(terms, name, x + d if added else x * np.exp(d), duration)
-                for d in (-step, 0.0, step)
+                for d in (-step, step)
             ]
-            gains = [_gain(trial, fitted, whitened) for trial in trials]
-            terms = trials[int(np.argmax(gains))]
-            if last == 0 and not added and (top := _top(*gains)):
+            before, after = (_gain(side, fitted, whitened) for side in sides)
+            top = 0.0 if last or added else _top(before, here, after)
+            if max(before, after) > here:
+                terms = sides[int(after > before)]
+                here = max(before, after)
+            if top:
                 terms = _shaped(terms, name, x * np.exp(top * step), duration)
             step /= 2
     return terms
-
-
-def _told_by_its_bend(hypothesis: Hypothesis, observations: Observations) -> bool:
-    """Whether a lag keeps its value of the grid: by hand, in few poses, only curvature would
-    separate one lag of the temperature from another.
-    """
-    return getattr(hypothesis.effect, "coordinate", "") == "temperature" and not isinstance(
-        observations, TableObservations
-    )
 
 
 def _top(before: float, here: float, after: float) -> float:
@@ -86,15 +79,15 @@ def _top(before: float, here: float, after: float) -> float:
 
 
 def shapes(hypothesis: Hypothesis) -> dict[str, float]:
-    """The continuous shapes of a hypothesis; of a curve its lag, and its period where it begins
-    anew with each move.
+    """The continuous shapes of a hypothesis; of a curve its lag, its period where it begins anew
+    with each move, and where a localised form lies.
     """
     effect = hypothesis.effect
     if isinstance(effect, Learned):
         echo = (
             {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
         )
-        return ({"lag": effect.lag} if effect.lag else {}) | echo
+        return ({"lag": effect.lag} if effect.lag else {}) | echo | form_of(hypothesis)
     return {
         n: v
         for n, v in effect.values.items()
@@ -135,7 +128,7 @@ def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis
     """What does the same with sizes of opposite sign, if anything."""
     phase, scenario = hypothesis.effect.values.get("phase"), observations.scenario
     if phase is not None and "phase" not in hypothesis.names:
-        return _at(hypothesis, "phase", float(np.angle(-np.exp(1j * phase))))
+        return at_shape(hypothesis, "phase", float(np.angle(-np.exp(1j * phase))))
     if isinstance(hypothesis.effect, DataLatency) and not observations.courses:
         others = [
             s.name for s in scenario.sensors("gyro", "fog") if s.name != hypothesis.effect.sensor
@@ -145,69 +138,6 @@ def _other_way(hypothesis: Hypothesis, observations: Observations) -> Hypothesis
     return None
 
 
-def at_its_instant(
-    terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel, alone: bool = False
-) -> tuple[FittedTerm, ...]:
-    """An event at its best instant, with its creep; all other effects that may have begun then are
-    added to the hypotheses.
-
-    With a creep the best instant changes, and at another instant other creeps fit better.
-
-    Args:
-        terms: an explanation.
-        fitted model: without it.
-        whitened model: of all that is looked at.
-        alone: at once, or creeping, but not both, and with no curve: these follow a drift that has
-            nothing to do with the step.
-    """
-    if not terms[0].hypothesis.has_instant:
-        return terms
-    removed = RemovedFinding(
-        list(fitted.basis), list(fitted.residual), [0 * r for r in fitted.residual]
-    )
-    for _ in range(INSTANTS):
-        hypothesis = terms[0].hypothesis
-        time = hypothesis.effect.values["time"]
-        for step in steps_at(whitened.observations.scenario, time, hypothesis.variants):
-            if not any(s.effect == step.effect for s in whitened.hypotheses):
-                whitened.columns.add(step, fitted.effects)
-        same = [
-            s
-            for s in whitened.hypotheses
-            if s.place == hypothesis.place and s.effect.values.get("time") == time
-        ]
-        found = [r for s in same if (r := explain(s, removed, whitened, alone)) is not None]
-        if not found:
-            return terms
-        terms = max(found, key=lambda r: r.worth).terms
-        if len(terms) == 1 and "creep" not in shapes(terms[0].hypothesis):
-            return terms
-        terms = refined(terms, fitted, whitened)
-        if terms[0].hypothesis.effect.values["time"] == time:
-            break
-    return _with_one_creep(terms, fitted, whitened)
-
-
-def _with_one_creep(
-    terms: tuple[FittedTerm, ...], fitted: FittedModel, whitened: WhitenedModel
-) -> tuple[FittedTerm, ...]:
-    """A step with one creep at its best time constant, where that explains as much as several of a
-    grid.
-    """
-    creeping = [t for t in terms[1:] if "creep" in shapes(t.hypothesis)]
-    if len(creeping) < 2:
-        return terms
-    pairs = [(terms[0], t) for t in creeping]
-    one = refined(max(pairs, key=lambda pair: _gain(pair, fitted, whitened)), fitted, whitened)
-    whole = _gain(terms, fitted, whitened)
-    return (
-        one
-        if _gain(one, fitted, whitened)
-        > (1 - LOOSE) * whole - price_of(whitened) * (len(terms) - 2)
-        else terms
-    )
-
-
 def _shaped(
     terms: Sequence[FittedTerm], name: str, value: float, duration: float
 ) -> tuple[FittedTerm, ...]:
@@ -215,18 +145,18 @@ def _shaped(
     its events. A tone keeps its phase at the middle of the recording.
     """
     first = (
-        _at(terms[0].hypothesis, name, value)
+        at_shape(terms[0].hypothesis, name, value)
         if name in shapes(terms[0].hypothesis)
         else terms[0].hypothesis
     )
     before = terms[0].hypothesis.effect.values
     if name == "frequency" and "phase" in before:
-        first = _at(
+        first = at_shape(
             first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration
         )
     whole = isinstance(terms[0].hypothesis.effect, Learned) or name in ("time", "creep")
     family = [
-        replace(t, hypothesis=_at(t.hypothesis, name, value))
+        replace(t, hypothesis=at_shape(t.hypothesis, name, value))
         if whole and name in shapes(t.hypothesis)
         else t
         for t in terms[1:]
@@ -234,8 +164,11 @@ def _shaped(
     return (replace(terms[0], hypothesis=first), *(replace(t, host=first) for t in family))
 
 
-def _at(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:
+def at_shape(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:
+    """A hypothesis at another value of a continuous shape."""
     effect = hypothesis.effect
+    if name in form_of(hypothesis):
+        return with_form(hypothesis, name, float(value))
     if isinstance(effect, Learned):
         changed = (
             replace(effect, lag=float(value))
@@ -251,7 +184,7 @@ def _gain(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedMo
     lengths = [len(c.values) for c in whitened.observations.channels]
     whole = isinstance(terms[0].hypothesis.effect, Learned) or terms[0].hypothesis.has_instant
     own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.hypothesis))]
-    columns = whitened_of(whitened, own, fitted.effects)
+    columns = stored_of(whitened, own)
     mine = basis_of([projected(fitted.basis, c, lengths) for c in columns], lengths)
     along = sum(
         (U.T @ r for U, r in zip(mine, fitted.residual, strict=True)), np.zeros(mine[0].shape[1])

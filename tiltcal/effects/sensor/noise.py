@@ -101,3 +101,26 @@ class GyrNoise(Noise):
         Parameter("walk", "deg_h_rth", (0.5, 30, 300), positive=True),
     )
     ordinary = True
+
+
+def worst_grade(kind: str) -> tuple[float, float]:
+    """Flicker and random walk over the white noise per root hertz, Hz^1/2 and 1/s, of the worst
+    grade of a kind of sensor.
+    """
+    white, flicker, walk = (np.array(sizes) for sizes in _sizes(kind))
+    return float((flicker / white).max()), float((walk / white).max())
+
+
+def largest_slow_noise(kind: str) -> tuple[float, float]:
+    """Flicker, SI, and random walk, SI per square root of a second, of the worst grade of a kind of
+    sensor.
+    """
+    _, flicker, walk = (max(sizes) for sizes in _sizes(kind))
+    return flicker, walk
+
+
+def _sizes(kind: str) -> list[list[float]]:
+    """White noise, flicker and random walk of the grades of a kind of sensor, SI."""
+    cls = next(c for c in (AccNoise, GyrNoise) if c.senses(kind))
+    size = 1 / G0 if kind == "inclinometer" else 1.0
+    return [[grade * p.factor * size for grade in p.plausible] for p in cls.parameters]

@@ -1,0 +1,292 @@
+"""What a diagnosis says is what it fitted: parts of findings, verdicts without a test, the check by
+the simulator.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from html import unescape
+
+import numpy as np
+import pytest
+from diagnosis_fixtures import bench, honest, recorded, rewritten
+
+from tiltcal.diagnosis.conclusions.answering import answered, simulated
+from tiltcal.diagnosis.conclusions.fault_findings import finding_of
+from tiltcal.diagnosis.conclusions.finding import verdict_of
+from tiltcal.diagnosis.conclusions.resimulation import Resimulation
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.search.explained import Explained
+from tiltcal.diagnosis.search.names import Names
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.learned import LearnedReading
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.report.diagnosis import write_diagnosis
+
+K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0}
+ENCODER = {"id": "table_encoder_2rev", "axis": "outer", "cos_arcsec": 40.0}
+TIME = {"id": "learned", "on": "tilt", "coordinate": "time", "slot": "base", "turn": "x"}
+RELAXING = TIME | {
+    "knots": [0.0, 50.0, 100.0, 150.0, 220.0],
+    "coefficients": [0.0, 2e-4, 3e-4, 3.6e-4, 4e-4],
+}
+BUMP = {
+    "id": "learned",
+    "on": "reading",
+    "coordinate": "table_outer",
+    "sensor": "accel",
+    "axis": "y",
+    "knots": [-3.2, -0.5, 0.2, 0.6, 3.2],
+    "coefficients": [0.0, 0.0, 8e-3, 0.0, 0.0],
+}
+CASES = {
+    "nothing": (),
+    "one": (K2,),
+    "two": (K2, ENCODER),
+    "a law that is no textbook law": (RELAXING,),
+    "no listed law": (BUMP,),
+}
+KNOTS = (-9.81, -4.9, 0.0, 4.9, 9.81)
+
+
+def in_file(table):
+    """An effect of an amended scenario without what says whose it is."""
+    kept = {
+        k: v
+        for k, v in table.items()
+        if k not in ("role", "finding", "seen_in", "on", "place") and not k.startswith("sigma_")
+    }
+    return repr(sorted(kept.items()))
+
+
+def in_answer(part):
+    """A part of a finding as the amended scenario has it."""
+    values = {n: p["value"] for n, p in part.get("parameters", {}).items()}
+    words = ("effect", "description", "stage", "axes", "parameters", "energy_share")
+    kept = {k: v for k, v in part.items() if k not in words and v is not None}
+    return repr(sorted({"id": part["effect"], **kept, **values}.items()))
+
+
+def assert_all_is_named(found):
+    """The found effects of the amended scenario are the parts of the findings, each by itself."""
+    answer = found.to_json()
+    held = [e for e in found.amended["effect"] if e.get("role") == "found"]
+    for number, finding in enumerate(answer["findings"], 1):
+        mine = sorted(in_file(e) for e in held if e["finding"] == number)
+        assert mine == sorted(in_answer(p) for p in finding["parts"])
+        assert sum(p["energy_share"] for p in finding["parts"]) == pytest.approx(1.0)
+        for part in finding["parts"] if len(finding["parts"]) > 1 else ():
+            word = part["description"] if part["effect"] == "learned" else part["effect"]
+            assert word in finding["statement"]
+            assert word in answer["statement"]
+    assert {e["finding"] for e in held} == set(range(1, len(answer["findings"]) + 1))
+    assert all(e.get("role") for e in found.amended["effect"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", CASES.values(), ids=CASES)
+def test_every_effect_of_the_amended_scenario_is_named(hidden, tmp_path):
+    truth = bench(*hidden)
+    found = diagnose(honest(truth), [recorded(truth, 11)])
+    assert_all_is_named(found)
+    write_diagnosis(found, tmp_path / "report.html", "run.csv")
+    report = unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
+    for part in (p for f in found.findings for p in f.parts):
+        assert f"<code>{part.effect}</code> {part.description}" in report
+        assert f"{100 * part.energy_share:.1f} %" in report
+    assert bool(hidden) == (found.verdict != "match")
+    if RELAXING in hidden:
+        assert len(found.findings[0].parts) > 1
+    if BUMP in hidden:
+        assert found.verdict == "unlisted"
+
+
+@pytest.mark.slow
+def test_faults_of_the_data_are_parts_of_their_findings():
+    truth = bench(K2)
+    sound = recorded(truth, 4)
+    frozen = sound.column("accel_y_m_s2").copy()
+    frozen[900:1300] = frozen[900]
+    wrong = rewritten(sound, accel_y_m_s2=frozen, accel_z_m_s2=-sound.column("accel_z_m_s2"))
+    found = diagnose(honest(truth), [wrong])
+    assert_all_is_named(found)
+    assert {"data_stuck", "data_sign", "acc_K2"} <= {f.effect for f in found.findings}
+
+
+def said_of(found, fitted):
+    """A search that came to this model, whose only finding is a K2 for sure."""
+    names = Names({"acc_K2": 1.0}, ("acc_K2",), ())
+    return Explained(fitted, found.whitened, (), NoiseGate(None, 1), (names,), (1.0,), ())
+
+
+@pytest.fixture(scope="module")
+def cancelling():
+    """A fitted model whose finding holds a law and a curve that takes part of it back."""
+    truth = bench(K2)
+    found = prepare(honest(truth), [recorded(truth, 5)])
+    law = Hypothesis(CATALOGUE["acc_K2"]({"k2_x": 1e-4}, "accel", None, "found"), ("k2_x",))
+    names = ("c0", "c2", "c4")
+    curve = Hypothesis(
+        LearnedReading(
+            dict.fromkeys(names, 1e-3), "accel", "x", "found", coordinate="input", knots=KNOTS
+        ),
+        names,
+    )
+    terms = (FittedTerm.start(law), replace(FittedTerm.start(curve), host=law))
+    both = refit(replace(found.start, terms=terms), found.whitened)
+    alone = refit(replace(found.start, terms=terms[:1]), found.whitened)
+    answer, amended = answered(found, said_of(found, both))
+    return truth, found, both, alone, answer, amended
+
+
+def test_sizes_are_those_of_the_whole_law_as_if_fitted_alone(cancelling):
+    _, _, both, alone, answer, _ = cancelling
+    value, sigma = answer.findings[0].parameters["k2_x_ug_g2"]
+    assert value == pytest.approx(alone.terms[0].values[0] * 1e6, rel=1e-3)
+    assert sigma == pytest.approx(float(alone.sigmas(0)[0]) * 1e6, rel=1e-3)
+    assert sigma < 0.2 * float(both.sigmas(0)[0]) * 1e6  # the curve can stand for the law
+
+
+def test_parts_stay_as_fitted(cancelling):
+    _, _, both, _, answer, _ = cancelling
+    assert_all_is_named(answer)
+    law, curve = answer.findings[0].parts
+    assert law.parameters["k2_x_ug_g2"][0] == pytest.approx(both.terms[0].values[0] * 1e6)
+    held = [e for e in answer.amended["effect"] if e.get("finding") == 1]
+    predicted = parse_scenario(dict(answer.amended)).effects
+    assert [e.values for e in predicted if e.role == "found"] == [
+        pytest.approx({**t.effect.values, **({} if t.host is None else {"c1": 0.0, "c3": 0.0})})
+        for t in both.terms
+    ]
+    assert curve.curve["coefficients"] == held[1]["coefficients"]
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """A simulator whose readings of an axis are off by a share of a sample's noise."""
+
+    share: float
+
+    def predict(self, scenario, motion, seed=None, by_others=False):
+        right = SimulatedLaboratory().predict(scenario, motion, seed, by_others)
+        noise = 25e-6 * 9.80665 * np.sqrt(10.0)
+        off = right.column("accel_x_m_s2") + self.share * noise
+        return rewritten(right, accel_x_m_s2=off)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.0, None), (0.1, None), (1.0, "cannot_tell")])
+def test_what_the_simulator_does_not_reproduce_is_not_explained(cancelling, share, verdict):
+    _, found, _, _, answer, amended = cancelling
+    again = simulated(answer, Wrong(share), found.observations, amended)
+    assert again.verdict == (verdict or answer.verdict)
+    assert answer.verdict in ("explained", "ambiguous")
+    assert again.findings == answer.findings
+    assert ("does not reproduce the fit" in again.statement) == bool(verdict)
+    if verdict:  # to the accuracy of the channel's noise level, and of its mean
+        said = re.findall(
+            r"by up to (\S+) of a sample's noise, which adds (\S+) to", again.statement
+        )
+        at_most, rise = (float(x) for x in said[0])
+        n = len(found.observations.channels[0].values)
+        assert at_most == pytest.approx(1.0, rel=0.1)
+        assert rise == pytest.approx(n * at_most**2, abs=8 * np.sqrt(n))
+
+
+def test_a_simulator_that_is_nearer_to_the_recording_than_the_fit_is_no_failure():
+    """By hand both read the motion from noisy sensors, each in its own way."""
+    far = [Resimulation(0.5, 4.0, -900.0, 1000), Resimulation(1.1, 4.0, 900.0, 1000)]
+    assert [r.failed for r in far] == [False, True]
+    assert not Resimulation(refused="no triad").failed
+    assert "not re-simulated: no triad" in Resimulation(refused="no triad").words
+
+
+def test_an_unlisted_curve_stays_one_though_it_is_not_reproduced(cancelling):
+    _, found, _, _, answer, amended = cancelling
+    unlisted = replace(answer, verdict="unlisted")
+    again = simulated(unlisted, Wrong(1.0), found.observations, amended)
+    assert again.verdict == "unlisted"
+    assert "does not reproduce the fit" in again.statement
+
+
+HANDHELD = parse_scenario(
+    {
+        "schema": 1,
+        "name": "turned by hand",
+        "site": {"gravity_m_s2": 9.81},
+        "rig": {"table": "handheld"},
+        "sensor": [
+            {"name": "accel", "kind": "accelerometer", "rate_hz": 50.0, "adjustable": ["bias"]}
+        ],
+    }
+)
+
+
+def turning(rng, still_s, frozen):
+    """An accelerometer that is turned without a stop after a while."""
+    time = np.arange(0, 60, 0.02)
+    a, b = (rate * np.maximum(time - still_s, 0) for rate in (0.5, 0.3))
+    up = np.column_stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), np.sin(b)])
+    force = 9.81 * up + rng.normal(0, 0.01, up.shape)
+    if frozen:
+        force[1000:2000, 1] = force[1000, 1]
+    return Recording.from_columns(
+        time, {f"accel_{a}_m_s2": force[:, k] for k, a in enumerate("xyz")}
+    )
+
+
+@pytest.mark.parametrize(
+    ("still_s", "frozen", "reason"),
+    [
+        (2.0, False, "leaves no degrees of freedom"),
+        (2.0, True, "leaves no degrees of freedom"),
+        (0.0, True, "holds no rests"),
+    ],
+)
+def test_a_recording_without_enough_rests_explains_nothing(still_s, frozen, reason, rng):
+    found = diagnose(HANDHELD, [turning(rng, still_s, frozen)])
+    assert found.verdict == "cannot_tell"
+    assert reason in found.statement
+    assert "Record several seconds at rest" in found.statement
+    assert [f.effect for f in found.findings] == ["data_stuck"] * frozen
+    assert all(f.statement in found.statement for f in found.findings)
+    assert found.after.chi2_per_dof is found.before.chi2_per_dof is None
+    assert "0.000" not in found.statement
+
+
+def test_a_table_that_was_hardly_read_explains_nothing():
+    truth = bench(K2)
+    unread = recorded(truth, 3)
+    names = [f"table_{a}_deg" for a in ("outer", "inner")]
+    first = {n: np.where(np.arange(len(unread)) < 5, unread.column(n), np.nan) for n in names}
+    found = diagnose(honest(truth), [rewritten(unread, **first)])
+    assert found.verdict == "cannot_tell"
+    assert "Record poses with the table read" in found.statement
+
+
+def test_fewer_samples_than_parameters_explain_nothing(cancelling):
+    """A model with as many columns as there are samples: chi-square is not defined."""
+    _, found, both, *_ = cancelling
+    full = replace(
+        both, basis=tuple(np.zeros((len(q), found.observations.samples)) for q in both.basis)
+    )
+    answer, _ = answered(found, said_of(found, full))
+    assert answer.verdict == "cannot_tell"
+    assert answer.after.chi2_per_dof is None
+    assert "no degrees of freedom" in answer.statement
+    assert answer.findings
+
+
+def test_nothing_tested_comes_before_any_finding():
+    truth = bench()
+    sound = recorded(truth, 4)
+    faults = prepare(
+        honest(truth), [rewritten(sound, accel_z_m_s2=-sound.column("accel_z_m_s2"))]
+    ).faults
+    findings = tuple(finding_of(f) for f in faults)
+    assert verdict_of(findings, True) == "explained"
+    assert verdict_of(findings, False) == "cannot_tell"

@@ -1,0 +1,205 @@
+"""The search for the most probable model, what its causes may be, and which are believed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_fixtures import bench, honest, recorded, rewritten, tumble
+
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.column_products import ColumnProducts
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit, refit_linearly
+from tiltcal.diagnosis.search.dictionary import build_dictionary
+from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable
+from tiltcal.diagnosis.search.names import UNLISTED, named
+from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
+from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.state import Cause, State, repriced, without
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.learned import LearnedReading
+from tiltcal.effects.spans import SpectralLines
+from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
+
+K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
+GATE = NoiseGate(None, 100)
+
+
+def truth_of(*left_out):
+    """A short tumble in changing temperature."""
+    truth = bench(*left_out, swing_degC=3.0, period_s=60.0)
+    table = truth.model_dump(exclude_defaults=True, by_alias=True)
+    return type(truth).model_validate({"schema": 1, **table, "sequence": tumble(12)})
+
+
+def prepared(*left_out, seed=8, walk=0.0):
+    """A recording from which these were left out; walk: of the x channel, m/s2 per sample."""
+    truth = truth_of(*left_out)
+    read = recorded(truth, seed)
+    steps = np.random.default_rng(seed).normal(0, walk, len(read.time))
+    read = rewritten(read, accel_x_m_s2=read.column("accel_x_m_s2") + np.cumsum(steps))
+    return prepare(honest(truth), [read])
+
+
+def searched(found):
+    """Over every hypothesis."""
+    build_dictionary(found.whitened.columns, found.start, SpectralLines())
+    return most_probable(found.start, found.whitened, GATE)
+
+
+def empty(found):
+    """The model without causes, under its own noise."""
+    nothing = GATE.left_by(found.start, found.whitened)
+    return State(refit(found.start, nothing), nothing)
+
+
+@pytest.fixture(scope="module")
+def square():
+    """A square of the input, and the model that the search came to."""
+    found = prepared(K2)
+    return found, searched(found)
+
+
+def ids(state):
+    return [state.fitted.terms[p[0]].hypothesis.id for p in state.fitted.findings()]
+
+
+RECORDINGS = {
+    "nothing": prepared,
+    "a walk": lambda: prepared(walk=3e-4),
+    "a small square": lambda: prepared({**K2, "k2_x_ug_g2": 12.0}),
+    "two laws": lambda: prepared(K2, {"id": "table_encoder_2rev", "cos_arcsec": 40.0}),
+    "a step": lambda: prepared(
+        {"id": "acc_bias_step", "sensor": "accel", "bias_step_y_ug": 300.0, "time_s": 40.0}
+    ),
+}
+
+
+@pytest.mark.parametrize("recording", RECORDINGS.values(), ids=RECORDINGS)
+def test_the_search_never_returns_what_costs_more_than_nothing(recording):
+    found = recording()
+    state = searched(found)
+    assert state.cost <= empty(found).cost
+    assert len(state.causes) == len(state.prices) == len(state.fitted.findings())
+
+
+def test_the_search_finds_the_law_that_was_left_out(square):
+    found, state = square
+    assert ids(state) == ["acc_K2"]
+    assert state.cost < empty(found).cost - 100
+
+
+def test_without_its_only_cause_a_model_is_the_start(square):
+    found, state = square
+    rest = without(state, 0)
+    assert (rest.fitted.terms, rest.causes, rest.prices) == ((), (), ())
+    start = State(refit(found.start, state.whitened), state.whitened)
+    assert rest.cost == pytest.approx(start.cost)
+    for mine, other in zip(rest.fitted.residual, start.fitted.residual, strict=True):
+        np.testing.assert_allclose(mine, other, atol=1e-6)
+
+
+@pytest.mark.parametrize("number", [None, 0, 40], ids=["fewer", "another", "yet another"])
+def test_inner_products_passed_on_from_a_model_are_those_of_a_pass(square, number):
+    """To a model with one cause less, and to one with another cause in its place."""
+    _, state = square
+    terms = [] if number is None else [FittedTerm.start(state.whitened.hypotheses[number])]
+    other = refit_linearly(without(state, 0).fitted, terms, state.whitened)
+    passed_on, expected = ColumnProducts(state.whitened), ColumnProducts(state.whitened)
+    passed_on.keep(state.fitted)
+    size = np.linalg.norm(expected.along(state.fitted), axis=0).max()
+    found = passed_on.along(other)
+    np.testing.assert_allclose(found, expected.along(other), rtol=0, atol=1e-5 * size)
+
+
+def test_a_model_costs_the_same_when_it_is_weighed_again(square):
+    _, state = square
+    assert repriced(state, state.whitened).cost == pytest.approx(state.cost, abs=0.1)
+
+
+def test_probabilities_of_names_sum_to_one(square):
+    _, state = square
+    state, (names,) = named(state, Scan(state.whitened))
+    assert sum(names.probability.values()) == pytest.approx(1.0, abs=0.01)
+    assert next(iter(names.probability)) == "acc_K2"
+    assert names.probability["acc_K2"] > 0.5
+    assert names.alike[0] == "acc_K2"
+
+
+def following(coordinate, id, lag=0.0):
+    """A curve with one number, under a name."""
+    names = ("c0",)
+    effect = LearnedReading(
+        {"c0": 1e-3}, "accel", "x", "found", coordinate=coordinate, lag=lag, power=1.0, odd=True
+    )
+    return Hypothesis(effect, names, 1, id)
+
+
+@pytest.mark.parametrize(("further", "share"), [(0, 1 / 2), (1, 1 / 3), (3, 1 / 5)])
+def test_identical_columns_under_two_names_share_the_probability_by_their_priors(further, share):
+    """The more shapes a name has, the less probable is each: the data say nothing of the two."""
+    drift = {"id": "acc_temp_bias", "sensor": "accel", "temp_bias_x_ug_degC": 100.0}
+    found = prepared(drift)
+    first = following("temperature", "acc_temp_bias")
+    second = following("temperature", "acc_thermal_hysteresis")
+    others = [following("time", second.id, lag=20.0 + k) for k in range(further)]
+    whitened = found.whitened.alone([first, second, *others], found.start.effects)
+    state = most_probable(found.start, whitened, GATE)
+    _, (names,) = named(state, Scan(state.whitened))
+    assert names.probability[second.id] == pytest.approx(share, abs=0.02)
+    assert names.probability[first.id] == pytest.approx(1 - share, abs=0.02)
+    assert set(names.alike) == {first.id, second.id}
+    assert UNLISTED not in names.probability
+
+
+def stated(found, *hypotheses):
+    """A model with these causes, under the noise that it leaves."""
+    terms = tuple(FittedTerm.start(h) for h in hypotheses)
+    whitened = found.whitened.alone(hypotheses, found.start.effects)
+    fitted = refit(replace(found.start, terms=terms), whitened)
+    prior = float(np.log(SOMETHING) + log_priors(hypotheses)[0])
+    causes, prices = (Cause(prior, 0),) * len(terms), (0.0,) * len(terms)
+    return repriced(State(fitted, whitened, causes, prices), GATE.left_by(fitted, whitened))
+
+
+def test_a_cause_that_the_noise_explains_as_well_is_not_believed():
+    """A random walk drifts; beside it is a square of the input."""
+    found = prepared(K2, walk=1e-3)
+    square = Hypothesis(CATALOGUE["acc_K2"]({"k2_x": 1e-4}, "accel", None, "found"), ("k2_x",))
+    effect = CATALOGUE["acc_drift"]({"drift_x": 1e-3}, "accel", None, "found")
+    drift = Hypothesis(effect, ("drift_x",))
+    both = stated(found, drift, square)
+    left, (chance,), _ = believed(both, GATE)
+    assert ids(left) == ["acc_K2"]
+    assert chance > CLAIM
+    sound = NoiseFit.known(white_noise(25e-6 * 9.81 * np.sqrt(5.0)))
+    white = NoiseGate((sound,) * len(found.observations.channels), 100)
+    kept, *_ = believed(repriced(both, white.left_by(both.fitted, both.whitened)), white)
+    assert ids(kept) == ["acc_drift", "acc_K2"]
+
+
+def test_what_is_believed_is_probable_enough(square):
+    _, state = square
+    left, chances, _ = believed(state, GATE)
+    assert ids(left) == ids(state)
+    assert all(CLAIM <= chance <= 1.0 for chance in chances)
+    nothing, none, _ = believed(without(state, 0), GATE)
+    assert (nothing.fitted.terms, none) == ((), ())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_white_noise_is_a_match(seed):
+    truth = truth_of()
+    found = diagnose(honest(truth), [recorded(truth, seed)])
+    assert (found.verdict, found.findings) == ("match", ())
+
+
+def test_the_answer_does_not_depend_on_who_asked_before():
+    truth, other = truth_of(K2), bench({"id": "table_levelling", "tilt_north_arcsec": 40.0})
+    first, again, after = (recorded(truth, 8) for _ in range(3))
+    told = diagnose(honest(truth), [first]).to_json()
+    assert diagnose(honest(truth), [again]).to_json() == told
+    diagnose(honest(other), [recorded(other, 2)])
+    assert diagnose(honest(truth), [after]).to_json() == told

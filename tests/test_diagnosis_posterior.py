@@ -1,0 +1,225 @@
+"""What a model is worth: Bayes factors, priors, and the evidence for every hypothesis at once, held
+to quadrature and to dense linear algebra.
+"""
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_fixtures import bench, honest, recorded, tumble
+from scipy.integrate import quad
+from scipy.special import logsumexp
+
+from tiltcal.core.units import G0
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.noise_prior import noise_price
+from tiltcal.diagnosis.model.score_test import SURVIVES
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_factor, perhaps
+from tiltcal.diagnosis.search.dictionary import build_dictionary
+from tiltcal.diagnosis.search.explanation import evidence_in_place, explain
+from tiltcal.diagnosis.search.local_level import local_level
+from tiltcal.diagnosis.search.priors import UNLISTED, log_priors
+from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.spans import SpectralLines
+from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
+
+K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
+
+
+def prepared(*left_out, seed=8):
+    """A short tumble from which these were left out, with every hypothesis."""
+    truth = bench(*left_out, swing_degC=3.0, period_s=60.0)
+    table = truth.model_dump(exclude_defaults=True, by_alias=True)
+    truth = type(truth).model_validate({"schema": 1, **table, "sequence": tumble(12)})
+    found = prepare(honest(truth), [recorded(truth, seed)])
+    build_dictionary(found.whitened.columns, found.start, SpectralLines())
+    return found
+
+
+@pytest.fixture(scope="module")
+def square():
+    """A recording with a square of the input that nothing in the scenario accounts for."""
+    return prepared(K2)
+
+
+def by_quadrature(gain, variance, info):
+    """log of the mean likelihood ratio of a size over its prior, against no size."""
+    z, sigma = np.sqrt(gain * info), np.sqrt(variance)
+    middle, width = z * variance / (1 + variance * info), sigma / np.sqrt(1 + variance * info)
+    top = z * middle - info * middle**2 / 2 - (middle / sigma) ** 2 / 2
+
+    def ratio(x):
+        return np.exp(z * x - info * x**2 / 2 - (x / sigma) ** 2 / 2 - top)
+
+    area, _ = quad(ratio, middle - 12 * width, middle + 12 * width, epsabs=0, epsrel=1e-11)
+    return top + np.log(area / (sigma * np.sqrt(2 * np.pi)))
+
+
+@pytest.mark.parametrize("info", [0.02, 3.0, 1e4])
+@pytest.mark.parametrize("gain", [0.0, 1.0, 25.0, 4e4])
+def test_a_bayes_factor_is_the_mean_likelihood_over_the_prior(gain, info):
+    widths = np.array([1e-4, 0.1, 5.0])
+    one_by_one = [by_quadrature(gain, v, info) for v in widths]
+    for v, expected in zip(widths, one_by_one, strict=True):
+        found = log_bayes_factor(np.array([gain]), np.array([[v * info]]))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    mixed = log_bayes_factor(np.array([gain]), widths[:, None] * info)
+    np.testing.assert_allclose(mixed, logsumexp(one_by_one) - np.log(3), rtol=1e-9, atol=1e-9)
+
+
+def test_each_direction_has_its_own_bayes_factor():
+    gain, info = np.array([4.0, 90.0, 0.0]), np.array([1.0, 70.0, 1e6])
+    together = log_bayes_factor(gain, SIZES[:, None] * info)
+    alone = [log_bayes_factor(gain[[k]], SIZES[:, None] * info[[k]])[0] for k in range(len(gain))]
+    np.testing.assert_allclose(together, alone)
+
+
+def test_what_is_perhaps_in_use_costs_little_and_may_bring_all():
+    factors = np.array([-np.inf, -1.0, 0.0, 2.0, 800.0])
+    for chance in (0.5, 0.01):
+        expected = np.log(1 - chance + chance * np.exp(factors[:4]))
+        np.testing.assert_allclose(perhaps(factors[:4], chance), expected, atol=1e-12)
+        np.testing.assert_allclose(perhaps(factors[4:], chance), 800.0 + np.log(chance))
+    np.testing.assert_allclose(perhaps(factors), perhaps(factors, 0.5))
+
+
+def test_priors_sum_to_one_and_a_quarter_is_of_no_list(square):
+    hypotheses = square.whitened.hypotheses
+    prior = np.exp(log_priors(hypotheses))
+    listed = np.array([h.listed for h in hypotheses])
+    assert prior.sum() == pytest.approx(1.0)
+    assert prior[~listed].sum() == pytest.approx(UNLISTED)
+
+
+def test_shapes_of_one_place_share_its_prior(square):
+    """An effect that is tried at ten shapes is no more probable than one that has one."""
+    hypotheses = square.whitened.hypotheses
+    prior = np.exp(log_priors(hypotheses))
+    free = {h.id for h in hypotheses if h.alias}
+    places = {}
+    for h, p in zip(hypotheses, prior, strict=True):
+        if h.listed and h.id not in free:
+            places.setdefault(h.place, []).append(p)
+    counts = [len(each) for each in places.values()]
+    assert (min(counts), max(counts) > 5) == (1, True)
+    for each in places.values():
+        assert sum(each) == pytest.approx(sum(places["acc_K2", "accel", None]))
+        np.testing.assert_allclose(each, each[0])
+
+
+@pytest.mark.parametrize(
+    ("time", "dear"),
+    [(np.arange(100) / 10.0, True), (np.repeat(np.arange(20.0), 5), False), (np.zeros(1), False)],
+    ids=["in time", "several at one instant", "a single one"],
+)
+def test_a_walk_is_improbable_of_a_channel_that_runs_in_time_only(square, time, dear):
+    walk = WhiteFlickerWalk(1e-3, 0.0, 1.0)
+    channel = replace(square.observations.channels[0], time=time)
+    observations = copy(square.observations)
+    observations.channels = (channel,)
+    columns = HypothesisColumns(observations)
+    roots, fits = (np.ones(len(time)),), (NoiseFit.known(walk),)
+    price = noise_price(WhitenedModel(columns, (walk,), roots, fits=fits))
+    assert (price > 10) == dear
+    assert price == 0 or dear
+
+
+def dense_factor(found, hypothesis):
+    """Evidence for one hypothesis in the residual of the start, by the singular vectors of its
+    columns.
+    """
+    start, whitened = found.start, found.whitened
+    lengths = [len(r) for r in start.residual]
+    columns = []
+    for name in hypothesis.names:
+        changes = found.observations.changes(hypothesis.alone(name), start.effects)
+        waves = whitened.whiten(changes)
+        columns.append(np.concatenate([waves.get(i, np.zeros(n)) for i, n in enumerate(lengths)]))
+    raw = np.linalg.norm(columns, axis=1)
+    unit = np.column_stack(columns) / np.maximum(raw, 1e-150)
+    basis = np.concatenate(start.basis)
+    left, root, turn = np.linalg.svd(unit - basis @ (basis.T @ unit), full_matrices=False)
+    there = root**2 > SURVIVES
+    gain = (left.T @ np.concatenate(start.residual))[there] ** 2
+    info = (root**2 * (turn**2 @ raw**2))[there]
+    ratio = SIZES[:, None] * info if hypothesis.has_plausible_size else ENERGIES[:, None] + 0 * info
+    return float(perhaps(log_bayes_factor(gain, ratio)).sum())
+
+
+def test_the_scan_is_what_dense_algebra_says(square):
+    """Columns are held in single precision."""
+    whitened = square.whitened
+    found = Scan(whitened).log_bayes_factors(square.start)
+    which = (
+        np.linspace(0, len(found) - 1, 60).astype(int).tolist() + np.argsort(-found)[:20].tolist()
+    )
+    expected = [dense_factor(square, whitened.hypotheses[k]) for k in which]
+    np.testing.assert_allclose(found[which], expected, rtol=2e-3, atol=0.1)
+
+
+def test_the_scan_does_not_depend_on_the_order_of_the_hypotheses(square):
+    whitened, start = square.whitened, square.start
+    some = whitened.hypotheses[::7]
+    there, back = (
+        Scan(whitened.alone(each, start.effects)).log_bayes_factors(start)
+        for each in (some, some[::-1])
+    )
+    assert there.max() > 100
+    np.testing.assert_allclose(there, back[::-1], rtol=1e-5, atol=1e-3)
+
+
+def test_an_explanation_is_worth_the_same_when_it_is_weighed_again(square):
+    """Whatever the order of its numbers, and without those that calibration takes: else one model
+    has two costs.
+    """
+    start, whitened = square.start, square.whitened
+    left = (start.basis, start.residual)
+    best = np.argsort(-Scan(whitened).log_bayes_factors(start))
+    completed = 0
+    for k in best[:60]:
+        told = explain(int(k), *left, whitened)
+        again, gain = evidence_in_place(told.terms, told.tried, *left, whitened)
+        assert again == pytest.approx(told.evidence, abs=0.01), told.hypothesis
+        assert gain == pytest.approx(told.gain, abs=0.01)
+        completed += len(told.terms) > 1
+    assert completed > 3
+
+
+def shaking(frequency):
+    """A line of the base at both phases."""
+    names = ("ec", "es")
+    effect = CATALOGUE["base_vibration"](
+        {**dict.fromkeys(names, 1e-3 * G0), "frequency": frequency}, None, None, "found"
+    )
+    return Hypothesis(effect, names)
+
+
+def level_of(found, hypothesis):
+    start = found.start
+    return local_level(hypothesis, start.basis, start.residual, found.whitened)
+
+
+def lines(*frequencies):
+    return [{"id": "base_vibration", "ec_ug": 300.0, "frequency_hz": f} for f in frequencies]
+
+
+@pytest.mark.parametrize("frequency", [0.7, 2.0, 4.0])
+def test_the_level_of_white_noise_is_one(frequency):
+    assert 1.0 <= level_of(prepared(), shaking(frequency)) < 1.5
+
+
+def test_a_line_does_not_raise_its_own_level_but_many_raise_that_of_each():
+    alone, among = prepared(*lines(2.0)), prepared(*lines(*np.arange(1.5, 2.7, 0.05)))
+    assert level_of(among, shaking(2.0)) > 10 * level_of(alone, shaking(2.0))
+    assert level_of(alone, shaking(2.0)) < 3
+
+
+def test_what_is_no_line_has_no_level(square):
+    k2 = next(h for h in square.whitened.hypotheses if h.id == "acc_K2")
+    assert level_of(square, k2) == 1.0

@@ -1,0 +1,56 @@
+"""How far a learned curve was seen."""
+
+import numpy as np
+import pytest
+from diagnosis_fixtures import bench, honest, recorded
+
+from tiltcal.diagnosis.conclusions.seen_range import seen_range
+from tiltcal.diagnosis.data_quality.prepare import prepare
+from tiltcal.effects.learned import LearnedReading
+
+CURVE = LearnedReading({"c0": 1.0, "c1": 0.0}, "accel", "x", "found")
+
+
+@pytest.fixture(scope="module")
+def run():
+    truth = bench()
+    whole = recorded(truth, 3)
+    return whole, prepare(honest(truth), [whole]).observations
+
+
+@pytest.mark.parametrize(
+    ("coordinate", "knots", "unit", "beyond"),
+    [
+        ("table_outer", (0.0, 1.0), "deg", "holds"),
+        ("temperature", (0.0, 1.0), "degC", "continues"),
+        ("time", (0.0, 1.0), "s", "holds"),
+        ("input", (0.0, 1.0), "m_s2", "holds"),
+        ("rate_x", (), "deg_s", "repeats"),
+    ],
+)
+def test_a_curve_says_where_it_was_seen(run, coordinate, knots, unit, beyond):
+    whole, observations = run
+    effect = LearnedReading(CURVE.values, "accel", "x", "found", coordinate=coordinate, knots=knots)
+    seen = seen_range(effect, observations)
+    assert (seen.unit, seen.beyond) == (unit, beyond)
+    if coordinate == "table_outer":
+        angle = whole.column("table_outer_deg")
+        assert (seen.low, seen.high) == pytest.approx((np.nanmin(angle), np.nanmax(angle)))
+    if coordinate == "time":
+        assert (seen.low, seen.high) == pytest.approx((0.0, np.ptp(whole.time)))
+    assert ("holds its last value" in seen.words) == (beyond == "holds")
+    assert f"to {seen.high:.0f}" in seen.words or seen.high < 10
+
+
+def test_a_product_of_two_angles_has_no_range(run):
+    effect = LearnedReading(
+        CURVE.values, "accel", "x", "found", coordinate="table_outer", beside="table_inner"
+    )
+    assert seen_range(effect, run[1]) is None
+
+
+def test_a_sawtooth_repeats(run):
+    effect = LearnedReading(
+        CURVE.values, "accel", "x", "found", coordinate="table_outer", knots=(0.0, 1.0), period=1.0
+    )
+    assert seen_range(effect, run[1]).beyond == "repeats"

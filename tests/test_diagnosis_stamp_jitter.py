@@ -1,0 +1,84 @@
+"""Random stamps against noise that grows with the rate or while moving: only the first makes all
+channels of a row err together, as their rates say.
+"""
+
+import numpy as np
+import pytest
+from diagnosis_fixtures import honest, rewritten
+
+from tiltcal.diagnosis.data_quality.outliers import off_neighbours
+from tiltcal.diagnosis.data_quality.prepare import prepare
+
+JITTER = 5e-3  # s
+COLUMNS = [f"accel_{a}_m_s2" for a in "xyz"]
+
+
+def slopes_of(sound):
+    """d reading / dt of each channel, m/s3, (n, 3)."""
+    values = np.column_stack([sound.column(name) for name in COLUMNS])
+    return np.gradient(values, sound.time, axis=0)
+
+
+def own_times_rate(rng, slopes):
+    """Noise of each channel in proportion to its own rate: variances just as random stamps make
+    them.
+    """
+    return slopes * rng.normal(0, JITTER, slopes.shape)
+
+
+def louder_in_moves(rng, slopes):
+    """Noise that is louder in some moves, whatever their rate."""
+    moving = np.abs(slopes).max(axis=1) > 0.05
+    loud = moving & (np.cumsum(np.diff(moving.astype(int), prepend=0) == 1) % 2 == 0)
+    return 0.01 * loud[:, None] * rng.standard_normal(slopes.shape)
+
+
+def trembling_in_moves(rng, slopes):
+    """While moving the table trembles: two channels share most of their noise."""
+    moving = np.abs(slopes).max(axis=1) > 0.05
+    common = rng.standard_normal((len(slopes), 1)) * [1.0, 0.7, 0.0]
+    return 0.01 * moving[:, None] * (common + 0.5 * rng.standard_normal(slopes.shape))
+
+
+def found_in(truth, sound, noise):
+    columns = {name: sound.column(name) + noise[:, k] for k, name in enumerate(COLUMNS)}
+    return prepare(honest(truth), [rewritten(sound, **columns)]).faults
+
+
+def test_random_stamps_are_found_and_sized(truth, sound, rng):
+    slopes = slopes_of(sound)
+    (fault,) = found_in(truth, sound, slopes * rng.normal(0, JITTER, (len(slopes), 1)))
+    assert fault.effect.id == "data_jitter"
+    off = fault.effect.value("jitter") - JITTER
+    assert abs(off) < 4 * fault.sigma["jitter"] + 0.1 * JITTER
+
+
+@pytest.mark.parametrize("noise", [own_times_rate, louder_in_moves, trembling_in_moves])
+def test_noise_that_grows_in_moves_is_no_fault_of_the_stamps(truth, sound, noise, rng):
+    faults = found_in(truth, sound, noise(rng, slopes_of(sound)))
+    assert "data_jitter" not in [fault.effect.id for fault in faults]
+
+
+def test_of_one_channel_nothing_is_claimed(truth, sound, rng):
+    slopes = slopes_of(sound) * [1.0, 0.0, 0.0]
+    noise = slopes * rng.normal(0, JITTER, (len(slopes), 1))
+    assert not found_in(truth, sound, noise)
+
+
+def test_a_value_is_far_off_by_the_noise_of_its_own_rate(rng):
+    """Short moves whose noise follows a bell of rate; a value far beyond it is still seen."""
+    speed = np.tile(np.concatenate([np.zeros(60), np.sin(np.linspace(0, np.pi, 30)) ** 2]), 40)
+    values = (1 + 40 * speed) * rng.standard_normal(len(speed))
+    assert (off_neighbours(values) > 8).sum() > 10
+    assert (off_neighbours(values, speed) > 8).sum() == 0
+    values[75] = 4000.0
+    assert off_neighbours(values, speed)[75] > 8
+
+
+def test_a_hand_that_begins_to_turn_is_no_outlier(rng):
+    """All that is known of its rate is whether it turns: noise nine times as loud from a row on."""
+    turning = np.tile(np.repeat([0.0, 1.0], [150, 40]), 40)
+    values = (1 + 8 * turning) * rng.standard_normal(len(turning))
+    before, after = ((off_neighbours(values, how) > 8).sum() for how in (None, turning))
+    assert before > 5
+    assert after <= 3  # no fault is claimed of so few

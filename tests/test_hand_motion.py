@@ -1,0 +1,159 @@
+"""By hand, what the sensors should have read: gyro triad and FOG smoothed together."""
+
+import numpy as np
+import pytest
+
+from tiltcal.core.units import DEG
+from tiltcal.laboratory.hand_motion import HandMotion, smoothed_readings
+from tiltcal.laboratory.handheld import predicted_readings
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.penalised_spline import most_probable_course
+
+AXIS = np.array([1.0, 2.0, 2.0]) / 3
+GYRO, FOG = 0.03 * DEG, 0.015 * DEG  # noise of a sample, rad/s
+SCALE = {"id": "fog_scale", "sensor": "fog", "scale_a_ppm": 5000.0}
+RANGE = {"id": "gyr_saturation", "sensor": "gyro", "full_scale_deg_s": 25.0}
+LATE = {"id": "data_latency", "sensor": "fog", "latency_ms": 30.0}
+
+
+def scenario(*effects):
+    sensors = [
+        {"name": "gyro", "kind": "gyro", "rate_hz": 50.0},
+        {"name": "fog", "kind": "fog", "axes": ["a"], "input_axis": [1, 2, 2], "rate_hz": 50.0},
+    ]
+    return parse_scenario(
+        {
+            "schema": 1,
+            "site": {"gravity_m_s2": 9.81},
+            "rig": {"table": "handheld"},
+            "sensor": sensors,
+            "effect": list(effects),
+        }
+    )
+
+
+def turned(seed, scale=0.0, clip=np.inf, late=0.0, seconds=60.0):
+    """Turns of random bumps between rests, written without the product: the recording, and the two
+    courses without noise, (n, 3) and (n,).
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(50 * seconds)) / 50
+    bumps = []
+    for begin in np.arange(8.0, seconds - 10, 14.0):
+        centres = begin + rng.uniform(1.2, 4.8, 8)
+        bumps += [(c, rng.uniform(0.3, 0.8), rng.normal(0, 40 * DEG, 3)) for c in centres]
+
+    def rate(at):
+        inside = [(1 - np.minimum(((at - c) / w) ** 2, 1)) ** 4 for c, w, _ in bumps]
+        return np.array(inside).T @ np.array([size for *_, size in bumps])
+
+    gyro = np.clip(rate(t), -clip, clip)
+    fog = (1 + scale) * rate(t - late) @ AXIS
+    read = np.clip(rate(t) + GYRO * rng.standard_normal(gyro.shape), -clip, clip)
+    columns = {f"gyro_{a}_rad_s": read[:, i] for i, a in enumerate("xyz")}
+    columns["fog_a_rad_s"] = fog + FOG * rng.standard_normal(len(t))
+    return Recording.from_columns(t, columns), gyro, fog
+
+
+def off(found, truth, sigma):
+    """Rms in units of a sample's noise."""
+    return float(np.sqrt(np.mean((found - truth) ** 2)) / sigma)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_prediction_has_hardly_more_noise_than_the_best_smoothness_leaves(seed, monkeypatch):
+    """The best one is found with the truth: no smoother of this kind leaves less."""
+    recording, gyro, fog = turned(seed)
+    found = smoothed_readings(scenario(), recording, ())
+    left = off(found["fog"][:, 0], fog, FOG)
+    others = off(predicted_readings(scenario(), recording, ())["fog"][:, 0], fog, FOG)
+    assert left < 0.4
+    assert left < 0.6 * others
+    assert off(found["gyro"], gyro, GYRO) < 0.4
+    hand = motion(recording)
+    best = min(
+        off(with_smoothness(hand, factor, monkeypatch), fog, FOG)
+        for factor in 10.0 ** np.arange(-3, 4)
+    )
+    assert best < left * 1.001
+    assert left < 1.15 * best
+
+
+def with_smoothness(hand, factor, monkeypatch):
+    """The FOG's prediction where the penalty is this often the most probable one."""
+    import tiltcal.statistics.penalised_spline as module
+
+    probable = module._smoothness
+    with monkeypatch.context() as changed:
+        changed.setattr(module, "_smoothness", lambda move: factor * probable(move))
+        readings = [*hand._gyro_readings(), hand._fog_readings(hand.fogs[0], None)]
+        course = most_probable_course(hand._basis, readings)
+    return course.at(hand.motion.time) @ AXIS
+
+
+def test_with_the_effect_that_is_there_it_predicts_better_than_without():
+    recording, _, fog = turned(4, scale=5e-3)
+    nominal, amended = (
+        off(smoothed_readings(s, recording, s.effects)["fog"][:, 0], fog, FOG)
+        for s in (scenario(), scenario(SCALE))
+    )
+    assert amended < 0.4
+    assert nominal > 3 * amended
+
+
+def test_a_fog_that_contradicts_the_triad_says_nothing_of_the_motion():
+    recording, gyro, fog = turned(5)
+    columns = {name: recording.column(name) for name in recording.column_names}
+    wrong = Recording.from_columns(recording.time, columns | {"fog_a_rad_s": -2 * fog + 0.1})
+    with_it, without = (motion(wrong, fogs) for fogs in (("fog",), ()))
+    np.testing.assert_array_equal(with_it.gyro_reading(), without.gyro_reading())
+    found = smoothed_readings(scenario(), wrong, ())
+    assert off(found["fog"][:, 0], fog, FOG) < 0.8  # the triad has twice the noise
+    assert off(found["gyro"], gyro, GYRO) < 0.4
+
+
+def motion(recording, fogs=("fog",)):
+    s = scenario()
+    force = np.full((len(recording), 3), np.nan)
+    return HandMotion(s, recording, (), s.named("gyro"), tuple(s.named(f) for f in fogs), force)
+
+
+def test_where_the_triad_is_out_of_range_the_fog_tells_the_rate():
+    recording, gyro, fog = turned(6, clip=25 * DEG)
+    s = scenario(RANGE)
+    assert (np.abs(gyro) == 25 * DEG).mean() > 0.01
+    found = smoothed_readings(s, recording, s.effects)
+    by_others = predicted_readings(s, recording, s.effects)
+    assert off(found["fog"][:, 0], fog, FOG) < 0.6
+    assert off(by_others["fog"][:, 0], fog, FOG) > 20
+    assert np.abs(found["gyro"]).max() <= 25 * DEG
+
+
+def test_a_fog_that_is_late_is_predicted_late():
+    recording, _, fog = turned(7, late=0.03)
+    s = scenario(LATE)
+    assert off(smoothed_readings(s, recording, s.effects)["fog"][:, 0], fog, FOG) < 0.4
+    assert off(smoothed_readings(scenario(), recording, ())["fog"][:, 0], fog, FOG) > 1.0
+
+
+def test_a_single_wrong_reading_leaves_no_trace():
+    recording, _, fog = turned(8)
+    columns = {name: recording.column(name).copy() for name in recording.column_names}
+    for name, row in (("gyro_x_rad_s", 560), ("fog_a_rad_s", 600), ("fog_a_rad_s", 100)):
+        columns[name][row] += 1.0
+    spoiled = Recording.from_columns(recording.time, columns)
+    clean, found = (smoothed_readings(scenario(), r, ())["fog"][:, 0] for r in (recording, spoiled))
+    assert np.abs(found - clean).max() < FOG
+    assert off(found, fog, FOG) < 0.4
+
+
+def test_missing_readings_and_a_slower_fog_are_no_obstacle():
+    recording, gyro, fog = turned(9)
+    columns = {name: recording.column(name).copy() for name in recording.column_names}
+    columns["fog_a_rad_s"][np.arange(len(fog)) % 5 > 0] = np.nan
+    columns["gyro_y_rad_s"][500:520] = np.nan
+    thinned = Recording.from_columns(recording.time, columns)
+    found = smoothed_readings(scenario(), thinned, ())
+    assert off(found["fog"][:, 0], fog, FOG) < 0.7
+    assert off(found["gyro"], gyro, GYRO) < 0.4

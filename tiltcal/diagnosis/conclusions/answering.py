@@ -1,0 +1,158 @@
+"""The answer: findings, verdict, statement and figures of a fitted model, and of recordings in
+which nothing can be tested.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
+from tiltcal.diagnosis.conclusions.fault_findings import finding_of
+from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
+from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
+from tiltcal.diagnosis.conclusions.noise_figures import noise_report
+from tiltcal.diagnosis.conclusions.residual_plots import views_of
+from tiltcal.diagnosis.conclusions.resimulation import resimulate
+from tiltcal.diagnosis.conclusions.slow_finding import slow_finding
+from tiltcal.diagnosis.conclusions.statements import doubted, not_reproduced, summary, untold
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data_quality.prepare import PreparedData
+from tiltcal.diagnosis.model.channel_noise import models, noise_under, shift_bias_to_start
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.explained import Explained
+from tiltcal.effects import CATALOGUE, Effect
+from tiltcal.effects.data.faults import DataDrop
+from tiltcal.laboratory.laboratory import Laboratory
+from tiltcal.laboratory.scenario import Scenario, parse_scenario
+
+
+def testable(prepared: PreparedData) -> bool:
+    """Whether the readings leave anything to test the calibrated scenario with."""
+    observations, columns = prepared.observations, prepared.start.columns
+    return observations.determines(columns) and observations.samples > columns
+
+
+def untested(prepared: PreparedData) -> Diagnosis:
+    """The answer where nothing can be tested: faults of the data, and what to record."""
+    observations, start = prepared.observations, prepared.start
+    faults = tuple(finding_of(f) for f in prepared.faults)
+    reason = untold(observations.scenario.rig, observations.samples, start.columns)
+    figures = Fitness(None, rms_of(observations, start.effects))
+    left = observations.residuals(start.effects)
+    return Diagnosis(
+        verdict_of(faults, False),
+        summary(faults, "cannot_tell", reason),
+        faults,
+        prepared.notes,
+        before=figures,
+        after=figures,
+        amended=amended_of(start, observations, prepared.faults, {}),
+        views=views_of(observations, left, left),
+    )
+
+
+def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, FittedModel]:
+    """The answer, and the model that its amended scenario holds.
+
+    Args:
+        prepared: what was fitted to.
+        said: what the search came to.
+    """
+    fitted, whitened, gate = said.fitted, said.whitened, said.gate
+    log_p: list[float] = []
+    if fitted.terms:
+        log_p, whitened = gate.log_p(fitted, whitened)
+    observations, faults = prepared.observations, [*prepared.faults, *said.chance]
+    before = refit(prepared.start, whitened) if fitted.terms else fitted
+    first, last = _fits(prepared.start, before, fitted, whitened, gate)
+    groups, found = fitted.findings(), findings_of(said, whitened, log_p)
+    order = sorted(range(len(found)), key=lambda k: found[k].delta_bic)
+    slow = (slow_finding(s) for s in said.slow)
+    findings = (*(finding_of(f) for f in faults), *(found[k] for k in order), *slow)
+    numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
+    tested = last.chi2_per_dof is not None
+    verdict = verdict_of(findings, tested, bool(said.doubts))
+    source = "the recording itself" if gate.static is None else "the static record"
+    left = observations.residuals(fitted.effects)
+    noise = noise_report(observations, left, gate.noise(fitted, whitened), source)
+    doubt = [doubted(said.doubts)] if said.doubts else []
+    reason = untold(observations.scenario.rig, observations.samples, fitted.columns)
+    if tested:
+        reason = " ".join(doubt)
+    told = summary(findings, verdict, reason, first, last, noise)
+    fits = noise_under(fitted, whitened.columns, law=whitened.law)
+    began = shift_bias_to_start(fitted, whitened, fits)
+    answer = Diagnosis(
+        verdict,
+        told,
+        findings,
+        (*prepared.notes, f"the noise was taken from {source}", *noise.notes, *doubt),
+        undetectable_of(fitted, whitened),
+        first,
+        last,
+        noise,
+        amended_of(began, observations, faults, numbers),
+        views_of(observations, observations.residuals(before.effects), left),
+    )
+    return answer, began
+
+
+def simulated(
+    answer: Diagnosis, laboratory: Laboratory, full: Observations, amended: FittedModel
+) -> Diagnosis:
+    """The answer with the result of the re-simulation, which it has to survive.
+
+    Args:
+        answer: so far.
+        laboratory: the simulator.
+        full: what was read, sample by sample.
+        amended: the model that the amended scenario holds.
+    """
+    # lost samples that the scan found are not mended in the columns
+    lost = any(isinstance(e, DataDrop) for e in amended.effects)
+    scenario = _as_read(answer.amended, full.scenario, lost)
+    again = resimulate(laboratory, scenario, full, full.predict(amended.effects))
+    noted = replace(answer, notes=(*answer.notes, again.words))
+    if not again.failed:
+        return noted
+    named = answer.verdict in ("explained", "ambiguous")
+    return replace(
+        noted,
+        verdict="cannot_tell" if named else answer.verdict,
+        statement=not_reproduced(answer.statement, again.failure),
+    )
+
+
+def _fits(
+    start: FittedModel,
+    before: FittedModel,
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    gate: NoiseGate,
+) -> tuple[Fitness, Fitness]:
+    """The figures of the scenario as it is and of the amended one, by one measure; the likelihood
+    of each is under its own noise, fitted to it.
+    """
+    white = under_fixed_white(start, whitened)
+    own = gate.left_by(before, whitened)
+    first = fitness_of(before, white, own.noise)
+    alone = refit(before, own)
+    if first.log_likelihood is not None:
+        at = fitness_of(alone, white, own.noise).log_likelihood
+        first = replace(first, log_likelihood=at)
+    return first, fitness_of(fitted, white, models(gate.noise(fitted, whitened)))
+
+
+def _as_read(amended: Mapping[str, Any], scenario: Scenario, lost: bool) -> Scenario:
+    """The amended scenario without data faults that were repaired in the columns."""
+
+    def held(id: str) -> bool:
+        cls = CATALOGUE.get(id, Effect)
+        mended = cls.repair or cls.scatters or (id == DataDrop.id and not lost)
+        return not mended
+
+    return parse_scenario(
+        {**amended, "effect": [e for e in amended["effect"] if held(e["id"])]}, scenario.name
+    )

@@ -1,0 +1,97 @@
+"""How well a model fits, before and after: under one white noise that is fixed before anything is
+explained, and by its likelihood under the noise that it leaves.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.conclusions.finding import Fitness
+from tiltcal.diagnosis.conclusions.residual_plots import unit_of
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.model.cross_validation import heldout_misfit
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.effects.base import Effect
+from tiltcal.statistics.noise_spectrum import NoiseModel, cosines, robust_white, white_noise
+
+FEWEST = 8  # samples that a channel's white noise can be told from
+CLIP = 3.0  # standard deviations
+CLIPPED = 0.97334  # variance of a normal within them
+
+
+def under_fixed_white(start: FittedModel, whitened: WhitenedModel) -> WhitenedModel:
+    """The same columns under the white noise of each channel, fixed before anything is explained.
+
+    It is taken from second differences of neighbouring samples of what the calibrated scenario
+    leaves: neither slow physics nor slow noise is in them. The samples are those that are fitted,
+    averaged in blocks where these are.
+    """
+    noise = []
+    for channel, r, own in zip(
+        whitened.observations.channels,
+        whitened.observations.residuals(start.effects),
+        whitened.noise,
+        strict=True,
+    ):
+        level = white_level(r) if len(r) >= FEWEST else own.white
+        noise.append(white_noise(max(level, channel.white)))
+    return whitened.under(noise)
+
+
+def white_level(residual: Array) -> float:
+    """Standard deviation of a sample's white noise, (n,) -> 1: the rms second difference over
+    sqrt(6), those beyond three robust standard deviations left out and made up for.
+
+    Its own standard uncertainty is a share of about 1/sqrt(n).
+    """
+    rough = robust_white(residual)
+    second = np.abs(residual[2:] - 2 * residual[1:-1] + residual[:-2]) / np.sqrt(6)
+    inside = second[second < CLIP * rough]
+    fine = float(np.sqrt(np.mean(inside**2) / CLIPPED)) if inside.any() else 0.0
+    return max(fine, rough / 2)  # of coarse codes most second differences are nothing
+
+
+def fitness_of(fitted: FittedModel, white: WhitenedModel, own: Sequence[NoiseModel]) -> Fitness:
+    """The figures of a fitted model.
+
+    Args:
+        fitted: the model.
+        white: its columns under the fixed white noise.
+        own: the noise that it leaves, of each channel.
+    """
+    observations = white.observations
+    left = sum(float(r @ r) for r in white.residual(fitted.effects))
+    dof = observations.samples - fitted.columns
+    chi2 = left / dof if dof > 0 else float("nan")
+    if not np.isfinite(chi2):
+        return Fitness(None, rms_of(observations, fitted.effects))
+    return Fitness(
+        chi2,
+        rms_of(observations, fitted.effects),
+        heldout_misfit(fitted, white),
+        log_likelihood(observations, fitted.effects, own),
+    )
+
+
+def rms_of(observations: Observations, effects: Sequence[Effect]) -> dict[str, float]:
+    """Rms of what these effects leave of each channel of the first recording, SI, by name with
+    unit.
+    """
+    found: dict[str, float] = {}
+    for channel, r in zip(observations.channels, observations.residuals(effects), strict=True):
+        name = f"{channel.sensor}_{channel.axis}_{unit_of(channel, observations)}"
+        found.setdefault(name, float(np.sqrt(np.mean(r * r))))
+    return found
+
+
+def log_likelihood(
+    observations: Observations, effects: Sequence[Effect], noise: Sequence[NoiseModel]
+) -> float:
+    """Whittle's log-likelihood of the readings under a noise of each channel, nats."""
+    total = 0.0
+    for r, model in zip(observations.residuals(effects), noise, strict=True):
+        spectrum = model.spectrum(len(r))
+        total -= 0.5 * float((np.log(2 * np.pi * spectrum) + cosines(r) ** 2 / spectrum).sum())
+    return total

@@ -1,0 +1,154 @@
+"""The noise that a model leaves: its amplitudes, and how much of the residual is slow."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import G0
+from tiltcal.diagnosis.conclusions.noise_variance import NoiseDependence, noise_dependences
+from tiltcal.diagnosis.conclusions.residual_plots import unit_of
+from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.effects import CATALOGUE, Parameter
+from tiltcal.effects.sensor.noise import Noise
+from tiltcal.statistics.noise_spectrum import Amplitude, NoiseFit, cosines
+
+INTERVAL = "95 %, profile of Whittle's likelihood"
+STEPS = {"white": 0.5, "flicker": 0.0, "walk": -0.5}  # power of the sampling step, s, in a density
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """The noise of one channel.
+
+    Args:
+        amplitudes: by name, in ``units``.
+        share: of the energy of the residual that is not white.
+        slow: energy of the residual that is not white, in units of the white variance; energy: of
+            all of it; walk: the part of the former that is a random walk, from 0 to 1.
+    """
+
+    amplitudes: Mapping[str, Amplitude]
+    units: Mapping[str, str]
+    share: float
+    slow: float
+    energy: float
+    walk: float
+    depends: tuple[NoiseDependence, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        found: dict[str, Any] = {
+            name: {"value": a.value, "low": a.low, "high": a.high, "unit": self.units[name]}
+            for name, a in self.amplitudes.items()
+        }
+        found["share_of_residual"] = self.share
+        return found | {"depends_on": [d.to_json() for d in self.depends]}
+
+
+@dataclass(frozen=True)
+class NoiseReport:
+    """The noise of all channels.
+
+    Args:
+        source: where it was taken from.
+        channels: by name; those of further recordings with their number.
+        notes: on noise that depends on the state.
+    """
+
+    source: str = "none"
+    channels: Mapping[str, ChannelNoise] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return {
+            "source": self.source,
+            "interval": INTERVAL,
+            "channels": {name: c.to_json() for name, c in self.channels.items()},
+        }
+
+    @property
+    def words(self) -> str:
+        """How much of what is left is slow, of all channels together."""
+        slow = sum(c.slow for c in self.channels.values())
+        share = slow / max(sum(c.energy for c in self.channels.values()), 1e-300)
+        if share < 0.005:
+            return "less than 1 % of what is left is slow noise"
+        kinds = {name for c in self.channels.values() for name in c.amplitudes}
+        walk = sum(c.slow * c.walk for c in self.channels.values()) > slow / 2
+        kind = "walk" if walk else "flicker"
+        named = f" (mostly {kind})" if kind in kinds else ""
+        return f"{100 * share:.0f} % of what is left is slow noise{named}"
+
+
+def noise_report(
+    observations: Observations, residuals: Sequence[Array], fits: Sequence[NoiseFit], source: str
+) -> NoiseReport:
+    """The noise of each channel as it was fitted.
+
+    Args:
+        observations: whose channels.
+        residuals: of each channel, SI, (n,).
+        fits: of each channel; source: where they were taken from.
+    """
+    found: dict[str, ChannelNoise] = {}
+    notes: list[str] = []
+    depends = noise_dependences(observations, residuals, [f.model for f in fits])
+    for channel, r, fit, own in zip(observations.channels, residuals, fits, depends, strict=True):
+        name = f"{channel.sensor}_{channel.axis}"
+        if channel.recording:
+            name = f"{name}_recording_{channel.recording + 1}"
+        noise = _channel_noise(channel, observations, cosines(r), fit)
+        found[name] = replace(noise, depends=own)
+        notes += [d.words(channel) for d in own[:1]]
+    return NoiseReport(source, found, tuple(notes))
+
+
+def _channel_noise(
+    channel: Channel, observations: Observations, waves: Array, fit: NoiseFit
+) -> ChannelNoise:
+    amplitudes, units = {}, {}
+    for name, amplitude in fit.amplitudes.items():
+        factor, units[name] = _unit(channel, observations, name)
+        amplitudes[name] = amplitude.scaled(1 / factor)
+    spectrum, white = fit.model.spectrum(len(waves)), fit.model.white**2
+    energy = float(waves @ waves)
+    slow = float(np.clip(waves**2 @ (1 - white / spectrum), 0.0, energy))
+    beyond = max(float((spectrum - white).sum()), 1e-300)
+    return ChannelNoise(
+        amplitudes,
+        units,
+        slow / max(energy, 1e-300),
+        slow / white,
+        energy / white,
+        float(fit.model.drift_spectrum(len(waves)).sum()) / beyond,
+    )
+
+
+def _unit(channel: Channel, observations: Observations, name: str) -> tuple[float, str]:
+    """What an amplitude, SI per sample, is divided by, and the unit that it then has: that of the
+    catalogue's noise where it has such a kind of noise.
+    """
+    grade = None if channel.axis == "turn" else _largest(channel, observations).get(name)
+    if grade is None or name not in STEPS:
+        return 1.0, unit_of(channel, observations)
+    parameter, size = grade
+    return size * _step(channel) ** -STEPS[name] / parameter.plausible[-1], parameter.unit
+
+
+def _largest(channel: Channel, observations: Observations) -> dict[str, tuple[Parameter, float]]:
+    """The noise of the largest grade of a sensor's kind by name: its parameter, and its size in the
+    unit of the channel.
+    """
+    kind = observations.scenario.named(channel.sensor).kind
+    cls = next(c for c in CATALOGUE.values() if issubclass(c, Noise) and kind in c.kinds)
+    per = G0 if kind == "inclinometer" else 1.0
+    return {p.name: (p, p.plausible[-1] * p.factor / per) for p in cls.parameters}
+
+
+def _step(channel: Channel) -> float:
+    """Between samples, s."""
+    return float(np.median(np.diff(channel.time))) if len(channel.time) > 1 else 1.0

@@ -1,0 +1,127 @@
+"""The parts of a finding: every effect that the amended scenario holds because of it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.conclusions.part import Part
+from tiltcal.diagnosis.conclusions.statements import learned_name, shown, stage_of
+from tiltcal.diagnosis.conclusions.whole_law import WholeLaw
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.effects import CATALOGUE, Effect, to_file
+from tiltcal.effects.learned import Learned
+
+SHOWN = 0.05  # share of a signal's energy that a channel has to hold to be named
+PLACE = ("id", "on", "place", "role", "sensor", "axis", "seen_in")  # keys that are no curve's own
+
+
+def parts_of(
+    fitted: FittedModel, places: Sequence[int], law: WholeLaw, observations: Observations
+) -> tuple[Part, ...]:
+    """The parts of a finding, the leading one first.
+
+    Args:
+        fitted: the model; places: of the finding's terms.
+        law: its terms together; observations: whose channels.
+    """
+    return tuple(
+        _part(
+            fitted.terms[k],
+            fitted.sigmas(k),
+            strongest(signal, observations)[1],
+            share,
+        )
+        for k, signal, share in zip(places, law.signals, law.shares, strict=True)
+    )
+
+
+def part_of(fault: Fault) -> Part:
+    """A fault of the data as the only part of its finding."""
+    effect = fault.effect
+    return Part(
+        effect.id,
+        CATALOGUE[effect.id].title,
+        effect.stage,
+        effect.sensor,
+        effect.axis,
+        fault.axes,
+        _values(effect, fault.sigma),
+    )
+
+
+def fitted_as(parts: Sequence[Part]) -> str:
+    """The parts of a finding in words, those of one description together; empty for a single
+    part.
+    """
+    if len(parts) < 2:
+        return ""
+    shares: dict[str, list[float]] = {}
+    for part in parts:
+        shares.setdefault(_said(part), []).append(part.energy_share)
+    words = [
+        f"{f'{len(s)} curves, each ' if len(s) > 1 else ''}{name} ({100 * sum(s):.0f} %)"
+        for name, s in shares.items()
+    ]
+    return f" It was fitted in {len(parts)} parts (share of its signal): {'; '.join(words)}."
+
+
+def strongest(
+    signal: Sequence[Array], observations: Observations
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Sensors and axes that hold a signal, given by channel, the strongest first."""
+    energy: dict[tuple[str, str], float] = {}
+    for channel, part in zip(observations.channels, signal, strict=True):
+        key = channel.sensor, channel.axis
+        energy[key] = energy.get(key, 0.0) + float(part @ part)
+    total = max(sum(energy.values()), 1e-300)
+    ordered = sorted(energy.items(), key=lambda item: -item[1])
+    strong = [key for key, e in ordered if e > SHOWN * total]
+    return tuple(dict.fromkeys(s for s, _ in strong)), tuple(dict.fromkeys(a for _, a in strong))
+
+
+def _part(term: FittedTerm, sigmas: Array, axes: tuple[str, ...], share: float) -> Part:
+    effect = term.effect
+    curve: dict[str, Any] = {}
+    if isinstance(effect, Learned):
+        words = learned_name(effect)
+        curve = {k: v for k, v in to_file(effect).items() if k not in PLACE}
+    else:
+        words = CATALOGUE[effect.id].title
+    fitted = dict(zip(term.names, np.asarray(sigmas).tolist(), strict=True))
+    return Part(
+        effect.id,
+        words,
+        stage_of(effect),
+        effect.sensor,
+        effect.axis,
+        axes,
+        {} if curve else _values(effect, fitted),
+        curve,
+        share,
+    )
+
+
+def _values(effect: Effect, sigmas: dict[str, float]) -> dict[str, tuple[float, float | None]]:
+    """All values of an effect by name with unit, as the amended scenario has them; sigmas: of those
+    that were fitted, SI.
+    """
+    known = {n: p for p in effect.parameters for n in p.expand(tuple("xyza")) or [p.name]}
+    return {
+        f"{name}{known[name].suffix}": (
+            value / known[name].factor,
+            sigmas[name] / known[name].factor if name in sigmas else None,
+        )
+        for name, value in effect.values.items()
+    }
+
+
+def _said(part: Part) -> str:
+    """A part in words, with its sizes where it has names for them."""
+    if part.curve:
+        return part.description
+    sizes = {n: (v, s) for n, (v, s) in part.parameters.items() if s is not None}
+    return f"{part.effect} with {shown(sizes)}"

@@ -1,0 +1,88 @@
+"""How far a learned curve was seen: beyond that range nothing in the recording supports it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
+from tiltcal.effects.learned import CONTINUED, Learned
+from tiltcal.effects.spans import SpectralLines
+from tiltcal.setup.tables import axis_of
+
+DEGREE = float(np.radians(1.0))
+UNITS = {
+    "force": ("m_s2", 1.0),
+    "rate": ("deg_s", DEGREE),
+    "transverse": ("deg_s", DEGREE),
+    "angular_acceleration": ("deg_s2", DEGREE),
+    "temperature": ("degC", 1.0),
+    "warming": ("degC_s", 1.0),
+    "moves": ("moves", 1.0),
+}
+"""Unit of a coordinate, and its size, SI; else s."""
+
+
+@dataclass(frozen=True)
+class SeenRange:
+    """The range of its coordinate over which a curve was learned.
+
+    Args:
+        low, high: in ``unit``; a temperature is about its mean.
+        beyond: whether the curve ``holds`` its last value there, ``repeats`` or ``continues``.
+    """
+
+    low: float
+    high: float
+    unit: str
+    beyond: Literal["holds", "repeats", "continues"]
+
+    def to_json(self) -> dict[str, object]:
+        """As the file has it."""
+        return {"low": self.low, "high": self.high, "unit": self.unit, "beyond": self.beyond}
+
+    @property
+    def words(self) -> str:
+        """For the statement."""
+        unit = self.unit.replace("_s2", "/s2").replace("_s", "/s")
+        beyond = {"holds": "it holds its last value"}.get(self.beyond, f"it {self.beyond}")
+        mean = " about the mean" if self.unit == "degC" else ""
+        digits = max(2 - int(np.floor(np.log10(max(self.high - self.low, 1e-99)))), 0)
+        low, high = (round(x, digits) + 0.0 for x in (self.low, self.high))
+        return (
+            f" It was seen from {low:g} to {high:g} {unit}{mean}. Beyond that {beyond}, and no"
+            " reading confirms it."
+        )
+
+
+def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
+    """The range in which a curve was seen; None where its coordinate has none, or for a product of
+    two angles.
+    """
+    if effect.beside:
+        return None
+    name = effect.coordinate
+    key = f"{effect.sensor}_input" if name == "input" else name
+    ends = ranges_of(observations, SpectralLines()).ranges.get(key)
+    if ends is None:
+        return None
+    unit, size = _unit(effect, observations)
+    return SeenRange(ends[0] / size, ends[1] / size, unit, _beyond(effect))
+
+
+def _beyond(effect: Learned) -> Literal["holds", "repeats", "continues"]:
+    if effect.coordinate in CONTINUED or effect.power:
+        return "continues"
+    return "holds" if effect.knots and not effect.period else "repeats"
+
+
+def _unit(effect: Learned, observations: Observations) -> tuple[str, float]:
+    name = effect.coordinate
+    if axis_of(name):
+        return "deg", DEGREE
+    if name == "input":
+        quantity = observations.scenario.named(str(effect.sensor)).quantity
+        return UNITS["rate" if quantity == "rate" else "force"]
+    stem = name if name in UNITS else name.rpartition("_")[0]
+    return UNITS.get(stem, ("s", 1.0))

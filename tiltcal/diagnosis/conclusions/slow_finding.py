@@ -1,0 +1,24 @@
+"""Slow variation as a finding without a name."""
+
+from tiltcal.diagnosis.conclusions.finding import Finding, Where
+from tiltcal.diagnosis.search.names import UNLISTED
+from tiltcal.diagnosis.search.slow_variation import SlowVariation
+
+
+def slow_finding(slow: SlowVariation) -> Finding:
+    """The finding; it has no part in the amended scenario, where it stays noise."""
+    return Finding(
+        effect=None,
+        names=(),
+        stage="sensor",
+        sensors=(slow.sensor,),
+        axes=(slow.axis,),
+        where=Where("time"),
+        p_value=1 - slow.probability,
+        statement=f"Slow variation of {slow.sensor} {slow.axis} that no listed effect explains:"
+        f" {slow.times:.0f} times the slow noise of the worst grade.",
+        next_measurement="record the instrument at rest for as long, to see whether it varies"
+        " without motion",
+        probability=slow.probability,
+        name_probability={UNLISTED: 1.0},
+    )

@@ -1,0 +1,78 @@
+"""The noise of an instrument, with what is known of instruments: they come in grades.
+
+White noise may be of any size. Flicker and random walk above those of the worst grade are the less
+probable, the larger they are: their logarithm is normal there.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.effects.sensor.noise import largest_slow_noise, worst_grade
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
+
+SPREAD = 2.0
+"""Factor of one standard deviation by which slow noise is above that of the worst grade."""
+
+
+def noise_price(whitened: WhitenedModel) -> float:
+    """-log prior of the noise of all channels, nats; nothing where it was not estimated."""
+    observations = whitened.observations
+    pairs = zip(observations.channels, whitened.fits, strict=bool(whitened.fits))
+    return sum(price_of(above_grades(c, observations, f.model)) for c, f in pairs)
+
+
+def with_probable_noise(whitened: WhitenedModel) -> WhitenedModel:
+    """The same columns under the noise of the largest posterior probability, each channel for
+    itself; its fits hold the likelihood.
+    """
+    observations = whitened.observations
+    fits = [
+        _most_probable(fit, _prior(channel, observations))
+        for channel, fit in zip(observations.channels, whitened.fits, strict=True)
+    ]
+    same = all(new is old for new, old in zip(fits, whitened.fits, strict=True))
+    return whitened if same else whitened.as_fitted(fits)
+
+
+def above_grades(channel: Channel, observations: Observations, model: NoiseModel) -> Array:
+    """Flicker and random walk over those of the worst grade, (2,); 0 where there is no grade.
+
+    Beside the same white noise or by their size, whichever is less: a quiet instrument may drift as
+    any grade does, and a noisy one drifts more.
+    """
+    rate = sample_rate(channel)
+    if not rate:
+        return np.zeros(2)
+    kind = observations.scenario.named(channel.sensor).kind
+    white = float(np.sqrt(model.density(np.array([2.0]))[0] / rate))
+    worst = np.maximum(np.array(worst_grade(kind)) * white, largest_slow_noise(kind))
+    return model.slow_noise(rate) / worst
+
+
+def sample_rate(channel: Channel) -> float:
+    """Samples a second, Hz; 0 of sums over a recording, several at one instant: they run in no
+    time.
+    """
+    gaps = np.diff(channel.time)
+    gap = float(np.median(gaps)) if len(gaps) else 0.0
+    return 1 / gap if gap > 0 else 0.0
+
+
+def price_of(above: Array) -> float:
+    """-log prior of flicker and random walk so many times those of the worst grade, nats."""
+    return 0.5 * float(((np.log(np.maximum(above, 1.0)) / np.log(SPREAD)) ** 2).sum())
+
+
+def _prior(channel: Channel, observations: Observations) -> Callable[[NoiseModel], float]:
+    return lambda model: price_of(above_grades(channel, observations, model))
+
+
+def _most_probable(fit: NoiseFit, price: Callable[[NoiseModel], float]) -> NoiseFit:
+    """A fit at its most probable model; itself where its prior says nothing."""
+    if not len(fit.bins.weight) or not price(fit.model) > 0:
+        return fit
+    return NoiseFit(fit.model.most_probable(fit.bins, price), fit.bins)

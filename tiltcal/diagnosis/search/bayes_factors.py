@@ -1,0 +1,37 @@
+"""Bayes factors of linear columns whose sizes have a normal prior of unknown width.
+
+For a direction of whitened columns with information w (squared length after projection) and a prior
+of variance v, log BF = gain/2 s/(1 + s) - log(1 + s)/2 with s = v w: the fall of the deviance,
+shrunk, less the price of the number (Zellner 1986; Liang et al., J. Am. Stat. Assoc. 103, 2008, for
+the mixture over v). A direction is in use with a stated probability.
+"""
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+
+SIZES = 10.0 ** np.arange(-6, 3, 2)
+"""Prior variances of a listed effect's size, in plausible sizes squared: no grade is known."""
+ENERGIES = 10.0 ** np.arange(0, 9)
+"""Prior energies of a number of a curve, in units of the noise: nothing is known of its size."""
+DEVIATIONS = 10.0 ** np.array([-4.0, -3.0, -2.0])
+"""Prior shares of a law's energy by which one number of its real form may deviate from the
+textbook's.
+"""
+
+
+def log_bayes_factor(gain: Array, ratio: Array) -> Array:
+    """Of directions, averaged over their prior widths.
+
+    Args:
+        gain: fall of the deviance along each, (n,).
+        ratio: prior variance over that of the estimate, for each width, (k, n).
+    """
+    by_width = 0.5 * (gain * (ratio / (1 + ratio)) - np.log1p(ratio))
+    top = by_width.max(axis=0)
+    return np.asarray(top + np.log(np.exp(by_width - top).mean(axis=0)))
+
+
+def perhaps(log_factor: Array, chance: float = 0.5) -> Array:
+    """Of directions that are in use with this chance only, (n,)."""
+    return np.asarray(np.logaddexp(np.log1p(-chance), np.log(chance) + log_factor))

@@ -1,0 +1,34 @@
+"""What a search comes to: a fitted model, and how probable each of its causes is."""
+
+from dataclasses import dataclass
+
+from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.names import Names
+from tiltcal.diagnosis.search.slow_variation import SlowVariation
+from tiltcal.diagnosis.search.state import Doubt
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The most probable explanation of some recordings.
+
+    Args:
+        fitted: the model; whitened: its columns under the noise that it leaves.
+        chance: random effects.
+        gate: says where the noise comes from.
+        names: what each finding may be; probability: that each is there.
+        slow: variation that is too large to be noise.
+        doubts: causes that the noise may be instead.
+    """
+
+    fitted: FittedModel
+    whitened: WhitenedModel
+    chance: tuple[Fault, ...]
+    gate: NoiseGate
+    names: tuple[Names, ...]
+    probability: tuple[float, ...]
+    slow: tuple[SlowVariation, ...]
+    doubts: tuple[Doubt, ...] = ()

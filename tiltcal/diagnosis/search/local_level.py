@@ -1,0 +1,51 @@
+"""The level of what is left near a spectral line: the noise that a line has to stand out of.
+
+A line among many others, or in a band where all is above the noise, is no line (Thomson, Proc. IEEE
+70, 1982: the variance of a line test is that of its neighbourhood).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
+from tiltcal.diagnosis.model.fitted_model import FittedTerm, stored_of
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+
+OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
+FEWEST = 16  # coefficients to either side
+
+
+def local_level(
+    hypothesis: Hypothesis,
+    basis: Sequence[Array],
+    target: Sequence[Array],
+    whitened: WhitenedModel,
+) -> float:
+    """Mean power of what a line leaves in its neighbourhood, in units of the noise, at least one;
+    one for a hypothesis that is no line in time.
+    """
+    if hypothesis.law.spectral_line != "time":
+        return 1.0
+    frequency = hypothesis.effect.values["frequency"]
+    lengths = [len(r) for r in target]
+    own = stored_of(whitened, [FittedTerm.start(hypothesis)])
+    mine = basis_of([projected(basis, c, lengths) for c in own], lengths)
+    left = project(mine, target)
+    found = [
+        part[_near(frequency, float(np.ptp(channel.time)), len(part))]
+        for channel, part, Q in zip(whitened.observations.channels, left, mine, strict=True)
+        if np.any(Q)
+    ]
+    powers = np.concatenate(found) ** 2 if found else np.ones(1)
+    return max(float(powers.mean()), 1.0)
+
+
+def _near(frequency: float, duration: float, n: int) -> slice:
+    """Cosine coefficients within an octave about a frequency."""
+    middle = 2 * duration * frequency
+    low = min(middle / np.sqrt(OCTAVE), middle - FEWEST)
+    high = max(middle * np.sqrt(OCTAVE), middle + FEWEST)
+    return slice(max(int(low), 1), min(int(high) + 1, n))

@@ -1,0 +1,276 @@
+"""The set of causes of the largest posterior probability.
+
+The cost of a model is -log posterior: half the deviance, the logarithm of the noise, which is
+estimated under each model, the price of the numbers of each cause, and its prior. Causes are added,
+exchanged and dropped as long as that lowers it (a stochastic-search neighbourhood taken in full:
+Hans, Dobra and West, J. Am. Stat. Assoc. 102, 2007), from several starts of the noise.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from tiltcal.diagnosis.model.channel_noise import models, noise_within_stops
+from tiltcal.diagnosis.model.finding_tests import NoiseGate
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit, refit_linearly
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.best_shape import best_shape
+from tiltcal.diagnosis.search.explanation import explained_by, possible
+from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.shape_refinement import refined
+from tiltcal.diagnosis.search.state import (
+    Doubt,
+    Proposal,
+    State,
+    laws,
+    refitted,
+    repriced,
+    with_new,
+    with_terms,
+    without,
+)
+from tiltcal.statistics.noise_spectrum import white_noise
+
+LOOKED_AT = 14  # hypotheses of the largest evidence whose deviations are worked out
+AHEAD = 5  # of them after which the next cause is looked for
+HALF = 0.5  # of the best score: what has less is not looked at further
+MOST = 5  # causes
+ROUNDS = 4  # of search and noise
+SETTLED = 0.1  # nats: less is not worth another round
+CLAIM = 0.95  # probability from which a cause is claimed: a false alarm costs 19 times a miss
+
+Visit = tuple[list[object], float]
+"""The causes of a model under the noise that it leaves, and its cost, nats."""
+
+
+def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[Proposal]:
+    """What may explain the residual of a model, best first, each place at its best shape."""
+    basis, target = fitted.basis, fitted.residual
+    score = scan.log_bayes_factors(fitted) + scan.log_odds
+    seen: dict[object, int] = {}
+    for k in np.argsort(-score):
+        hypothesis = whitened.hypotheses[k]
+        key = (hypothesis.place, hypothesis.alias) if hypothesis.listed else int(k)
+        seen.setdefault(key, int(k))
+        if len(seen) == LOOKED_AT:
+            break
+    found = []
+    for k in seen.values():
+        normal = scan.products.normal_equations(k, fitted)
+        told = explained_by(normal, basis, target, whitened)
+        if told is not None and possible(told.terms[0]):
+            found.append(Proposal(told, float(scan.log_odds[k])))
+    return sorted(found, key=lambda p: -p.score)
+
+
+def most_probable(start: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> State:
+    """The model of the least cost, from the noise of a model without causes, from its white part
+    alone, and from the noise within the stops.
+    """
+    nothing = gate.left_by(start, whitened)
+    best, visited = State(refit(start, nothing), nothing), list[Visit]()
+    for first in _starts(best, gate):
+        state = settled(State(refit(start, first), first), gate, visited)
+        if state.cost < best.cost:
+            best = state
+    return best
+
+
+def _starts(null: State, gate: NoiseGate) -> Iterator[WhitenedModel]:
+    yield null.whitened
+    if gate.static is None:
+        yield null.whitened.under([white_noise(m.white) for m in null.whitened.noise])
+        if (still := noise_within_stops(null.fitted, null.whitened)) is not None:
+            yield null.whitened.under(models(still))
+
+
+def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -> State:
+    """Search and noise in turn, until neither changes the other; never a model that costs more.
+
+    Args:
+        visited: models that a search went on from; they are added to.
+    """
+    best, visited = state if state.fitted.terms else None, [] if visited is None else visited
+    for _ in range(ROUNDS):
+        before = _names(state)
+        state = improved(state)
+        if not state.fitted.terms:
+            break
+        state = repriced(state, gate.left_by(state.fitted, state.whitened))
+        if best is None or state.cost < best.cost:
+            best = state
+        names = _names(state)
+        known = any(n == names and abs(c - state.cost) < SETTLED for n, c in visited)
+        visited.append((names, state.cost))
+        if known or names == before:
+            break
+    return best or repriced(state, gate.left_by(state.fitted, state.whitened))
+
+
+def _names(state: State) -> list[object]:
+    return [law.place for law in laws(state.fitted)]
+
+
+def improved(state: State) -> State:
+    """Causes exchanged, merged, split and added under one noise, until nothing lowers the cost."""
+    scan, newest = Scan(state.whitened), -1
+    while True:
+        state = _merged(_each_exchanged(state, newest, scan), scan)
+        count = len(state.fitted.findings())
+        scan.products.keep(state.fitted)
+        more = _added(state, scan) if count < MOST else None
+        if more is not None and (kept := _cheaper(more, state)) is not state:
+            newest, state = count, kept
+            continue
+        other = _split(_all_reshaped(state), scan)
+        if not other.cost < state.cost - SETTLED:
+            return state
+        newest, state = -1, other
+
+
+def _each_exchanged(state: State, newest: int, scan: Scan) -> State:
+    """A state with every cause but the newest exchanged, where that costs less."""
+    for k in reversed(range(len(state.fitted.findings()))):
+        if k != newest and k < len(state.fitted.findings()):
+            state = _exchanged(state, [k], scan)
+    return state
+
+
+def _all_reshaped(state: State) -> State:
+    """A state with the shapes of its causes refined again, beside the others."""
+    for k in range(len(state.causes)):
+        rest = without(state, k).fitted
+        places = state.fitted.findings()[k]
+        terms = tuple(state.fitted.terms[i] for i in places)
+        new = refined(terms, rest, state.whitened)
+        if any(a.hypothesis is not b.hypothesis for a, b in zip(terms, new, strict=True)):
+            other = with_terms(state, k, new)
+            state = _cheaper(other, state)
+    return state
+
+
+def _cheaper(other: State, state: State) -> State:
+    """Another state, refitted, where it costs less; else the state."""
+    if not other.cost < state.cost:
+        return state
+    other = refitted(other)
+    return other if other.cost < state.cost else state
+
+
+def _split(state: State, scan: Scan) -> State:
+    """A state with two causes in place of one, where that costs less."""
+    if len(state.causes) >= MOST:
+        return state
+    scan.products.keep(state.fitted)
+    for k in range(len(state.causes)):
+        rest, mine = without(state, k), laws(state.fitted)[k]
+        found = proposals(rest.fitted, state.whitened, scan)
+        others = [p for p in found if p.explanation.hypothesis.place != mine.place]
+        # the deviation of one would take the place of the other
+        rivals = [replace(p, explanation=p.explanation.plain or p.explanation) for p in others]
+        rivals = _rivals(sorted(rivals, key=lambda p: -p.score))
+        if not rivals:
+            continue
+        first = with_new(rest, max(rivals, key=lambda p: _with_next(p, rest, scan)))
+        second = _added(first, scan)
+        if second is not None and (kept := _cheaper(second, state)) is not state:
+            return kept
+    return state
+
+
+def _rivals(found: Sequence[Proposal]) -> list[Proposal]:
+    """The best proposal of every name that is not far below the best."""
+    rivals: dict[str, Proposal] = {}
+    for p in found:
+        if p.score > HALF * found[0].score > 0:
+            rivals.setdefault(p.explanation.hypothesis.id, p)
+    return list(rivals.values())[:AHEAD]
+
+
+def _merged(state: State, scan: Scan) -> State:
+    """A state with one cause in place of two, where that costs less."""
+    for pair in combinations(range(len(state.fitted.findings())), 2):
+        other = _exchanged(state, pair, scan)
+        if other is not state:
+            return _merged(other, scan)
+    return state
+
+
+def _added(state: State, scan: Scan) -> State | None:
+    """One more cause: that after which, with the best next one, the cost is least."""
+    fitted, whitened = state.fitted, state.whitened
+    found = [p for p in proposals(fitted, whitened, scan) if p.score > 0]
+    if not found:
+        return None
+    # of curves the shape decides how they compare
+    rivals = _curves_shaped(_rivals(found), state)
+    best = rivals[0]
+    if len(rivals) > 1:
+        best = max(rivals, key=lambda p: _with_next(p, state, scan))
+    return _with(state, best)
+
+
+def _curves_shaped(found: Sequence[Proposal], state: State) -> list[Proposal]:
+    """Proposals, the curves among them at their best shape."""
+    return [
+        p if p.explanation.hypothesis.listed else best_shape(p, state.fitted, state.whitened)
+        for p in found
+    ]
+
+
+def _with_next(proposal: Proposal, state: State, scan: Scan) -> float:
+    """Score of a proposal and of the best that may follow it."""
+    terms = state.fitted.terms + proposal.explanation.terms
+    trial = refit_linearly(state.fitted, terms, state.whitened)
+    follow = scan.log_bayes_factors(trial) + scan.log_odds
+    return proposal.score + max(float(follow.max()), 0.0)
+
+
+def _with(state: State, proposal: Proposal) -> State:
+    """A state with a proposal at its best shape; a curve has it."""
+    if proposal.explanation.hypothesis.listed:
+        proposal = best_shape(proposal, state.fitted, state.whitened)
+    return with_new(state, proposal)
+
+
+def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
+    """A state with some causes exchanged for one, or left out, where that costs less."""
+    scan.products.keep(state.fitted)
+    rest = without(state, *which)
+    if (kept := _cheaper(rest, state)) is not state:
+        return kept
+    fitted = rest.fitted
+    found = proposals(fitted, state.whitened, scan)
+    mine = [state.fitted.terms[state.fitted.findings()[k][0]] for k in which]
+    if not found or [_use(t) for t in mine] == [_use(found[0].explanation.terms[0])]:
+        return state
+    best = max(_curves_shaped(_rivals(found) or found[:1], rest), key=lambda p: p.score)
+    return _cheaper(_with(rest, best), state)
+
+
+def _use(law: FittedTerm) -> tuple[object, ...]:
+    """The place of a law and which of its sizes are in use."""
+    return law.hypothesis.place, set(law.names)
+
+
+def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:
+    """A state without causes that are not probable enough to be claimed, the probability of each
+    that is left, and those left out that are more probable than not.
+    """
+    doubts: list[Doubt] = []
+    while True:
+        odds = []
+        for k in range(len(state.fitted.findings())):
+            rest = refitted(without(state, k))
+            rest = repriced(rest, gate.left_by(rest.fitted, rest.whitened))
+            odds.append(rest.cost - state.cost)
+        chances = tuple(float(1 / (1 + np.exp(-x))) for x in odds)
+        if not odds or min(chances) >= CLAIM:
+            return state, chances, tuple(doubts)
+        weakest = int(np.argmin(odds))
+        if chances[weakest] > 0.5:
+            doubts.append(Doubt(laws(state.fitted)[weakest], chances[weakest]))
+        rest = refitted(without(state, weakest))
+        state = repriced(rest, gate.left_by(rest.fitted, rest.whitened))

@@ -1,0 +1,216 @@
+"""What a cause may be: the posterior probability of every name, and of none of the listed."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from tiltcal.design.identifiability import SEPARABLE
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.search.best_shape import in_shapes
+from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, possible
+from tiltcal.diagnosis.search.model_search import proposals
+from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.shape_refinement import at_shape, shapes
+from tiltcal.diagnosis.search.state import Proposal, State, laws, refitted, with_cause, without
+from tiltcal.effects.learned import Learned
+
+UNLISTED = "unlisted"
+LEAST = 1e-4  # probability of a name that is shown
+SHOWN = 8  # rivals
+COARSE = 3000.0
+"""Nats of a law at which the data count half: what is known of its form is no better (coarsened
+posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
+"""
+
+
+@dataclass(frozen=True)
+class Names:
+    """What a cause may be.
+
+    Args:
+        probability: of each name, ``unlisted`` for none of the catalogue; they sum to one.
+        alike: names that the recording cannot tell from the most probable one, which is the first;
+            none where that is no name of the catalogue.
+        rivals: (name, cosine, separation) of the nearest names, the most probable first.
+        late: whether no curve over the temperature of now explains it.
+    """
+
+    probability: Mapping[str, float]
+    alike: tuple[str, ...]
+    rivals: tuple[tuple[str, float, float], ...]
+    late: bool = False
+
+    @property
+    def listed(self) -> bool:
+        """Whether a name of the catalogue is more probable than none of them."""
+        return self.probability.get(UNLISTED, 0.0) <= 0.5
+
+
+@dataclass(frozen=True)
+class _Row:
+    """An explanation in a cause's place: log posterior odds, evidence and gain, nats."""
+
+    name: str
+    score: float
+    evidence: float
+    gain: float
+    proposal: Proposal | None = None
+
+    def coarsely(self, coarse: float) -> float:
+        """Log posterior odds where the data count less by a factor; the prior does not."""
+        return self.score - self.evidence + self.evidence / coarse
+
+
+def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
+    """A state whose causes are the most probable ones in their places, and what each may be."""
+    found = []
+    for k in range(len(state.fitted.findings())):
+        rows = _rows(state, k, scan)
+        names = replace(_names(rows), late=_late(state, k, rows[0]))
+        stated = names.alike[0] if names.listed else UNLISTED
+        best = max((r for r in rows if r.name == stated), key=lambda r: r.score)
+        if best.proposal is not None and best.name != _name(_terms(state, k)):
+            other = refitted(with_cause(state, k, best.proposal))
+            state = other if np.isfinite(other.cost) else state
+        found.append(names)
+    return state, found
+
+
+def _rows(state: State, k: int, scan: Scan) -> list[_Row]:
+    """Everything that may stand in the place of a cause, all others being as they are."""
+    scan.products.keep(state.fitted)
+    rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
+    basis, target = rest.fitted.basis, rest.fitted.residual
+    terms = _terms(state, k)
+    evidence, gain = evidence_in_place(terms, cause.tried, basis, target, whitened)
+    rows = [_Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
+    known = set()
+    law = terms[0].hypothesis
+    found = _at_its_shape(law, proposals(rest.fitted, whitened, scan), rest)
+    for p in (*found, *_at_its_instant(law, rest, scan)):
+        e = p.explanation
+        known.add(id(e.hypothesis))
+        if not _same(e.hypothesis, law):  # once, at the shape that it has
+            rows.append(_Row(_name(e.terms), p.score, e.evidence, e.gain / 2, p))
+    factors = scan.log_bayes_factors(rest.fitted)
+    for hypothesis, factor, odds in zip(whitened.hypotheses, factors, scan.log_odds, strict=True):
+        if id(hypothesis) not in known:
+            name = hypothesis.id if hypothesis.listed else UNLISTED
+            rows.append(_Row(name, float(factor + odds), float(factor), 0.0))
+    return rows
+
+
+def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Proposal]:
+    """Other events at the instant of one, which is known to a sample."""
+    if not law.has_instant:
+        return
+    whitened, fitted = rest.whitened, rest.fitted
+    odds = {
+        h.place: float(prior)
+        for h, prior in zip(whitened.hypotheses, scan.log_odds, strict=True)
+        if h.has_instant
+    }
+    steps = list(steps_at(whitened.observations.scenario, law.effect.values["time"], law.variants))
+    local = whitened.beside([h for h in steps if h.place in odds])
+    for k in range(len(whitened.hypotheses), len(local.hypotheses)):
+        place = local.hypotheses[k].place
+        if place != law.place:
+            told = explain(k, fitted.basis, fitted.residual, local)
+            if told is not None and possible(told.terms[0]):
+                yield Proposal(told, odds[place])
+
+
+def _at_its_shape(law: Hypothesis, found: Sequence[Proposal], rest: State) -> Iterator[Proposal]:
+    """Proposals, the best of each other name at the shape of a cause, which was refined: a lag that
+    both have is compared at the same value. Of events see ``_at_its_instant``.
+    """
+    mine = {} if law.has_instant else shapes(law)
+    seen = {law.id}
+    for p in found:
+        terms = p.explanation.terms
+        common = mine.keys() & shapes(terms[0].hypothesis).keys()
+        if common and terms[0].hypothesis.id not in seen:
+            seen.add(terms[0].hypothesis.id)
+            moved = [t.hypothesis for t in terms if common <= shapes(t.hypothesis).keys()]
+            for name in sorted(common):
+                moved = [at_shape(h, name, mine[name]) for h in moved]
+            p = max([p, *in_shapes(p, moved, rest.fitted, rest.whitened)], key=lambda q: q.score)
+        yield p
+
+
+def _late(state: State, k: int, own: _Row) -> bool:
+    """Whether a cause follows temperature late, and all curves over the temperature of now, at the
+    places where such curves act on its sensor, are separably worse.
+    """
+    law = laws(state.fitted)[k].effect
+    if not isinstance(law, Learned) or law.coordinate != "temperature" or not law.lag:
+        return False
+    fitted, whitened = without(state, k).fitted, state.whitened
+    prompt = [
+        told.evidence
+        for number, h in enumerate(whitened.hypotheses)
+        if isinstance(h.effect, Learned)
+        and (h.effect.coordinate, h.effect.lag) == (law.coordinate, 0.0)
+        and h.effect.sensor == law.sensor
+        and (told := explain(number, fitted.basis, fitted.residual, whitened)) is not None
+    ]
+    beyond = own.evidence - max(prompt, default=0.0)
+    return beyond > SEPARABLE / 2 * coarsened(own.gain)
+
+
+def _same(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses are one law in one place, at any shape."""
+    return one is other or (one.listed and (one.place, one.alias) == (other.place, other.alias))
+
+
+def _terms(state: State, k: int) -> tuple[FittedTerm, ...]:
+    return tuple(state.fitted.terms[i] for i in state.fitted.findings()[k])
+
+
+def _name(terms: Sequence[FittedTerm]) -> str:
+    law = terms[0].hypothesis
+    return law.id if law.listed else UNLISTED
+
+
+def coarsened(gain: float) -> float:
+    """By how much less a difference says where a law explains this much, nats: the larger a law,
+    the more it deviates from every form that was tried.
+    """
+    return 1 + gain / COARSE
+
+
+def _names(rows: Sequence[_Row]) -> Names:
+    """Probabilities under the coarsened posterior."""
+    top = max(rows, key=lambda r: r.score)
+    whole_gain = max(max(r.gain for r in rows), np.finfo(float).tiny)
+    coarse = coarsened(whole_gain)
+    score = {
+        name: float(logsumexp([r.coarsely(coarse) for r in rows if r.name == name]))
+        for name in {r.name for r in rows}
+    }
+    whole = logsumexp(list(score.values()))
+    order = sorted(score, key=lambda name: -score[name])
+    chance = {n: float(np.exp(score[n] - whole)) for n in order}
+    shown = {n: p for n, p in chance.items() if p > LEAST}
+    best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
+    first = next(n for n in order if n != UNLISTED)
+    limit = best[first].evidence - SEPARABLE / 2
+    near = [n for n in order if n not in (first, UNLISTED) and best[n].evidence > limit]
+    if chance.get(UNLISTED, 0.0) > 0.5:
+        near, first = [], ""
+    rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]
+    return Names(
+        shown,
+        (first, *near) if first else (),
+        tuple(
+            (
+                n,
+                float(np.sqrt(min(best[n].gain / whole_gain, 1.0))),
+                float(2 * (top.evidence - best[n].evidence)),
+            )
+            for n in rivals
+        ),
+    )

@@ -1,0 +1,166 @@
+"""Where a step, a sawtooth or a bump over a table angle would explain most of what a model leaves.
+
+What a curve over an angle does to a reading is the curve times what a constant in its place does.
+The evidence for a form is then a sum over the angle: all places, widths and periods are compared
+from sums over small ranges of the angle, without a column for each.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.localised_curves import (
+    Knots,
+    bump_at,
+    formed,
+    over_angle,
+    saw_at,
+    step_at,
+)
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+
+BINS = 720  # over the range of an angle
+TEETH = np.arange(0.6, 20.0, 0.25)  # periods of a sawtooth in the range of an angle
+JUMPS = 24  # places of its jump in a period
+WIDTHS = np.geomspace(0.01, 0.3, 6)  # of a step or a bump, in ranges of the angle
+PLACES = 72  # of a step or a bump
+
+
+@dataclass(frozen=True)
+class Form:
+    """A localised form of the curves of one cause.
+
+    Args:
+        hypotheses: the curves in this form, as many as there are.
+        tried: among how many it was chosen.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    tried: int
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Over ranges of an angle, for each curve of a cause.
+
+    Args:
+        angles: middles of the ranges, rad, (BINS,).
+        along: inner products with what is left, (BINS, curves).
+        energy: squared lengths, (BINS, curves).
+    """
+
+    angles: Array
+    along: Array
+    energy: Array
+
+    def gains(self, columns: Array) -> Array:
+        """What forms gain beside an offset, roughly. columns: (BINS, m)."""
+        whole = np.maximum(self.energy.sum(axis=0), np.finfo(float).tiny)
+        rest = (columns**2).T @ self.energy - (columns.T @ self.energy) ** 2 / whole
+        there = rest > 1e-6 * whole
+        along = (columns.T @ self.along) ** 2
+        return np.asarray(np.where(there, along / np.where(there, rest, 1.0), 0.0).sum(axis=1))
+
+
+def nearest_forms(
+    curves: Sequence[Hypothesis], fitted: FittedModel, whitened: WhitenedModel
+) -> list[Form]:
+    """The best step, sawtooth and bump in place of curves over one angle that are one cause.
+
+    Args:
+        curves: over the same coordinate; nothing is found for others.
+        fitted: the model without them.
+        whitened: the noise by which readings are weighed.
+    """
+    axis = over_angle(curves[0])
+    sums = None if axis is None else _sums(curves, axis, fitted, whitened)
+    if sums is None:
+        return []
+    found = []
+    for shapes in (_steps(sums.angles), _saws(sums.angles), _bumps(sums.angles)):
+        best: tuple[float, Knots, float] = (-1.0, (0.0, 1.0), 0.0)
+        tried = 0
+        for knots, period, columns in shapes:
+            gains = sums.gains(columns)
+            k, tried = int(np.argmax(gains)), tried + len(knots)
+            best = max(best, (float(gains[k]), knots[k], period))
+        found.append(Form(tuple(formed(h, *best[1:]) for h in curves), tried))
+    return found
+
+
+def _sums(
+    curves: Sequence[Hypothesis], axis: str, fitted: FittedModel, whitened: WhitenedModel
+) -> Sums | None:
+    """The sums of curves over the angle of an axis; None where it does not turn."""
+    from scipy.fft import idct
+
+    angles = _angles(axis, whitened)
+    known = np.concatenate(angles)
+    low, high = float(np.nanmin(known)), float(np.nanmax(known))
+    if not high > low:
+        return None
+    width = (high - low) / BINS
+    along, energy = np.zeros((BINS, len(curves))), np.zeros((BINS, len(curves)))
+    for k, curve in enumerate(curves):
+        constant = formed(curve, (0.0, 1.0))
+        parts = [whitened.columns.stored(constant, name) for name in constant.names]
+        for i in {i for part in parts for i in part}:
+            root = whitened.roots[i]
+            whole = np.sum([part[i] for part in parts if i in part], axis=0)
+            change = np.asarray(idct(whole, norm="ortho"))
+            left = idct(fitted.residual[i] / root, norm="ortho")
+            place = ((np.nan_to_num(angles[i], nan=low) - low) / width).astype(int)
+            place = np.clip(place, 0, BINS - 1)
+            change = np.where(np.isnan(angles[i]), 0.0, change)
+            along[:, k] += np.bincount(place, change * left, BINS)
+            energy[:, k] += np.bincount(place, change**2, BINS) * np.mean(1 / root**2)
+    edges = np.linspace(low, high, BINS + 1)
+    return Sums((edges[:-1] + edges[1:]) / 2, along, energy)
+
+
+def _angles(axis: str, whitened: WhitenedModel) -> list[Array]:
+    """Angle of a table axis at the readings of each channel, rad."""
+    observations = whitened.observations
+    found = []
+    for channel in observations.channels:
+        recording = observations.recordings[channel.recording]
+        angle = recording.table(axis)
+        nothing = np.full(len(channel.time), np.nan)
+        found.append(nothing if angle is None else np.interp(channel.time, recording.time, angle))
+    return found
+
+
+Shapes = Iterator[tuple[list[Knots], float, Array]]
+"""Knots of each form, their period, and their values, (BINS, m)."""
+
+
+def _steps(angles: Array) -> Shapes:
+    reach = angles[-1] - angles[0]
+    middles = np.linspace(angles[0], angles[-1], PLACES + 2)[1:-1]
+    for width in WIDTHS * reach:
+        values = np.clip((angles[:, None] - middles) / width + 0.5, 0.0, 1.0)
+        yield [step_at(m, width) for m in middles], 0.0, values
+
+
+def _saws(angles: Array) -> Shapes:
+    """Each by the jump next to the middle of the range: its place then says nothing of the
+    period.
+    """
+    middle = (angles[0] + angles[-1]) / 2
+    for period in (angles[-1] - angles[0]) / TEETH:
+        jumps = middle + period * (np.arange(JUMPS) / JUMPS - 0.5)
+        values = ((angles[:, None] - jumps) / period) % 1.0
+        yield [saw_at(j, period) for j in jumps], float(period), values
+
+
+def _bumps(angles: Array) -> Shapes:
+    """By one of their numbers: the two beside it bend them."""
+    middles = np.linspace(angles[0], angles[-1], PLACES)
+    for width in WIDTHS * (angles[-1] - angles[0]):
+        far = np.abs(angles[:, None] - middles) / width
+        values = np.where(far < 2, np.cos(np.pi / 4 * far) ** 2, 0.0)
+        yield [bump_at(m, width) for m in middles], 0.0, values

@@ -1,0 +1,53 @@
+"""Prior probabilities of hypotheses: equal for every place of a named effect, a quarter of all for
+curves; shared by the shapes of each.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.effects.learned import Learned
+
+UNLISTED = 0.25
+"""Of what differs from a model, the share that no list has."""
+SOMETHING = 0.5
+"""Odds that there is one cause more: a recording that is diagnosed holds one about as often as
+not.
+"""
+
+
+def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
+    """Natural logarithm of the prior probability of each hypothesis, (n,); they sum to one."""
+    members: dict[tuple[object, ...], list[int]] = {}
+    for k, hypothesis in enumerate(hypotheses):
+        members.setdefault(_kind(hypothesis), []).append(k)
+    curves = sum(kind[0] is None for kind in members)
+    named = max(len(members) - curves, 1)
+    found = np.zeros(len(hypotheses))
+    for kind, which in members.items():
+        share = UNLISTED / curves if kind[0] is None else (1 - UNLISTED) / named
+        found[which] = np.log(share / len(which))
+    return found
+
+
+def _kind(hypothesis: Hypothesis) -> tuple[object, ...]:
+    """What shares one prior: an id on a sensor; of curves a place, what they follow, and whether
+    they are steps.
+    """
+    effect = hypothesis.effect
+    if hypothesis.listed:
+        return hypothesis.id, effect.sensor, None if hypothesis.alias else effect.axis
+    assert isinstance(effect, Learned)
+    place = getattr(effect, "slot", ""), getattr(effect, "turn", "")
+    return (
+        None,
+        type(effect),
+        effect.sensor,
+        effect.axis,
+        effect.coordinate,
+        effect.beside,
+        effect.is_step,
+        *place,
+    )

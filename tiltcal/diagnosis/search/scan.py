@@ -1,0 +1,69 @@
+"""The evidence for every hypothesis in what a fitted model leaves, in one pass over the columns."""
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.diagnosis.model.column_products import ColumnProducts
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.score_test import SURVIVES, lengths
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_factor, perhaps
+from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
+
+
+class Scan:
+    """All hypotheses under one noise.
+
+    Args:
+        whitened: their columns under the noise.
+
+    Attributes:
+        log_odds: prior odds that each is the next cause, (hypotheses,).
+        products: of the columns with a model.
+    """
+
+    def __init__(self, whitened: WhitenedModel) -> None:
+        self._whitened = whitened
+        self.log_odds = log_priors(whitened.hypotheses) + np.log(SOMETHING)
+        self.products = ColumnProducts(whitened)
+        self._unsized = np.array([not h.has_plausible_size for h in whitened.hypotheses], bool)
+        counts = np.array([len(h.names) for h in whitened.hypotheses], int)
+        self._alike = [np.flatnonzero(counts == m) for m in np.unique(counts)]
+
+    def log_bayes_factors(self, fitted: FittedModel) -> Array:
+        """Of each hypothesis at every size in what a model leaves, against nothing,
+        (hypotheses,).
+        """
+        whitened = self._whitened
+        along = self.products.along(fitted)
+        starts = np.array(whitened.columns.starts, int)
+        found = np.zeros(len(whitened.hypotheses))
+        for which in self._alike:
+            m = len(whitened.hypotheses[which[0]].names)
+            rows = starts[which][:, None] + np.arange(m)
+            zero = np.zeros((m, m))
+            gram = np.array([self.products.own.get(int(k), zero) for k in which])
+            raw = lengths(np.einsum("gii->gi", gram))
+            inside = along[rows, 1:]
+            rest = gram - inside @ inside.transpose(0, 2, 1)
+            share, turn = np.linalg.eigh(rest / (raw[:, :, None] * raw[:, None, :]))
+            a = np.einsum("gij,gi->gj", turn, along[rows, 0] / raw)
+            there = share > SURVIVES
+            gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0)
+            sized = share * np.einsum("gij,gi->gj", turn**2, np.where(raw < np.inf, raw, 0.0) ** 2)
+            found[which] = self._summed(which, gain, np.where(there, sized, 0.0), there)
+        return found
+
+    def _summed(self, which: Index, gain: Array, sized: Array, there: Mask) -> Array:
+        """Over the directions of each hypothesis, (g,). gain, sized, there: (g, m)."""
+        unsized = self._unsized[which]
+        factors = np.zeros(gain.shape)
+        if unsized.any():
+            part = gain[unsized]
+            ratio = np.broadcast_to(ENERGIES[:, None], (len(ENERGIES), part.size))
+            factors[unsized] = perhaps(log_bayes_factor(part.ravel(), ratio)).reshape(part.shape)
+        if not unsized.all():
+            part = gain[~unsized]
+            ratio = SIZES[:, None] * sized[~unsized].ravel()
+            factors[~unsized] = perhaps(log_bayes_factor(part.ravel(), ratio)).reshape(part.shape)
+        return np.asarray(np.where(there, factors, 0.0).sum(axis=1))

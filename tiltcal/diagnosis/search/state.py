@@ -1,0 +1,178 @@
+"""A model in the search: its causes, what they cost, and how one is taken in or out.
+
+A change is worked out to first order. Only a model that is kept is fitted to simulated readings:
+``refitted``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.model.fitted_model import (
+    FittedModel,
+    FittedTerm,
+    refit,
+    refit_linearly,
+)
+from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.noise_prior import noise_price
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.explanation import Explanation, evidence_in_place, possible
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What the price of a cause depends on beside its terms: log prior, nats, and columns that its
+    deviation may be made of.
+    """
+
+    prior: float
+    tried: int
+
+
+@dataclass(frozen=True)
+class State:
+    """A model, its causes in the order of its findings, and their prices, nats."""
+
+    fitted: FittedModel
+    whitened: WhitenedModel
+    causes: tuple[Cause, ...] = ()
+    prices: tuple[float, ...] = ()
+
+    @cached_property
+    def cost(self) -> float:
+        """-log posterior but for a constant, nats; infinite where a size cannot be."""
+        if not all(possible(term) for term in self.fitted.terms):
+            return np.inf
+        noise = sum(float(np.log(root).sum()) for root in self.whitened.roots)
+        return self.fitted.deviance / 2 + noise + noise_price(self.whitened) + sum(self.prices)
+
+    def over(self, columns: HypothesisColumns) -> "State":
+        """The same model among other hypotheses."""
+        return replace(self, whitened=replace(self.whitened, columns=columns))
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A cause that is more probable than not, and not probable enough to be claimed.
+
+    Args:
+        law: the cause; probability: that it is there.
+    """
+
+    law: Hypothesis
+    probability: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An explanation with its score: evidence and prior, nats."""
+
+    explanation: Explanation
+    prior: float
+
+    @property
+    def score(self) -> float:
+        """Log posterior odds against nothing in its place."""
+        return self.explanation.evidence + self.prior
+
+
+def laws(fitted: FittedModel) -> list[Hypothesis]:
+    """The law of each cause."""
+    return [fitted.terms[places[0]].hypothesis for places in fitted.findings()]
+
+
+def one_cause(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses are one cause at two shapes: an event is one at its own instant."""
+    if not one.listed or one.place != other.place:
+        return False
+    return not one.has_instant or one.effect.values["time"] == other.effect.values["time"]
+
+
+def without(state: State, *which: int) -> State:
+    """A state without some of its causes."""
+    places = {i for k in which for i in state.fitted.findings()[k]}
+    terms = tuple(t for i, t in enumerate(state.fitted.terms) if i not in places)
+    fitted = refit_linearly(state.fitted, terms, state.whitened)
+    causes = tuple(c for i, c in enumerate(state.causes) if i not in which)
+    prices = tuple(p for i, p in enumerate(state.prices) if i not in which)
+    return State(fitted, state.whitened, causes, prices)
+
+
+def with_new(state: State, proposal: Proposal) -> State:
+    """A state with one more cause, or with a further shape of one that it has."""
+    new = proposal.explanation
+    same = [k for k, law in enumerate(laws(state.fitted)) if one_cause(law, new.hypothesis)]
+    if same:
+        return _with_part(state, same[0], proposal)
+    terms = state.fitted.terms + new.terms
+    return State(
+        refit_linearly(state.fitted, terms, state.whitened),
+        state.whitened,
+        (*state.causes, Cause(proposal.prior, new.tried)),
+        (*state.prices, new.price - proposal.prior),
+    )
+
+
+def _with_part(state: State, k: int, proposal: Proposal) -> State:
+    """A state whose k-th cause has a further shape."""
+    fitted, new = state.fitted, proposal.explanation
+    law, end = laws(fitted)[k], fitted.findings()[k][-1] + 1
+    parts = tuple(replace(t, host=law) for t in new.terms)
+    terms = (*fitted.terms[:end], *parts, *fitted.terms[end:])
+    prices = list(state.prices)
+    prices[k] += new.price - proposal.prior
+    trial = refit_linearly(fitted, terms, state.whitened)
+    return replace(state, fitted=trial, prices=tuple(prices))
+
+
+def with_cause(state: State, k: int, proposal: Proposal) -> State:
+    """A state with another explanation in the place of its k-th cause."""
+    rest = without(state, k)
+    before = sum(len(p) for p in rest.fitted.findings()[:k])
+    own = rest.fitted.terms
+    terms = (*own[:before], *proposal.explanation.terms, *own[before:])
+    cause = Cause(proposal.prior, proposal.explanation.tried)
+    price = proposal.explanation.price - proposal.prior
+    return State(
+        refit_linearly(rest.fitted, terms, state.whitened),
+        state.whitened,
+        (*rest.causes[:k], cause, *rest.causes[k:]),
+        (*rest.prices[:k], price, *rest.prices[k:]),
+    )
+
+
+def with_terms(state: State, k: int, terms: Sequence[FittedTerm]) -> State:
+    """A state with the terms of its k-th cause exchanged, as many as there were."""
+    places = state.fitted.findings()[k]
+    every = list(state.fitted.terms)
+    every[places[0] : places[-1] + 1] = terms
+    fitted = refit_linearly(state.fitted, every, state.whitened)
+    return _priced(replace(state, fitted=fitted))
+
+
+def refitted(state: State) -> State:
+    """The same state with all values fitted to simulated readings."""
+    return replace(state, fitted=refit(state.fitted, state.whitened))
+
+
+def repriced(state: State, whitened: WhitenedModel) -> State:
+    """The same model under another noise."""
+    fitted = refit(state.fitted, whitened)
+    return _priced(replace(state, fitted=fitted, whitened=whitened))
+
+
+def _priced(state: State) -> State:
+    """A state with the prices of its causes as they are beside each other."""
+    fitted, prices = state.fitted, []
+    for k, (cause, places) in enumerate(zip(state.causes, fitted.findings(), strict=True)):
+        rest = without(state, k).fitted
+        terms = [fitted.terms[i] for i in places]
+        evidence, gain = evidence_in_place(
+            terms, cause.tried, rest.basis, rest.residual, state.whitened
+        )
+        prices.append(gain / 2 - evidence - cause.prior)
+    return replace(state, prices=tuple(prices))

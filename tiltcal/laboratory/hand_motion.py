@@ -1,0 +1,253 @@
+"""The motion of a hand-held body: gyro triad and FOGs smoothed together.
+
+Each reading, put through the inverse of its sensor's model, is a reading of the body's rate: one
+component of the gyro triad, or the component along a FOG's axis. Its weight is one over its
+variance. At rest the rate is constant; while moving its smoothness is estimated
+(``tiltcal.statistics.penalised_spline``).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.quantisation import code_width
+from tiltcal.effects.base import DelayEffect, Effect
+from tiltcal.forward.gravity_transport import EDGE
+from tiltcal.laboratory.handheld import (
+    force_felt,
+    forward,
+    inverted,
+    predicted_readings,
+    sense_of,
+    triads_of,
+)
+from tiltcal.laboratory.smoothing import bridged, stops_of
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
+from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA
+from tiltcal.statistics.noise_spectrum import CHI2_MEDIAN
+from tiltcal.statistics.penalised_spline import (
+    LinearReadings,
+    SmoothCourse,
+    SplineBasis,
+    most_probable_course,
+)
+
+PASSES = 3  # the first with all readings; then without single outliers, the model solved anew
+# s between knots, where samples are not farther apart: a hand trembles at 12 Hz and no faster
+FASTEST = 0.02
+AROUND = 3  # samples on either side, among which an outlier stands alone
+# of the noise of their difference, rms: a larger one is more than smoothing both could save
+AGREEING = 2.0
+SECANT = 10.0  # sigma: the step over which the slope of a sensor's curve is taken
+
+
+def smoothed_readings(
+    setup: Setup, motion: Recording, effects: Sequence[Effect]
+) -> dict[str, Array]:
+    """What each sensor should have read without its noise, SI, (n, k) at the recording's rows; NaN
+    where nothing predicts it.
+
+    Gyro triad and FOGs from the rate that all of them tell, their own readings included; an
+    accelerometer triad as by ``predicted_readings``.
+
+    Raises:
+        TiltcalError: there is no gyro triad and no accelerometer triad.
+    """
+    found = predicted_readings(setup, motion, effects)
+    gyros = triads_of(setup, motion, "gyro")
+    if not gyros or not len(motion.sensor(gyros[0]).rows):
+        return found
+    fogs = tuple(f for f in setup.sensors("fog") if motion.has(f) and len(motion.sensor(f).rows))
+    force = force_felt(setup, motion, effects)
+    hand = HandMotion(setup, motion, effects, gyros[0], fogs, force)
+    found |= {fog.name: hand.fog_reading(fog) for fog in setup.sensors("fog")}
+    return found | {gyros[0].name: hand.gyro_reading()}
+
+
+@dataclass(frozen=True)
+class HandMotion:
+    """What the readings of a recording say of its motion, under a model.
+
+    Args:
+        setup, motion, effects: the sensors, their readings and their model.
+        gyro: a triad; fogs: those with readings.
+        force: specific force in the body, m/s2, NaN where it is not known, (n, 3).
+    """
+
+    setup: Setup
+    motion: Recording
+    effects: Sequence[Effect]
+    gyro: Sensor
+    fogs: tuple[Sensor, ...]
+    force: Array
+
+    def gyro_reading(self) -> Array:
+        """What the triad should have read, rad/s, (n, 3), NaN where it was not sampled."""
+        rows = self.motion.sensor(self.gyro).rows
+        rate = self._gyro_rate(self.course)
+        sense = sense_of(
+            self.gyro, self.setup, self.motion, self._known_force[rows], rate, rows=rows
+        )
+        found = np.full((len(self.motion), 3), np.nan)
+        found[rows] = forward(self.gyro, self.effects, sense)
+        return found
+
+    def fog_reading(self, fog: Sensor) -> Array:
+        """What a FOG should have read, rad/s, (n, 1), whether it was sampled or not."""
+        rate = self.course.at(self.motion.time - self._late(fog, 0))
+        return self._forward(fog, rate)
+
+    @cached_property
+    def course(self) -> SmoothCourse:
+        """The body's rate, rad/s."""
+        gyro, found = list(self._gyro_readings()), None
+        agreeing = [fog for fog in self.fogs if self._agrees(fog, gyro)]
+        for _ in range(PASSES):
+            fogs = [self._fog_readings(fog, found) for fog in agreeing]
+            kept = [_without_outliers(r, found) for r in (*gyro, *fogs)]
+            found = most_probable_course(self._basis, kept)
+        assert found is not None
+        return found
+
+    @property
+    def _basis(self) -> SplineBasis:
+        time, stop = self.motion.time, stops_of(self.motion)
+        first = np.flatnonzero(np.diff(stop, prepend=-1) * (stop >= 0))
+        last = np.flatnonzero(np.diff(stop, append=-1) * (stop >= 0))
+        # the hand has not quite let go, or begins to move
+        edge = np.minimum(EDGE, (time[last] - time[first]) / 4)
+        begin = np.where(first > 0, time[first] + edge, time[0])
+        end = np.where(last < len(time) - 1, time[last] - edge, time[-1])
+        rests = tuple(zip(begin.tolist(), end.tolist(), strict=True))
+        stamps = self.motion.sensor(self.gyro).time
+        step = max(float(np.median(np.diff(stamps))), FASTEST) if len(stamps) > 1 else FASTEST
+        return SplineBasis(float(time[0]), float(time[-1]), step, rests)
+
+    @cached_property
+    def _known_force(self) -> Array:
+        return np.where(np.isnan(self.force), 0.0, self.force)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """The triad's readings through the inverse of its model, rad/s, (m, 3)."""
+        read = bridged(self.gyro, self.motion)
+        return inverted(self.gyro, self.setup, self.motion, self.effects, self.force, read)
+
+    def _late(self, sensor: Sensor, channel: int) -> Array:
+        """By how much a channel's readings are late, s, (n,)."""
+        elapsed = self.motion.time - self.motion.time[0]
+        mine = [e for e in self.effects if isinstance(e, DelayEffect) and e.sensor == sensor.name]
+        late = (e.delay(elapsed, channel, None) for e in mine if not e.is_identity)
+        return np.asarray(sum(late, np.zeros_like(elapsed)))
+
+    def _gyro_rate(self, course: SmoothCourse) -> Array:
+        """The rate when each axis of the triad was read, (m, 3)."""
+        samples = self.motion.sensor(self.gyro)
+        late = [self._late(self.gyro, k)[samples.rows] for k in range(3)]
+        return np.column_stack([course.at(samples.time - late[k])[:, k] for k in range(3)])
+
+    def _forward(self, fog: Sensor, rate: Array) -> Array:
+        sense = sense_of(fog, self.setup, self.motion, self._known_force, rate)
+        return forward(fog, self.effects, sense)
+
+    def _gyro_readings(self) -> Iterator[LinearReadings]:
+        samples, rate = self.motion.sensor(self.gyro), self._inverse
+        noise = np.array([self._noise(self.gyro, k) for k in range(3)])
+
+        def read(by: Array) -> Array:
+            force = self._known_force[samples.rows]
+            sense = sense_of(self.gyro, self.setup, self.motion, force, rate + by, samples.rows)
+            return forward(self.gyro, self.effects, sense)
+
+        slope = _slope(read, SECANT * noise)
+        for k in range(3):
+            weight = slope[:, k] ** 2 / noise[k] ** 2
+            weight[np.isnan(samples.values[:, k])] = 0.0
+            direction = np.tile(np.eye(3)[k], (len(rate), 1))
+            time = samples.time - self._late(self.gyro, k)[samples.rows]
+            yield LinearReadings(time, direction, rate[:, k], weight)
+
+    def _fog_readings(self, fog: Sensor, course: SmoothCourse | None) -> LinearReadings:
+        """The rate along a FOG's axis: that of a course, and by how much it reads otherwise."""
+        samples, axis = self.motion.sensor(fog), fog.input_vector
+        late, stamps = self._late(fog, 0), self.motion.sensor(self.gyro).time
+        time = self.motion.time - late
+        if course is None:
+            rate = np.column_stack([np.interp(time, stamps, v) for v in self._inverse.T])
+        else:
+            rate = course.at(time)
+        noise, at = self._noise(fog, 0), samples.rows
+        step = np.array([SECANT * noise])
+        slope = _slope(lambda by: self._forward(fog, rate + by * axis), step)
+        value = rate @ axis
+        value[at] += samples.values[:, 0] - self._forward(fog, rate)[at, 0]
+        direction = np.tile(axis, (len(at), 1))
+        return LinearReadings(time[at], direction, value[at], slope[at, 0] ** 2 / noise**2)
+
+    def _agrees(self, fog: Sensor, gyro: Sequence[LinearReadings]) -> bool:
+        """Whether a FOG and the triad read the same within their noise, at rest and while moving.
+
+        Where they do not, the model misses more than noise, and nobody knows of which.
+        """
+        readings, axis = self._fog_readings(fog, None), fog.input_vector
+        off, variance = readings.value.copy(), np.zeros(len(readings.time))
+        told = readings.weight > 0
+        for of, share in zip(gyro, axis, strict=True):
+            off -= share * np.interp(readings.time, of.time, of.value)
+            best = of.weight.max(initial=ARITHMETIC)
+            told &= np.interp(readings.time, of.time, of.weight) > best / 4
+            variance += share**2 / best
+        variance += 1 / readings.weight.max(initial=ARITHMETIC)
+        moving = stops_of(self.motion)[self.motion.sensor(fog).rows] < 0
+        classes = (told & moving, told & ~moving)
+        ratios = [float(np.median(off[c] ** 2 / variance[c])) for c in classes if c.any()]
+        return bool(ratios) and max(ratios) < AGREEING**2 * CHI2_MEDIAN
+
+    def _noise(self, sensor: Sensor, channel: int) -> float:
+        """Standard deviation of a sample, rad/s: from its readings at rest, where there are
+        enough.
+        """
+        samples = self.motion.sensor(sensor)
+        values = samples.values[:, channel]
+        known = ~np.isnan(values)
+        still = known & (stops_of(self.motion)[samples.rows] >= 0)
+        values = values[still if still.sum() > known.sum() / 4 else known]
+        if len(values) < 8:
+            return 1.0
+        # fourth differences; their variance is 70 times that of a sample
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(np.diff(values, 4)))) / np.sqrt(70)
+        return max(noise, code_width(values) / np.sqrt(12), ARITHMETIC)
+
+
+def _slope(read: Callable[[Array], Array], step: Array) -> Array:
+    """Smaller of the slopes of a sensor's curve on either side, within 0 and 1, (m, k).
+
+    Beyond the end of its range it is 0: such a reading says nothing of the rate.
+    """
+    here, above, below = read(0.0 * step), read(step), read(-step)
+    return np.clip(np.minimum(above - here, here - below) / step, 0.0, 1.0)
+
+
+def _without_outliers(readings: LinearReadings, course: SmoothCourse | None) -> LinearReadings:
+    """Readings without those that stand alone off a course, farther than half a reading in all is
+    by chance (Chauvenet).
+
+    Each is compared with the median of its neighbours: what a wrong model adds is smooth.
+    """
+    n = len(readings.time)
+    if course is None or n < 2 * AROUND + 1:
+        return readings
+    from scipy.ndimage import median_filter
+    from scipy.special import erfcinv
+
+    at = course.at(readings.time)
+    off = readings.value - (readings.direction * at).sum(axis=1)
+    off = (off - median_filter(off, 2 * AROUND + 1, mode="nearest")) * np.sqrt(readings.weight)
+    limit = np.sqrt(2) * float(erfcinv(1 / (2 * n)))
+    far: Mask = np.abs(off) > limit
+    return replace(readings, weight=np.where(far, 0.0, readings.weight))

@@ -1,0 +1,95 @@
+"""Rows at which a table's readout has not moved."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
+from tiltcal.core.quantisation import code_width
+from tiltcal.recordings.segmentation import resting_rows
+from tiltcal.setup.pauses import breaks
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
+
+EDGE = 2  # samples beside a move that are left to the polynomial
+BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
+# rad: what a readout covers within a stop; more is a slow move, or the turning point of an
+# oscillation
+WANDER = 2e-3
+
+
+def at_rest(time: Array, angles: Array) -> tuple[Mask, Index]:
+    """Rows at which a readout (n, axes) has not moved, (n,), and the first after each pause of the
+    log that parts motions.
+    """
+    resting = resting_rows(time, angles)
+    parted = breaks(time, angles, resting)
+    return still_rows(angles, resting, parted), parted
+
+
+def still_rows(angles: Array, resting: Mask, parted: Index = NOWHERE) -> Mask:
+    """Of the rows at rest those whose readout has not moved, (n,): within six deviations, or one
+    code, of the dwell's level.
+
+    The search for dwells takes the very start and end of a move for rest, and the slow parts of a
+    table that never rests; a rate of zero there would be wrong. A slow move within a dwell parts it
+    into rests with a level each, and so does a pause of the log before one of the ``parted`` rows.
+    """
+    still = resting.copy()
+    codes = 1.01 * np.array([code_width(column) for column in angles.T])
+    ends = {0, len(angles), *(int(row) for row in parted)}  # nothing is known beyond
+    for first, last in _runs(resting, parted):
+        for begin, end, level in _levels(angles[first:last], codes):
+            part = angles[first + begin : first + end]
+            off = np.abs(part - np.median(part[level], axis=0))
+            # half of the readings of one code: the rest tell the spread
+            half, most = np.quantile(off[level], (0.5, 0.8), axis=0)
+            spread = 6 * np.maximum(MAD_TO_SIGMA * half, most / 1.2816)
+            quiet = np.asarray((off <= np.maximum(np.maximum(spread, codes), 1e-12)).all(axis=1))
+            for _ in range(EDGE):  # the first samples of a move hide in the noise
+                quiet[1:-1] &= quiet[:-2] & quiet[2:]
+                quiet[0] &= first + begin in ends
+                quiet[-1] &= first + end in ends
+            still[first + begin : first + end] = quiet & bool(
+                (np.ptp(part[quiet], axis=0) <= WANDER).all() if quiet.any() else False
+            )
+    return still
+
+
+def _runs(resting: Mask, parted: Index) -> Iterator[tuple[int, int]]:
+    """First and last row, exclusive, of each run of rows at rest that no parting row is in."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], resting.astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        inside = [int(row) for row in parted if first < row < last]
+        yield from pairwise([int(first), *inside, int(last)])
+
+
+def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
+    """The rests of a dwell: from row, to row, and which of these rows tell the level.
+
+    Slow moves lie between them, each half a rest's. A readout that hardly ever stays where it is
+    wanders: that is one rest.
+
+    Args:
+        part: rad, (n, axes). codes: of each axis, rad.
+    """
+    n = len(part)
+    whole = [(0, n, slice(None))]
+    if n <= 4 * BESIDE:
+        yield from whole
+        return
+    means = sliding_window_view(part, BESIDE, axis=0).mean(axis=-1)
+    noise = MAD_TO_SIGMA * np.median(np.abs(np.diff(part, axis=0)), axis=0) / np.sqrt(2)
+    steps = np.abs(means[BESIDE:] - means[:-BESIDE])
+    slow = np.ones(n, bool)
+    slow[BESIDE : n - BESIDE + 1] = (steps > 6 * noise * np.sqrt(2 / BESIDE) + codes).any(axis=1)
+    slow[:BESIDE], slow[n - BESIDE :] = slow[BESIDE], slow[n - BESIDE]
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], ~slow, [0]])))
+    rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= BESIDE]
+    if len(rests) < 2 or sum(b - a for a, b in rests) < n / 3:
+        yield from whole
+        return
+    parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(rests)), n]
+    for (a, b), begin, end in zip(rests, parted, parted[1:], strict=False):
+        yield begin, end, slice(a - begin, b - begin)

@@ -1,0 +1,62 @@
+"""Pauses of a log: intervals in which nothing was written, and what the table did is not known.
+
+A polynomial, a window or a rest that reaches across one joins two motions that have nothing to do
+with each other. Only where the table rests at one level on both sides is it taken to have rested
+between.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.quantisation import code_width
+from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
+
+# samples: where as many are missing, the narrowest local polynomial would have none of its own
+PAUSE = 5.0
+BESIDE = 10  # samples on either side, at most, whose means tell whether a rest is still the same
+SAME = 6.0  # sigma that those means may be apart
+
+
+def pauses(time: Array) -> Index:
+    """The first row after each pause. time: s, increasing, (n,)."""
+    steps = np.diff(time)
+    if not len(steps):
+        return np.zeros(0, np.intp)
+    return np.flatnonzero(steps > PAUSE * np.median(steps)) + 1
+
+
+def breaks(time: Array, angles: Array, resting: Mask) -> Index:
+    """The first row after each pause that is not within one rest.
+
+    Args:
+        time: s, increasing, (n,). angles: (n, axes).
+        resting: rows at rest, (n,).
+    """
+    found = pauses(time)
+    if not len(found):
+        return found
+    codes = np.array([code_width(column) for column in angles.T])
+    steps = np.abs(np.diff(angles[resting], axis=0))
+    noise = MAD_TO_SIGMA * np.median(steps, axis=0) / np.sqrt(2) if len(steps) else 0.0 * codes
+    return np.array(
+        [row for row in found if not _same_rest(angles, resting, int(row), noise, codes)], np.intp
+    )
+
+
+def _same_rest(angles: Array, resting: Mask, row: int, noise: Array, codes: Array) -> bool:
+    """Whether a table rests at one level before and from this row on."""
+    if not (resting[row - 1] and resting[row]):
+        return False
+    before, after = slice(max(row - BESIDE, 0), row), slice(row, row + BESIDE)
+    sides = [angles[side][resting[side]] for side in (before, after)]
+    apart = np.abs(sides[0].mean(axis=0) - sides[1].mean(axis=0))
+    fewest = min(len(side) for side in sides)
+    return bool((apart <= SAME * noise * np.sqrt(2 / fewest) + codes).all())
+
+
+def stretches(n: int, breaks: Index) -> list[slice]:
+    """The rows between breaks, of n."""
+    ends = [0, *(int(row) for row in breaks), n]
+    return [slice(a, b) for a, b in pairwise(ends)]

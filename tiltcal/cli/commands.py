@@ -58,6 +58,11 @@ DESIGN = {
 VALIDATION = {
     "run": Command("verify:run", "Simulate, calibrate and judge scenarios."),
     "verify": Command("verify:verify", "Run a folder of scenarios and write CI reports."),
+    "campaign": Command(
+        "campaign:campaign", "Run a scenario over seeds, grids and distributions of its fields."
+    ),
+    "sweep": Command("campaign:sweep", "Run a scenario over sizes of an effect."),
+    "merge": Command("campaign:merge", "Merge the shards of a campaign."),
     "prove": Command("prove:prove", "Run blind trials of `diagnose` and report its success rates."),
     "demo": Command("demo:demo", "Run a tour of the main functions."),
 }

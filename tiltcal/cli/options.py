@@ -33,3 +33,11 @@ def _whole_number(_: Any, tokens: Sequence[Token]) -> int:
 
 WHOLE = Parameter(converter=_whole_number)
 """An option with an integer value: 1.5 is refused, not rounded."""
+
+AllowCommands = Annotated[
+    bool,
+    Parameter("--allow-commands", help="Permit scenarios to run external programs as methods."),
+]
+EngineName = Annotated[
+    str, Parameter(help="processes, dask (workers on this machine) or dask://HOST:PORT.")
+]

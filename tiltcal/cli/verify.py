@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import WHOLE, Json
+from tiltcal.cli.options import WHOLE, AllowCommands, EngineName, Json
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.cli.verify_output import print_runs, print_verification, to_json
 from tiltcal.core.assets import folder as assets
@@ -28,10 +28,6 @@ Reports = Annotated[
         help="Folder for report.html, junit.xml, runs.parquet and runs.csv.",
     ),
 ]
-AllowCommands = Annotated[
-    bool,
-    Parameter("--allow-commands", help="Permit scenarios to run external programs as methods."),
-]
 Jobs = Annotated[
     int,
     WHOLE,
@@ -46,6 +42,7 @@ def run(
     output: Reports = None,
     allow_commands: AllowCommands = False,
     jobs: Jobs = 1,
+    engine: EngineName = "processes",
     as_json: Json = False,
 ) -> int:
     """Simulate, calibrate and judge scenarios.
@@ -59,7 +56,7 @@ def run(
     """
     start = time.perf_counter()
     _check_output(output)
-    with progress_line() as progress, worker_processes(jobs, simulator) as workers:
+    with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
         laboratory = simulator(progress)
         results = tuple(
             run_scenario(
@@ -85,6 +82,7 @@ def verify(
     output: Reports = None,
     allow_commands: AllowCommands = False,
     jobs: Jobs = 1,
+    engine: EngineName = "processes",
     as_json: Json = False,
 ) -> int:
     """Run a folder of scenarios and write CI reports.
@@ -97,7 +95,7 @@ def verify(
     Exit status: 0 all accepted; 1 not all accepted; 2 unusable input.
     """
     _check_output(output)
-    with progress_line() as progress, worker_processes(jobs, simulator) as workers:
+    with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
         verification = verify_folder(
             folder or assets("scenarios"),
             simulator(progress),

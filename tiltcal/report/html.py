@@ -17,9 +17,6 @@ TEMPLATE = Path(__file__).parent / "report.html.jinja"
 
 def write_report(verification: Verification, path: Path) -> None:
     """Write the report of some scenarios."""
-    from jinja2 import Environment, StrictUndefined
-    from plotly.offline import get_plotlyjs
-
     sections = [_section(r) for r in verification.results]
     tilts = [
         (f"{r.scenario.name}: {m.title}", m.tilt)
@@ -27,19 +24,27 @@ def write_report(verification: Verification, path: Path) -> None:
         for m in r.methods
         if m.tilt is not None
     ]
-    template = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    ).from_string(TEMPLATE.read_text(encoding="utf-8"))
-    text = template.render(
+    text = rendered(
+        TEMPLATE,
         title="tiltcal report",
-        version=__version__,
-        plotly=get_plotlyjs(),
         sections=sections,
         accepted=verification.accepted,
         seconds=verification.seconds,
-        overview=_html(tilt_figure(tilts)) if tilts else "",
+        overview=html_of(tilt_figure(tilts)) if tilts else "",
     )
     write_text(path, text)
+
+
+def rendered(template: Path, **values: Any) -> str:
+    """A page from a template, with ``plotly`` and ``version`` beside the values."""
+    from jinja2 import Environment, StrictUndefined
+    from plotly.offline import get_plotlyjs
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    page = environment.from_string(template.read_text(encoding="utf-8"))
+    return page.render(version=__version__, plotly=get_plotlyjs(), **values)
 
 
 def _section(result: ScenarioResult) -> dict[str, Any]:
@@ -84,7 +89,7 @@ def _method(result: ScenarioResult, method: MethodResult) -> dict[str, Any]:
         "equation": first.equation if first else "",
         "budget": budget_rows(method.budget) if method.budget else [],
         "tilt": method.tilt,
-        "figures": [_html(f) for f in figures if f is not None],
+        "figures": [html_of(f) for f in figures if f is not None],
     }
 
 
@@ -119,7 +124,8 @@ def parameter_rows(calibration: Calibration, truth: dict[str, float]) -> Sequenc
     return rows
 
 
-def _html(figure: Any) -> str:
+def html_of(figure: Any) -> str:
+    """A figure as a part of a page that holds plotly."""
     return str(
         figure.to_html(
             full_html=False,

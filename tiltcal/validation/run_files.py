@@ -1,6 +1,6 @@
 """One row a run, as a table for Parquet and CSV."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,9 @@ from tiltcal.validation.runs import Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+TEXT = ("scenario", "method", "verdict", "error", "matrix")
+WHOLE = ("seed", "nees_dof", "point", "replicate")
 
 
 def record_of(row: Row) -> dict[str, Any]:
@@ -42,23 +45,29 @@ def record_of(row: Row) -> dict[str, Any]:
     return record
 
 
-def table_of(rows: Sequence[Row]) -> "pa.Table":
-    """All rows as one table; a column that a row does not have is null there.
+def table_of(records: Sequence[dict[str, Any]]) -> "pa.Table":
+    """Records as one table; a column that a record does not have is null there.
 
     Returns:
-        Text, int64 (seed, nees_dof) and float64 columns; the fixed ones first, then the parameters
-        in the order in which they appear.
+        Columns as ``schema_of``: the fixed ones first, then the parameters in the order in which
+        they appear.
     """
     import pyarrow as pa
 
-    records = [record_of(row) for row in rows]
-    text, whole = ("scenario", "method", "verdict", "error"), ("seed", "nees_dof")
-    names = list(dict.fromkeys(name for record in records for name in record))
-    kinds = {
-        n: pa.string() if n in text else pa.int64() if n in whole else pa.float64() for n in names
-    }
-    columns = [pa.array([r.get(n) for r in records], kinds[n]) for n in names]
-    return pa.table(columns, names=names)
+    return pa.Table.from_pylist(list(records), schema_of(names_of(records)))
+
+
+def names_of(records: Iterable[dict[str, Any]]) -> list[str]:
+    """The columns of some records, in the order in which they appear."""
+    return list(dict.fromkeys(name for record in records for name in record))
+
+
+def schema_of(names: Sequence[str], text: Collection[str] = ()) -> "pa.Schema":
+    """Text, int64 and float64 columns by name; ``text``: further ones that are text."""
+    import pyarrow as pa
+
+    kinds = {n: pa.string() for n in (*TEXT, *text)} | {n: pa.int64() for n in WHOLE}
+    return pa.schema([(n, kinds.get(n, pa.float64())) for n in names])
 
 
 def write_runs(rows: Sequence[Row], folder: Path) -> None:
@@ -69,7 +78,7 @@ def write_runs(rows: Sequence[Row], folder: Path) -> None:
     """
     from pyarrow import csv, parquet
 
-    table = table_of(rows)
+    table = table_of([record_of(row) for row in rows])
     with replacing(folder / "runs.parquet") as temporary:
         parquet.write_table(table, temporary)
     with replacing(folder / "runs.csv") as temporary:

@@ -25,13 +25,17 @@ def statistics_of(rows: Sequence[Row], quantile: float) -> dict[str, Any]:
             degrees of freedom that the covariance states), a quantile with its interval (order
             statistics, binomial; null where so few runs do not determine it), the worst run.
         nees_per_dof: with its interval (chi-square).
-        parameters: mean error (Student's t) and rms error (chi-square), in the parameter's unit.
+        verdicts: how often each was given, with its share and the interval of that (Wilson).
+        parameters: mean error (Student's t) and rms error (chi-square), in the parameter's unit;
+            standard deviation of the error over the rms of the stated sigma (chi-square); share of
+            runs whose error is within 1.96 sigma (Wilson).
     """
     kept = [r for r in rows if r.error is None]
     return {
         "runs": len(rows),
         "failed": len(rows) - len(kept),
         "tilt_arcsec": _tilt(kept, quantile),
+        "verdicts": _verdicts(rows),
         "nees_per_dof": _nees(kept),
         "parameters": _parameters(kept),
     }
@@ -72,27 +76,57 @@ def _nees(rows: Sequence[Row]) -> dict[str, Any] | None:
     return {"value": total / dof, "dof": dof, "interval_95": interval}
 
 
+def _verdicts(rows: Sequence[Row]) -> dict[str, Any]:
+    shown = [r.shown_verdict for r in rows]
+    return {v: _share(shown.count(v), len(shown)) for v in sorted(set(shown))}
+
+
+def _share(count: int, n: int) -> dict[str, Any]:
+    from scipy.stats import binomtest
+
+    interval: Any = binomtest(count, n).proportion_ci(LEVEL, method="wilson")
+    return {
+        "count": count,
+        "share": count / n,
+        "interval_95": [float(interval.low), float(interval.high)],
+    }
+
+
 def _parameters(rows: Sequence[Row]) -> dict[str, Any]:
-    errors: dict[tuple[str, str], list[float]] = {}
+    errors: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for row in rows:
         for p in row.parameters:
             if p.truth is not None:
-                errors.setdefault((p.name, p.unit), []).append(p.value - p.truth)
-    return {name: {"unit": unit} | _errors(np.array(e)) for (name, unit), e in errors.items()}
+                errors.setdefault((p.name, p.unit), []).append((p.value - p.truth, p.sigma))
+    return {
+        name: {"unit": unit} | _errors(*np.array(pairs).T) for (name, unit), pairs in errors.items()
+    }
 
 
-def _errors(error: Array) -> dict[str, Any]:
-    from scipy.stats import t
+def _errors(error: Array, sigma: Array) -> dict[str, Any]:
+    from scipy.stats import norm, t
 
     n, mean, rms = len(error), float(error.mean()), float(np.sqrt(np.mean(error**2)))
     half = float(t.isf(0.025, n - 1) * error.std(ddof=1) / np.sqrt(n)) if n > 1 else None
+    inside = int((np.abs(error) <= norm.isf((1 - LEVEL) / 2) * sigma).sum())
     return {
         "runs": n,
         "mean_error": mean,
         "mean_error_interval_95": None if half is None else [mean - half, mean + half],
         "rms_error": rms,
         "rms_error_interval_95": list(rms_interval(rms, n)),
+        "sd_over_sigma": _over(error, sigma),
+        "coverage_95": _share(inside, n),
     }
+
+
+def _over(error: Array, sigma: Array) -> dict[str, Any] | None:
+    """Standard deviation of the errors over the rms of their stated sigmas."""
+    stated = float(np.sqrt(np.mean(sigma**2)))
+    if len(error) < 2 or not stated > 0:
+        return None
+    ratio = float(error.std(ddof=1)) / stated
+    return {"value": ratio, "interval_95": list(rms_interval(ratio, len(error) - 1))}
 
 
 def _number(x: float) -> float | None:

@@ -1,17 +1,17 @@
 """One run: a scenario with one seed, recorded, calibrated and compared with the truth."""
 
-import signal
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from multiprocessing import get_context
 
 from tiltcal.calibration.methods.registry import calibrate, run_command
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.tasks.engines import Engine, open_engine
+from tiltcal.core.tasks.outcome import Limits, Outcome
+from tiltcal.core.tasks.run_tasks import Task, outcomes
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, fresh
 from tiltcal.laboratory.scenario_tables import MethodTable
@@ -103,35 +103,29 @@ class Workers:
     """Other processes that make runs.
 
     Args:
-        executor: any executor of the standard interface.
+        engine: what the runs are spread over. limits: of one run.
         make_laboratory: called once in each process; a function at the top of a module.
     """
 
-    executor: Executor
+    engine: Engine
     make_laboratory: Callable[[], Laboratory]
+    limits: Limits
 
 
 @contextmanager
 def worker_processes(
-    jobs: int, make_laboratory: Callable[[], Laboratory]
+    jobs: int, make_laboratory: Callable[[], Laboratory], engine: str = "processes"
 ) -> Iterator[Workers | None]:
-    """``jobs`` processes for runs; None, this process, when it is one.
+    """An engine for runs; None, this process, for one job without another engine.
 
     Raises:
-        TiltcalError: jobs is less than 1.
+        TiltcalError: jobs is less than 1, or there is no such engine.
     """
-    if jobs < 1:
-        raise TiltcalError("option -j", found=f"{jobs}", need="1 or more", do="correct it")
-    if jobs == 1:
+    if jobs == 1 and engine == "processes":
         yield None
         return
-    executor = ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_parent
-    )
-    try:
-        yield Workers(executor, make_laboratory)
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
+    with open_engine(engine, jobs) as opened:
+        yield Workers(opened, make_laboratory, Limits())
 
 
 def results_by_seed(
@@ -143,7 +137,7 @@ def results_by_seed(
     recording.
 
     Raises:
-        TiltcalError: the scenario cannot be recorded, or a worker process ended.
+        TiltcalError: the scenario cannot be recorded, or a run lost its process.
     """
     count = max((m.runs for m in scenario.method), default=1)
     if workers is None or count == 1:
@@ -151,34 +145,38 @@ def results_by_seed(
             yield run_seed(scenario, laboratory, k)
         return
     bare = fresh(scenario)
-    try:
-        tasks = [
-            workers.executor.submit(_run_in_worker, workers.make_laboratory, bare, k)
-            for k in range(count)
-        ]
-        for task in tasks:
-            yield task.result()
-    except BrokenExecutor as error:
-        raise TiltcalError(
-            f"scenario {scenario.name}",
-            found="a worker process that ended in the middle of a run",
-            need="methods that return or raise, and enough memory",
-            do="run it with -j 1 to see which",
-        ) from error
+    tasks = [Task(f"{k}", _run_apart, (workers.make_laboratory, bare, k)) for k in range(count)]
+    early: dict[int, SeedResult] = {}
+    following = 0
+    for task, outcome in outcomes(tasks, workers.engine, workers.limits):
+        early[int(task.key)] = _result_of(scenario, outcome, workers.limits)
+        while following in early:
+            yield early.pop(following)
+            following += 1
 
 
-def _leave_interrupts_to_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _result_of(scenario: Scenario, outcome: Outcome, limits: Limits) -> SeedResult:
+    if outcome.refusal is not None:
+        raise outcome.refusal
+    failure = outcome.failure(limits)
+    if failure is None:
+        found: SeedResult = outcome.value
+        return found
+    raise TiltcalError(
+        f"scenario {scenario.name}",
+        found=f"a run without a result: {failure}",
+        need="methods that return or raise, and enough time and memory",
+        do="run it with -j 1 to see which",
+    )
 
 
-def _run_in_worker(
-    make_laboratory: Callable[[], Laboratory], scenario: Scenario, k: int
-) -> SeedResult:
-    return run_seed(scenario, _laboratory(make_laboratory), k)
+def _run_apart(make_laboratory: Callable[[], Laboratory], scenario: Scenario, k: int) -> SeedResult:
+    return run_seed(scenario, laboratory_of(make_laboratory), k)
 
 
 @cache
-def _laboratory(make: Callable[[], Laboratory]) -> Laboratory:
+def laboratory_of(make: Callable[[], Laboratory]) -> Laboratory:
+    """The laboratory of this process; ``make`` is called once."""
     return make()
 
 

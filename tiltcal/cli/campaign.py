@@ -1,0 +1,217 @@
+"""``tiltcal campaign``, ``sweep`` and ``merge``."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from tiltcal.cli.campaign_output import print_summary
+from tiltcal.cli.laboratory import simulator
+from tiltcal.cli.options import SEVERAL, WHOLE, AllowCommands, EngineName, Json, ScenarioFile
+from tiltcal.cli.output import print_json, progress_line
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import write_json
+from tiltcal.core.tasks.engines import open_engine
+from tiltcal.core.tasks.outcome import Limits
+from tiltcal.report.campaign import write_campaign_report
+from tiltcal.validation.campaign.campaign_file import (
+    Campaign,
+    CampaignTable,
+    campaign_of,
+    load_campaign,
+)
+from tiltcal.validation.campaign.factors import Factor
+from tiltcal.validation.campaign.folder import (
+    Place,
+    Shard,
+    forget_faults,
+    make_runs,
+    merged,
+    write_campaign,
+)
+from tiltcal.validation.campaign.points import check_levels, require_allowed
+from tiltcal.validation.campaign.results import Results, write_results
+from tiltcal.validation.campaign.summary import summary_of
+
+Output = Annotated[
+    Path,
+    Parameter(
+        "--output",
+        alias="-o",
+        help="Folder for the results, or FILE.parquet for files FILE.* beside each other.",
+    ),
+]
+Jobs = Annotated[int, WHOLE, Parameter(alias="-j", help="Runs at the same time.")]
+ShardName = Annotated[str, Parameter(help="i/n: only every n-th run, for `tiltcal merge`.")]
+TimeLimit = Annotated[float, Parameter(help="Longest time of one run, s.")]
+MemoryLimit = Annotated[int, WHOLE, Parameter(help="Most memory of one run, MiB.")]
+Again = Annotated[
+    bool,
+    Parameter("--again", help="Make runs again that took too long, too much memory, or ended."),
+]
+
+
+def campaign(
+    file: Annotated[Path, Parameter("CAMPAIGN", help="Campaign file.")],
+    /,
+    *,
+    output: Output,
+    jobs: Jobs = 1,
+    engine: EngineName = "processes",
+    shard: ShardName = "1/1",
+    time_limit: TimeLimit = 600.0,
+    memory_limit: MemoryLimit = 4096,
+    again: Again = False,
+    allow_commands: AllowCommands = False,
+    as_json: Json = False,
+) -> int:
+    """Run a scenario over seeds, grids and distributions of its fields.
+
+    Results are a row a run and method in results.parquet, a summary and a report.
+    Every finished run is in a journal: the same command after an interruption, or
+    with further levels, makes only the runs that are missing.
+
+      tiltcal campaign grades.toml -o grades -j 2
+      tiltcal campaign grades.toml -o part1 --shard 1/4
+
+    Exit status: 0 all runs are made, those without a result are named; 2 unusable input.
+    """
+    limits = Limits(time_limit, memory_limit)
+    found = load_campaign(file)
+    return _made(
+        found, output, Shard.of(shard), limits, jobs, engine, again, allow_commands, as_json
+    )
+
+
+def sweep(
+    scenario: ScenarioFile,
+    /,
+    *,
+    effect: Annotated[
+        tuple[str, ...],
+        SEVERAL,
+        Parameter(help="EFFECT.PARAMETER=START:STOP:COUNT, COUNT values with both ends."),
+    ] = (),
+    field: Annotated[
+        tuple[str, ...],
+        SEVERAL,
+        Parameter(help="The same of any other field, as sensor.accel.rate_hz=10:100:4."),
+    ] = (),
+    seeds: Annotated[int, WHOLE, Parameter(help="Runs at each point.")] = 20,
+    output: Output,
+    jobs: Jobs = 1,
+    engine: EngineName = "processes",
+    time_limit: TimeLimit = 600.0,
+    memory_limit: MemoryLimit = 4096,
+    again: Again = False,
+    allow_commands: AllowCommands = False,
+    as_json: Json = False,
+) -> int:
+    """Run a scenario over sizes of an effect.
+
+      tiltcal sweep bench.toml --effect acc_K2.k2_x_ug_g2=0:3000:5 --seeds 200 -o x.parquet
+
+    Exit status: 0 all runs are made, those without a result are named; 2 unusable input.
+    """
+    factors = [_range(words, "effect.") for words in effect] + [_range(words) for words in field]
+    if not factors:
+        raise TiltcalError(
+            "command line of `tiltcal sweep`",
+            found="nothing to vary",
+            need="--effect or --field",
+            do="add --effect acc_K2.k2_x_ug_g2=0:3000:5",
+        )
+    table = CampaignTable.model_validate(
+        {
+            "schema": 1,
+            "scenario": str(scenario),
+            "name": f"sweep of {scenario.name}",
+            "runs": seeds,
+            "factor": factors,
+        }
+    )
+    return _made(
+        campaign_of(table, scenario),
+        output,
+        Shard(),
+        Limits(time_limit, memory_limit),
+        jobs,
+        engine,
+        again,
+        allow_commands,
+        as_json,
+    )
+
+
+def merge(
+    parts: Annotated[tuple[Path, ...], Parameter("PART", help="Outputs of shards.")],
+    /,
+    *,
+    output: Output,
+    as_json: Json = False,
+) -> int:
+    """Merge the shards of a campaign.
+
+      tiltcal merge part1 part2 part3 part4 -o whole
+
+    Exit status: 0 merged, and runs that are missing are counted; 2 unusable input.
+    """
+    place = Place.of(output)
+    found = merged([Place.of(part) for part in parts], place)
+    return _finished(found, place, as_json)
+
+
+def _made(
+    found: Campaign,
+    output: Path,
+    shard: Shard,
+    limits: Limits,
+    jobs: int,
+    engine: str,
+    again: bool,
+    allow_commands: bool,
+    as_json: bool,
+) -> int:
+    require_allowed(found, allow_commands)
+    check_levels(found)
+    place = Place.of(output)
+    write_campaign(found, place)
+    with place.journal() as journal:
+        if again:
+            forget_faults(found, journal)
+        with progress_line() as progress, open_engine(engine, jobs) as opened:
+            make_runs(found, shard, journal, opened, limits, simulator, progress)
+    return _finished(found, place, as_json)
+
+
+def _finished(found: Campaign, place: Place, as_json: bool) -> int:
+    """Write what the journal has, print the summary, and return the exit status."""
+    with place.journal() as journal:
+        results = Results(found, journal)
+        write_results(results, place.results)
+        summary = summary_of(results)
+        write_json(place.beside(".summary.json"), summary)
+        write_campaign_report(results, summary, place.beside(".html"))
+    if as_json:
+        print_json(summary)
+        return 0
+    print_summary(summary)
+    for name in (place.results, place.beside(".summary.json"), place.beside(".html")):
+        print(f"written: {name}")
+    return 0
+
+
+def _range(words: str, prefix: str = "") -> Factor:
+    """A factor from ``PATH=START:STOP:COUNT``."""
+    path, _, text = words.partition("=")
+    try:
+        start, stop, count = text.split(":")
+        found: dict[str, Any] = {"start": float(start), "stop": float(stop), "count": int(count)}
+        return Factor(field=prefix + path, **found)
+    except ValueError as error:
+        raise TiltcalError(
+            "command line of `tiltcal sweep`",
+            found=words,
+            need="PATH=START:STOP:COUNT",
+            do="write acc_K2.k2_x_ug_g2=0:3000:5 for 5 values from 0 to 3000",
+        ) from error

@@ -1,0 +1,128 @@
+"""Making many tasks: those that a journal has are skipped, each other one is in it as soon as it is
+finished.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.progress import Progress, silent
+from tiltcal.core.tasks.disposable import call_apart
+from tiltcal.core.tasks.engines import Engine
+from tiltcal.core.tasks.journal import Journal
+from tiltcal.core.tasks.outcome import Limits, Outcome
+
+WAITING = 8  # tasks that wait beside each one that is made: an engine far away is never idle
+CHECK_S = 2.0  # between looks whether the engine still answers
+
+
+@dataclass(frozen=True)
+class Task:
+    """A call that is made in another process.
+
+    Args:
+        key: of its content; equal keys mean equal results.
+        function: at the top of a module; arguments: plain values.
+    """
+
+    key: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+def outcomes(
+    tasks: Iterable[Task], engine: Engine, limits: Limits
+) -> Iterator[tuple[Task, Outcome]]:
+    """Each task with what became of it, in the order in which they end.
+
+    Raises:
+        TiltcalError: the engine lost tasks, after all others are through.
+    """
+    queue, lost = iter(tasks), 0
+    pending: dict[Future[Outcome], Task] = {}
+    while True:
+        for task in islice(queue, (1 + WAITING) * engine.slots - len(pending)):
+            call = (task.function, task.arguments, limits)
+            pending[engine.executor.submit(call_apart, *call)] = task
+        if not pending:
+            break
+        done, _ = wait(pending, timeout=CHECK_S, return_when=FIRST_COMPLETED)
+        for future in done:
+            task = pending.pop(future)
+            if future.cancelled() or future.exception() is not None:
+                lost += 1
+            else:
+                yield task, future.result()
+        if not engine.alive():
+            lost += len(pending)
+            break
+    if lost:
+        raise TiltcalError(
+            "engine",
+            found=f"{lost} tasks lost with its workers or its scheduler",
+            need="an engine that stays until all tasks are made",
+            do="run the same command again: what is finished is not made again",
+        )
+
+
+def make_all(
+    tasks: Iterable[Task],
+    total: int,
+    journal: Journal,
+    engine: Engine,
+    limits: Limits,
+    recorded: Callable[[Task, Outcome], str],
+    progress: Progress = silent,
+) -> None:
+    """Make all tasks that the journal does not have.
+
+    Args:
+        total: how many there are, with those that it has.
+        recorded: the record of an outcome, as it goes into the journal.
+
+    Raises:
+        TiltcalError: the engine lost tasks, or there is no room for the journal.
+    """
+    rate = Rate(total)
+    had = 0
+
+    def missing() -> Iterator[Task]:
+        nonlocal had
+        for task in tasks:
+            if task.key in journal:
+                had += 1
+            else:
+                yield task
+
+    for task, outcome in outcomes(missing(), engine, limits):
+        journal.record(task.key, recorded(task, outcome))
+        progress(rate.after_one(had))
+
+
+class Rate:
+    """Progress in words, with the rate and the time left.
+
+    Args:
+        total: of tasks.
+    """
+
+    def __init__(self, total: int) -> None:
+        self._total, self._made, self._start = total, 0, time.monotonic()
+
+    def after_one(self, had: int) -> str:
+        """Words after one more task; ``had``: tasks that were finished before."""
+        self._made += 1
+        done = had + self._made
+        rate = self._made / max(time.monotonic() - self._start, 1e-9)
+        left = (self._total - done) / rate
+        return f"{done} of {self._total} runs, {rate:.3g} a second, {_duration(left)} left"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

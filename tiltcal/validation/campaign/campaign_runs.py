@@ -1,0 +1,116 @@
+"""The runs of a campaign as tasks, and what is recorded of each."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+from tiltcal import __version__
+from tiltcal.core.tasks.outcome import Limits, Outcome
+from tiltcal.core.tasks.run_tasks import Task
+from tiltcal.laboratory.laboratory import Laboratory
+from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
+from tiltcal.validation.campaign.campaign_file import Campaign, hash_of
+from tiltcal.validation.campaign.fields import Document
+from tiltcal.validation.campaign.points import Point, points_of
+from tiltcal.validation.runs import ParameterRow, Row, laboratory_of, run_seed
+
+JUDGING = ("accept", "expect", "runs")  # keys of a method that change no run
+
+
+@dataclass(frozen=True)
+class PointRun:
+    """One seed at one point.
+
+    Args:
+        replicate: number of the seed at this point. key: of its content.
+    """
+
+    point: Point
+    replicate: int
+    seed: int
+    key: str
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What the journal has of a run: a row a method, or why it has none.
+
+    Args:
+        fault: time, memory or ended, where its process had to go. seconds: of the whole run.
+    """
+
+    rows: tuple[Row, ...]
+    fault: str | None
+    seconds: float
+
+
+def runs_of(campaign: Campaign) -> Iterator[PointRun]:
+    """All runs in order: seeds, and keys for the journal, follow from their content alone."""
+    count = campaign.table.runs
+    for point in points_of(campaign):
+        content = content_of(point.document)
+        for k in range(count):
+            seed = campaign.seed + point.noise * count + k
+            yield PointRun(point, k, seed, hash_of([content, seed]))
+
+
+def content_of(document: Document) -> str:
+    """Hash of what determines the runs of a scenario: all but its seed and how it is judged."""
+    methods = [
+        {key: v for key, v in m.items() if key not in JUDGING} for m in document.get("method", ())
+    ]
+    bare = {k: v for k, v in document.items() if k not in ("seed", "about")}
+    return hash_of([__version__, bare | {"method": methods}])
+
+
+def task_of(run: PointRun, make_laboratory: Callable[[], Laboratory]) -> Task:
+    """A run as a task; make_laboratory: a function at the top of a module."""
+    text = json.dumps(run.point.document, default=str)
+    return Task(run.key, rows_of, (text, run.seed, make_laboratory))
+
+
+def rows_of(
+    document: str, seed: int, make_laboratory: Callable[[], Laboratory]
+) -> list[dict[str, Any]]:
+    """One run of each method of a scenario, as plain values.
+
+    Raises:
+        TiltcalError: the scenario is wrong or cannot be recorded.
+    """
+    scenario = fresh(_scenario(document), seed=seed)
+    result = run_seed(scenario, laboratory_of(make_laboratory), 0)
+    return [asdict(run.row) for run in result.runs if run is not None]
+
+
+@lru_cache(maxsize=4)
+def _scenario(document: str) -> Scenario:
+    return parse_scenario(json.loads(document))
+
+
+def record_text(run: PointRun, outcome: Outcome, limits: Limits) -> str:
+    """The record of a run for the journal."""
+    words = outcome.failure(limits)
+    rows = outcome.value if words is None else [_failed(run, m, words) for m in _titles(run)]
+    return json.dumps({"rows": rows, "fault": outcome.fault, "seconds": outcome.seconds})
+
+
+def recorded_of(text: str) -> Recorded:
+    """What a record of the journal says."""
+    found = json.loads(text)
+    rows = tuple(
+        Row(**(row | {"parameters": tuple(ParameterRow(**p) for p in row["parameters"])}))
+        for row in found["rows"]
+    )
+    return Recorded(rows, found["fault"], found["seconds"])
+
+
+def _titles(run: PointRun) -> list[str]:
+    methods = run.point.document.get("method", ())
+    return [str(m.get("name") or " ".join(m.get("command", ()))) for m in methods]
+
+
+def _failed(run: PointRun, method: str, words: str) -> dict[str, Any]:
+    name = str(run.point.document.get("name", "scenario"))
+    return asdict(Row(name, method, run.seed, error=words))

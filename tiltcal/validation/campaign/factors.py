@@ -1,0 +1,110 @@
+"""What a campaign varies: a grid of levels, or a distribution."""
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from tiltcal.core.arrays import Array
+
+
+class Part(BaseModel):
+    """A table of a campaign file; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Level(Part):
+    """One level that sets several fields: ``label`` is what results call it."""
+
+    label: str
+    set: dict[str, Any]
+
+
+class Factor(Part):
+    """One factor, by one of these:
+
+    ``values``: levels of one field. ``start, stop, count``: evenly spaced ones, with ``log`` in
+    their logarithm. ``level``: levels that set several fields. ``distribution``: ``uniform`` or
+    ``loguniform`` between ``low`` and ``high``, ``normal`` with ``mean`` and ``sigma``.
+    """
+
+    name: str = ""
+    field: str | None = None
+    values: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
+    start: float | None = None
+    stop: float | None = None
+    count: Annotated[int, Field(ge=1)] | None = None
+    log: bool = False
+    level: Annotated[tuple[Level, ...], Field(min_length=1)] | None = None
+    distribution: Literal["uniform", "loguniform", "normal"] | None = None
+    low: float | None = None
+    high: float | None = None
+    mean: float | None = None
+    sigma: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "Factor":
+        kinds = [self.values, self.start, self.level, self.distribution]
+        if sum(kind is not None for kind in kinds) != 1:
+            raise ValueError("give one of values, start, level and distribution")
+        if (self.field is None) == (self.level is None):
+            raise ValueError("give field, or with level the fields that each one sets")
+        if self.start is not None and (self.stop is None or self.count is None):
+            raise ValueError("start needs stop and count")
+        if self.log and not (self.start and self.stop and self.start * self.stop > 0):
+            raise ValueError("log needs start and stop of one sign, and not 0")
+        if self.distribution is not None:
+            self._check_distribution()
+        if not self.title:
+            raise ValueError("give name")
+        return self
+
+    def _check_distribution(self) -> None:
+        if self.distribution == "normal":
+            if self.mean is None or self.sigma is None:
+                raise ValueError("normal needs mean and sigma")
+        elif self.low is None or self.high is None or not self.low < self.high:
+            raise ValueError(f"{self.distribution} needs low below high")
+        elif self.distribution == "loguniform" and self.low <= 0:
+            raise ValueError("loguniform needs low above 0")
+
+    @property
+    def title(self) -> str:
+        """Its name, or its field without ``effect``."""
+        return self.name or (self.field or "").removeprefix("effect.")
+
+    @property
+    def random(self) -> bool:
+        """Whether it has a distribution."""
+        return self.distribution is not None
+
+    def levels(self) -> list[tuple[Any, dict[str, Any]]]:
+        """What results call each level of a grid, and the fields that it sets."""
+        if self.level is not None:
+            return [(level.label, level.set) for level in self.level]
+        assert self.field is not None
+        values: list[Any] = list(self.values or ())
+        if self.start is not None:
+            assert self.stop is not None
+            assert self.count is not None
+            space = np.geomspace if self.log else np.linspace
+            values = [float(x) for x in space(self.start, self.stop, self.count)]
+        return [(_label(value), {self.field: value}) for value in values]
+
+    def quantiles(self, p: Array) -> Array:
+        """Values at probabilities, (n,)."""
+        from scipy import stats
+
+        if self.mean is not None and self.sigma is not None:
+            return np.asarray(stats.norm(self.mean, self.sigma).ppf(p))
+        assert self.low is not None
+        assert self.high is not None
+        if self.distribution == "loguniform":
+            return np.asarray(stats.loguniform(self.low, self.high).ppf(p))
+        return np.asarray(stats.uniform(self.low, self.high - self.low).ppf(p))
+
+
+def _label(value: Any) -> Any:
+    """A number or a text as it is, anything else as text."""
+    return value if isinstance(value, int | float | str) else str(value)

@@ -1,0 +1,165 @@
+"""Where a campaign keeps its runs and writes what they say."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, require_file, write_json
+from tiltcal.core.progress import Progress
+from tiltcal.core.tasks.engines import Engine
+from tiltcal.core.tasks.journal import Journal, open_journal
+from tiltcal.core.tasks.outcome import Limits, Outcome
+from tiltcal.core.tasks.run_tasks import Task, make_all
+from tiltcal.laboratory.laboratory import Laboratory
+from tiltcal.validation.campaign.campaign_file import Campaign, CampaignTable, hash_of
+from tiltcal.validation.campaign.campaign_runs import (
+    PointRun,
+    record_text,
+    recorded_of,
+    runs_of,
+    task_of,
+)
+from tiltcal.validation.campaign.points import count_of
+
+
+@dataclass(frozen=True)
+class Place:
+    """Files of a campaign: a folder, or for a file ``x.parquet`` the files ``x.*`` beside it."""
+
+    results: Path
+
+    @classmethod
+    def of(cls, output: Path) -> "Place":
+        """By what ``-o`` names; the folder is made.
+
+        Raises:
+            TiltcalError: it cannot be made.
+        """
+        if output.suffix == ".parquet":
+            make_folder(output.parent)
+            return cls(output)
+        return cls(make_folder(output) / "results.parquet")
+
+    def beside(self, suffix: str) -> Path:
+        """Another file of the campaign."""
+        return self.results.with_suffix(suffix)
+
+    @contextmanager
+    def journal(self) -> Iterator[Journal]:
+        """The journal, made if there is none."""
+        with open_journal(self.beside(".journal")) as journal:
+            yield journal
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Every ``count``-th run, from the ``number``-th on, which counts from 1."""
+
+    number: int = 1
+    count: int = 1
+
+    @classmethod
+    def of(cls, words: str) -> "Shard":
+        """From ``i/n``.
+
+        Raises:
+            TiltcalError: it is no part of a whole.
+        """
+        number, _, count = words.partition("/")
+        if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+            raise TiltcalError(
+                "option --shard",
+                found=words,
+                need="i/n with i from 1 to n",
+                do="write --shard 1/4 for the first of four",
+            )
+        return cls(int(number), int(count))
+
+    def runs(self, campaign: Campaign) -> Iterator[PointRun]:
+        """The runs of a campaign that belong to it."""
+        return islice(runs_of(campaign), self.number - 1, None, self.count)
+
+    def total(self, campaign: Campaign) -> int:
+        """How many these are."""
+        return len(range(self.number - 1, count_of(campaign) * campaign.table.runs, self.count))
+
+
+def make_runs(
+    campaign: Campaign,
+    shard: Shard,
+    journal: Journal,
+    engine: Engine,
+    limits: Limits,
+    make_laboratory: Callable[[], Laboratory],
+    progress: Progress,
+) -> None:
+    """Make all runs of a shard that the journal does not have.
+
+    Raises:
+        TiltcalError: the engine lost runs, or there is no room for the journal.
+    """
+    by_key: dict[str, PointRun] = {}
+
+    def tasks() -> Iterator[Task]:
+        for run in shard.runs(campaign):
+            by_key[run.key] = run
+            yield task_of(run, make_laboratory)
+
+    def recorded(task: Task, outcome: Outcome) -> str:
+        return record_text(by_key.pop(task.key), outcome, limits)
+
+    make_all(tasks(), shard.total(campaign), journal, engine, limits, recorded, progress)
+
+
+def forget_faults(campaign: Campaign, journal: Journal) -> None:
+    """Take runs out of the journal whose process had to go, so that they are made again."""
+    for run in runs_of(campaign):
+        text = journal.record_of(run.key)
+        if text is not None and recorded_of(text).fault:
+            journal.forget(run.key)
+
+
+def write_campaign(campaign: Campaign, place: Place) -> None:
+    """Keep a campaign with its scenario beside its journal, for ``read_campaign``."""
+    table = campaign.table.model_dump(mode="json", by_alias=True, exclude_none=True)
+    document = json.loads(json.dumps(campaign.document, default=str))
+    write_json(place.beside(".campaign.json"), {"campaign": table, "scenario": document})
+
+
+def read_campaign(place: Place) -> Campaign:
+    """The campaign whose runs are there.
+
+    Raises:
+        TiltcalError: there is none.
+    """
+    path = require_file(place.beside(".campaign.json"), "campaign")
+    found = json.loads(path.read_text(encoding="utf-8"))
+    return Campaign(CampaignTable.model_validate(found["campaign"]), found["scenario"])
+
+
+def merged(places: Sequence[Place], into: Place) -> Campaign:
+    """Take the runs of several places, made as shards, into one; which campaign it is.
+
+    Raises:
+        TiltcalError: they are of different campaigns.
+    """
+    campaigns = [read_campaign(place) for place in places]
+    hashes = [hash_of([c.table.model_dump(mode="json"), c.document]) for c in campaigns]
+    for place, one in zip(places, hashes, strict=True):
+        if one != hashes[0]:
+            raise TiltcalError(
+                f"results {place.results}",
+                found="another campaign",
+                need=f"that of {places[0].results}",
+                do="merge shards of one campaign",
+            )
+    write_campaign(campaigns[0], into)
+    with into.journal() as journal:
+        for place in places:
+            with place.journal() as other:
+                journal.take_over(other)
+    return campaigns[0]

@@ -1,0 +1,138 @@
+"""The points of a campaign: each combination of levels, and at each of them the design from which
+first-order and total sensitivity indices follow (Saltelli et al., Comput. Phys. Commun. 181, 2010).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.validation.campaign.campaign_file import Campaign
+from tiltcal.validation.campaign.fields import Document, with_fields
+
+MIDDLE = 0.5
+
+
+@dataclass(frozen=True)
+class Point:
+    """One set of values of all factors.
+
+    Args:
+        number: from 0. cell: number of the combination of levels.
+        values: by factor, as results show them. document: the scenario there.
+        matrix: of the design: ``A``, ``B`` or ``AB1``, ``AB2`` ... (A with that factor from B);
+            empty without distributions. sample: number within its matrix.
+        noise: number of its noise; points of one number share the seeds of their runs.
+    """
+
+    number: int
+    cell: int
+    values: dict[str, Any]
+    document: Document
+    matrix: str = ""
+    sample: int = 0
+    noise: int = 0
+
+
+def points_of(campaign: Campaign) -> Iterator[Point]:
+    """All points in order.
+
+    Points of a grid share their seeds (common random numbers): their differences hold less noise
+    than either. So do A and AB, which differ by one factor; B has seeds of its own, as
+    the noise is one more factor that A and B do not share.
+    """
+    names = [f.title for f in campaign.distributions]
+    number = 0
+    for cell, (labels, fields) in enumerate(cells_of(campaign)):
+        if not names:
+            yield Point(number, cell, labels, with_fields(campaign.document, fields))
+            number += 1
+            continue
+        for matrix, x in _design(campaign):
+            for j, row in enumerate(x):
+                values = dict(zip(names, row.tolist(), strict=True))
+                changes = {str(f.field): v for f, v in zip(campaign.distributions, values.values())}
+                document = with_fields(campaign.document, fields | changes)
+                noise = 2 * j + (matrix == "B")
+                yield Point(number, cell, labels | values, document, matrix, j, noise)
+                number += 1
+
+
+def cells_of(campaign: Campaign) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Each combination of levels: what results call it, and the fields that it sets."""
+    grids = campaign.grids
+    for levels in product(*(f.levels() for f in grids)):
+        labels = {f.title: label for f, (label, _) in zip(grids, levels, strict=True)}
+        yield labels, {path: v for _, fields in levels for path, v in fields.items()}
+
+
+def count_of(campaign: Campaign) -> int:
+    """How many points there are."""
+    d = len(campaign.distributions)
+    cells = int(np.prod([len(f.levels()) for f in campaign.grids], dtype=int))
+    return cells * (campaign.table.samples * (d + 2) if d else 1)
+
+
+def check_levels(campaign: Campaign) -> None:
+    """Refuse a level or a distribution that makes no scenario, before the first run.
+
+    Raises:
+        TiltcalError: of the first one.
+    """
+    trials: list[tuple[str, dict[str, Any]]] = []
+    for f in campaign.grids:
+        trials += [(f"{f.title} = {label}", fields) for label, fields in f.levels()]
+    for f in campaign.distributions:
+        middle = float(f.quantiles(np.array([MIDDLE]))[0])
+        trials.append((f"{f.title} = {middle:g}", {str(f.field): middle}))
+    for words, fields in trials:
+        try:
+            parse_scenario(with_fields(campaign.document, fields), f"with {words}")
+        except TiltcalError as error:
+            raise TiltcalError(
+                f"campaign, factor {words}",
+                found=str(error),
+                need="a valid scenario at every level",
+                do="correct the factor",
+            ) from error
+
+
+def require_allowed(campaign: Campaign, allow_commands: bool) -> None:
+    """Refuse methods that are external programs, unless these are allowed.
+
+    Raises:
+        TiltcalError: a scenario of the campaign has one.
+    """
+    if allow_commands:
+        return
+    for _, fields in cells_of(campaign):
+        for method in with_fields(campaign.document, fields).get("method", ()):
+            if method.get("command"):
+                raise TiltcalError(
+                    f"campaign {campaign.table.name}",
+                    found=f"the command {method['command'][0]}",
+                    need="permission to run programs",
+                    do="read it, then add --allow-commands",
+                )
+
+
+def _design(campaign: Campaign) -> Iterator[tuple[str, Array]]:
+    """The matrices by name, (n, d) each, from one scrambled Sobol' sequence."""
+    from scipy.stats import qmc
+
+    factors = campaign.distributions
+    d, n = len(factors), campaign.table.samples
+    unit = qmc.Sobol(2 * d, rng=np.random.default_rng(campaign.seed)).random(n)
+    both = np.column_stack([f.quantiles(unit[:, k]) for k, f in enumerate(factors * 2)])
+    A, B = both[:, :d], both[:, d:]
+    yield "A", A
+    yield "B", B
+    for k in range(d):
+        AB = A.copy()
+        AB[:, k] = B[:, k]
+        yield f"AB{k + 1}", AB

@@ -13,7 +13,6 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
 from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.tasks.outcome import Limits
-from tiltcal.report.campaign import write_campaign_report
 from tiltcal.validation.campaign.campaign_file import (
     Campaign,
     CampaignTable,
@@ -30,8 +29,7 @@ from tiltcal.validation.campaign.folder import (
     write_campaign,
 )
 from tiltcal.validation.campaign.points import check_levels, require_allowed
-from tiltcal.validation.campaign.results import Results, write_results
-from tiltcal.validation.campaign.summary import summary_of
+from tiltcal.validation.campaign.results import Results, known_summary, write_results
 
 Output = Annotated[
     Path,
@@ -180,18 +178,27 @@ def _made(
         if again:
             forget_faults(found, journal)
         with progress_line() as progress, open_engine(engine, jobs) as opened:
-            make_runs(found, shard, journal, opened, limits, simulator, progress)
-    return _finished(found, place, as_json)
+            made = make_runs(found, shard, journal, opened, limits, simulator, progress)
+    known = None if made or again else known_summary(found, place)
+    return _shown(known, place, as_json) if known else _finished(found, place, as_json)
 
 
 def _finished(found: Campaign, place: Place, as_json: bool) -> int:
-    """Write what the journal has, print the summary, and return the exit status."""
+    """Write what the journal has, and print it."""
+    from tiltcal.report.campaign import write_campaign_report
+    from tiltcal.validation.campaign.summary import summary_of
+
     with place.journal() as journal:
         results = Results(found, journal)
         write_results(results, place.results)
         summary = summary_of(results)
         write_json(place.beside(".summary.json"), summary)
         write_campaign_report(results, summary, place.beside(".html"))
+    return _shown(summary, place, as_json)
+
+
+def _shown(summary: dict[str, Any], place: Place, as_json: bool) -> int:
+    """Print a summary, and return the exit status."""
     if as_json:
         print_json(summary)
         return 0

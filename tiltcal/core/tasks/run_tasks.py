@@ -77,8 +77,8 @@ def make_all(
     limits: Limits,
     recorded: Callable[[Task, Outcome], str],
     progress: Progress = silent,
-) -> None:
-    """Make all tasks that the journal does not have.
+) -> int:
+    """Make all tasks that the journal does not have; how many these were.
 
     Args:
         total: how many there are, with those that it has.
@@ -101,6 +101,7 @@ def make_all(
     for task, outcome in outcomes(missing(), engine, limits):
         journal.record(task.key, recorded(task, outcome))
         progress(rate.after_one(had))
+    return rate.made
 
 
 class Rate:
@@ -111,13 +112,14 @@ class Rate:
     """
 
     def __init__(self, total: int) -> None:
-        self._total, self._made, self._start = total, 0, time.monotonic()
+        self.made = 0
+        self._total, self._start = total, time.monotonic()
 
     def after_one(self, had: int) -> str:
         """Words after one more task; ``had``: tasks that were finished before."""
-        self._made += 1
-        done = had + self._made
-        rate = self._made / max(time.monotonic() - self._start, 1e-9)
+        self.made += 1
+        done = had + self.made
+        rate = self.made / max(time.monotonic() - self._start, 1e-9)
         left = (self._total - done) / rate
         return f"{done} of {self._total} runs, {rate:.3g} a second, {_duration(left)} left"
 

@@ -96,8 +96,8 @@ def make_runs(
     limits: Limits,
     make_laboratory: Callable[[], Laboratory],
     progress: Progress,
-) -> None:
-    """Make all runs of a shard that the journal does not have.
+) -> int:
+    """Make all runs of a shard that the journal does not have; how many these were.
 
     Raises:
         TiltcalError: the engine lost runs, or there is no room for the journal.
@@ -112,7 +112,7 @@ def make_runs(
     def recorded(task: Task, outcome: Outcome) -> str:
         return record_text(by_key.pop(task.key), outcome, limits)
 
-    make_all(tasks(), shard.total(campaign), journal, engine, limits, recorded, progress)
+    return make_all(tasks(), shard.total(campaign), journal, engine, limits, recorded, progress)
 
 
 def forget_faults(campaign: Campaign, journal: Journal) -> None:

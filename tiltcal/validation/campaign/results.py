@@ -18,6 +18,7 @@ from tiltcal.core.files import replacing
 from tiltcal.core.tasks.journal import Journal
 from tiltcal.validation.campaign.campaign_file import Campaign, hash_of
 from tiltcal.validation.campaign.campaign_runs import PointRun, Recorded, recorded_of, runs_of
+from tiltcal.validation.campaign.folder import Place
 from tiltcal.validation.run_files import names_of, record_of, schema_of
 
 AT_ONCE = 10_000  # rows that are written together
@@ -64,6 +65,17 @@ def provenance_of(campaign: Campaign) -> dict[str, Any]:
             **{name: version(name) for name in LIBRARIES},
         },
     }
+
+
+def known_summary(campaign: Campaign, place: Place) -> dict[str, Any] | None:
+    """The summary that was written of the same campaign by the same versions, beside its results
+    and its report; None where one of them is missing.
+    """
+    files = [place.results, place.beside(".html"), summary := place.beside(".summary.json")]
+    if not all(path.exists() for path in files):
+        return None
+    found: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
+    return found if found["provenance"] == provenance_of(campaign) else None
 
 
 def write_results(results: Results, path: Path) -> None:

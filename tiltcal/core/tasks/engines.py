@@ -72,7 +72,13 @@ def _processes(jobs: int) -> Iterator[Engine]:
 @contextmanager
 def _dask(address: str | None, jobs: int) -> Iterator[Engine]:
     try:
+        import logging
+
         from distributed import Client, LocalCluster
+
+        logging.getLogger("distributed").setLevel(
+            logging.CRITICAL
+        )  # the engine says it in one line
     except ImportError as error:
         raise TiltcalError(
             "option --engine",

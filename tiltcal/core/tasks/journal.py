@@ -78,14 +78,12 @@ class Journal:
             yield
         except sqlite3.DatabaseError as error:
             words = str(error)
-            do = "end the other process, or wait for it" if "locked" in words else ""
-            do = do or ("make room and run the same command again" if "full" in words else "")
-            raise TiltcalError(
-                f"journal {self.path}",
-                found=words,
-                need="room, and a journal that no other process writes to",
-                do=do or "run the same command again, or take another output",
-            ) from error
+            need, do = "room for it", "make room and run the same command again"
+            if "locked" in words:
+                need, do = "one that no other process writes to", "wait for that process, or end it"
+            elif "not a database" in words:
+                need, do = "a journal", "choose another output"
+            raise TiltcalError(f"journal {self.path}", found=words, need=need, do=do) from error
 
 
 @contextmanager

@@ -26,8 +26,10 @@ def with_fields(document: Document, values: dict[str, Any]) -> Document:
         place: Any = changed
         for k, word in enumerate(way):
             place = _part(place, word, path, effects=way[:k] == ["effect"])
-        if not isinstance(place, dict):
+        if isinstance(place, list):
             raise _nowhere(path, last, "a list of parts", "name one: PART.NUMBER.KEY")
+        if not isinstance(place, dict):
+            raise _nowhere(path, last, "a value that has no parts", "shorten the path")
         place[last] = deepcopy(value)
     return changed
 

@@ -76,17 +76,21 @@ def _indices(
         return {"reason": f"{missing} of {values.size} points have no such result"}
     if not values[:2].std() > 0:
         return {"reason": "it never varies"}
-    found = sobol_indices(
-        func={"f_A": values[:1], "f_B": values[1:2], "f_AB": values[2:, None, :]},
-        n=n,
-        rng=np.random.default_rng(campaign.seed),
-    )
-    spread: Any = found.bootstrap(LEVEL)
-    titles = [f.title for f in factors]
-    return {
-        "first_order": _by_factor(titles, found.first_order, spread.first_order),
-        "total": _by_factor(titles, found.total_order, spread.total_order),
-    }
+    A, B, exchanged = values[0], values[1], values[2:]
+    # a factor that changes no result has indices of 0, which no bootstrap can spread
+    active = (exchanged != A).any(axis=1)
+    first, total = ({f.title: _index(0.0, 0.0, 0.0) for f in factors} for _ in range(2))
+    if active.any():
+        found = sobol_indices(
+            func={"f_A": A[None], "f_B": B[None], "f_AB": exchanged[active][:, None]},
+            n=n,
+            rng=np.random.default_rng(campaign.seed),
+        )
+        spread: Any = found.bootstrap(LEVEL)
+        titles = [f.title for f, acts in zip(factors, active, strict=True) if acts]
+        first |= _by_factor(titles, found.first_order, spread.first_order)
+        total |= _by_factor(titles, found.total_order, spread.total_order)
+    return {"first_order": first, "total": total}
 
 
 def _mean(rows: Sequence[Row], response: Response) -> float:
@@ -99,6 +103,10 @@ def _by_factor(titles: Sequence[str], index: Array, spread: Any) -> dict[str, An
     interval = spread.confidence_interval
     low, high = np.ravel(interval.low), np.ravel(interval.high)
     return {
-        title: {"value": float(x), "interval_95": [float(a), float(b)]}
+        title: _index(x, a, b)
         for title, x, a, b in zip(titles, np.ravel(index), low, high, strict=True)
     }
+
+
+def _index(value: float, low: float, high: float) -> dict[str, Any]:
+    return {"value": float(value), "interval_95": [float(low), float(high)]}

@@ -146,7 +146,7 @@ def _foreign(
     """Call a method that is not ours: whatever goes wrong in it is said to be its own."""
     try:
         return method(recording, setup, **options)
-    except TiltcalError:
+    except (TiltcalError, MemoryError):
         raise
     except Exception as error:
         if os.environ.get("TILTCAL_TRACEBACK"):

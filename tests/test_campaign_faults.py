@@ -1,0 +1,253 @@
+"""Campaigns whose processes are killed, hang, or eat memory: nothing that was recorded is lost, and
+the results have the same bytes however they were made.
+"""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from scenario_files import EFFECTS, HEAD, SEQUENCE
+
+METHOD = '''
+"""Six faces, slowly; or a method that its own option loses."""
+import os
+import time
+
+from tiltcal.calibration.methods.registry import calibrate
+
+
+def slow(recording, setup, *, seconds=0.0, ends=-1, hangs=-1, eats=-1):
+    time.sleep(seconds)
+    with open("made", "a") as file:
+        file.write(".")
+    seed = int(recording.metadata["seed"])
+    if seed == ends:
+        os.kill(os.getpid(), 9)
+    if seed == hangs:
+        time.sleep(600)
+    if seed == eats:
+        hold = [bytearray(1 << 24) for _ in range(1000)]
+    return calibrate("six_position", recording, setup)
+'''
+CAMPAIGN = """\
+schema = 1
+scenario = "bench.toml"
+runs = {runs}
+[[factor]]
+field = "effect.acc_bias.bias_y_ug"
+values = [-1500, 0]
+"""
+PROGRAM = [sys.executable, "-m", "tiltcal"]
+COMMAND = [*PROGRAM, "campaign", "c.toml"]
+SLOW = "seconds = 0.15"
+
+
+def write(folder: Path, runs: int, options: str = "") -> None:
+    """A campaign of two points with this many runs each."""
+    (folder / "lab.py").write_text(METHOD)
+    method = f'[[method]]\nname = "lab:slow"\noptions = {{ {options} }}\n'
+    (folder / "bench.toml").write_text(HEAD + EFFECTS + SEQUENCE + method)
+    (folder / "c.toml").write_text(CAMPAIGN.format(runs=runs))
+
+
+def run(*words: str, status: int = 0) -> str:
+    """What the campaign prints."""
+    return _said([*COMMAND, *words], status)
+
+
+def merge(*words: str, status: int = 0) -> str:
+    """What the merging of shards prints."""
+    return _said([*PROGRAM, "merge", *words], status)
+
+
+def _said(command: list[str], status: int) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == status, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def started(*words: str, after: int) -> subprocess.Popen:
+    """A campaign of which about so many runs are made."""
+    made = Path("made")
+    made.unlink(missing_ok=True)
+    process = subprocess.Popen([*COMMAND, *words], stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 60
+    while not made.exists() or made.stat().st_size < after:
+        assert process.poll() is None
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    return process
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The results of a campaign of ten runs that nothing happened to."""
+    folder = tmp_path_factory.mktemp("whole")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        write(folder, 5, SLOW)
+        run("-o", "out", "-j", "2")
+    return (folder / "out" / "results.parquet").read_bytes()
+
+
+@pytest.fixture
+def ten(here):
+    """An empty folder with that campaign."""
+    write(here, 5, SLOW)
+    return here
+
+
+@pytest.mark.usefixtures("ten")
+def test_shards_and_a_cluster_give_the_same_bytes(whole):
+    run("-o", "dask", "-j", "2", "--engine", "dask")
+    assert Path("dask/results.parquet").read_bytes() == whole
+    for k in (1, 2):
+        run("-o", f"part{k}", "--shard", f"{k}/2")
+    assert pq.read_table("part1/results.parquet").num_rows == 5
+    assert "10 of 10 runs" in merge("part1", "part2", "-o", "merged")
+    assert Path("merged/results.parquet").read_bytes() == whole
+    Path("part2/results.campaign.json").write_text(
+        Path("part2/results.campaign.json").read_text().replace('"runs": 5', '"runs": 4')
+    )
+    assert "found another campaign" in merge("part1", "part2", "-o", "other", status=2)
+
+
+@pytest.mark.usefixtures("ten")
+def test_a_shard_is_a_part_of_a_whole():
+    assert "need i/n with i from 1 to n" in run("-o", "out", "--shard", "3/2", status=2)
+
+
+@pytest.mark.usefixtures("ten")
+def test_after_kill_9_of_the_main_process_only_what_is_missing_is_made(whole):
+    process = started("-o", "out", "-j", "2", after=3)
+    children = _children(process.pid)
+    assert len(children) == 2
+    process.kill()
+    process.wait()
+    process.stderr.close()
+    _wait_for_the_end_of(children)
+    assert not Path("out/results.parquet").exists()
+    said = run("-o", "out", "-j", "2")
+    assert int(re.search(r"^(\d+) of 10 runs, ", said, re.MULTILINE)[1]) >= 2
+    assert Path("made").stat().st_size < 10 + 3  # two were being made, one was not recorded yet
+    assert Path("out/results.parquet").read_bytes() == whole
+    said = run("-o", "out", "-j", "2")  # nothing is left to make
+    assert not re.search(r"runs, .* a second", said)
+    assert "10 of 10 runs" in said
+
+
+@pytest.mark.usefixtures("ten")
+def test_an_interrupt_leaves_a_journal_and_no_processes():
+    process = started("-o", "out", "-j", "2", after=2)
+    children = _children(process.pid)
+    process.send_signal(signal.SIGINT)
+    process.wait(20)
+    process.stderr.close()
+    assert process.returncode == 130
+    _wait_for_the_end_of(children)
+    assert Path("out/results.journal").exists()
+
+
+@pytest.mark.usefixtures("ten")
+def test_a_process_that_is_killed_from_outside_costs_nothing(whole):
+    process = started("-o", "out", "-j", "2", after=2)
+    os.kill(_children(process.pid)[0], signal.SIGKILL)
+    process.stderr.read()
+    assert process.wait() == 0
+    process.stderr.close()
+    assert Path("out/results.parquet").read_bytes() == whole
+
+
+def test_poison_is_a_recorded_result_and_can_be_tried_again(here):
+    write(here, 4, "ends = 6, hangs = 7, eats = 8")
+    limits = ("-o", "out", "-j", "2", "--time-limit", "3", "--memory-limit", "700")
+    said = run(*limits)
+    table = pq.read_table("out/results.parquet")
+    assert table.column("verdict").to_pylist() == ["good", "error", "error", "error"] * 2
+    reasons = [
+        "its process ended by signal SIGKILL",
+        "it took more than 3 s",
+        "it took more than 700 MiB",
+    ]
+    assert table.column("error").to_pylist() == [None, *reasons] * 2
+    page = Path("out/results.html").read_text()
+    assert all(said.count(words) == 2 and page.count(words) == 2 for words in reasons)
+    summary = json.loads(Path("out/results.summary.json").read_text())
+    assert summary["faults"] == {"ended": 2, "time": 2, "memory": 2}
+    assert [f["seed"] for f in summary["failed"]] == [6, 7, 8] * 2
+    # a finished campaign is not made again, unless it is asked for
+    assert not re.search(r"runs, .* a second", run(*limits))
+    assert re.search(r"of 8 runs, .* a second", run(*limits, "--again"))
+
+
+@pytest.mark.usefixtures("ten")
+def test_a_dask_worker_and_the_scheduler_may_be_killed(whole):
+    """A task whose worker is lost is made by another one; without a scheduler the work ends with a
+    message, and goes on with another engine.
+    """
+    with cluster("8907") as (address, scheduler, workers):
+        process = started("-o", "out", "--engine", f"dask://{address}", after=2)
+        workers[0].kill()
+        process.stderr.read()
+        assert process.wait() == 0
+        process.stderr.close()
+        assert Path("out/results.parquet").read_bytes() == whole
+        process = started("-o", "more", "--engine", f"dask://{address}", after=2)
+        scheduler.kill()
+        said = process.stderr.read()
+        assert process.wait() == 2
+        process.stderr.close()
+        assert "lost with its workers or its scheduler" in said
+    run("-o", "more", "-j", "2")
+    assert Path("more/results.parquet").read_bytes() == whole
+
+
+@contextmanager
+def cluster(port: str) -> Iterator[tuple[str, subprocess.Popen, list[subprocess.Popen]]]:
+    """A scheduler with two workers on this machine, each a process."""
+    dask, address = [sys.executable, "-m", "dask"], f"127.0.0.1:{port}"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    serve = ["scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"]
+    work = ["worker", f"tcp://{address}", "--nthreads", "1", "--no-dashboard", "--no-nanny"]
+    scheduler = subprocess.Popen([*dask, *serve], **quiet)
+    workers = [subprocess.Popen([*dask, *work], **quiet) for _ in range(2)]
+    script = (
+        "from distributed import Client\n"
+        f"Client('tcp://{address}', timeout=30).wait_for_workers(2, timeout=60)"
+    )
+    try:
+        subprocess.run([sys.executable, "-c", script], check=True)
+        yield address, scheduler, workers
+    finally:
+        for p in (scheduler, *workers):
+            p.kill()
+            p.wait()
+
+
+def _children(pid: int) -> list[int]:
+    """Processes that a process started and that serve tasks."""
+    found = subprocess.run(["pgrep", "-P", f"{pid}"], capture_output=True, text=True, check=False)
+    return [int(word) for word in found.stdout.split()]
+
+
+def _wait_for_the_end_of(pids: list[int]) -> None:
+    until = time.monotonic() + 15
+    while any(_runs(pid) for pid in pids):
+        assert time.monotonic() < until, "a process was left"
+        time.sleep(0.05)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False

@@ -146,7 +146,7 @@ def test_an_engine_that_is_gone_ends_the_work():
     [
         ("processes", 0, "option -j: found 0"),
         ("spark", 1, "option --engine: found spark"),
-        ("dask://127.0.0.1:1", 1, "found no Dask scheduler at 127.0.0.1:1"),
+        ("dask://127.0.0.1:1", 1, "found no Dask scheduler at tcp://127.0.0.1:1"),
     ],
 )
 def test_an_engine_that_cannot_be_is_one_message(name, jobs, words, monkeypatch):

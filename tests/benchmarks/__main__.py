@@ -12,6 +12,7 @@ ROOMS = (
     "accuracy",
     "allan",
     "investigating",
+    "campaigns",
     "diagnosing",
     "trials",
 )

@@ -63,7 +63,8 @@ def _print_sensitivity(method: str, values: dict[str, Any], found: dict[str, Any
 
 
 def _index(index: dict[str, Any]) -> list[str]:
-    return [f"{index['value']:.2f}", "{:.2f} ... {:.2f}".format(*index["interval_95"])]
+    value, low, high = (round(x, 2) + 0.0 for x in (index["value"], *index["interval_95"]))
+    return [f"{value:.2f}", f"{low:.2f} ... {high:.2f}"]
 
 
 def _interval(ends: list[float]) -> str:

@@ -71,10 +71,11 @@ def _processes(jobs: int) -> Iterator[Engine]:
 
 @contextmanager
 def _dask(address: str | None, jobs: int) -> Iterator[Engine]:
+    """A scheduler at an address, or one on this machine with so many workers."""
     try:
         import logging
 
-        from distributed import Client, LocalCluster
+        from distributed import LocalCluster
 
         logging.getLogger("distributed").setLevel(
             logging.CRITICAL
@@ -86,32 +87,39 @@ def _dask(address: str | None, jobs: int) -> Iterator[Engine]:
             need="Dask",
             do="install tiltcal[cluster]",
         ) from error
-    make_client: Any = Client
     make_cluster: Any = LocalCluster
-    place: Any
     with ExitStack() as stack:
+        place: Any = f"tcp://{address}"
         if address is None:
             place = stack.enter_context(
                 make_cluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
             )
-        else:
-            place = f"tcp://{address}"
-        try:
-            client = stack.enter_context(make_client(place, timeout=CONNECTING_S))
-        except (OSError, ValueError) as error:
-            raise TiltcalError(
-                "option --engine",
-                found=f"no Dask scheduler at {address}: {error}",
-                need="the address that `dask scheduler` prints",
-                do="start it, or correct the address",
-            ) from error
-        slots = sum(client.nthreads().values())
-        if not slots:
-            raise TiltcalError(
-                "option --engine",
-                found=f"a Dask scheduler at {address} without workers",
-                need="at least one",
-                do="start `dask worker`",
-            )
+        client = stack.enter_context(_client(place))
         executor = client.get_executor(pure=False, retries=RETRIES)
-        yield Engine(executor, slots, lambda: client.status in ("running", "connecting"))
+        alive = ("running", "connecting")
+        yield Engine(executor, sum(client.nthreads().values()), lambda: client.status in alive)
+
+
+def _client(place: Any) -> Any:
+    """A client of a scheduler that has workers."""
+    from distributed import Client
+
+    make: Any = Client
+    try:
+        client = make(place, timeout=CONNECTING_S)
+    except (OSError, ValueError) as error:
+        raise TiltcalError(
+            "option --engine",
+            found=f"no Dask scheduler at {place}: {error}",
+            need="the address that `dask scheduler` prints",
+            do="start it, or correct the address",
+        ) from error
+    if not client.nthreads():
+        client.close()
+        raise TiltcalError(
+            "option --engine",
+            found=f"a Dask scheduler at {place} without workers",
+            need="at least one",
+            do="start `dask worker`",
+        )
+    return client

@@ -5,14 +5,16 @@ instant, and a full disk. One process at a time writes to it.
 """
 
 import sqlite3
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
 
+FAST = 1  # level of compression
 TABLES = """
-CREATE TABLE IF NOT EXISTS finished (key TEXT PRIMARY KEY, record TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS finished (key TEXT PRIMARY KEY, record BLOB NOT NULL) WITHOUT ROWID;
 """
 
 
@@ -44,8 +46,9 @@ class Journal:
         Raises:
             TiltcalError: there is no room for it.
         """
+        packed = zlib.compress(record.encode(), FAST)
         with self._explained():
-            self._connection.execute("INSERT OR REPLACE INTO finished VALUES (?, ?)", (key, record))
+            self._connection.execute("INSERT OR REPLACE INTO finished VALUES (?, ?)", (key, packed))
         self._done.add(key)
 
     def forget(self, key: str) -> None:
@@ -59,7 +62,7 @@ class Journal:
         with self._explained():
             found = self._connection.execute("SELECT record FROM finished WHERE key = ?", (key,))
             row = found.fetchone()
-        return None if row is None else str(row[0])
+        return None if row is None else zlib.decompress(row[0]).decode()
 
     def take_over(self, other: "Journal") -> None:
         """Copy all finished tasks of another journal that this one does not have."""

@@ -4,18 +4,19 @@ The noise of the runs is one more factor, which A shares with AB: it adds to the
 factor's total index.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index
 from tiltcal.core.units import ARCSEC
 from tiltcal.validation.campaign.campaign_file import Campaign
 from tiltcal.validation.campaign.campaign_runs import PointRun, Recorded
 from tiltcal.validation.runs import Row
 
 LEVEL = 0.95
+RESAMPLES = 999
 Response = Callable[[Row], float | None]
 
 
@@ -34,9 +35,13 @@ def sensitivity_of(
         if method < len(recorded.rows):
             rows.setdefault((point.matrix, point.sample), []).append(recorded.rows[method])
     first = next(iter(rows.values()))[0]
-    return {
-        name: _indices(campaign, rows, response) for name, response in _responses(first).items()
-    }
+    values = {n: _values(campaign, rows, r) for n, r in _responses(first).items()}
+    found: dict[str, Any] = {n: {"reason": r} for n, v in values.items() if (r := _reason(v))}
+    whole = [n for n in values if n not in found]
+    if whole:
+        indices = _indices(campaign, np.stack([values[n] for n in whole], axis=1))
+        found |= dict(zip(whole, indices, strict=True))
+    return {name: found[name] for name in values}
 
 
 def _responses(row: Row) -> dict[str, Response]:
@@ -61,36 +66,13 @@ def _error_of(name: str) -> Response:
     return error
 
 
-def _indices(
-    campaign: Campaign, rows: dict[tuple[str, int], list[Row]], response: Response
-) -> dict[str, Any]:
-    from scipy.stats import sobol_indices
-
-    factors, n = campaign.distributions, campaign.table.samples
-    names = ["A", "B", *(f"AB{k}" for k in range(1, len(factors) + 1))]
-    values = np.array(
-        [[_mean(rows.get((m, j), []), response) for j in range(n)] for m in names], dtype=float
-    )
-    if not np.isfinite(values).all():
-        missing = int((~np.isfinite(values)).sum())
-        return {"reason": f"{missing} of {values.size} points have no such result"}
-    if not values[:2].std() > 0:
-        return {"reason": "it never varies"}
-    A, B, exchanged = values[0], values[1], values[2:]
-    # a factor that changes no result has indices of 0, which no bootstrap can spread
-    active = (exchanged != A).any(axis=1)
-    first, total = ({f.title: _index(0.0, 0.0, 0.0) for f in factors} for _ in range(2))
-    if active.any():
-        found = sobol_indices(
-            func={"f_A": A[None], "f_B": B[None], "f_AB": exchanged[active][:, None]},
-            n=n,
-            rng=np.random.default_rng(campaign.seed),
-        )
-        spread: Any = found.bootstrap(LEVEL)
-        titles = [f.title for f, acts in zip(factors, active, strict=True) if acts]
-        first |= _by_factor(titles, found.first_order, spread.first_order)
-        total |= _by_factor(titles, found.total_order, spread.total_order)
-    return {"first_order": first, "total": total}
+def _values(
+    campaign: Campaign, rows: Mapping[tuple[str, int], Sequence[Row]], response: Response
+) -> Array:
+    """A response at A, B and the exchanged points, (2 + d, n)."""
+    names = ["A", "B", *(f"AB{k}" for k in range(1, len(campaign.distributions) + 1))]
+    samples = range(campaign.table.samples)
+    return np.array([[_mean(rows.get((m, j), ()), response) for j in samples] for m in names])
 
 
 def _mean(rows: Sequence[Row], response: Response) -> float:
@@ -99,14 +81,45 @@ def _mean(rows: Sequence[Row], response: Response) -> float:
     return float(np.mean(values)) if values else np.nan
 
 
-def _by_factor(titles: Sequence[str], index: Array, spread: Any) -> dict[str, Any]:
-    interval = spread.confidence_interval
-    low, high = np.ravel(interval.low), np.ravel(interval.high)
-    return {
-        title: _index(x, a, b)
-        for title, x, a, b in zip(titles, np.ravel(index), low, high, strict=True)
-    }
+def _reason(values: Array) -> str | None:
+    """Why a response has no indices."""
+    missing = int((~np.isfinite(values)).sum())
+    if missing:
+        return f"{missing} of {values.size} points have no such result"
+    return None if values[:2].std() > 0 else "it never varies"
 
 
-def _index(value: float, low: float, high: float) -> dict[str, Any]:
-    return {"value": float(value), "interval_95": [float(low), float(high)]}
+def _indices(campaign: Campaign, values: Array) -> list[dict[str, Any]]:
+    """Indices of each response; values: as of ``_values``, (2 + d, s, n)."""
+    from scipy.stats import bootstrap, sobol_indices
+
+    factors, n = campaign.distributions, campaign.table.samples
+
+    def indices(which: Index) -> Array:
+        """Of the points with these numbers, (2, s, d)."""
+        v = values[..., which]
+        found = sobol_indices(func={"f_A": v[0], "f_B": v[1], "f_AB": v[2:]}, n=n)
+        shape = (v.shape[1], len(factors))
+        return np.stack([found.first_order.reshape(shape), found.total_order.reshape(shape)])
+
+    spread: Any = bootstrap(
+        (np.arange(n),),
+        indices,
+        confidence_level=LEVEL,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        vectorized=False,
+        rng=np.random.default_rng(campaign.seed),
+    )
+    low, high = spread.confidence_interval
+    best, titles = indices(np.arange(n)), [f.title for f in factors]
+    return [
+        {
+            kind: {
+                title: {"value": float(x), "interval_95": [float(a), float(b)]}
+                for title, x, a, b in zip(titles, best[k, i], low[k, i], high[k, i], strict=True)
+            }
+            for k, kind in enumerate(("first_order", "total"))
+        }
+        for i in range(values.shape[1])
+    ]

@@ -1,6 +1,6 @@
 """The report of a campaign: tables and pictures in one offline HTML file."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,9 @@ from tiltcal.report.figures import COLOURS, LAYOUT
 from tiltcal.report.html import html_of, rendered
 from tiltcal.validation.campaign.campaign_file import Campaign
 from tiltcal.validation.campaign.results import Results
+from tiltcal.validation.run_statistics import share_of
 
+LEAST_LOG_P = -700.0  # of what a float holds
 TEMPLATE = Path(__file__).parent / "campaign.html.jinja"
 
 
@@ -110,9 +112,9 @@ def _verdict_figure(cells: Any, axis: str, method: str) -> Any:
     k = 0
     for others, series in _series(cells, axis).items():
         for verdict in sorted({v for _, s in series for v in s["verdicts"]}):
-            shares = [s["verdicts"].get(verdict) for _, s in series]
-            y = np.array([s["share"] if s else 0.0 for s in shares])
-            ends = np.array([s["interval_95"] if s else [0.0, 0.0] for s in shares])
+            shares = [s["verdicts"].get(verdict, share_of(0, s["runs"])) for _, s in series]
+            y = np.array([s["share"] for s in shares])
+            ends = np.array([s["interval_95"] for s in shares])
             colour = COLOURS[k % len(COLOURS)]
             bars = {"array": ends[:, 1] - y, "arrayminus": y - ends[:, 0], "color": colour}
             figure.add_scatter(
@@ -157,39 +159,45 @@ def _coverage_figure(cells: Any, method: str) -> Any:
 
 
 def _nees_figure(results: Results, method: str) -> Any:
-    """Quantiles of NEES over the runs against those of chi-square, as probabilities mapped to one
-    scale, so that runs of different degrees of freedom stand together.
+    """Quantiles of NEES over the runs of each combination of levels against those of chi-square, as
+    probabilities mapped to one scale, so that runs of different degrees of freedom stand together.
     """
     import plotly.graph_objects as go
     from scipy.stats import chi2, norm
 
-    nees, dof = _nees_of(results, method)
-    if not len(nees):
+    series = _nees_of(results, method)
+    if not series:
         return None
-    log_p = chi2.logsf(nees, dof)
-    z = np.sort(norm.isf(np.exp(np.maximum(log_p, -700.0))))
-    expected = norm.ppf((np.arange(1, len(z) + 1) - 0.5) / len(z))
     figure = go.Figure(
         layout=LAYOUT
         | {
             "title": f"{method}: NEES against chi-square, as normal quantiles",
             "xaxis": {"title": "expected of a correct covariance"},
             "yaxis": {"title": "found"},
-            "showlegend": False,
         }
     )
-    ends = [float(expected[0]), float(expected[-1])]
-    figure.add_scatter(x=ends, y=ends, mode="lines", line={"color": COLOURS[-1], "dash": "dot"})
-    figure.add_scatter(x=expected, y=z, mode="markers", marker={"color": COLOURS[0], "size": 5})
+    most = max(len(pairs) for pairs in series.values())
+    end = float(norm.isf(0.5 / most))
+    line = {"color": COLOURS[-1], "dash": "dot"}
+    figure.add_scatter(x=[-end, end], y=[-end, end], mode="lines", line=line, name="expected")
+    for k, (words, pairs) in enumerate(series.items()):
+        nees, dof = np.array(pairs, dtype=float).T
+        found = np.sort(norm.isf(np.exp(np.maximum(chi2.logsf(nees, dof), LEAST_LOG_P))))
+        expected = norm.ppf((np.arange(1, len(found) + 1) - 0.5) / len(found))
+        marker = {"color": COLOURS[k % len(COLOURS)], "size": 5}
+        figure.add_scatter(x=expected, y=found, mode="markers", marker=marker, name=words)
     return figure
 
 
-def _nees_of(results: Results, method: str) -> tuple[Any, Any]:
-    """NEES and its degrees of freedom of all runs of a method that have them, (n,) each."""
-    title, pairs = method, []
-    rows: Iterable[Any] = (row for _, recorded in results.runs() for row in recorded.rows)
-    for row in rows:
-        if row.method == title and row.error is None and row.nees_dof:
-            pairs.append((row.nees, row.nees_dof))
-    both = np.array(pairs, dtype=float).reshape(-1, 2)
-    return both[:, 0], both[:, 1]
+def _nees_of(results: Results, method: str) -> dict[str, list[tuple[float, int]]]:
+    """NEES and its degrees of freedom of the runs of a method that have them, by what their levels
+    are called.
+    """
+    names = [f.title for f in results.campaign.grids]
+    found: dict[str, list[tuple[float, int]]] = {}
+    for run, recorded in results.runs():
+        words = ", ".join(f"{n} = {run.point.values[n]}" for n in names) or "all"
+        for row in recorded.rows:
+            if row.method == method and row.error is None and row.nees_dof:
+                found.setdefault(words, []).append((row.nees, row.nees_dof))
+    return found

@@ -78,10 +78,11 @@ def _nees(rows: Sequence[Row]) -> dict[str, Any] | None:
 
 def _verdicts(rows: Sequence[Row]) -> dict[str, Any]:
     shown = [r.shown_verdict for r in rows]
-    return {v: _share(shown.count(v), len(shown)) for v in sorted(set(shown))}
+    return {v: share_of(shown.count(v), len(shown)) for v in sorted(set(shown))}
 
 
-def _share(count: int, n: int) -> dict[str, Any]:
+def share_of(count: int, n: int) -> dict[str, Any]:
+    """A count as a share of n, with its 95 % interval (Wilson)."""
     from scipy.stats import binomtest
 
     interval: Any = binomtest(count, n).proportion_ci(LEVEL, method="wilson")
@@ -116,7 +117,7 @@ def _errors(error: Array, sigma: Array) -> dict[str, Any]:
         "rms_error": rms,
         "rms_error_interval_95": list(rms_interval(rms, n)),
         "sd_over_sigma": _over(error, sigma),
-        "coverage_95": _share(inside, n),
+        "coverage_95": share_of(inside, n),
     }
 
 

@@ -12,6 +12,7 @@ from statistics_helpers import rng_of
 
 from tiltcal.cli import main
 from tiltcal.core.frames import sphere
+from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.design.bounded_descent import minimise
 from tiltcal.design.classic import CLASSIC, baseline, classic, planes
@@ -217,6 +218,16 @@ def test_one_setting_of_the_search_repeats_itself():
     first, second = (search(problem, [], 7, few) for _ in range(2))
     assert np.array_equal(first.angles, second.angles)
     assert np.array_equal(first.z, second.z)
+
+
+def test_any_number_of_processes_gives_the_same_design():
+    problem = problem_of("K2", False, 90)
+    few = Effort(starts=3, first=8, then=8, rounds=1, trials=6)
+    here = design(problem, effort=few)
+    with open_engine("processes", 2) as engine:
+        apart = design(problem, effort=few, engine=engine)
+    np.testing.assert_array_equal(apart.angles, here.angles)
+    np.testing.assert_array_equal(apart.dwell, here.dwell)
 
 
 def test_limits_and_steps_of_the_table_are_kept():

@@ -15,9 +15,10 @@ from tiltcal.core.tasks.disposable import DisposableProcess, call_apart, close_a
 from tiltcal.core.tasks.engines import Engine, open_engine
 from tiltcal.core.tasks.journal import open_journal
 from tiltcal.core.tasks.outcome import Limits
-from tiltcal.core.tasks.run_tasks import Rate, Task, make_all, outcomes
+from tiltcal.core.tasks.run_tasks import Rate, Task, make_all, outcomes, values_of
 
 USUAL = Limits(30.0, 600)
+NO_NEGATIVE = "TypeError: bad operand type for unary -: 'Limits'"
 
 
 @pytest.fixture
@@ -41,12 +42,19 @@ def test_a_call_returns_raises_or_loses_its_process_and_the_next_is_made_all_the
         (bytearray, (2 << 30,), USUAL, (None, None, "memory")),
         (os._exit, (3,), USUAL, (None, "its process ended by exit status 3", "ended")),
         (signal.raise_signal, (9,), USUAL, (None, "its process ended by signal SIGKILL", "ended")),
+        (operator.neg, (USUAL,), USUAL, (None, NO_NEGATIVE, None)),
         (operator.add, (2, 2), USUAL, (4, None, None)),
     ]
     for function, arguments, limits, (value, error, fault) in cases:
         found = process.call(function, arguments, limits)
         assert (found.value, found.error, found.fault) == (value, error, fault), function
     assert found.seconds < 1.0
+
+
+def test_arguments_that_cannot_go_to_another_process_are_said(process):
+    found = process.call(operator.neg, (lambda: 1,), USUAL)
+    assert "Can't pickle" in found.error
+    assert process.call(operator.neg, (1,), USUAL).value == -1
 
 
 def test_one_process_serves_many_calls_and_the_limit_is_of_each(process):
@@ -154,6 +162,15 @@ def test_an_engine_that_cannot_be_is_one_message(name, jobs, words, monkeypatch)
     with pytest.raises(TiltcalError) as refused, open_engine(name, jobs):
         pass
     assert words in str(refused.value)
+
+
+def test_values_are_in_the_order_of_the_calls_and_an_error_is_raised(engine):
+    calls = [(k, 3) for k in range(7)]
+    assert values_of(operator.mul, calls, engine) == values_of(operator.mul, calls, None)
+    with pytest.raises(TiltcalError, match="call 2 of 3: found no result: ZeroDivisionError"):
+        values_of(operator.truediv, [(1, 1), (1, 0), (2, 0)], engine)
+    with pytest.raises(TiltcalError, match="need both above 0"):
+        values_of(Limits, [(1.0, 5), (-1.0, 5)], engine)
 
 
 def test_a_journal_has_what_was_recorded_and_makes_nothing_twice(tmp_path, engine):

@@ -170,10 +170,7 @@ def test_a_worker_that_ends_is_one_message(module, capsys):
     text = HEAD + EFFECTS + SEQUENCE + "[[method]]\nname = 'lab:fake'\nruns = 4\n"
     (module / "claim.toml").write_text(text + "options = { dies = 7 }\n")
     assert main(["verify", "claim.toml", "-j", "2", "-o", "out"]) == 2
-    assert (
-        "found a run without a result: its process ended by exit status 3"
-        in capsys.readouterr().err
-    )
+    assert "run 3: found no result: its process ended by exit status 3" in capsys.readouterr().err
     assert not (module / "out").exists()
 
 

@@ -7,7 +7,15 @@ from cyclopts import Parameter
 
 from tiltcal.cli.campaign_output import print_summary
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import SEVERAL, WHOLE, AllowCommands, EngineName, Json, ScenarioFile
+from tiltcal.cli.options import (
+    SEVERAL,
+    WHOLE,
+    AllowCommands,
+    EngineName,
+    Jobs,
+    Json,
+    ScenarioFile,
+)
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
@@ -39,7 +47,6 @@ Output = Annotated[
         help="Folder for the results, or FILE.parquet for files FILE.* beside each other.",
     ),
 ]
-Jobs = Annotated[int, WHOLE, Parameter(alias="-j", help="Runs at the same time.")]
 ShardName = Annotated[str, Parameter(help="i/n: only every n-th run, for `tiltcal merge`.")]
 TimeLimit = Annotated[float, Parameter(help="Longest time of one run, s.")]
 MemoryLimit = Annotated[int, WHOLE, Parameter(help="Most memory of one run, MiB.")]

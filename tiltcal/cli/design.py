@@ -8,10 +8,11 @@ from cyclopts import Group, Parameter
 
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
-from tiltcal.cli.options import WHOLE, Json
+from tiltcal.cli.options import WHOLE, EngineName, Jobs, Json
 from tiltcal.cli.output import print_json, print_table, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
+from tiltcal.core.tasks.engines import shared_engine
 from tiltcal.core.units import DEG, G0
 from tiltcal.design.feasibility import check_possible
 from tiltcal.design.gradient_search import Problem
@@ -64,6 +65,8 @@ def design(
     split: Annotated[Split, Parameter(group=OTHER_DESIGN)] = None,
     separation: Annotated[Separation, Parameter(name="*", group=OTHER_DESIGN)] = DEFAULT_SEPARATION,
     output: Annotated[Path | None, Parameter(alias="-o", help="Folder for the plan.")] = None,
+    jobs: Jobs = 1,
+    engine: EngineName = "processes",
     as_json: Json = False,
 ) -> int:
     """Find the sequence of poses with the most information per table time.
@@ -90,13 +93,14 @@ def design(
         from tiltcal.cli.maxmin_design import design_visible_poses
 
         wanted = (blind_to_nothing, aim, table, seed)
-        return design_visible_poses(scenario, *wanted, output, as_json)
+        with shared_engine(engine, jobs) as opened:
+            return design_visible_poses(scenario, *wanted, opened, output, as_json)
     clock = clock_of(table, scenario)
     still = Still(scenario, clock.budget)
     problem, unseen = problem_of(aim, table, scenario, clock)
     untold = check_possible(problem, still.axes, everything="all" in aim.terms)
-    with progress_line() as notice:
-        plan = find_plan(problem, scenario.rig.kind, seed, notice=notice)
+    with progress_line() as notice, shared_engine(engine, jobs) as opened:
+        plan = find_plan(problem, scenario.rig.kind, seed, notice=notice, engine=opened)
     up = still.up(plan.angles)
     if output:
         write_plan(plan, scenario, up, make_folder(output))

@@ -10,6 +10,7 @@ from tiltcal.cli.design_options import Aim, TableTime
 from tiltcal.cli.output import print_json, print_table
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
+from tiltcal.core.tasks.engines import Engine
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.maxmin import REQUIRED, MaxMin, blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import Plan
@@ -29,6 +30,7 @@ def design_visible_poses(
     aim: Aim,
     table: TableTime,
     seed: int,
+    engine: Engine | None,
     output: Path | None,
     as_json: bool,
 ) -> int:
@@ -43,7 +45,7 @@ def design_visible_poses(
     terms = 1 + seen.spanned.shape[1]
     if count <= terms:
         _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms absorb all of them")
-    found = blind_to_nothing(seen, clock, count, seed)
+    found = blind_to_nothing(seen, clock, count, seed, engine=engine)
     if found.shares.min() < SEEN:
         _refuse(count, "more", f"they do not show {seen.names[int(found.shares.argmin())]}")
     problem, _ = problem_of(replace(aim, terms=()), table, scenario, clock)

@@ -38,6 +38,9 @@ AllowCommands = Annotated[
     bool,
     Parameter("--allow-commands", help="Permit scenarios to run external programs as methods."),
 ]
+Jobs = Annotated[
+    int, WHOLE, Parameter(alias="-j", help="Processes at the same time; the result is the same.")
+]
 EngineName = Annotated[
     str, Parameter(help="processes, dask (workers on this machine) or dask://HOST:PORT.")
 ]

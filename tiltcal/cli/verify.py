@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import WHOLE, AllowCommands, EngineName, Json
+from tiltcal.cli.options import AllowCommands, EngineName, Jobs, Json
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.cli.verify_output import print_runs, print_verification, to_json
 from tiltcal.core.assets import folder as assets
@@ -27,11 +27,6 @@ Reports = Annotated[
         alias="-o",
         help="Folder for report.html, junit.xml, runs.parquet and runs.csv.",
     ),
-]
-Jobs = Annotated[
-    int,
-    WHOLE,
-    Parameter(alias="-j", help="Processes that make runs; the results are the same for any."),
 ]
 
 

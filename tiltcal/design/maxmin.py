@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.tasks.engines import Engine
+from tiltcal.core.tasks.run_tasks import values_of
 from tiltcal.core.units import DEG
 from tiltcal.design.bounded_descent import minimise
 from tiltcal.design.optimal_weights import (
@@ -84,20 +86,32 @@ class Goal:
 
 
 def blind_to_nothing(
-    seen: Signatures, clock: Clock, poses: int = 24, seed: int = 0, starts: int = 4
+    seen: Signatures,
+    clock: Clock,
+    poses: int = 24,
+    seed: int = 0,
+    starts: int = 4,
+    engine: Engine | None = None,
 ) -> MaxMin:
-    """The max-min design of some poses."""
+    """The max-min design of some poses.
+
+    Args:
+        engine: where drafts are improved; this process if not given. The design is the same.
+    """
     grid = grid_of_poses(clock)
     field = Field(seen, grid)
     goal, gap = goal_of(seen, field)
     weights = best_weights(field, goal.references)
     rng = np.random.default_rng(seed)
-    drafts = []
+    begun = []
     for k in range(starts):
         chosen = grid[rng.choice(len(grid), poses, replace=k > starts // 2, p=weights)]
-        drafts.append(climbed(chosen + rng.normal(0, 0.03, chosen.shape), goal, clock, 60))
+        begun.append(chosen + rng.normal(0, 0.03, chosen.shape))
+    drafts = values_of(climbed, [(a, goal, clock, 60) for a in begun], engine)
     ranked = sorted(drafts, key=goal.merit)
-    best = max((climbed(a, goal, clock, 300) for a in ranked[-2:]), key=goal.merit)
+    best = max(
+        values_of(climbed, [(a, goal, clock, 300) for a in ranked[-2:]], engine), key=goal.merit
+    )
     ordered, in_order = visiting_order(seen, best, clock, rng)
     both = Field(seen, np.vstack([grid, best]))
     of_grid = np.append(weights, np.zeros(poses))

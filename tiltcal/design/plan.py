@@ -7,6 +7,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.progress import Progress, silent
+from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.design.classic import CLASSIC, baseline
 from tiltcal.design.criteria import gain, tilt_rms
@@ -121,6 +122,7 @@ def design(
     seed: int = 0,
     effort: Effort | None = None,
     notice: Progress = silent,
+    engine: Engine | None = None,
 ) -> Plan:
     """The sequence with the most information for a budget, never below any classic one.
 
@@ -130,12 +132,13 @@ def design(
         seed: of the search: the same gives the same design.
         effort: how much is tried.
         notice: told what goes on.
+        engine: where drafts are improved; this process if not given. The design is the same.
     """
     drafts = {name: baseline(problem, name, table) for name in CLASSIC}
     drafts = {name: d for name, d in drafts.items() if len(d.angles)}
     few = poses_worth(problem) <= FEW
     usual = SPARING if len(problem.model.names) > LARGE else EAGER if few else Effort()
-    best = search(problem, list(drafts.values()), seed, effort or usual, notice)
+    best = search(problem, list(drafts.values()), seed, effort or usual, notice, engine)
     done = {
         name: forecast(problem, d.angles, problem.dwells(d.angles, d.z))
         for name, d in drafts.items()

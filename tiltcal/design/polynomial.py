@@ -15,6 +15,8 @@ cubic           48          and seven independent products of third degree
 ===================================================================================
 """
 
+from functools import partial
+
 import numpy as np
 
 from tiltcal.core.arrays import Array
@@ -70,16 +72,6 @@ def textbook_model(kind: str, drift: bool, horizon: float) -> Model:
     nuisance if asked for.
     """
     one_of(kind, KINDS, "textbook model")
-
-    def rows(angles: Array, time: Array) -> Array:
-        blocks = regressors(dual_up(angles), kind)
-        fixed = spread_out(blocks)
-        return (
-            np.concatenate([fixed, (time / horizon)[:, None, None] * np.eye(3)], axis=2) * PRIOR
-            if drift
-            else fixed * PRIOR
-        )
-
     stems = ["bias", "x", "y", "z", *_NAMES[kind]]
     names = [f"{axis}.{stem}" for axis in "xyz" for stem in stems]
     p = len(names)
@@ -92,12 +84,21 @@ def textbook_model(kind: str, drift: bool, horizon: float) -> Model:
         ("g",) * len(names),
         np.full(len(names), PRIOR),
         np.arange(len(names)) < p,
-        rows,
+        partial(_rows, kind, horizon if drift else None),
         np.full(3, WHITE),
         np.full(3, FLOOR),
         loss,
         drift,
     )
+
+
+def _rows(kind: str, horizon: float | None, angles: Array, time: Array) -> Array:
+    """Columns of a textbook model, with a drift over a horizon if there is one, (n, 3, p)."""
+    fixed = spread_out(regressors(dual_up(angles), kind))
+    if horizon is None:
+        return fixed * PRIOR
+    drift = (time / horizon)[:, None, None] * np.eye(3)
+    return np.concatenate([fixed, drift], axis=2) * PRIOR
 
 
 def tilt_loss(up: Array, columns: Array) -> Array:

@@ -7,13 +7,15 @@ same direction from the table's other side) is tried one change at a time, and t
 again.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.progress import Progress, silent
+from tiltcal.core.tasks.engines import Engine
+from tiltcal.core.tasks.run_tasks import values_of
 from tiltcal.design.gradient_search import Draft, Problem, ascend
 from tiltcal.design.time_budget import Clock
 
@@ -37,7 +39,12 @@ class Effort:
 
 
 def search(
-    problem: Problem, starts: list[Draft], seed: int, effort: Effort, notice: Progress = silent
+    problem: Problem,
+    starts: list[Draft],
+    seed: int,
+    effort: Effort,
+    notice: Progress = silent,
+    engine: Engine | None = None,
 ) -> Draft:
     """The best sequence found.
 
@@ -47,19 +54,27 @@ def search(
         seed: of the paths.
         effort: how much is tried.
         notice: told what goes on.
+        engine: where drafts are improved; this process if not given. The design is the same.
     """
     rng = np.random.default_rng(seed)
     drafts = [problem.rated(d.angles, d.z) for d in starts]
-    for k, angles in enumerate(paths(problem, rng, effort.starts)):
-        notice(f"path {k + 1} of {effort.starts}")
-        drafts.append(ascend(problem, problem.rated(angles, np.zeros(len(angles))), effort.first))
+    begun = [problem.rated(a, np.zeros(len(a))) for a in paths(problem, rng, effort.starts)]
+    notice(f"{effort.starts} paths")
+    drafts += _ascended(problem, begun, effort.first, engine)
     best = sorted(drafts, key=lambda d: -d.value)[: effort.kept]
-    best = [ascend(problem, d, effort.then) for d in best]
+    best = _ascended(problem, best, effort.then, engine)
     for round_ in range(effort.rounds):
         notice(f"other numbers and orders, round {round_ + 1} of {effort.rounds}")
-        best = [ascend(problem, changed(problem, d, rng, effort.trials), effort.then) for d in best]
+        best = [changed(problem, d, rng, effort.trials) for d in best]
+        best = _ascended(problem, best, effort.then, engine)
     final = max(best, key=lambda d: d.value)
     return on_steps(problem, final) if problem.clock.step > 0 else final
+
+
+def _ascended(
+    problem: Problem, drafts: Sequence[Draft], iterations: int, engine: Engine | None
+) -> list[Draft]:
+    return values_of(ascend, [(problem, d, iterations) for d in drafts], engine)
 
 
 def poses_worth(problem: Problem) -> int:

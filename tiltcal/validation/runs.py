@@ -9,8 +9,8 @@ from functools import cache
 from tiltcal.calibration.methods.registry import calibrate, run_command
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.tasks.engines import Engine, open_engine
-from tiltcal.core.tasks.outcome import Limits, Outcome
+from tiltcal.core.tasks.engines import Engine, shared_engine
+from tiltcal.core.tasks.outcome import Limits
 from tiltcal.core.tasks.run_tasks import Task, outcomes
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, fresh
@@ -121,11 +121,8 @@ def worker_processes(
     Raises:
         TiltcalError: jobs is less than 1, or there is no such engine.
     """
-    if jobs == 1 and engine == "processes":
-        yield None
-        return
-    with open_engine(engine, jobs) as opened:
-        yield Workers(opened, make_laboratory, Limits())
+    with shared_engine(engine, jobs) as opened:
+        yield None if opened is None else Workers(opened, make_laboratory, Limits())
 
 
 def results_by_seed(
@@ -149,25 +146,12 @@ def results_by_seed(
     early: dict[int, SeedResult] = {}
     following = 0
     for task, outcome in outcomes(tasks, workers.engine, workers.limits):
-        early[int(task.key)] = _result_of(scenario, outcome, workers.limits)
+        k = int(task.key)
+        outcome.require(f"scenario {scenario.name}, run {k + 1}", workers.limits)
+        early[k] = outcome.value
         while following in early:
             yield early.pop(following)
             following += 1
-
-
-def _result_of(scenario: Scenario, outcome: Outcome, limits: Limits) -> SeedResult:
-    if outcome.refusal is not None:
-        raise outcome.refusal
-    failure = outcome.failure(limits)
-    if failure is None:
-        found: SeedResult = outcome.value
-        return found
-    raise TiltcalError(
-        f"scenario {scenario.name}",
-        found=f"a run without a result: {failure}",
-        need="methods that return or raise, and enough time and memory",
-        do="run it with -j 1 to see which",
-    )
 
 
 def _run_apart(make_laboratory: Callable[[], Laboratory], scenario: Scenario, k: int) -> SeedResult:

@@ -38,11 +38,15 @@ class DisposableProcess:
             function: importable by its name in another process; arguments: what pickle takes.
         """
         start = time.perf_counter()
+        try:
+            packed = pickle.dumps((function, arguments))
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            return Outcome.raised(error)
         process = self._running()
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            pickle.dump((limits, pickle.dumps((function, arguments))), process.stdin)
+            pickle.dump((limits, packed), process.stdin)
             process.stdin.flush()
             outcome: Outcome = pickle.load(process.stdout)
         except (EOFError, OSError, pickle.UnpicklingError):

@@ -58,6 +58,16 @@ def open_engine(name: str = "processes", jobs: int = 1) -> Iterator[Engine]:
 
 
 @contextmanager
+def shared_engine(name: str = "processes", jobs: int = 1) -> Iterator[Engine | None]:
+    """An engine, or None, this process, for one job without another engine."""
+    if jobs == 1 and name == "processes":
+        yield None
+    else:
+        with open_engine(name, jobs) as engine:
+            yield engine
+
+
+@contextmanager
 def _processes(jobs: int) -> Iterator[Engine]:
     """Threads of this process that wait for disposable ones."""
     executor = ThreadPoolExecutor(jobs, thread_name_prefix="task")

@@ -56,6 +56,22 @@ class Outcome:
             return f"it took more than {limits.memory_mib} MiB"
         return self.error
 
+    def require(self, subject: str, limits: Limits) -> None:
+        """Refuse an outcome without a value.
+
+        Raises:
+            TiltcalError: that of the task, or that it has no value.
+        """
+        if self.refusal is not None:
+            raise self.refusal
+        if (failure := self.failure(limits)) is not None:
+            raise TiltcalError(
+                subject,
+                found=f"no result: {failure}",
+                need="an answer, and enough time and memory",
+                do="run it with -j 1 to see why",
+            )
+
     @classmethod
     def raised(cls, error: Exception) -> "Outcome":
         """Of an exception: words of this package as they are, any other with its kind."""

@@ -69,6 +69,25 @@ def outcomes(
         )
 
 
+def values_of(
+    function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], engine: Engine | None
+) -> list[Any]:
+    """What a function returns for each of some arguments, in order; without an engine in this
+    process.
+
+    Raises:
+        TiltcalError: what the function raised first, or a call lost its process.
+    """
+    if engine is None:
+        return [function(*arguments) for arguments in calls]
+    limits = Limits()
+    tasks = [Task(f"{k}", function, arguments) for k, arguments in enumerate(calls)]
+    found = {int(task.key): outcome for task, outcome in outcomes(tasks, engine, limits)}
+    for k in range(len(tasks)):
+        found[k].require(f"call {k + 1} of {len(tasks)}", limits)
+    return [found[k].value for k in range(len(tasks))]
+
+
 def make_all(
     tasks: Iterable[Task],
     total: int,

@@ -224,3 +224,19 @@ def test_another_program_may_be_judged(tmp_path, capfd):
     assert [c["findings"] for c in score["cases"]] == [["acc_K2"]] * 2
     bins = score["reliability"]["exists"]["bins"]
     assert [(b["right"], b["n"]) for b in bins if b["n"]] == [(0, 2)]
+
+
+@pytest.mark.usefixtures("here")
+def test_shards_share_a_folder_and_a_last_call_scores_all(tmp_path, capfd):
+    (tmp_path / "fake.py").write_text(FAKE)
+    fake = shlex.join([sys.executable, str(tmp_path / "fake.py")])
+    words = ["prove", "--n", "3", "--kinds", "six_faces", "--types", "null", "--authors", "second"]
+    words += ["--diagnoser", fake, "-o", "out"]
+    counts = {"1/2": 2, "2/2": 1, "1/1": 3}
+    for shard, count in counts.items():
+        main([*words, "--shard", shard])
+        capfd.readouterr()
+        score = json.loads((tmp_path / "out" / "score.json").read_text())
+        assert len(score["cases"]) == count
+    main([*words, "--shard", "3/2"])
+    assert "found 3/2, need i/n with i from 1 to n" in capfd.readouterr().err

@@ -26,6 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(arguments)
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="blind-"))
     jobs = benchmark() if args.benchmark else plan(args.n, args.kinds, args.types, args.authors)
+    first, step = args.shard
+    jobs = jobs[first - 1 :: step]
     seed = BENCHMARK_SEED if args.benchmark else args.seed
     results = []
     with ProcessPoolExecutor(args.jobs) as pool:
@@ -100,6 +102,14 @@ def _tell(r: dict[str, Any], n: int, of: int) -> None:
     )
 
 
+def _shard(words: str) -> tuple[int, int]:
+    """``i/n``: every n-th trial, from the i-th on."""
+    first, _, step = words.partition("/")
+    if not (first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step)):
+        raise argparse.ArgumentTypeError(f"found {words}, need i/n with i from 1 to n")
+    return int(first), int(step)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="blind", description=__doc__)
     parser.add_argument("--n", type=int, default=5)
@@ -111,6 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--benchmark", action="store_true")
     parser.add_argument("--diagnoser", default=f"{shlex.quote(sys.executable)} -m tiltcal")
     parser.add_argument("--time-limit", type=float, default=300.0)
+    parser.add_argument("--shard", type=_shard, default=(1, 1))
     parser.add_argument("-o", "--output")
     parser.add_argument("--json", action="store_true")
     return parser

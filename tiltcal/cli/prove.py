@@ -44,6 +44,10 @@ def prove(
     ] = None,
     seed: Annotated[int, WHOLE, Parameter(help="Seed of the trials.")] = 0,
     jobs: Annotated[int, WHOLE, Parameter(alias="-j", help="Trials at the same time.")] = 1,
+    shard: Annotated[
+        str,
+        Parameter(help="i/n: only every n-th trial; all shards share the folder of -o."),
+    ] = "1/1",
     trials: Annotated[
         Path | None,
         Parameter(help="Folder that contains blind/; tests of this checkout by default."),
@@ -59,7 +63,8 @@ def prove(
     A separate generator (closed form, no code of this program) conceals physics
     in recordings of seven kinds of set-up. The diagnosis gets copies of the
     recording and the scenario. The truth is written after the answer. Needs a
-    source checkout. Finished trials in the folder of -o are not run again.
+    source checkout. Finished trials in the folder of -o are not run again: many
+    machines make shards in one folder, and a last call without --shard scores all.
 
       tiltcal prove --n 30 -j 4 -o proof
       tiltcal prove --n 100 --types null unlisted --kinds dual_tumble three_rates
@@ -76,7 +81,7 @@ def prove(
             do="run in a source checkout, or name its tests folder with --trials",
         )
     command = [sys.executable, "-m", "blind", "--n", f"{n}", "--seed", f"{seed}"]
-    command += ["--jobs", f"{jobs}"]
+    command += ["--jobs", f"{jobs}", "--shard", shard]
     command += ["--kinds", *kinds] if kinds else []
     command += ["--types", *types] if types else []
     command += ["--authors", *authors] if authors else []

@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
+from catalogue_cases import lively, plausible, sensors_for
 
 from tiltcal.calibration.correction import correct_pieces, corrected_columns
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.core.errors import TiltcalError
+from tiltcal.effects import CATALOGUE
+from tiltcal.forward.signal_chain import readings
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.parquet_files import PIECE
 from tiltcal.recordings.pieces import joined, read_pieces, writing
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording, write_recording
@@ -144,3 +150,65 @@ def test_an_output_that_fails_midway_leaves_nothing(log, tmp_path):
         [write(piece) for piece in (log, other)]
     assert [p.name for p in tmp_path.iterdir()] == ["old.parquet"]
     assert (tmp_path / "old.parquet").read_text() == "old"
+
+
+# --------------------------------------------------------------------------------------------------
+# ---- Simulation
+
+
+def tumble(effects=()):
+    """Half an hour of a triad at 100 Hz and a gyro at 60 Hz on a table that moves."""
+    step = {"action": "move", "rate_deg_s": 30, "dwell_s": 130}
+    return parse_scenario(
+        {
+            "schema": 1,
+            "name": "long",
+            "site": {"gravity_m_s2": 9.80123, "latitude_deg": 45.0},
+            "rig": {"table": "dual"},
+            "climate": {"ramp_degC_h": 3.0},
+            "sensor": [
+                {"name": "accel", "kind": "accelerometer", "rate_hz": 100},
+                {"name": "gyro", "kind": "gyro", "rate_hz": 60},
+            ],
+            "sequence": [
+                step | {"outer_deg": 40.0 * k, "inner_deg": 70.0 * k, "label": f"pose {k}"}
+                for k in range(12)
+            ],
+            "effect": list(effects),
+        }
+    )
+
+
+def test_a_long_recording_is_simulated_in_pieces_to_the_bit():
+    scenario = tumble(
+        [
+            {"id": "acc_bias", "bias_x_ug": 300},
+            {"id": "acc_noise", "white_ug_rthz": 40, "flicker_ug": 8, "walk_ug_rts": 0.3},
+            {"id": "gyr_noise", "white_deg_rth": 0.3, "flicker_deg_h": 8},
+            {"id": "adc_quantisation", "sensor": "gyro", "lsb_si": 1e-5},
+        ]
+    )
+    pieces = list(SimulatedLaboratory().record_pieces(scenario, 4))
+    assert [len(p) > PIECE // 2 for p in pieces] == [True] * 2
+    assert_same(joined(pieces), SimulatedLaboratory().record(scenario, 4))
+
+
+def test_what_looks_over_the_whole_recording_is_simulated_in_one_go():
+    scenario = tumble([{"id": "acc_bandwidth", "tau_ms": 20}])
+    (only,) = SimulatedLaboratory().record_pieces(scenario, 4)
+    assert_same(only, SimulatedLaboratory().record(scenario, 4))
+
+
+@pytest.mark.parametrize("id", [e for e, cls in CATALOGUE.items() if cls.row_wise])
+@pytest.mark.parametrize("table", ["dual", "three"])
+def test_an_effect_that_says_so_acts_row_by_row(id, table):
+    setup, course, times = lively(table)
+    parts = np.split(times["accel"], [313, 640])
+    for sensor in sensors_for(CATALOGUE[id], setup):
+        effect = plausible(id, setup, sensor)
+        whole = readings(setup, course, times, [effect], seed=2)
+        pieces = [
+            readings(setup, course, dict.fromkeys(times, part), [effect], seed=2) for part in parts
+        ]
+        for name, values in whole.items():
+            np.testing.assert_array_equal(np.concatenate([p[name] for p in pieces]), values)

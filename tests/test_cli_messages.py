@@ -126,7 +126,8 @@ def test_an_output_that_cannot_be_written_is_refused(command, good, here, capsys
     words[words.index("-o") + 1] = here / "none" / "new.csv"
     assert "no such file or directory" in refusal(words, here, capsys)
     words[words.index("-o") + 1] = here
-    refused = "the ending ''" if command == "simulate" else "found a folder, need a file name"
+    records = command in ("simulate", "correct")
+    refused = "the ending ''" if records else "found a folder, need a file name"
     assert refused in refusal(words, here, capsys)
 
 

@@ -1,26 +1,20 @@
-"""Correcting a recording with a calibration, in fixed memory: chunk in, chunk out."""
+"""Correcting a recording with a calibration, in fixed memory: piece in, piece out."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import IO, Any
 
 import numpy as np
 from pydantic import ValidationError
 
+from tiltcal.calibration.inversion import product
 from tiltcal.calibration.result import Calibration, tilt_angles
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import require_file
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
 from tiltcal.core.units import COLUMN_UNITS, DEG
-from tiltcal.recordings.csv_files import csv_head, is_number, write_head
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import assemble, read_recording
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
-
-CHUNK = 1 << 20  # bytes of text read at a time
 
 
 def setup_of(calibration: Calibration) -> Setup:
@@ -50,13 +44,58 @@ def setup_of(calibration: Calibration) -> Setup:
         ) from error
 
 
+@dataclass(frozen=True)
+class Force:
+    """What an accelerometer triad reads where all its channels were sampled.
+
+    Args:
+        time: s, (n,); values: m/s2, (n, 3).
+    """
+
+    time: Array
+    values: Array
+
+    @classmethod
+    def beside(cls, gyro: str, recording: Recording, setup: Setup) -> "Force":
+        """That of the triad beside a gyro, by its name.
+
+        Raises:
+            TiltcalError: it has no triad.
+        """
+        triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3]
+        there = [s for s in triads if recording.has(s)]
+        if not there:
+            raise _no_triad(recording, gyro)
+        samples = recording.sensor(there[0])
+        known = ~np.isnan(samples.values).any(axis=1)
+        return cls(samples.time[known], samples.values[known])
+
+    @classmethod
+    def none(cls) -> "Force":
+        """No reading."""
+        return cls(np.zeros(0), np.zeros((0, 3)))
+
+    def __getitem__(self, part: slice) -> "Force":
+        return Force(self.time[part], self.values[part])
+
+    def then(self, later: "Force") -> "Force":
+        """These readings and later ones."""
+        return Force(*(np.concatenate(two) for two in zip(self, later, strict=True)))
+
+    def __iter__(self) -> Iterator[Array]:
+        return iter((self.time, self.values))
+
+
 def corrected_columns(
-    recording: Recording, calibration: Calibration, setup: Setup
+    recording: Recording, calibration: Calibration, setup: Setup, force: Force | None = None
 ) -> dict[str, Array]:
     """The columns that correction adds, full length: corrected readings in their own unit, and tilt
     where defined.
 
     ``<sensor>_<axis>_corrected_<unit>``, ``tilt_x_deg``, ``tilt_y_deg``.
+
+    Args:
+        force: what g-sensitivities follow; the recording's own unless given.
     """
     columns: dict[str, Array] = {}
     g = setup.site.gravity
@@ -66,9 +105,8 @@ def corrected_columns(
         values = (
             force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
         )
-        fixed = calibration.correct(
-            sensor, values - _pulled(recording, calibration, setup, sensor, samples.time), g
-        )
+        pulled = _pulled(recording, calibration, setup, sensor, samples.time, force)
+        fixed = calibration.correct(sensor, values - pulled, g)
         shown = tilt_of_force(fixed, g) if sensor.kind == "inclinometer" else fixed
         for i, axis in enumerate(sensor.axes):
             unit = _unit(samples.units[i], sensor)
@@ -91,29 +129,33 @@ def corrected_columns(
 
 
 def _pulled(
-    recording: Recording, calibration: Calibration, setup: Setup, sensor: Sensor, time: Array
+    recording: Recording,
+    calibration: Calibration,
+    setup: Setup,
+    sensor: Sensor,
+    time: Array,
+    force: Force | None,
 ) -> Array | float:
     """What a gyro's g-sensitivity adds at these stamps, rad/s, (n, k), by the accelerometer triad
     beside it.
-
-    Raises:
-        TiltcalError: it was calibrated, but there is no triad to take the force from.
     """
     G = calibration.g_sensitivity(sensor)
     if G is None:
         return 0.0
-    triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3 and recording.has(s)]
-    if not triads:
-        raise TiltcalError(
-            recording.source,
-            found=f"no accelerometer triad beside {sensor.name}",
-            need="the force its g-sensitivity follows",
-            do="record one, or calibrate without gsens",
-        )
-    force = recording.sensor(triads[0])
-    known = ~np.isnan(force.values).any(axis=1)
-    along = [np.interp(time, force.time[known], force.values[known, i]) for i in range(3)]
-    return np.asarray(np.column_stack(along) @ G.T)
+    force = Force.beside(sensor.name, recording, setup) if force is None else force
+    if not len(force.time):
+        raise _no_triad(recording, sensor.name)
+    along = [np.interp(time, force.time, force.values[:, i]) for i in range(3)]
+    return product(G, np.column_stack(along))
+
+
+def _no_triad(recording: Recording, gyro: str) -> TiltcalError:
+    return TiltcalError(
+        recording.source,
+        found=f"no accelerometer triad beside {gyro}",
+        need="the force its g-sensitivity follows",
+        do="record one, or calibrate without gsens",
+    )
 
 
 def _unit(written: str, sensor: Sensor) -> str:
@@ -162,132 +204,48 @@ class Corrected:
         ]
 
 
-def correct_stream(path: Path, calibration: Calibration, out: IO[bytes]) -> Corrected:
-    """Read a recording chunk by chunk and write it corrected as CSV.
+def correct_pieces(
+    pieces: Iterable[Recording], calibration: Calibration, write: Callable[[Recording], None]
+) -> Corrected:
+    """Correct a recording piece by piece.
+
+    Args:
+        pieces: of one recording, in order.
+        calibration: with the set-up it was made with.
+        write: takes each piece with the columns of ``corrected_columns`` added.
 
     Raises:
-        TiltcalError: the recording does not read, or lacks the calibrated sensor.
+        TiltcalError: the recording lacks the calibrated sensor.
     """
-    import pyarrow as pa
-    from pyarrow import csv as pacsv
-
     setup = setup_of(calibration)
-    done, last = Corrected(), -np.inf
-    writer, names = None, []
-    for chunk in _chunks(path):
-        last = _require_onward(chunk, last)
-        added = corrected_columns(chunk, calibration, setup)
-        columns = _columns(chunk, added)
-        if writer is None:
-            names = list(columns)
-            write_head(out, chunk.metadata, names)
-            schema = pa.schema([(name, column.type) for name, column in columns.items()])
-            writer = pacsv.CSVWriter(
-                out, schema, write_options=pacsv.WriteOptions(include_header=False)
-            )
-        # gaps may order a chunk otherwise
-        writer.write_table(pa.table([columns[name] for name in names], names=names))
-        done.count(chunk, added, calibration)
-    if writer is not None:
-        writer.close()
+    done = Corrected()
+    for piece, force in _with_force(pieces, calibration, setup):
+        added = corrected_columns(piece, calibration, setup, force)
+        write(piece.with_columns(added))
+        done.count(piece, added, calibration)
     return done
 
 
-def _require_onward(chunk: Recording, last: float) -> float:
-    """The last stamp of a chunk, when time runs forward in it and from the stamp before it."""
-    chunk.require_increasing()
-    if chunk.time[0] <= last:
-        raise TiltcalError(
-            f"{chunk.source}, time {chunk.time[0]:.10g} s",
-            found="time going back or a repeated stamp",
-            need="time stamps that increase",
-            do="sort it or split it there",
-        )
-    return float(chunk.time[-1])
-
-
-def _columns(chunk: Recording, added: dict[str, Array]) -> dict[str, Any]:
-    """All columns of a chunk and those added, as Arrow arrays."""
-    import pyarrow as pa
-
-    numbers = (
-        {"time_s": chunk.time} | {name: chunk.column(name) for name in chunk.column_names} | added
-    )
-    texts = dict(chunk.extra) | ({} if chunk.labels is None else {"label": chunk.labels})
-    arrays: dict[str, Any] = {
-        name: pa.array(v, pa.float64(), from_pandas=True) for name, v in numbers.items()
-    }
-    return arrays | {
-        name: pa.array([t or None for t in v], pa.string()) for name, v in texts.items()
-    }
-
-
-def _chunks(path: Path) -> Iterator[Recording]:
-    """The recording in pieces: CSV by blocks of text, Parquet by row groups, NPZ whole."""
-    path = require_file(path, "recording")
-    if path.suffix == ".parquet" and path.stat().st_size > CHUNK:
-        yield from _parquet_chunks(path)
-    elif path.suffix == ".csv" and path.stat().st_size > CHUNK:
-        yield from _csv_chunks(path)
-    else:
-        yield read_recording(path)
-
-
-def _csv_chunks(path: Path) -> Iterator[Recording]:
-    import pyarrow as pa
-    from pyarrow import csv as pacsv
-
-    metadata, names, skip = csv_head(path)
-    types = {name: pa.float64() if is_number(name) else pa.string() for name in names}
-    try:
-        reader = pacsv.open_csv(
-            path,
-            read_options=pacsv.ReadOptions(
-                skip_rows=skip, column_names=names, block_size=CHUNK, use_threads=False
-            ),
-            convert_options=pacsv.ConvertOptions(
-                column_types=types, null_values=[""], strings_can_be_null=True
-            ),
-        )
-        yield from _batches(reader, names, metadata, path.name)
-    except pa.ArrowInvalid:
-        read_recording(path)  # names the bad line
-        raise
-
-
-def _parquet_chunks(path: Path) -> Iterator[Recording]:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    try:
-        head = read_recording_head(path)
-        with parquet.ParquetFile(path) as file:
-            yield from _batches(
-                file.iter_batches(batch_size=65536), file.schema_arrow.names, head, path.name
-            )
-    except (pa.ArrowException, ValueError):
-        read_recording(path)  # names what is wrong
-        raise
-
-
-def read_recording_head(path: Path) -> dict[str, str]:
-    """Metadata of a Parquet recording."""
-    import json
-
-    from pyarrow import parquet
-
-    stored = (parquet.read_schema(path).metadata or {}).get(b"tiltcal.metadata")
-    return json.loads(stored) if stored else {}
-
-
-def _batches(
-    batches: Iterable[Any], names: list[str], metadata: dict[str, str], source: str
-) -> Iterator[Recording]:
-    for batch in batches:
-        if batch.num_rows == 0:
-            continue
-        columns = {}
-        for i, name in enumerate(names):
-            values = batch.column(i).to_numpy(zero_copy_only=False)
-            columns[name] = np.array(values, dtype=float if is_number(name) else object)
-        yield assemble(columns, metadata, source)
+def _with_force(
+    pieces: Iterable[Recording], calibration: Calibration, setup: Setup
+) -> Iterator[tuple[Recording, Force | None]]:
+    """Each piece, and the force to interpolate within it: from the last reading of the triad before
+    it to the first one after it. A piece waits for that one.
+    """
+    gyros = [setup.named(n) for n in calibration.sensors()]
+    pulled = [gyro.name for gyro in gyros if calibration.g_sensitivity(gyro) is not None]
+    if not pulled:
+        yield from ((piece, None) for piece in pieces)
+        return
+    last, waiting = Force.none(), list[tuple[Recording, Force]]()
+    for piece in pieces:
+        now = Force.beside(pulled[0], piece, setup)
+        if len(now.time):
+            for earlier, force in waiting:
+                yield earlier, last.then(force).then(now[:1])
+                last = force[-1:] if len(force.time) else last
+            waiting = []
+        waiting.append((piece, now))
+    for piece, force in waiting:
+        yield piece, last.then(force)
+        last = force[-1:] if len(force.time) else last

@@ -42,13 +42,33 @@ def force_of_reading(
         sensor: with two axes, the third component follows from |f| = g.
         g: m/s2.
     """
-    f = np.array(unbiased)
-    for _ in range(ROUNDS if higher or len(sensor.axes) == 2 else 1):
-        before = f
-        f = _solve(M, sensor, unbiased - _higher_order(higher, sensor, f, g), f, g)
-        if np.max(np.abs(f - before), initial=0.0) < 1e-13 * g:
+    inverse = np.asarray(np.linalg.inv(M[:, list(sensor.axis_indices)]), dtype=float)
+    if not higher and len(sensor.axes) != 2:
+        return product(inverse, unbiased)
+    found = np.array(unbiased)
+    rows = np.arange(len(found))
+    for _ in range(ROUNDS):  # each reading for itself: the same whatever stands beside it
+        before = found[rows]
+        y = unbiased[rows] - _higher_order(higher, sensor, before, g)
+        after = product(inverse, y - _by_missing_axis(M, sensor, before, g))
+        found[rows] = after
+        rows = rows[(np.abs(after - before) >= 1e-13 * g).any(axis=1)]
+        if not len(rows):
             break
-    return f
+    return found
+
+
+def product(A: Array, v: Array) -> Array:
+    """A v for each row of v, (n, k) -> (n, m): summed in one order, so that a row's result does not
+    depend on how many others stand beside it, as it may in a product of matrices.
+    """
+    found = np.empty((len(v), len(A)))
+    for i, row in enumerate(A):
+        total = row[0] * v[:, 0]
+        for j in range(1, len(row)):
+            total += row[j] * v[:, j]
+        found[:, i] = total
+    return found
 
 
 def _effect_id(term: str) -> str:
@@ -84,10 +104,12 @@ def _all_axes(f: Array, sensor: Sensor, g: float) -> Array:
     return full
 
 
-def _solve(M: Array, sensor: Sensor, y: Array, f: Array, g: float) -> Array:
-    """f of ``y = M f``; the contribution of a missing axis is taken from the last f."""
+def _by_missing_axis(M: Array, sensor: Sensor, f: Array, g: float) -> Array | float:
+    """What the force along a missing axis adds to the readings, (n, k); it is taken from the
+    last f.
+    """
     rows = list(sensor.axis_indices)
-    if len(rows) == 2 and sensor.is_accelerometer:
-        (missing,) = set(range(3)) - set(rows)
-        y = y - np.outer(_all_axes(f, sensor, g)[:, missing], M[:, missing])
-    return np.asarray(np.linalg.solve(M[:, rows], y.T).T)
+    if len(rows) != 2 or not sensor.is_accelerometer:
+        return 0.0
+    (missing,) = set(range(3)) - set(rows)
+    return np.outer(_all_axes(f, sensor, g)[:, missing], M[:, missing])

@@ -6,11 +6,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.calibration.correction import correct_stream
+from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, require_output
-from tiltcal.core.files import replacing
+from tiltcal.recordings.csv_files import csv_writer
+from tiltcal.recordings.pieces import read_pieces, writing
 
 
 def correct(
@@ -20,24 +21,27 @@ def correct(
     *,
     output: Annotated[
         Path | None,
-        Parameter(alias="-o", help="File of the corrected recording, CSV; stdout if not given."),
+        Parameter(alias="-o", help="File of the corrected recording; CSV to stdout if not given."),
     ] = None,
     as_json: Json = False,
 ) -> int:
     """Correct a recording, streaming in constant memory.
 
     Adds <sensor>_<axis>_corrected_<unit> and, where defined, tilt_x_deg and
-    tilt_y_deg.
+    tilt_y_deg. The suffix of -o sets the format: .csv, .parquet or .npz (NPZ is
+    read and written whole).
 
       tiltcal correct CAL.json run.csv -o corrected.csv
     """
     require_output("correct", output, as_json, "the corrected recording")
     calibration = load_calibration(calibration_file)
+    pieces = read_pieces(recording)
     if output is None:
-        _print_notes(correct_stream(recording, calibration, sys.stdout.buffer).notes)
+        with csv_writer(sys.stdout.buffer) as write:
+            _print_notes(correct_pieces(pieces, calibration, write).notes)
         return 0
-    with replacing(output) as temporary, temporary.open("wb") as out:
-        done = correct_stream(recording, calibration, out)
+    with writing(output) as write:
+        done = correct_pieces(pieces, calibration, write)
     _print_notes(done.notes)
     if as_json:
         print_json({"output": str(output), "rows": done.rows, "notes": done.notes})

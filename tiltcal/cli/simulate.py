@@ -1,6 +1,7 @@
 """``tiltcal simulate``."""
 
 import sys
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,10 +16,12 @@ from tiltcal.core.files import replacing, write_json
 from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
 from tiltcal.forward.kinematics import closed_form
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.recordings.csv_files import write_csv
+from tiltcal.recordings.csv_files import csv_writer
+from tiltcal.recordings.pieces import writing
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.recording_files import read_recording
 
 STAGES = ("environment", "table", "mount")  # of the effects that change the true attitude
 
@@ -63,27 +66,35 @@ def simulate(
     with progress_line() as progress:
         laboratory = simulator(progress)
         if motion:
-            recording = laboratory.predict(scenario, read_recording(motion), used)
+            pieces = iter([laboratory.predict(scenario, read_recording(motion), used)])
+        elif isinstance(laboratory, SimulatedLaboratory):
+            pieces = laboratory.record_pieces(scenario, used)
         else:
-            recording = laboratory.record(scenario, used)
-    with replacing(truth) if truth else nullcontext() as truth_file:  # both files or none
-        if truth_file is not None:
-            write_json(truth_file, truth_table(scenario, used))
-        _write(recording, output, as_json)
+            pieces = iter([laboratory.record(scenario, used)])
+        with replacing(truth) if truth else nullcontext() as truth_file:  # both files or none
+            if truth_file is not None:
+                write_json(truth_file, truth_table(scenario, used))
+            _write(pieces, output, as_json)
     return 0
 
 
-def _write(recording: Recording, output: Path | None, as_json: bool) -> None:
-    """Write the recording to its file or to stdout."""
+def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> None:
+    """Write the pieces of a recording to its file or to stdout."""
     if output is None:
-        write_csv(recording, sys.stdout.buffer)
+        with csv_writer(sys.stdout.buffer) as write:
+            for piece in pieces:
+                write(piece)
         return
-    write_recording(recording, output)
-    duration = float(np.ptp(recording.time))
+    rows, first, last = 0, np.inf, -np.inf
+    with writing(output) as write:
+        for piece in pieces:
+            write(piece)
+            rows += len(piece)
+            first, last = min(first, piece.time.min()), max(last, piece.time.max())
     if as_json:
-        print_json({"recording": str(output), "rows": len(recording), "duration_s": duration})
+        print_json({"recording": str(output), "rows": rows, "duration_s": float(last - first)})
     else:
-        print(f"{output}: {len(recording)} rows, {duration:.6g} s", file=sys.stderr)
+        print(f"{output}: {rows} rows, {last - first:.6g} s", file=sys.stderr)
 
 
 def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:

@@ -281,3 +281,9 @@ class TermEffect(SignalEffect):
         """Channel that reads a body axis; -1 when the sensor has no such channel."""
         index = 0 if axis == "a" else "xyz".index(axis)
         return sense.axes.index(index) if index in sense.axes else -1
+
+
+class RowWiseTerm(TermEffect):
+    """Terms that follow what the sensor senses on their own row."""
+
+    row_wise: ClassVar[bool] = True

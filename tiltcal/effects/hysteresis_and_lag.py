@@ -171,8 +171,7 @@ def steady_recursion(decay: float, drive: Array) -> Array:
     blocks short enough to be exact.
     """
     n = len(drive)
-    # within a block the weights span e^18, six digits from overflow
-    length = min(max(int(-18 / np.log(decay)), 1), n)
+    length = _block_length(decay, n)
     if length < 8:
         return recursion(decay, drive)
     blocks = -(-n // length)
@@ -188,6 +187,45 @@ def steady_recursion(decay: float, drive: Array) -> Array:
         row += carry * onward
         carry = row[-1]
     return local.ravel()[:n]
+
+
+def _block_length(decay: float, n: int) -> int:
+    """Samples of a block: its weights span e^18, six digits from overflow."""
+    return min(max(int(-18 / np.log(decay)), 1), n)
+
+
+class SteadyRecursion:
+    """``steady_recursion`` of n samples piece by piece, to the bit; not with blocks below 8.
+
+    Args:
+        decay: in (0, 1); n: samples of all pieces.
+    """
+
+    def __init__(self, decay: float, n: int) -> None:
+        self.decay, self.length, self.done = decay, _block_length(decay, n), 0
+        self._powers = decay ** np.arange(self.length)
+        self._sum, self._last, self._carry = 0.0, 0.0, 0.0
+
+    def __call__(self, drive: Array) -> Array:
+        """The next samples, (n,)."""
+        found = np.empty(len(drive))
+        first = 0
+        while first < len(drive):
+            at = self.done % self.length
+            if at == 0:
+                self._sum, self._carry = 0.0, self._last
+            last = min(first + self.length - at, len(drive))
+            powers = self._powers[at : at + last - first]
+            sums = drive[first:last] / powers
+            if at:
+                sums[0] += self._sum
+            np.cumsum(sums, out=sums)
+            self._sum = float(sums[-1])
+            sums *= powers
+            sums += self._carry * (self.decay * powers)
+            found[first:last], self._last = sums, float(sums[-1])
+            self.done, first = self.done + last - first, last
+        return found
 
 
 def vibration_power(force: Array, rate_hz: float) -> Array:

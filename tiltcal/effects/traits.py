@@ -45,6 +45,8 @@ class Traits:
     """Every instrument of its kind, or every table, has it."""
 
     # Its law
+    row_wise: ClassVar[bool] = False
+    """What it does to a row of a sequence's recording depends on no other row."""
     same_law_as: ClassVar[str] = ""
     """Id of an effect with the same readings under all circumstances, which stands for both."""
     form: ClassVar[Literal["law", "any", "unknown"]] = "law"

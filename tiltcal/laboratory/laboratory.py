@@ -2,7 +2,7 @@
 simulated one or a real table.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
@@ -11,7 +11,7 @@ import numpy as np
 from tiltcal import __version__
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.core.units import DEG
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
 from tiltcal.effects.events import as_met
 from tiltcal.effects.sense import Sense
@@ -19,10 +19,18 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import CONVERSION, Mover, readings, streams_of
 from tiltcal.laboratory.hand_motion import smoothed_readings
 from tiltcal.laboratory.handheld import predicted_readings
+from tiltcal.laboratory.long_recordings import (
+    Stamps,
+    first_stamps,
+    goes_in_pieces,
+    in_pieces,
+    piece_stamps,
+    whole,
+)
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.laboratory.sensor_columns import columns_like, sensor_columns
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
-from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import CHANNEL, angle_channel
 from tiltcal.setup.trajectory import Course, Drive, Jet
@@ -72,6 +80,31 @@ class SimulatedLaboratory:
 
     def record(self, scenario: Scenario, seed: int | None = None) -> Recording:
         """A recording of the scenario's sequence."""
+        course, stamps = self._sampled(scenario, seed)
+        effects = as_met(scenario.effects, NEW)
+        changes = first_stamps(scenario, stamps)
+        return self._recorded(scenario, course, whole(stamps), effects, seed, changes)
+
+    def record_pieces(self, scenario: Scenario, seed: int | None = None) -> Iterator[Recording]:
+        """The same recording piece by piece where it is long and its effects allow it, otherwise
+        in one piece.
+        """
+        course, stamps = self._sampled(scenario, seed)
+        effects = as_met(scenario.effects, NEW)
+        changes = first_stamps(scenario, stamps)
+        if not goes_in_pieces(scenario, stamps):
+            yield self._recorded(scenario, course, whole(stamps), effects, seed, changes)
+            return
+        going = in_pieces(scenario, effects, stamps, seed)
+        for own in piece_stamps(stamps):
+            yield self._recorded(scenario, course, own, going, seed, changes)
+
+    def _sampled(self, scenario: Scenario, seed: int | None) -> tuple[Course, dict[str, Stamps]]:
+        """What the table does, and when each sensor is sampled.
+
+        Raises:
+            TiltcalError: there is no sensor.
+        """
         if not scenario.sensor:
             raise TiltcalError(
                 f"scenario {scenario.name}",
@@ -80,28 +113,39 @@ class SimulatedLaboratory:
                 do="add one",
             )
         course = self.course(scenario, seed)
-        start, end = course.times
-        own = {s.name: _stamps(start, end, s.rate_hz) for s in scenario.sensor}
-        effects = as_met(scenario.effects, NEW)
+        return course, {s.name: Stamps.between(*course.times, s.rate_hz) for s in scenario.sensor}
+
+    def _recorded(
+        self,
+        scenario: Scenario,
+        course: Course,
+        own: dict[str, Array],
+        effects: Sequence[Effect],
+        seed: int | None,
+        changes: Array,
+    ) -> Recording:
+        """What is recorded at the stamps of each sensor, ``own``; mountings and labels change at
+        ``changes``, of the whole recording.
+        """
         values = readings(scenario, course, own, effects, seed=seed, mover=self.mover)
         time = own[scenario.sensor[0].name]
-        for stamps in own.values():
-            if not np.array_equal(stamps, time):
-                time = np.union1d(time, stamps)
+        for one in own.values():
+            if not np.array_equal(one, time):
+                time = np.union1d(time, one)
         drive = course.drive(time)
         written = written_readout(scenario.effects, drive).items()
         columns = {f"{angle_channel(name)}_deg": angle / DEG for name, angle in written}
         for sensor in scenario.sensor:
             rows = np.searchsorted(time, own[sensor.name])
-            columns |= _columns(sensor, values[sensor.name], rows, len(time), seed)
+            columns |= sensor_columns(sensor, values[sensor.name], rows, len(time), seed)
         columns["temperature_degC"] = drive.temperature
-        labels = scenario.schedule.labels(time)
-        metadata = _metadata(scenario, seed) | _mountings(scenario, time)
         return Recording.from_columns(
             written_stamps(scenario.effects, time),
             columns,
-            labels=labels if any(labels) else None,
-            metadata=metadata,
+            labels=scenario.schedule.labels(time)
+            if any(scenario.schedule.labels(changes))
+            else None,
+            metadata=_metadata(scenario, seed) | _mountings(scenario, changes),
             source=f"recording of {scenario.name}",
         )
 
@@ -133,7 +177,7 @@ class SimulatedLaboratory:
         columns: dict[str, Array] = {}
         for sensor in scenario.sensor:
             if sensor.name in values:
-                columns |= _like(sensor, values[sensor.name], motion, seed)
+                columns |= columns_like(sensor, values[sensor.name], motion, seed)
         kept = {
             n: motion.column(n)
             for n in motion.column_names
@@ -202,45 +246,6 @@ def restored(course: Replay, effects: Sequence[Effect]) -> Replay:
             }
             course = replace(course, angles=angles)
     return course
-
-
-def _stamps(start: float, end: float, rate_hz: float) -> Array:
-    return start + np.arange(int(np.floor((end - start) * rate_hz + 1e-9)) + 1) / rate_hz
-
-
-def to_column(sensor: Sensor, values: Array, unit: str, rounded: bool) -> Array:
-    """SI readings, (n, k), in the unit of a column; raw codes are whole numbers."""
-    if sensor.input is not None and unit == sensor.input.unit:
-        raw = sensor.input.from_si(values)
-        return np.rint(raw) if rounded and unit == "LSB" else raw
-    return np.asarray(values / COLUMN_UNITS[unit].factor)
-
-
-def _columns(
-    sensor: Sensor,
-    values: Array,
-    rows: "np.ndarray[tuple[int], np.dtype[np.intp]]",
-    n: int,
-    seed: int | None,
-) -> dict[str, Array]:
-    written = to_column(sensor, values, sensor.column_unit, seed is not None)
-    columns = {}
-    for i, axis in enumerate(sensor.axes):
-        full = np.full(n, np.nan)
-        full[rows] = written[:, i]
-        columns[f"{sensor.name}_{axis}_{sensor.column_unit}"] = full
-    return columns
-
-
-def _like(sensor: Sensor, values: Array, motion: Recording, seed: int | None) -> dict[str, Array]:
-    """The columns of ``motion``, where it has them, with predicted values."""
-    columns = {}
-    for i, axis in enumerate(sensor.axes):
-        name = (
-            motion.channel(f"{sensor.name}_{axis}") or f"{sensor.name}_{axis}_{sensor.column_unit}"
-        )
-        columns[name] = to_column(sensor, values, str(split_unit(name)[1]), seed is not None)[:, i]
-    return columns
 
 
 def _mountings(scenario: Scenario, time: Array) -> dict[str, str]:

@@ -1,7 +1,8 @@
 """Recordings as CSV files, with metadata lines before the header."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -53,19 +54,8 @@ def read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
     from pyarrow import csv as pacsv
 
     metadata, names, skip = csv_head(path)
-    types = {name: pa.float64() if is_number(name) else pa.string() for name in names}
     try:
-        table = pacsv.read_csv(
-            path,
-            read_options=pacsv.ReadOptions(skip_rows=skip, column_names=names, encoding="utf8"),
-            parse_options=pacsv.ParseOptions(newlines_in_values=False),
-            convert_options=pacsv.ConvertOptions(
-                column_types=types,
-                null_values=EMPTY,
-                strings_can_be_null=True,
-                quoted_strings_can_be_null=True,
-            ),
-        )
+        table = pacsv.read_csv(path, **_options(names, skip))
     except pa.ArrowInvalid as error:
         if "Empty CSV" in str(error) or "skip initial" in str(error):
             return {name: np.zeros(0) for name in names}, metadata
@@ -75,9 +65,53 @@ def read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
     }, metadata
 
 
-def to_numpy(column: "object", number: bool) -> Array | Labels:
-    values = column.to_numpy()  # type: ignore[attr-defined]
-    return np.array(values, dtype=float) if number else np.array(values, dtype=object)
+def csv_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:
+    """The columns of a CSV file piece by piece, (n,) each; nothing where there are no rows.
+
+    Raises:
+        TiltcalError: naming the first line that does not read.
+    """
+    import pyarrow as pa
+    from pyarrow import csv as pacsv
+
+    _, names, skip = csv_head(path)
+    options = _options(names, skip, use_threads=False)
+    try:
+        with pacsv.open_csv(path, **options) as reader:
+            for batch in reader:
+                yield {n: to_numpy(batch.column(i), is_number(n)) for i, n in enumerate(names)}
+    except pa.ArrowInvalid as error:
+        if not ("Empty CSV" in str(error) or "skip initial" in str(error)):
+            raise _bad_cell(path, names, skip, str(error)) from error
+
+
+def _options(names: list[str], skip: int, use_threads: bool = True) -> dict[str, Any]:
+    """How a CSV file is read, after so many lines."""
+    import pyarrow as pa
+    from pyarrow import csv as pacsv
+
+    return {
+        "read_options": pacsv.ReadOptions(
+            skip_rows=skip, column_names=names, encoding="utf8", use_threads=use_threads
+        ),
+        "parse_options": pacsv.ParseOptions(newlines_in_values=False),
+        "convert_options": pacsv.ConvertOptions(
+            column_types={n: pa.float64() if is_number(n) else pa.string() for n in names},
+            null_values=EMPTY,
+            strings_can_be_null=True,
+            quoted_strings_can_be_null=True,
+        ),
+    }
+
+
+def to_numpy(column: Any, number: bool) -> Array | Labels:
+    """An Arrow column as floats, NaN for null, or as text, (n,); each word is made only once."""
+    if number:
+        return np.array(column.to_numpy(zero_copy_only=False), dtype=float)
+    coded = column.dictionary_encode()
+    coded = coded.combine_chunks() if hasattr(coded, "num_chunks") else coded
+    words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+    return words[coded.indices.fill_null(len(words) - 1).to_numpy(zero_copy_only=False)]
 
 
 def _bad_cell(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:
@@ -119,12 +153,26 @@ def write_csv_file(recording: Recording, path: Path) -> None:
 
 def write_csv(recording: Recording, out: IO[bytes]) -> None:
     """Write a recording as CSV into an open binary file."""
-    import pyarrow as pa
+    with csv_writer(out) as write:
+        write(recording)
+
+
+@contextmanager
+def csv_writer(out: IO[bytes]) -> Iterator[Callable[[Recording], None]]:
+    """What appends pieces of a recording to an open binary file, each with the columns of the
+    first.
+    """
     from pyarrow import csv as pacsv
 
-    names, arrays = arrow_columns(recording)
-    write_head(out, recording.metadata, names)
-    pacsv.write_csv(pa.table(arrays, names=names), out, pacsv.WriteOptions(include_header=False))
+    names: list[str] = []
+
+    def write(piece: Recording) -> None:
+        if not names:
+            names.extend(piece.written_names)
+            write_head(out, piece.metadata, names)
+        pacsv.write_csv(arrow_table(piece, names), out, pacsv.WriteOptions(include_header=False))
+
+    yield write
 
 
 def write_head(out: IO[bytes], metadata: Mapping[str, str], names: Sequence[str]) -> None:
@@ -141,19 +189,21 @@ def _quoted(name: str) -> str:
 EMPTY = [" " * k for k in range(9)]  # cells that hold nothing
 
 
-def arrow_columns(recording: Recording) -> tuple[list[str], list[Any]]:
+def arrow_table(recording: Recording, names: Sequence[str]) -> Any:
+    """These columns of a recording as an Arrow table: numbers, null for NaN, and text."""
     import pyarrow as pa
 
-    numbers = {"time_s": recording.time} | {
-        name: recording.column(name) for name in recording.column_names
-    }
-    texts = dict(recording.extra)
-    if recording.labels is not None:
-        texts["label"] = recording.labels
-    arrays: list[Any] = [
-        pa.array(values, pa.float64(), from_pandas=True) for values in numbers.values()
-    ]
-    arrays += [
-        pa.array([t if t else None for t in texts_], pa.string()) for texts_ in texts.values()
-    ]
-    return list(numbers) + list(texts), arrays
+    texts = recording.texts
+    return pa.table(
+        [
+            pa.array([t if t else None for t in texts[name]], pa.string())
+            if name in texts
+            else pa.array(
+                recording.time if name == "time_s" else recording.column(name),
+                pa.float64(),
+                from_pandas=True,
+            )
+            for name in names
+        ],
+        names=list(names),
+    )

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.recordings.stamps import require_onward
 from tiltcal.recordings.temperature import smooth_temperature
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import angle_channel, axis_of
@@ -115,6 +116,16 @@ class Recording:
         """Names of the numeric columns, without ``time_s``."""
         return [name for block in self.blocks for name in block.columns]
 
+    @property
+    def texts(self) -> dict[str, Labels]:
+        """The columns of text, (n,) each, ``label`` last."""
+        return dict(self.extra) | ({} if self.labels is None else {"label": self.labels})
+
+    @property
+    def written_names(self) -> list[str]:
+        """The columns of its file, in their order."""
+        return ["time_s", *self.column_names, *self.texts]
+
     def column(self, name: str) -> Array:
         """A numeric column at full length, as written, (n,), NaN where not sampled.
 
@@ -174,12 +185,13 @@ class Recording:
                 )
             names.append(name)
             columns.append(self.column(name))
-        raw = np.column_stack(columns)
-        rows = np.flatnonzero(~np.isnan(raw).all(axis=1))
+        missing = np.isnan(columns[0])
+        for column in columns[1:]:
+            missing &= np.isnan(column)
+        rows = np.flatnonzero(~missing)
+        raw = np.column_stack(columns if len(rows) == len(self) else [c[rows] for c in columns])
         units = tuple(str(split_unit(name)[1]) for name in names)
-        return Samples(
-            self.time[rows], self._si(sensor, names, raw[rows]), sensor.axes, units, rows
-        )
+        return Samples(self.time[rows], self._si(sensor, names, raw), sensor.axes, units, rows)
 
     def _si(self, sensor: Sensor, names: list[str], raw: Array) -> Array:
         units = [split_unit(name)[1] for name in names]
@@ -236,24 +248,7 @@ class Recording:
         Raises:
             TiltcalError: naming the first row where it does not.
         """
-        step = np.diff(self.time)
-        if not np.all(np.isfinite(self.time)):
-            row = int(np.argmax(~np.isfinite(self.time)))
-            raise TiltcalError(
-                f"{self.source}, data row {row + 1}",
-                found=f"the time {self.time[row]}",
-                need="finite time stamps",
-                do="correct it",
-            )
-        if np.any(step <= 0):
-            row = int(np.argmax(step <= 0)) + 1
-            what = "time goes back by" if step[row - 1] < 0 else "a repeated time stamp, step"
-            raise TiltcalError(
-                f"{self.source}, data row {row + 1}",
-                found=f"{what} {abs(step[row - 1]):.6g} s (at {self.time[row]:.10g} s)",
-                need="time stamps that increase",
-                do="sort it or split it there; `tiltcal diagnose` reads it as it is",
-            )
+        require_onward(self.time, self.source)
         return self
 
     def with_columns(self, columns: Mapping[str, Array]) -> "Recording":

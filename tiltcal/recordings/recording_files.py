@@ -9,17 +9,11 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing, require_file
-from tiltcal.recordings.csv_files import (
-    arrow_columns,
-    is_number,
-    read_csv,
-    to_numpy,
-    write_csv_file,
-)
+from tiltcal.recordings.csv_files import is_number, read_csv, write_csv_file
+from tiltcal.recordings.parquet_files import METADATA, read_parquet, write_parquet
 from tiltcal.recordings.recording import Labels, Recording
 
 SUFFIXES = (".csv", ".parquet", ".npz")
-_METADATA = "tiltcal.metadata"
 
 
 def read_recording(path: Path | str) -> Recording:
@@ -39,7 +33,7 @@ def read_recording(path: Path | str) -> Recording:
     if path.suffix == ".csv":
         columns, metadata = read_csv(path)
     elif path.suffix == ".parquet":
-        columns, metadata = _read_parquet(path)
+        columns, metadata = read_parquet(path)
     elif path.suffix == ".npz":
         columns, metadata = _read_npz(path)
     else:
@@ -58,23 +52,38 @@ def write_recording(recording: Recording, path: Path | str) -> None:
     Raises:
         TiltcalError: the ending is unknown or the place cannot be written.
     """
-    path = Path(path)
-    writers = {".csv": write_csv_file, ".parquet": _write_parquet, ".npz": _write_npz}
-    if path.suffix not in writers:
+    path = require_suffix(Path(path))
+    writers = {".csv": write_csv_file, ".parquet": write_parquet, ".npz": _write_npz}
+    with replacing(path) as temporary:
+        writers[path.suffix](recording, temporary)
+
+
+def require_suffix(path: Path) -> Path:
+    """``path`` when its ending names a format that recordings are written in.
+
+    Raises:
+        TiltcalError: it does not.
+    """
+    if path.suffix not in SUFFIXES:
         raise TiltcalError(
             f"output {path}",
             found=f"the ending '{path.suffix}'",
             need="one of " + ", ".join(SUFFIXES),
             do="rename it",
         )
-    with replacing(path) as temporary:
-        writers[path.suffix](recording, temporary)
+    return path
 
 
 def assemble(
-    columns: Mapping[str, Array | Labels], metadata: Mapping[str, str], source: str
+    columns: Mapping[str, Array | Labels],
+    metadata: Mapping[str, str],
+    source: str,
+    before: int = 0,
 ) -> Recording:
     """A recording from columns as read, (n,) each: floats, or objects for text.
+
+    Args:
+        before: rows of the file before these, for messages.
 
     Raises:
         TiltcalError: there is no time column, a stamp is missing, or there are no rows.
@@ -93,7 +102,7 @@ def assemble(
             subject, found="a header and no rows", need="at least one row", do="record it again"
         )
     if np.isnan(time).any():
-        row = int(np.argmax(np.isnan(time))) + 1
+        row = before + int(np.argmax(np.isnan(time))) + 1
         raise TiltcalError(
             f"{subject}, data row {row}, column time_s",
             found="no time",
@@ -118,74 +127,7 @@ def _without_blanks(texts: Array | Labels) -> Labels:
 
 
 # --------------------------------------------------------------------------------------------------
-# ---- Parquet, NPZ
-
-
-def _read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    try:
-        table = parquet.read_table(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise TiltcalError(
-            f"recording {path.name}", found=reason, need="a Parquet file", do="check the file"
-        ) from error
-    metadata = stored_metadata(table.schema.metadata, path)
-    columns: dict[str, Array | Labels] = {}
-    for i, name in enumerate(table.column_names):
-        number = is_number(name)
-        if number and not (
-            pa.types.is_floating(table.schema.types[i])
-            or pa.types.is_integer(table.schema.types[i])
-        ):
-            raise TiltcalError(
-                f"recording {path.name}, column {name}",
-                found=f"type {table.schema.types[i]}",
-                need="numbers",
-                do="convert that column",
-            )
-        try:
-            columns[name] = to_numpy(
-                table.column(i).cast(pa.float64() if number else pa.string()), number
-            )
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            raise TiltcalError(
-                f"recording {path.name}, column {name}",
-                found=str(error).splitlines()[0],
-                need="text or numbers",
-                do="convert or leave out that column",
-            ) from error
-    return columns, metadata
-
-
-def stored_metadata(schema: Mapping[bytes, bytes] | None, path: Path) -> dict[str, str]:
-    """The metadata that a Parquet schema carries.
-
-    Raises:
-        TiltcalError: it is not what we write.
-    """
-    try:
-        return dict(json.loads((schema or {}).get(_METADATA.encode(), b"{}")))
-    except ValueError as error:
-        raise TiltcalError(
-            f"recording {path.name}, metadata",
-            found=str(error),
-            need="the JSON that tiltcal writes",
-            do="write the file again",
-        ) from error
-
-
-def _write_parquet(recording: Recording, path: Path) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    names, arrays = arrow_columns(recording)
-    table = pa.table(arrays, names=names).replace_schema_metadata(
-        {_METADATA: json.dumps(dict(recording.metadata))}
-    )
-    parquet.write_table(table, path)
+# ---- NPZ
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
@@ -198,7 +140,7 @@ def _read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
             archive = np.load(file, allow_pickle=False)
             for name in archive.files:
                 values = archive[name]
-                if name == _METADATA:
+                if name == METADATA:
                     metadata = json.loads(str(values))
                 elif np.ndim(values) != 1:
                     raise ValueError(f"array {name} of shape {np.shape(values)}")
@@ -233,6 +175,6 @@ def _write_npz(recording: Recording, path: Path) -> None:
         {} if recording.labels is None else {"label": recording.labels}
     )
     words = {name: np.array([t or "" for t in values], dtype=str) for name, values in texts.items()}
-    metadata = {_METADATA: np.array(json.dumps(dict(recording.metadata)))}
+    metadata = {METADATA: np.array(json.dumps(dict(recording.metadata)))}
     with path.open("wb") as out:
         np.savez(out, allow_pickle=False, **arrays, **words, **metadata)

@@ -11,7 +11,7 @@ from tiltcal.core.units import split_unit
 from tiltcal.effects.base import Effect, SignalEffect
 from tiltcal.effects.sense import Sense
 from tiltcal.forward.signal_chain import readings
-from tiltcal.laboratory.laboratory import to_column
+from tiltcal.laboratory.sensor_columns import to_column
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.segmentation import Segment

@@ -19,6 +19,7 @@ ANALOG = frozenset({"accelerometer", "inclinometer", "gyro", "fog"})
 class PerChannel(SignalEffect):
     """A change of each channel by its own parameter."""
 
+    row_wise = True
     stage = "electronics"
     kinds = ANALOG
 
@@ -85,6 +86,7 @@ class AdcInl(PerChannel):
 
 
 class AdcQuantisation(SignalEffect):
+    row_wise = True
     id = "adc_quantisation"
     needs = "any"
     stage: ClassVar[Stage] = "electronics"

@@ -11,6 +11,7 @@ from tiltcal.effects.spans import CoordinateRanges
 
 
 class GravityMagnitude(WorldEffect):
+    row_wise = True
     id = "gravity_magnitude"
     stage = "environment"
     title = "local gravity differs from the assumed"
@@ -31,6 +32,7 @@ class GravityMagnitude(WorldEffect):
 
 
 class EarthRate(WorldEffect):
+    row_wise = True
     id = "earth_rate"
     stage = "environment"
     title = "Earth's rotation left out of the gyro model"
@@ -51,6 +53,7 @@ class EarthRate(WorldEffect):
 
 
 class EarthCoriolis(WorldEffect):
+    row_wise = True
     id = "earth_coriolis"
     needs = "motion"
     stage = "environment"

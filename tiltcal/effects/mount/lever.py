@@ -10,6 +10,7 @@ from tiltcal.effects.parameter import Parameter
 
 
 class LeverArm(WorldEffect):
+    row_wise = True
     id = "lever_arm"
     needs = "motion"
     stage = "mount"

@@ -16,6 +16,7 @@ from tiltcal.setup.trajectory import Jet, sampled_jet
 
 
 class MountMisalignment(FrameEffect):
+    row_wise = True
     id = "mount_misalignment"
     stage = "mount"
     title = "instrument not aligned to the faceplate"

@@ -25,6 +25,7 @@ WIDTHS = (0.0, 0.03, 0.06, 0.12)
 class AccTerm(TermEffect):
     """A term of the model equation: one coefficient an axis, named ``<stem>_<axis>``."""
 
+    row_wise = True
     stage = "sensor"
     kinds = ACCELEROMETERS
     order = 10
@@ -76,6 +77,7 @@ class AccScale(AccTerm):
 
 
 class AccCrossAxis(TermEffect):
+    row_wise = True
     id = "acc_cross_axis"
     stage = "sensor"
     kinds = ACCELEROMETERS

@@ -43,6 +43,7 @@ def warming_rate(sense: Sense) -> Array:
 
 
 class AccTempBias(FollowsState):
+    row_wise = True
     id = "acc_temp_bias"
     needs = "temperature"
     kinds = ACCELEROMETERS
@@ -65,6 +66,7 @@ class AccTempBias(FollowsState):
 
 
 class AccTempScale(TermEffect):
+    row_wise = True
     id = "acc_temp_scale"
     needs = "temperature"
     stage = "sensor"
@@ -133,6 +135,7 @@ class AccThermalHysteresis(FollowsState):
 
 
 class AccTempMisalign(TermEffect):
+    row_wise = True
     id = "acc_temp_misalign"
     needs = "temperature"
     stage = "sensor"

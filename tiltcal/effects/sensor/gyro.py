@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
-from tiltcal.effects.base import SignalEffect, TermEffect
+from tiltcal.effects.base import RowWiseTerm, SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import vibration_power
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import Sense
@@ -17,7 +17,7 @@ TRIAD = frozenset({"gyro"})
 FOG = frozenset({"fog"})
 
 
-class GyrTerm(TermEffect):
+class GyrTerm(RowWiseTerm):
     """One coefficient an axis that acts on the axis' own rate."""
 
     stage = "sensor"
@@ -108,7 +108,7 @@ class FogScale(GyrScale):
     parameters = (Parameter("scale_{axis}", "ppm", (10, 500, 1000)),)
 
 
-class GyrMisalignment(TermEffect):
+class GyrMisalignment(RowWiseTerm):
     id = "gyr_misalignment"
     stage = "sensor"
     kinds = TRIAD
@@ -128,7 +128,7 @@ class GyrMisalignment(TermEffect):
         return self.channel_of(name[-2], sense), sense.rate[:, "xyz".index(name[-1])]
 
 
-class GyrGsens(TermEffect):
+class GyrGsens(RowWiseTerm):
     id = "gyr_gsens"
     stage = "sensor"
     kinds = GYROS
@@ -148,7 +148,7 @@ class GyrGsens(TermEffect):
         return self.channel_of(name[-2], sense), sense.force[:, "xyz".index(name[-1])] / G0
 
 
-class GyrG2sens(TermEffect):
+class GyrG2sens(RowWiseTerm):
     id = "gyr_g2sens"
     stage = "sensor"
     kinds = GYROS
@@ -229,7 +229,7 @@ class FogShupe(FollowsState):
         return warming_rate(sense)
 
 
-class FogAxisError(TermEffect):
+class FogAxisError(RowWiseTerm):
     id = "fog_axis_error"
     stage = "sensor"
     kinds = FOG

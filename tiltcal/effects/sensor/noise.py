@@ -2,6 +2,8 @@
 the same numbers.
 """
 
+from copy import deepcopy
+from dataclasses import dataclass
 from math import log, pi
 
 import numpy as np
@@ -9,11 +11,13 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import G0
 from tiltcal.effects.base import SignalEffect
-from tiltcal.effects.hysteresis_and_lag import steady_recursion
+from tiltcal.effects.hysteresis_and_lag import SteadyRecursion, steady_recursion
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS
+from tiltcal.setup.sensor import Sensor
 
+SKIP = 1 << 16  # numbers drawn at once to pass them over
 FLICKER_TAUS = tuple(4.0**k for k in range(6))  # s: 1, 4, ... 1024
 
 
@@ -54,6 +58,70 @@ def draw_flicker(n: int, rate_hz: float, flicker: float, rng: np.random.Generato
     return total
 
 
+class NoiseDraw:
+    """``draw_noise`` piece by piece: the same numbers to the bit, while only pieces are held.
+
+    A component's numbers follow those of the one before in the same stream, so that each has a
+    stream of its own here, found by drawing all numbers before it once.
+
+    Args: as of ``draw_noise``.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        rate_hz: float,
+        white: float,
+        flicker: float,
+        walk: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.white, self.walk, self.last = white * np.sqrt(rate_hz), walk / np.sqrt(rate_hz), 0.0
+        self._white = _skipped(rng, n) if white else rng
+        self.flicker = []
+        variance = flicker**2 * log(4) / pi
+        for tau in FLICKER_TAUS if flicker else ():
+            decay = float(np.exp(-1 / (rate_hz * tau)))
+            size = np.sqrt(variance * (1 - decay**2))
+            self.flicker.append((_skipped(rng, n), size, SteadyRecursion(decay, n)))
+        self._walk = rng
+
+    @staticmethod
+    def possible(n: int, rate_hz: float) -> bool:
+        """Whether the numbers of such a recording can be had in pieces."""
+        return SteadyRecursion(float(np.exp(-1 / (rate_hz * FLICKER_TAUS[0]))), n).length >= 8
+
+    def __call__(self, n: int) -> Array:
+        """The next n samples."""
+        noise = np.zeros(n)
+        if self.white:
+            self._white.standard_normal(out=noise)
+            noise *= self.white
+        if self.flicker:
+            total = np.zeros(n)
+            for rng, size, recursion in self.flicker:
+                drive = rng.standard_normal(n) * size
+                if recursion.done == 0:
+                    drive[:1] /= np.sqrt(1 - recursion.decay**2)  # starts stationary
+                total += recursion(drive)
+            noise += total
+        if self.walk:
+            steps = self._walk.standard_normal(n)
+            steps[:1] += self.last
+            walked = np.cumsum(steps)
+            self.last = float(walked[-1])
+            noise += walked * self.walk
+        return noise
+
+
+def _skipped(rng: np.random.Generator, n: int) -> np.random.Generator:
+    """The stream as it is, while the one given goes on by n normal numbers."""
+    here = deepcopy(rng)
+    for first in range(0, n, SKIP):
+        rng.standard_normal(min(SKIP, n - first))
+    return here
+
+
 class Noise(SignalEffect):
     """Independent noise on every channel."""
 
@@ -74,6 +142,38 @@ class Noise(SignalEffect):
         white, flicker, walk = (self.value(name) * size for name in ("white", "flicker", "walk"))
         for i, stream in enumerate(rng.spawn(reading.shape[1])):
             reading[:, i] += draw_noise(len(reading), sense.rate_hz, white, flicker, walk, stream)
+        return reading
+
+    def in_pieces(self, sensor: Sensor, n: int, rng: np.random.Generator) -> "NoiseInPieces":
+        """The same noise, applied to one piece after the other of a recording of n samples."""
+        # on an inclinometer it acts on the angle: 1 ug = 1 urad
+        size = 1 / G0 if sensor.kind == "inclinometer" else 1.0
+        white, flicker, walk = (self.value(name) * size for name in ("white", "flicker", "walk"))
+        draws = tuple(
+            NoiseDraw(n, sensor.rate_hz, white, flicker, walk, stream)
+            for stream in rng.spawn(len(sensor.axes))
+        )
+        return NoiseInPieces(self.values, self.sensor, draws=draws)
+
+
+@dataclass(frozen=True)
+class NoiseInPieces(SignalEffect):
+    """Noise that goes on with each piece of a recording it is applied to.
+
+    Args:
+        draws: of each channel.
+    """
+
+    draws: tuple[NoiseDraw, ...] = ()
+
+    order = Noise.order
+    random = True
+    row_wise = True
+    parameters = ()
+
+    def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
+        for i, draw in enumerate(self.draws):
+            reading[:, i] += draw(len(reading))
         return reading
 
 

@@ -15,6 +15,7 @@ from tiltcal.effects.traits import Family
 class Warmup(TermEffect):
     """reading_i += A_i exp(-t / tau), t from the first stamp."""
 
+    row_wise = True
     stage = "sensor"
     order = 20
     linear = False
@@ -59,6 +60,7 @@ class GyrWarmup(Warmup):
 class BiasStep(TermEffect):
     """reading_i += A_i from time_s on, or creeping there with the time constant creep_s."""
 
+    row_wise = True
     stage = "sensor"
     order = 20
     linear = False
@@ -117,6 +119,7 @@ class AccDrift(FollowsState):
 
 
 class AccTurnOn(SignalEffect):
+    row_wise = True
     id = "acc_turn_on"
     needs = "any"
     stage = "sensor"

@@ -16,6 +16,7 @@ from tiltcal.setup.trajectory import Jet
 
 
 class TableLevelling(FrameEffect):
+    row_wise = True
     id = "table_levelling"
     stage = "table"
     title = "base of the table is not level"
@@ -41,6 +42,7 @@ class TableLevelling(FrameEffect):
 
 
 class AxisNonorthogonality(FrameEffect):
+    row_wise = True
     id = "axis_nonorthogonality"
     stage = "table"
     title = "table axes are not perpendicular"
@@ -68,6 +70,7 @@ class AxisNonorthogonality(FrameEffect):
 
 
 class AxisWobble(FrameEffect):
+    row_wise = True
     id = "table_axis_wobble"
     stage = "table"
     title = "synchronous tilt of the rotation axis"
@@ -148,6 +151,7 @@ class WobbleAsync(FrameEffect):
 
 
 class AxisNonintersection(LinkEffect):
+    row_wise = True
     id = "axis_nonintersection"
     needs = "motion"
     stage = "table"

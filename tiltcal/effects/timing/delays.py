@@ -9,6 +9,7 @@ from tiltcal.effects.parameter import Parameter
 
 
 class DataLatency(DelayEffect):
+    row_wise = True
     id = "data_latency"
     needs = "motion"
     stage = "timing"
@@ -27,6 +28,7 @@ class DataLatency(DelayEffect):
 
 
 class ChannelMuxSkew(DelayEffect):
+    row_wise = True
     id = "channel_mux_skew"
     needs = "motion"
     stage = "electronics"

@@ -1,0 +1,151 @@
+"""Recordings as Parquet files, with metadata in the schema."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.csv_files import arrow_table, is_number, to_numpy
+from tiltcal.recordings.recording import Labels, Recording
+
+METADATA = "tiltcal.metadata"
+PIECE = 1 << 16  # rows of a piece of a long recording
+
+
+def read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
+    """All columns, (n,) each, and the metadata.
+
+    Raises:
+        TiltcalError: it is no Parquet file, or a column has another type than its name says.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    metadata, _ = parquet_head(path)
+    try:
+        return _columns(parquet.read_table(path), path), metadata
+    except (pa.ArrowInvalid, OSError) as error:
+        raise _unreadable(path, error) from error
+
+
+def parquet_head(path: Path) -> tuple[dict[str, str], list[str]]:
+    """The metadata, and the names of the columns.
+
+    Raises:
+        TiltcalError: it is no Parquet file.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        schema = parquet.read_schema(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise _unreadable(path, error) from error
+    return stored_metadata(schema.metadata, path), list(schema.names)
+
+
+def parquet_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:
+    """The columns piece by piece, (n,) each.
+
+    Raises:
+        TiltcalError: as ``read_parquet`` does.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        # neither whole row groups in memory nor, of a column's bytes, more than a buffer
+        with parquet.ParquetFile(path, pre_buffer=False, buffer_size=PIECE) as file:
+            for batch in file.iter_batches(batch_size=PIECE):
+                yield _columns(batch, path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> TiltcalError:
+    return TiltcalError(
+        f"recording {path.name}",
+        found=str(error).splitlines()[0],
+        need="a Parquet file",
+        do="check the file",
+    )
+
+
+def _columns(table: Any, path: Path) -> dict[str, Array | Labels]:
+    """The columns of an Arrow table or batch."""
+    import pyarrow as pa
+
+    columns: dict[str, Array | Labels] = {}
+    for i, name in enumerate(table.schema.names):
+        number = is_number(name)
+        stored = table.schema.types[i]
+        if number and not (pa.types.is_floating(stored) or pa.types.is_integer(stored)):
+            raise TiltcalError(
+                f"recording {path.name}, column {name}",
+                found=f"type {stored}",
+                need="numbers",
+                do="convert that column",
+            )
+        try:
+            columns[name] = to_numpy(
+                table.column(i).cast(pa.float64() if number else pa.string()), number
+            )
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+            raise TiltcalError(
+                f"recording {path.name}, column {name}",
+                found=str(error).splitlines()[0],
+                need="text or numbers",
+                do="convert or leave out that column",
+            ) from error
+    return columns
+
+
+def stored_metadata(schema: Mapping[bytes, bytes] | None, path: Path) -> dict[str, str]:
+    """The metadata that a Parquet schema carries.
+
+    Raises:
+        TiltcalError: it is not what we write.
+    """
+    try:
+        return dict(json.loads((schema or {}).get(METADATA.encode(), b"{}")))
+    except ValueError as error:
+        raise TiltcalError(
+            f"recording {path.name}, metadata",
+            found=str(error),
+            need="the JSON that tiltcal writes",
+            do="write the file again",
+        ) from error
+
+
+def write_parquet(recording: Recording, path: Path) -> None:
+    """Write a recording as Parquet."""
+    with parquet_writer(path) as write:
+        write(recording)
+
+
+@contextmanager
+def parquet_writer(path: Path) -> Iterator[Callable[[Recording], None]]:
+    """What appends pieces of a recording to a Parquet file, each with the columns of the first."""
+    from pyarrow import parquet
+
+    writers: list[Any] = []
+    names: list[str] = []
+
+    def write(piece: Recording) -> None:
+        names.extend(() if names else piece.written_names)
+        table = arrow_table(piece, names)
+        if not writers:
+            schema = table.schema.with_metadata({METADATA: json.dumps(dict(piece.metadata))})
+            # numbers hardly ever repeat: a dictionary of them only costs time
+            options: dict[str, Any] = {"use_dictionary": list(piece.texts) or False}
+            writers.append(parquet.ParquetWriter(path, schema, **options))
+        writers[0].write_table(table.replace_schema_metadata(writers[0].schema.metadata))
+
+    try:
+        yield write
+    finally:
+        for writer in writers:
+            writer.close()

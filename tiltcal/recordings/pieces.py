@@ -1,0 +1,131 @@
+"""Long recordings read and written piece by piece, in memory that does not grow with their length.
+
+CSV comes by blocks of text, Parquet by batches of rows. NPZ holds each column whole: it is read and
+written in one piece.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.files import replacing, require_file
+from tiltcal.recordings.csv_files import csv_head, csv_pieces, csv_writer
+from tiltcal.recordings.parquet_files import parquet_head, parquet_pieces, parquet_writer
+from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording_files import (
+    assemble,
+    read_recording,
+    require_suffix,
+    write_recording,
+)
+from tiltcal.recordings.stamps import require_onward
+
+Write = Callable[[Recording], None]
+"""Appends a piece of a recording to a file."""
+
+
+def read_pieces(path: Path | str) -> Iterator[Recording]:
+    """The pieces of a recording in their order: together what ``read_recording`` reads.
+
+    Raises:
+        TiltcalError: as ``read_recording`` and ``Recording.require_increasing`` do.
+    """
+    path = require_file(Path(path), "recording")
+    if path.suffix not in (".csv", ".parquet") or path.stat().st_size == 0:
+        yield read_recording(path).require_increasing()
+        return
+    if path.suffix == ".csv":
+        metadata, names, _ = csv_head(path)
+        pieces = csv_pieces(path)
+    else:
+        metadata, names = parquet_head(path)
+        pieces = parquet_pieces(path)
+    yield from _ahead(_assembled(pieces, names, metadata, path.name))
+
+
+def _assembled(
+    pieces: Iterator[dict[str, Array | Labels]],
+    names: Sequence[str],
+    metadata: Mapping[str, str],
+    source: str,
+) -> Iterator[Recording]:
+    """Recordings of columns as read, piece by piece; what the rows are numbered by goes on."""
+    rows, last = 0, -np.inf
+    for columns in pieces:
+        if not len(next(iter(columns.values()))):
+            continue
+        piece = assemble(columns, metadata, source, rows)
+        require_onward(piece.time, piece.source, rows, last)
+        yield piece
+        rows, last = rows + len(piece), float(piece.time[-1])
+    if rows == 0:  # says what is missing
+        assemble({name: np.zeros(0) for name in names}, metadata, source)
+
+
+def _ahead(pieces: Iterator[Recording]) -> Iterator[Recording]:
+    """The same; while one piece is used a thread reads the next."""
+    with ThreadPoolExecutor(1) as reader:
+        coming = reader.submit(next, pieces, None)
+        while (piece := coming.result()) is not None:
+            coming = reader.submit(next, pieces, None)
+            yield piece
+
+
+@contextmanager
+def _behind(write: Write) -> Iterator[Write]:
+    """The same; while a thread writes one piece the next is made."""
+    with ThreadPoolExecutor(1) as writer:
+        going: list[Future[None]] = []
+
+        def pass_on(piece: Recording) -> None:
+            if going:
+                going.pop().result()
+            going.append(writer.submit(write, piece))
+
+        yield pass_on
+        for last in going:
+            last.result()
+
+
+@contextmanager
+def writing(path: Path | str) -> Iterator[Write]:
+    """What appends pieces to a recording's file, each with the columns of the first; the file takes
+    its name when the block ends well, and not before.
+
+    Raises:
+        TiltcalError: the ending is unknown or the place cannot be written.
+    """
+    path = require_suffix(Path(path))
+    if path.suffix == ".npz":
+        pieces: list[Recording] = []
+        yield pieces.append
+        write_recording(joined(pieces), path)
+        return
+    with replacing(path) as temporary:
+        if path.suffix == ".parquet":
+            with parquet_writer(temporary) as write, _behind(write) as pass_on:
+                yield pass_on
+        else:
+            with temporary.open("wb") as out, csv_writer(out) as write, _behind(write) as pass_on:
+                yield pass_on
+
+
+def joined(pieces: Sequence[Recording]) -> Recording:
+    """One recording of consecutive pieces that have the same columns."""
+    first = pieces[0]
+
+    def labels(columns: Sequence[Labels | None]) -> Labels:
+        return np.concatenate([c for c in columns if c is not None])
+
+    return Recording.from_columns(
+        np.concatenate([p.time for p in pieces]),
+        {name: np.concatenate([p.column(name) for p in pieces]) for name in first.column_names},
+        labels=None if first.labels is None else labels([p.labels for p in pieces]),
+        extra={name: labels([p.extra[name] for p in pieces]) for name in first.extra},
+        metadata=first.metadata,
+        source=first.source,
+    )

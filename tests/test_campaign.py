@@ -119,6 +119,7 @@ def test_a_path_that_leads_nowhere_is_one_message(path, words):
         ({"field": "a", "start": 0.0, "stop": 9.0, "count": 3, "log": True}, "log needs"),
         (uniform("a", 2.0, 1.0), "uniform needs low below high"),
         (uniform("a") | {"distribution": "loguniform"}, "loguniform needs low above 0"),
+        (uniform("a", 0.5, 2.0) | {"distribution": "integer"}, "integer needs whole numbers"),
         ({"field": "a", "distribution": "normal", "mean": 1.0}, "normal needs mean and sigma"),
         ({"level": [{"label": "x", "set": {}}]}, "give name"),
         ({"field": "a", "values": [1], "colour": "red"}, "Extra inputs"),
@@ -138,6 +139,10 @@ def test_levels_and_quantiles_are_what_was_asked_for():
     p = np.array([0.0, 0.5, 0.975])
     loguniform = uniform("a", 1.0, 100.0) | {"distribution": "loguniform"}
     np.testing.assert_allclose(Factor.model_validate(loguniform).quantiles(p)[:2], [1.0, 10.0])
+    integer = Factor.model_validate(uniform("a", 1.0, 4.0) | {"distribution": "integer"})
+    drawn = integer.quantiles((np.arange(8) + 0.5) / 8)
+    assert [integer.value_of(x) for x in drawn] == [1, 1, 2, 2, 3, 3, 4, 4]
+    assert isinstance(integer.value_of(drawn[0]), int)
     normal = {"field": "a", "distribution": "normal", "mean": 3.0, "sigma": 2.0}
     np.testing.assert_allclose(
         Factor.model_validate(normal).quantiles(p)[1:], [3.0, 3.0 + 2 * 1.959964], rtol=1e-6
@@ -355,6 +360,22 @@ def test_a_range_is_start_stop_and_count(bench, capsys, words):
     assert (bench / "bench.toml").exists()
     assert main(["sweep", "bench.toml", "--effect", words, "-o", "x.parquet"]) == 2
     assert "need PATH=START:STOP:COUNT" in capsys.readouterr().err
+
+
+def test_every_run_may_have_an_instrument_of_its_own(bench):
+    """Grades draw an instrument by their seed."""
+    grades = BENCH_SCENARIO.replace("seed = 5", 'seed = 5\ngrade = "mid_mems"')
+    (bench / "bench.toml").write_text(grades.replace(EFFECTS, ""))
+    (bench / "c.toml").write_text(
+        'schema = 1\nscenario = "bench.toml"\nsamples = 4\n[[factor]]\nfield = "grade_seed"\n'
+        'distribution = "integer"\nlow = 1\nhigh = 1000000\n'
+    )
+    assert main(["campaign", "c.toml", "-o", "out"]) == 0
+    table = pq.read_table(bench / "out" / "results.parquet")
+    truth = table.column("accel.bias_x_truth_m_s2").to_pylist()
+    seeds = table.column("grade_seed").to_pylist()
+    assert len(set(seeds)) == len(set(truth)) == 8
+    assert all(s % 1 == 0 for s in seeds)
 
 
 def test_a_method_that_fails_is_a_row_and_is_named(bench, capsys):

@@ -26,7 +26,8 @@ class Factor(Part):
 
     ``values``: levels of one field. ``start, stop, count``: evenly spaced ones, with ``log`` in
     their logarithm. ``level``: levels that set several fields. ``distribution``: ``uniform`` or
-    ``loguniform`` between ``low`` and ``high``, ``normal`` with ``mean`` and ``sigma``.
+    ``loguniform`` between ``low`` and ``high``, ``integer`` from ``low`` to ``high``, both of them
+    among its values, ``normal`` with ``mean`` and ``sigma``.
     """
 
     name: str = ""
@@ -37,7 +38,7 @@ class Factor(Part):
     count: Annotated[int, Field(ge=1)] | None = None
     log: bool = False
     level: Annotated[tuple[Level, ...], Field(min_length=1)] | None = None
-    distribution: Literal["uniform", "loguniform", "normal"] | None = None
+    distribution: Literal["uniform", "loguniform", "integer", "normal"] | None = None
     low: float | None = None
     high: float | None = None
     mean: float | None = None
@@ -68,6 +69,8 @@ class Factor(Part):
             raise ValueError(f"{self.distribution} needs low below high")
         elif self.distribution == "loguniform" and self.low <= 0:
             raise ValueError("loguniform needs low above 0")
+        elif self.distribution == "integer" and not (self.low % 1 == self.high % 1 == 0):
+            raise ValueError("integer needs whole numbers low and high")
 
     @property
     def title(self) -> str:
@@ -100,9 +103,15 @@ class Factor(Part):
             return np.asarray(stats.norm(self.mean, self.sigma).ppf(p))
         assert self.low is not None
         assert self.high is not None
+        if self.distribution == "integer":
+            return np.asarray(stats.randint(self.low, self.high + 1).ppf(p))
         if self.distribution == "loguniform":
             return np.asarray(stats.loguniform(self.low, self.high).ppf(p))
         return np.asarray(stats.uniform(self.low, self.high - self.low).ppf(p))
+
+    def value_of(self, quantile: float) -> int | float:
+        """A quantile as the scenario takes it."""
+        return int(quantile) if self.distribution == "integer" else float(quantile)
 
 
 def _label(value: Any) -> Any:

@@ -55,7 +55,8 @@ def points_of(campaign: Campaign) -> Iterator[Point]:
             continue
         for matrix, x in _design(campaign):
             for j, row in enumerate(x):
-                values = dict(zip(names, row.tolist(), strict=True))
+                drawn = (f.value_of(x) for f, x in zip(campaign.distributions, row, strict=True))
+                values = dict(zip(names, drawn, strict=True))
                 changes = {str(f.field): v for f, v in zip(campaign.distributions, values.values())}
                 document = with_fields(campaign.document, fields | changes)
                 noise = 2 * j + (matrix == "B")
@@ -88,7 +89,7 @@ def check_levels(campaign: Campaign) -> None:
     for f in campaign.grids:
         trials += [(f"{f.title} = {label}", fields) for label, fields in f.levels()]
     for f in campaign.distributions:
-        middle = float(f.quantiles(np.array([MIDDLE]))[0])
+        middle = f.value_of(f.quantiles(np.array([MIDDLE]))[0])
         trials.append((f"{f.title} = {middle:g}", {str(f.field): middle}))
     for words, fields in trials:
         try:

@@ -17,7 +17,7 @@ class Limits:
         seconds: of wall time. memory_mib: of private memory of its process, MiB.
     """
 
-    seconds: float = 600.0
+    seconds: float = 3600.0
     memory_mib: int = 4096
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
-from tiltcal.diagnosis.search.curve_misfit import curve_energy, misfit_evidence
+from tiltcal.diagnosis.search.curve_misfit import curve_energy, misfit_odds
 from tiltcal.diagnosis.search.names import UNLISTED, named, without_misfits
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 from tiltcal.diagnosis.search.scan import Scan
@@ -53,23 +53,27 @@ def beside(axis, size_ug, alias=None):
     return repriced(state, GATE.left_by(fitted, whitened))
 
 
-def test_the_evidence_for_a_misfit_is_that_of_any_of_the_shares():
-    """A listed law gains 20 beside a curve of energy 100. Of the shares s only the last three say
-    much: with v = 100 s the likelihood ratio is exp(10 v / (1 + v)) / sqrt(1 + v).
+def test_the_odds_of_a_misfit_are_those_of_its_size():
+    """A listed law gains 20 beside a curve of energy 100. At a prior energy v the likelihood ratio
+    is exp(10 v / (1 + v)) / sqrt(1 + v).
 
-    s = 0.02: v = 2, e^6.667 / 1.732 = 453.7; s = 0.16: v = 16, e^9.412 / 4.123 = 2965.0;
-    s = 0.45: v = 45, e^9.783 / 6.782 = 2613.3. s = 0.0016: v = 0.16, e^1.379 / 1.077 = 3.69; the
-    others 1.09 and 1.01. Their mean is 1006.3.
+    Of the shares s only the last three say much: s = 0.02: v = 2, e^6.667 / 1.732 = 453.7;
+    s = 0.16: v = 16, e^9.412 / 4.123 = 2965.0; s = 0.45: v = 45, e^9.783 / 6.782 = 2613.3;
+    s = 0.0016: v = 0.16, e^1.379 / 1.077 = 3.69; the others 1.09 and 1.01. Their mean is 1006.3.
+
+    Of any size: v = 1, 104.9; 10, 2675.7; 100, 1985.1; 1000, 689.3; then 220.0, 69.65, 22.03, 6.97
+    and 2.20. Their mean is 641.8.
     """
-    assert misfit_evidence(20.0, 100.0) == pytest.approx(np.log(1006.3), abs=0.001)
+    assert misfit_odds(20.0, 100.0) == pytest.approx(np.log(1006.3 / 641.8), abs=0.001)
 
 
 def test_a_law_far_larger_than_what_a_curve_may_leave_is_no_misfit():
-    """Gain 1000 of a curve of energy 100: the best share leaves 500/46 = 10.9 of 500 nats, less
-    the logarithms of 46^(1/2) and of six shares.
+    """Gain 1000, energy 100: the best share leaves 500/46 = 10.87 of 500 nats, less
+    the logarithms of 46^(1/2) and of six shares. Of any size: v = 100, e^-4.950 / 10.05 = 7.04e-4;
+    1000, e^-0.4995 / 31.64 = 0.01918; then 0.00951, 0.00315, 0.001, 3.2e-4, 1e-4; of nine 0.00377.
     """
-    expected = 500 - 500 / 46 - np.log(46) / 2 - np.log(6)
-    assert misfit_evidence(1000.0, 100.0) == pytest.approx(expected, abs=0.01)
+    expected = -500 / 46 - np.log(46) / 2 - np.log(6) - np.log(0.00377)
+    assert misfit_odds(1000.0, 100.0) == pytest.approx(expected, abs=0.01)
 
 
 def test_a_small_law_beside_a_nameless_curve_completes_the_curve():

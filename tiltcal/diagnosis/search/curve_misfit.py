@@ -11,7 +11,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.model.fitted_model import FittedModel, refit_linearly
-from tiltcal.diagnosis.search.bayes_factors import log_bayes_factor
+from tiltcal.diagnosis.search.bayes_factors import ENERGIES, log_bayes_factor
 from tiltcal.diagnosis.search.state import State, laws, refitted, without
 
 SHARES = np.array([1e-5, 1e-4, 1.6e-3, 0.02, 0.16, 0.45])
@@ -32,14 +32,16 @@ def curve_energy(state: State, k: int) -> float:
     return float(own @ curves) / max(float(own.sum()), np.finfo(float).tiny)
 
 
-def misfit_evidence(gain: float, energy: float) -> float:
-    """Evidence that what a listed law explains is what nameless causes leave of their laws, against
-    noise, nats.
+def misfit_odds(gain: float, energy: float) -> float:
+    """Log odds of the size of a listed law as what nameless causes leave of their laws, to that as
+    a cause of any size, nats.
 
     Args:
         gain: of the listed law, fall of the deviance; energy: of the nameless causes.
     """
-    return float(log_bayes_factor(np.array([gain]), energy * SHARES[:, None])[0])
+    gains = np.array([gain])
+    left = log_bayes_factor(gains, energy * SHARES[:, None])
+    return float((left - log_bayes_factor(gains, ENERGIES[:, None]))[0])
 
 
 def taken_in(state: State, k: int) -> State:

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.best_shape import in_shapes
-from tiltcal.diagnosis.search.curve_misfit import curve_energy, misfit_evidence, taken_in
+from tiltcal.diagnosis.search.curve_misfit import curve_energy, misfit_odds, taken_in
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, possible
 from tiltcal.diagnosis.search.model_search import proposals
 from tiltcal.diagnosis.search.scan import Scan
@@ -116,7 +116,7 @@ def _misfits(state: State, k: int, rows: Sequence[_Row]) -> Iterator[_Row]:
     energy = curve_energy(state, k) if laws(state.fitted)[k].listed else 0.0
     for row in rows:
         if energy > 0 and row.name != UNLISTED and row.gain > 0:
-            odds = misfit_evidence(2 * row.gain, energy) - row.evidence - FURTHER
+            odds = misfit_odds(2 * row.gain, energy) - FURTHER
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 

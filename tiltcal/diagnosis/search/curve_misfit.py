@@ -39,9 +39,11 @@ def misfit_odds(gain: float, energy: float) -> float:
     Args:
         gain: of the listed law, fall of the deviance; energy: of the nameless causes.
     """
-    gains = np.array([gain])
-    left = log_bayes_factor(gains, energy * SHARES[:, None])
-    return float((left - log_bayes_factor(gains, ENERGIES[:, None]))[0])
+    as_misfit, as_cause = (
+        float(log_bayes_factor(np.array([gain]), np.asarray(widths)[:, None])[0])
+        for widths in (energy * SHARES, ENERGIES)
+    )
+    return as_misfit - as_cause
 
 
 def taken_in(state: State, k: int) -> State:

@@ -28,7 +28,7 @@ from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable, settled
-from tiltcal.diagnosis.search.names import named
+from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.random_settings import beside_random_settings
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
@@ -122,7 +122,10 @@ def _explained(
     if not (floors or _knows_settings(start)):
         state = beside_random_settings(state, start, gate)
     state, chances, doubts = believed(state, gate)
-    state, names = named(state, Scan(state.whitened))
+    scan = Scan(state.whitened)
+    state, kept = without_misfits(state, scan)
+    chances = tuple(chances[k] for k in kept)
+    state, names = named(state, scan)
     fitted, chance = state.fitted, list[Fault]()
     if floors:
         fitted = drop_below_code(fitted, state.whitened, floors, prepared.blurred)

@@ -9,7 +9,9 @@ from scipy.special import logsumexp
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.best_shape import in_shapes
+from tiltcal.diagnosis.search.curve_misfit import curve_energy, misfit_odds, taken_in
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, possible
 from tiltcal.diagnosis.search.model_search import proposals
 from tiltcal.diagnosis.search.scan import Scan
@@ -18,6 +20,8 @@ from tiltcal.diagnosis.search.state import Proposal, State, laws, refitted, with
 from tiltcal.effects.learned import Learned
 
 UNLISTED = "unlisted"
+FURTHER = float(np.log(priors.SOMETHING * (1 - priors.UNLISTED)))
+"""Log odds that a listed cause is there beside others."""
 LEAST = 1e-4  # probability of a name that is shown
 SHOWN = 8  # rivals
 COARSE = 3000.0
@@ -51,13 +55,16 @@ class Names:
 
 @dataclass(frozen=True)
 class _Row:
-    """An explanation in a cause's place: log posterior odds, evidence and gain, nats."""
+    """An explanation in a cause's place: log posterior odds, evidence and gain, nats; misfit:
+    whether it is what the nameless causes leave of their laws.
+    """
 
     name: str
     score: float
     evidence: float
     gain: float
     proposal: Proposal | None = None
+    misfit: bool = False
 
     def coarsely(self, coarse: float) -> float:
         """Log posterior odds where the data count less by a factor; the prior does not."""
@@ -71,12 +78,46 @@ def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
         rows = _rows(state, k, scan)
         names = replace(_names(rows), late=_late(state, k, rows[0]))
         stated = names.alike[0] if names.listed else UNLISTED
-        best = max((r for r in rows if r.name == stated), key=lambda r: r.score)
+        best = max((r for r in rows if r.name == stated and not r.misfit), key=lambda r: r.score)
         if best.proposal is not None and best.name != _name(_terms(state, k)):
             other = refitted(with_cause(state, k, best.proposal))
             state = other if np.isfinite(other.cost) else state
         found.append(names)
     return state, found
+
+
+def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:
+    """A state whose listed causes are listed things, and which of its causes they were: one that
+    is more probably what a nameless curve leaves of its law completes that curve's form.
+    """
+    kept = list(range(len(state.fitted.findings())))
+    while (
+        k := next((k for k in range(len(kept)) if _is_misfit(state, k, scan)), None)
+    ) is not None:
+        state = taken_in(state, k)
+        del kept[k]
+    return state, tuple(kept)
+
+
+def _is_misfit(state: State, k: int, scan: Scan) -> bool:
+    """Whether a listed cause is no listed thing, but what the nameless ones leave."""
+    if not laws(state.fitted)[k].listed or not curve_energy(state, k) > 0:
+        return False
+    rows = _rows(state, k, scan)
+    best = max((r for r in rows if r.name == UNLISTED), key=lambda r: r.score)
+    return best.misfit and not _names(rows).listed
+
+
+def _misfits(state: State, k: int, rows: Sequence[_Row]) -> Iterator[_Row]:
+    """What is listed in the place of a listed cause, as what the nameless ones leave of their laws:
+    which of the listed takes that up is as open as which is a cause, but they leave it for certain.
+    The form is the same; what differs is the prior of its size, which no coarsening blurs.
+    """
+    energy = curve_energy(state, k) if laws(state.fitted)[k].listed else 0.0
+    for row in rows:
+        if energy > 0 and row.name != UNLISTED and row.gain > 0:
+            odds = misfit_odds(2 * row.gain, energy) - FURTHER
+            yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 
 def _rows(state: State, k: int, scan: Scan) -> list[_Row]:
@@ -100,7 +141,7 @@ def _rows(state: State, k: int, scan: Scan) -> list[_Row]:
         if id(hypothesis) not in known:
             name = hypothesis.id if hypothesis.listed else UNLISTED
             rows.append(_Row(name, float(factor + odds), float(factor), 0.0))
-    return rows
+    return [*rows, *_misfits(state, k, rows)]
 
 
 def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Proposal]:

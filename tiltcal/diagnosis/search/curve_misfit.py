@@ -1,0 +1,78 @@
+"""What a nameless curve leaves of its law: a listed law beside it may be nothing but that.
+
+A curve is a far worse model of a law than a textbook form is of its own: it may follow another
+coordinate than the law does. What it leaves is a discrepancy with a prior (Kennedy and O'Hagan,
+J. R. Stat. Soc. B 63, 2001), whose energy is a share of the curve's own.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.model.fitted_model import FittedModel, refit_linearly
+from tiltcal.diagnosis.search.bayes_factors import ENERGIES, log_bayes_factor
+from tiltcal.diagnosis.search.state import State, laws, refitted, without
+
+SHARES = np.array([1e-5, 1e-4, 1.6e-3, 0.02, 0.16, 0.45])
+"""Energy that a listed law takes up of what a curve leaves of its law, in energies of the curve,
+each as probable as another: three where the curve follows the coordinate of its law, three where it
+follows another one. ``docs/diagnosis_model.md`` says how they were learnt.
+"""
+
+
+def curve_energy(state: State, k: int) -> float:
+    """What the nameless causes beside a cause explain without it, each channel as far as the cause
+    acts there: fall of the deviance.
+    """
+    rest = without(state, k)
+    which = [j for j, law in enumerate(laws(rest.fitted)) if not law.listed]
+    own = _explained(rest.fitted, state.fitted)
+    curves = _explained(without(rest, *which).fitted, rest.fitted)
+    return float(own @ curves) / max(float(own.sum()), np.finfo(float).tiny)
+
+
+def misfit_odds(gain: float, energy: float) -> float:
+    """Log odds of the size of a listed law as what nameless causes leave of their laws, to that as
+    a cause of any size, nats.
+
+    Args:
+        gain: of the listed law, fall of the deviance; energy: of the nameless causes.
+    """
+    as_misfit, as_cause = (
+        float(log_bayes_factor(np.array([gain]), np.asarray(widths)[:, None])[0])
+        for widths in (energy * SHARES, ENERGIES)
+    )
+    return as_misfit - as_cause
+
+
+def taken_in(state: State, k: int) -> State:
+    """A state whose k-th cause completes the form of that nameless one which explains most in its
+    channels.
+    """
+    fitted, groups = state.fitted, state.fitted.findings()
+    rest = without(state, k)
+    own = _explained(rest.fitted, fitted)
+    j = max(
+        (j for j, law in enumerate(laws(fitted)) if j != k and not law.listed),
+        key=lambda j: own @ _explained(without(state, j, k).fitted, rest.fitted),
+    )
+    law, terms, prices = laws(fitted)[j], [], list(state.prices)
+    for i, places in enumerate(groups):
+        terms += [fitted.terms[p] for p in places] if i != k else []
+        terms += [replace(fitted.terms[p], host=law) for p in groups[k]] if i == j else []
+    prices[j] += prices[k]
+    return refitted(
+        State(
+            refit_linearly(fitted, terms, state.whitened),
+            state.whitened,
+            tuple(c for i, c in enumerate(state.causes) if i != k),
+            tuple(p for i, p in enumerate(prices) if i != k),
+        )
+    )
+
+
+def _explained(before: FittedModel, after: FittedModel) -> Array:
+    """Fall of the deviance from one model to a larger one, by channel, where it falls."""
+    pairs = zip(before.residual, after.residual, strict=True)
+    return np.array([max(float(r @ r) - float(s @ s), 0.0) for r, s in pairs])

@@ -145,8 +145,8 @@ def test_after_kill_9_of_the_main_process_only_what_is_missing_is_made(whole):
     assert "10 of 10 runs" in said
 
 
-@pytest.mark.usefixtures("ten")
-def test_an_interrupt_leaves_a_journal_and_no_processes():
+def test_an_interrupt_leaves_a_journal_and_no_processes(here):
+    write(here, 200, SLOW)
     process = started("-o", "out", "-j", "2", after=2)
     children = _children(process.pid)
     process.send_signal(signal.SIGINT)

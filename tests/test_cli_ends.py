@@ -123,7 +123,7 @@ def test_ctrl_c_ends_with_130_and_a_word(monkeypatch, capsys):
 
 
 def test_ctrl_c_in_the_middle_of_writing_leaves_nothing(here, monkeypatch):
-    monkeypatch.setattr("tiltcal.cli.simulate.write_recording", raising(KeyboardInterrupt()))
+    monkeypatch.setattr("tiltcal.recordings.pieces.csv_writer", raising(KeyboardInterrupt()))
     assert main(["simulate", "bench.toml", "-o", "run.csv", "--truth", "truth.json"]) == 130
     assert [p.name for p in here.iterdir()] == ["bench.toml"]
 

@@ -16,6 +16,7 @@ from tiltcal.validation.campaign.fields import Document
 from tiltcal.validation.campaign.points import Point, points_of
 from tiltcal.validation.runs import ParameterRow, Row, laboratory_of, run_seed
 
+KEPT = 4096
 JUDGING = ("accept", "expect", "runs")  # keys of a method that change no run
 
 
@@ -96,8 +97,11 @@ def record_text(run: PointRun, outcome: Outcome, limits: Limits) -> str:
     return json.dumps({"rows": rows, "fault": outcome.fault, "seconds": outcome.seconds})
 
 
+@lru_cache(maxsize=KEPT)
 def recorded_of(text: str) -> Recorded:
-    """What a record of the journal says."""
+    """What a record of the journal says; the last ones are kept, as results are read several
+    times.
+    """
     found = json.loads(text)
     rows = tuple(
         Row(**(row | {"parameters": tuple(ParameterRow(**p) for p in row["parameters"])}))

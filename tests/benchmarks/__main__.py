@@ -13,6 +13,7 @@ ROOMS = (
     "allan",
     "investigating",
     "campaigns",
+    "long_recordings",
     "diagnosing",
     "trials",
 )

@@ -1,0 +1,93 @@
+"""Seconds and peak memory of commands on long recordings, each in a process of its own."""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HOURS = (3, 6, 12, 24)
+HEAD = """schema = 1
+name = "long"
+seed = 5
+[site]
+gravity_m_s2 = 9.80123
+latitude_deg = 40
+[rig]
+table = "dual"
+[climate]
+ramp_degC_h = 0.3
+[[sensor]]
+name = "accel"
+kind = "accelerometer"
+rate_hz = 100
+adjustable = ["bias", "scale", "cross_axis"]
+"""
+TRUTH = """[[effect]]
+id = "acc_bias"
+bias_x_ug = 500
+[[effect]]
+id = "acc_K2"
+k2_x_ug_g2 = 60
+[[effect]]
+id = "acc_noise"
+white_ug_rthz = 40
+flicker_ug = 5
+walk_ug_rts = 0.05
+"""
+MEASURED = """
+import sys
+from tiltcal.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def sequence(hours: int) -> str:
+    """Thirty moves an hour between the poses of a tumble."""
+    return "".join(
+        f'[[sequence]]\naction = "move"\nouter_deg = {(-90, 0, 90, 180, 45, -45, 135)[k % 7]}\n'
+        f"inner_deg = {(0, 90, 180, 270, 30)[k % 5]}\nrate_deg_s = 40\ndwell_s = 113.5\n"
+        for k in range(30 * hours)
+    )
+
+
+def run(words: list[str], folder: Path) -> tuple[float, float]:
+    """Seconds, and peak resident memory, MiB, of a command."""
+    code = (
+        "import json, resource, subprocess, sys\n"
+        f"done = subprocess.run([sys.executable, '-c', {MEASURED!r}, *sys.argv[1:]],"
+        " capture_output=True, text=True)\n"
+        "done.returncode > 1 and sys.exit(done.stderr)\n"
+        "print(json.dumps(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss))"
+    )
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return time.perf_counter() - begin, json.loads(done.stdout) / 1024
+
+
+def main() -> None:
+    """An eighth, a quarter, a half and the whole of a day at 100 Hz."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for hours in HOURS:
+            (folder / "known.toml").write_text(HEAD + sequence(hours))
+            (folder / "truth.toml").write_text(HEAD + sequence(hours) + TRUTH)
+            given = ["--scenario", "known.toml"]
+            if hours == HOURS[0]:
+                run(["simulate", "truth.toml", "-o", "first.parquet"], folder)
+                fitted = ["--method", "six_position", "-o", "CAL.json"]
+                run(["calibrate", "first.parquet", *given, *fitted], folder)
+            for words in (
+                ["simulate", "truth.toml", "-o", "run.parquet"],
+                ["correct", "CAL.json", "run.parquet", "-o", "corrected.parquet"],
+                ["correct", "CAL.json", "run.parquet", "-o", "corrected.csv"],
+            ):
+                seconds, peak = run(words, folder)
+                print(
+                    f"{hours} h x 100 Hz: {words[0]} to {Path(words[-1]).name}: {seconds:.1f} s,"
+                    f" peak RSS {peak:.0f} MiB",
+                    flush=True,
+                )

@@ -75,17 +75,28 @@ def _said(command: list[str], status: int) -> str:
     return done.stdout + done.stderr
 
 
-def started(*words: str, after: int) -> subprocess.Popen:
-    """A campaign of which about so many runs are made."""
+@contextmanager
+def started(*words: str, after: int) -> Iterator[subprocess.Popen]:
+    """A campaign of which about so many runs are made; it is ended with the block."""
     made = Path("made")
     made.unlink(missing_ok=True)
-    process = subprocess.Popen([*COMMAND, *words], stderr=subprocess.PIPE, text=True)
-    until = time.monotonic() + 60
-    while not made.exists() or made.stat().st_size < after:
-        assert process.poll() is None
-        assert time.monotonic() < until
-        time.sleep(0.01)
-    return process
+    with subprocess.Popen(
+        [*COMMAND, *words], stderr=subprocess.PIPE, text=True, preexec_fn=_interruptible
+    ) as process:
+        try:
+            until = time.monotonic() + 60
+            while not made.exists() or made.stat().st_size < after:
+                assert process.poll() is None
+                assert time.monotonic() < until
+                time.sleep(0.01)
+            yield process
+        finally:
+            process.kill()
+
+
+def _interruptible() -> None:
+    """Take an interrupt also where the tests themselves run in the background of a shell."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="module")
@@ -128,17 +139,17 @@ def test_a_shard_is_a_part_of_a_whole():
 
 @pytest.mark.usefixtures("ten")
 def test_after_kill_9_of_the_main_process_only_what_is_missing_is_made(whole):
-    process = started("-o", "out", "-j", "2", after=3)
-    children = _children(process.pid)
-    assert len(children) == 2
-    process.kill()
-    process.wait()
-    process.stderr.close()
+    with started("-o", "out", "-j", "2", after=3) as process:
+        children = _children(process.pid)
+        assert len(children) == 2
+        process.kill()
+        process.wait()
     _wait_for_the_end_of(children)
     assert not Path("out/results.parquet").exists()
     said = run("-o", "out", "-j", "2")
     assert int(re.search(r"^(\d+) of 10 runs, ", said, re.MULTILINE)[1]) >= 2
-    assert Path("made").stat().st_size < 10 + 3  # two were being made, one was not recorded yet
+    # each of two processes was making one, and may have made one that was not recorded yet
+    assert Path("made").stat().st_size <= 10 + 2 * 2
     assert Path("out/results.parquet").read_bytes() == whole
     said = run("-o", "out", "-j", "2")  # nothing is left to make
     assert not re.search(r"runs, .* a second", said)
@@ -147,23 +158,20 @@ def test_after_kill_9_of_the_main_process_only_what_is_missing_is_made(whole):
 
 def test_an_interrupt_leaves_a_journal_and_no_processes(here):
     write(here, 200, SLOW)
-    process = started("-o", "out", "-j", "2", after=2)
-    children = _children(process.pid)
-    process.send_signal(signal.SIGINT)
-    process.wait(20)
-    process.stderr.close()
-    assert process.returncode == 130
+    with started("-o", "out", "-j", "2", after=2) as process:
+        children = _children(process.pid)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 130
     _wait_for_the_end_of(children)
     assert Path("out/results.journal").exists()
 
 
 @pytest.mark.usefixtures("ten")
 def test_a_process_that_is_killed_from_outside_costs_nothing(whole):
-    process = started("-o", "out", "-j", "2", after=2)
-    os.kill(_children(process.pid)[0], signal.SIGKILL)
-    process.stderr.read()
-    assert process.wait() == 0
-    process.stderr.close()
+    with started("-o", "out", "-j", "2", after=2) as process:
+        os.kill(_children(process.pid)[0], signal.SIGKILL)
+        process.stderr.read()
+        assert process.wait() == 0
     assert Path("out/results.parquet").read_bytes() == whole
 
 
@@ -195,17 +203,15 @@ def test_a_dask_worker_and_the_scheduler_may_be_killed(whole):
     message, and goes on with another engine.
     """
     with cluster("8907") as (address, scheduler, workers):
-        process = started("-o", "out", "--engine", f"dask://{address}", after=2)
-        workers[0].kill()
-        process.stderr.read()
-        assert process.wait() == 0
-        process.stderr.close()
+        with started("-o", "out", "--engine", f"dask://{address}", after=2) as process:
+            workers[0].kill()
+            process.stderr.read()
+            assert process.wait() == 0
         assert Path("out/results.parquet").read_bytes() == whole
-        process = started("-o", "more", "--engine", f"dask://{address}", after=2)
-        scheduler.kill()
-        said = process.stderr.read()
-        assert process.wait() == 2
-        process.stderr.close()
+        with started("-o", "more", "--engine", f"dask://{address}", after=2) as process:
+            scheduler.kill()
+            said = process.stderr.read()
+            assert process.wait() == 2
         assert "lost with its workers or its scheduler" in said
     run("-o", "more", "-j", "2")
     assert Path("more/results.parquet").read_bytes() == whole

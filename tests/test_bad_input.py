@@ -161,7 +161,7 @@ CASES = [
         "two_position",
         "a moved base",
         scenario_of("two_position_moved_base"),
-        "drift, or a base that moves",
+        "mounting changed between positions 3 and 4",
     ),
     Case(
         "two_position",

@@ -113,6 +113,8 @@ def drawn(rng, w, up):
         {},
         ones,
         "",
+        0 * ones,
+        0 * ones,
     )
     return Turns(
         rate, up[:, :-1], np.full((TURNS, SAMPLES), STEP), before, after, sigma

@@ -239,7 +239,7 @@ def test_positions_in_the_wrong_order_are_named():
     means = readings(0.01, -0.02, np.array([0.0, 180.0, 180.0, 0.0]))
     found = solved(means, angles, "wrong order")
     assert found.verdict == "suspect"
-    assert "positions 3 and 4 fit if their order is exchanged" in said(found, "fit").statement
+    assert "positions 3 and 4 are in another order" in said(found, "fit").statement
 
 
 def test_a_moved_base_is_named_with_where():
@@ -291,7 +291,8 @@ def test_a_saturated_channel_is_named(full_scale):
         update={"sensor": (ACCEL.model_copy(update={"full_scale": full_scale}),)}
     )
     with pytest.raises(
-        TiltcalError, match=r"channel accel_x: found saturated for \d\d% of the log"
+        TiltcalError,
+        match=r"channel accel_x: found saturated, or frozen at its extreme, for \d\d% of the log",
     ):
         calibrate("two_position", Recording.from_columns(draw.time, columns), setup)
 

@@ -8,15 +8,19 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, parse_up
+from tiltcal.core.quantisation import code_grid
 from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording import Recording, Rows
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
+from tiltcal.statistics.dither import rounding_variance
 from tiltcal.statistics.dwell_noise import pooled_noise
+
+CODED = 20_000  # samples of a stretch that tell the codes
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,8 @@ class Poses:
         angles: mean readout of each table axis, rad, (m,) each.
         spread: noise of one sample at each pose over the pooled, (m, k); 1 but for inclinometers.
         stated: where ``up`` comes from: readout, label or nothing.
+        slopes: of a straight line through each dwell, SI a second, (m, k).
+        rounding: variance of a mean that coarse codes leave however long it is taken, SI, (m, k).
     """
 
     sensor: Sensor
@@ -56,15 +62,22 @@ class Poses:
     angles: dict[str, Array]
     spread: Array
     stated: str
+    slopes: Array
+    rounding: Array
 
     def __len__(self) -> int:
         return len(self.spans)
 
     def covariance(self, k: int) -> Array:
         """Covariance of the mean of pose ``k``, (channels, channels)."""
-        return np.asarray(
-            self.noise * np.outer(self.spread[k], self.spread[k]) * self.inflation / self.counts[k]
-        )
+        spread = np.outer(self.spread[k], self.spread[k])
+        white = self.noise * spread * self.inflation / self.counts[k]
+        return np.asarray(white + np.diag(self.rounding[k]))
+
+    @property
+    def covariances(self) -> Array:
+        """Covariance of each mean, (m, k, k)."""
+        return np.array([self.covariance(k) for k in range(len(self))])
 
     def subset(self, mask: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> "Poses":
         """Some of the poses."""
@@ -79,6 +92,8 @@ class Poses:
             {n: a[mask] for n, a in self.angles.items()},
             self.spread[mask],
             self.stated,
+            self.slopes[mask],
+            self.rounding[mask],
         )
 
 
@@ -93,33 +108,76 @@ def find_poses(
     recording.require_increasing()
     found = dwells(find_segments(recording) if segments is None else segments)
     samples = recording.sensor(sensor)
-    values = samples.values
+    complete = ~np.isnan(samples.values).any(axis=1)
+    readings = samples.values[complete]
+    values = readings
     if sensor.kind == "inclinometer":
-        values = force_of_tilt(values, setup.site.gravity)
-    complete = ~np.isnan(values).any(axis=1)
-    rows, values = samples.rows[complete], values[complete]
-    chunks, kept = [], []
+        values = force_of_tilt(readings, setup.site.gravity)
+    kept, slices = _slices(found, samples.rows[complete], recording.source)
+    chunks = [values[part] for part in slices]
+    means = np.array([c.mean(axis=0) for c in chunks])
+    spread = _spread_of(sensor, means, setup.site.gravity)
+    residuals = [(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)]
+    noise, inflation = pooled_noise(residuals)
+    up, angles, stated = _known_up(recording, setup, kept)
+    return Poses(
+        sensor,
+        tuple(PoseSpan(s.start, s.end, s.label) for s in kept),
+        means,
+        np.array([len(c) for c in chunks], dtype=float),
+        noise,
+        inflation,
+        up,
+        angles,
+        spread,
+        stated,
+        np.array([_slope(c, s.end - s.start) for c, s in zip(chunks, kept, strict=True)]),
+        rounding_variance(_codes(readings, slices, sensor, setup), residuals, means) * spread**2,
+    )
+
+
+def _slices(found: Sequence[Segment], rows: Rows, source: str) -> tuple[list[Segment], list[slice]]:
+    """The dwells with three samples or more of the rows that a sensor has, and where they lie."""
+    kept, slices = [], []
     for s in found:
         first, last = np.searchsorted(rows, [s.first, s.last])
         if last - first >= 3:
-            chunks.append(values[first:last])
             kept.append(s)
+            slices.append(slice(int(first), int(last)))
     if not kept:
         raise TiltcalError(
-            recording.source,
+            source,
             found="no dwell of this sensor",
             need="stretches at rest of half a second or more",
             do="look at `tiltcal segments`, or give edited ones with --segments",
         )
-    means = np.array([c.mean(axis=0) for c in chunks])
-    spread = _spread_of(sensor, means, setup.site.gravity)
-    noise, inflation = pooled_noise(
-        [(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)]
-    )
-    up, angles, stated = _known_up(recording, setup, kept)
-    spans = tuple(PoseSpan(s.start, s.end, s.label) for s in kept)
-    counts = np.array([len(c) for c in chunks], dtype=float)
-    return Poses(sensor, spans, means, counts, noise, inflation, up, angles, spread, stated)
+    return kept, slices
+
+
+def _codes(readings: Array, slices: Sequence[slice], sensor: Sensor, setup: Setup) -> Array:
+    """Code widths of the channels in the sensing form, 0 where the readings lie on no grid, (k,).
+
+    By the dwells, or by the whole log where the readings never change in a dwell.
+
+    Args:
+        readings: as recorded, SI, (n, k).
+        slices: the dwells.
+        sensor, setup: an inclinometer's codes are those of an angle.
+    """
+    factor = setup.site.gravity if sensor.kind == "inclinometer" else 1.0
+    widths = []
+    for column in readings.T:
+        found = [w for s in slices if (w := code_grid(column[s][:CODED]))]
+        quiet = all(np.ptp(column[s]) == 0 for s in slices)
+        whole = code_grid(column[:CODED]) if quiet else None
+        widths.append(factor * (float(np.median(found)) if found else whole or 0.0))
+    return np.array(widths)
+
+
+def _slope(values: Array, length: float) -> Array:
+    """Slope of a straight line through evenly sampled values (n, k) over a time, a second, (k,)."""
+    elapsed = np.linspace(-0.5, 0.5, len(values))
+    return np.asarray(elapsed @ values / (elapsed @ elapsed) / max(length, 1e-9))
 
 
 def _spread_of(sensor: Sensor, means: Array, g: float) -> Array:

@@ -83,7 +83,7 @@ def whitening(covariance: Array) -> Array:
 
 def whitening_of_means(poses: Poses) -> Array:
     """Whitening of the mean of each pose, (m, k, k)."""
-    return whitening(np.array([poses.covariance(k) for k in range(len(poses))]))
+    return whitening(poses.covariances)
 
 
 def wrap_up(

@@ -8,14 +8,15 @@ import numpy as np
 from tiltcal.calibration.methods.field_log import BIAS_SPAN, FieldLog, hand_turns
 from tiltcal.calibration.methods.fog_filter import (
     Filtered,
+    Problem,
     augmented_problem,
     batch,
     kalman,
     patent_problem,
     smoothed,
 )
-from tiltcal.calibration.methods.screening import column_orders, columns_in_words
-from tiltcal.calibration.validity import SIGNIFICANCE, Test, threshold_test
+from tiltcal.calibration.screen.columns import column_orders, columns_in_words, columns_test
+from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test, threshold_test
 from tiltcal.core.arrays import Mask
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, DEG_H
@@ -24,6 +25,20 @@ from tiltcal.recordings.segmentation import Segment
 FULL_TURN = 360 * DEG
 LEAST_COMPONENT = 0.05  # of the FOG's axis along a gyro axis whose scale factor it determines
 IMPLAUSIBLE = 0.2  # scale error that is due to wrong columns, signs or units, not to the gyro
+
+
+def log_tests(log: FieldLog, problem: Problem, state: Filtered) -> list[Test]:
+    """The tests of a log by itself: filter, turns, first rest, scale, latency, columns."""
+    tests = [
+        *filter_tests(log, state, batch(problem)),
+        *turn_tests(log),
+        rest_test(log),
+        scale_test(log, state),
+        latency_test(log, problem),
+    ]
+    if log.force is not None:
+        tests.append(columns_test(log.time, log.rate - log.bias[:3], log.force))
+    return tests
 
 
 def filter_tests(log: FieldLog, state: Filtered, twin: Filtered) -> list[Test]:
@@ -98,6 +113,31 @@ def scale_test(log: FieldLog, state: Filtered) -> Test:
             words += f"; it would fit if the columns x, y, z were {renamed}"
             break
     return threshold_test("plausible scale", worst, False, words)
+
+
+def latency_test(log: FieldLog, problem: Problem) -> Test:
+    """Does the FOG follow the gyro without delay? A delay d adds ``d dF/dt`` to the difference of
+    the two: it is fitted beside the states of the filter.
+    """
+    change = np.gradient(log.fog, log.time)
+    weight = 1 / np.sqrt(problem.R)
+    prior = np.diag(1 / np.sqrt(problem.prior))
+    design = np.vstack([problem.H * weight[:, None], prior])
+    target = np.concatenate([problem.z * weight, np.zeros(len(prior))])
+    column = np.concatenate([change * weight, np.zeros(len(prior))])
+    plain = np.linalg.lstsq(design, np.column_stack([target, column]), rcond=None)[0]
+    left, seen = (np.column_stack([target, column]) - design @ plain).T
+    if not seen @ seen > 0:
+        return threshold_test("latency", 0.0, True, "the FOG does not move: its latency is unknown")
+    late = float(seen @ left / (seen @ seen))
+    scatter = max(float(left @ left) / len(log.time), 1.0)
+    z = late * np.sqrt(float(seen @ seen) / scatter)
+    words = f"the FOG is late by {late * 1e3:.3g} +- {abs(late / z) * 1e3:.2g} ms to the gyro"
+    test = chi2_test("latency", z * z, 1, words)
+    if not test.passed:
+        more = ": latency of one of them; shift its stamps, or state it in the scenario"
+        test = replace(test, statement=words + more)
+    return test
 
 
 def fog_notes(log: FieldLog, state: Filtered, walk: float, determined: Mask) -> list[str]:

@@ -11,20 +11,18 @@ from tiltcal.calibration.methods.common import pick_sensor, require_triad, wrap_
 from tiltcal.calibration.methods.field_log import FieldLog, field_log, hand_turns, rests_with_motion
 from tiltcal.calibration.methods.fog_checks import (
     LEAST_COMPONENT,
-    filter_tests,
     fog_notes,
-    rest_test,
-    scale_test,
+    log_tests,
     still_test,
-    turn_tests,
 )
 from tiltcal.calibration.methods.fog_filter import Filtered, augmented_problem, batch, kalman
-from tiltcal.calibration.methods.screening import columns_test, require_unsaturated
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.units import unit_test
 from tiltcal.calibration.validity import SIGNIFICANCE, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
-from tiltcal.core.units import EARTH_RATE
+from tiltcal.core.units import DEG, EARTH_RATE
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import Poses, PoseSpan, find_poses
@@ -42,6 +40,7 @@ def fog_scale(
     segments: Sequence[Segment] | None = None,
     sensor: str | None = None,
     fog: str | None = None,
+    axis_error_deg: float = 0.0,
 ) -> Calibration:
     """Scale factors (and the day's bias) of a gyro triad against one FOG on an oblique axis, from
     turns by hand.
@@ -59,6 +58,8 @@ def fog_scale(
         segments: dwells to use.
         sensor: which gyro triad, when several fit.
         fog: which FOG, when several fit.
+        axis_error_deg: standard uncertainty of the direction of the FOG's axis, across it; its
+            share is then in the sigmas of the scale factors.
 
     Raises:
         TiltcalError: no triad, no FOG, no rest, or no turn.
@@ -75,8 +76,7 @@ def fog_scale(
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     require_triad(gyro, NAME, "add the others")
     reference = pick_sensor(setup, recording, ("fog",), fog, NAME)
-    for each in (gyro, reference):
-        require_unsaturated(recording, each)
+    live = [t for each in (gyro, reference) for t in channel_tests(recording, each)]
     found = list(find_segments(recording)) if segments is None else _with_moves(segments, recording)
     rests = dwells(found)
     log = field_log(recording, setup, gyro, reference, found)
@@ -84,17 +84,14 @@ def fog_scale(
     problem = augmented_problem(log, walk)
     state = kalman(problem)
     tests = [
-        *filter_tests(log, state, batch(problem)),
-        *turn_tests(log),
-        rest_test(log),
+        *log_tests(log, problem, state),
         still_test(rests_with_motion(recording, setup, reference, rests)),
-        scale_test(log, state),
+        unit_test(gyro, 1 + state.scale, recording.sensor(gyro).units[0]),
+        *live,
     ]
-    if log.force is not None:
-        tests.append(columns_test(log.time, log.rate - log.bias[:3], log.force))
     poses = find_poses(recording, setup, gyro, rests)
     residuals = (problem.z - problem.H @ state.x) / np.sqrt(problem.R)
-    fit = _scale_and_bias(gyro.name, log, state, poses, residuals)
+    fit = _scale_and_bias(gyro.name, log, state, poses, residuals, axis_error_deg * DEG)
     seen = np.abs(reference.input_vector) >= LEAST_COMPONENT
     determined = seen & (np.sqrt(np.diag(state.scale_covariance)) < UNCERTAIN)
     result = wrap_up(
@@ -115,11 +112,15 @@ def fog_scale(
 
 
 def _scale_and_bias(
-    gyro: str, log: FieldLog, state: Filtered, poses: Poses, residuals: Array
+    gyro: str, log: FieldLog, state: Filtered, poses: Poses, residuals: Array, axis_error: float
 ) -> Fit:
-    """Scale factors by the filter and biases by the first rest, as one fit."""
+    """Scale factors by the filter and biases by the first rest, as one fit. axis_error: of the
+    FOG's axis, rad; it becomes scale, -du_i / u_i, with du across u.
+    """
+    u = np.where(log.axis == 0, np.inf, log.axis)
+    across = np.eye(3) - np.outer(log.axis, log.axis)
     covariance = np.zeros((6, 6))
-    covariance[:3, :3] = state.scale_covariance
+    covariance[:3, :3] = state.scale_covariance + axis_error**2 * across / np.outer(u, u)
     # the rest mean includes the Earth's rate, whose direction is unknown
     covariance[3:, 3:] = poses.covariance(0) + np.eye(3) * EARTH_RATE**2 / 3
     names = [f"{gyro}.{term}_{a}" for term in ("scale", "bias") for a in AXES]

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, whitening, wrap_up
-from tiltcal.calibration.methods.screening import order_test, require_unsaturated
 from tiltcal.calibration.methods.terms import columns_under
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.columns import order_test
+from tiltcal.calibration.screen.units import unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
@@ -77,16 +79,17 @@ def gyro_rates(
         )
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     _require_readout(recording, setup)
-    require_unsaturated(recording, gyro)
+    live = channel_tests(recording, gyro)
     poses = find_poses(recording, setup, gyro, segments)
     blocks, units = _blocks(recording, setup, gyro, terms, poses)
     used, fit = blocks.steady, blocks.fit(blocks.steady)
     if fit.dropped:
         used = np.ones(len(used), bool)
         fit = blocks.fit(used)
-    tests = [_fit_test(fit, used), *_turn_tests(blocks, used, gyro.name)]
+    tests = [_fit_test(fit, used), *_turn_tests(blocks, used, gyro.name), *live]
     if len(gyro.axes) == 3:
-        tests.append(order_test(_sensitivity(fit, gyro)))
+        M = _sensitivity(fit, gyro)
+        tests += [order_test(M), unit_test(gyro, np.diag(M), recording.sensor(gyro).units[0])]
     uncertain = [
         n.split(".")[1]
         for n, s in zip(fit.names, fit.sigmas, strict=True)

@@ -24,8 +24,9 @@ from tiltcal.calibration.methods.hand_turns import (
     turn_errors,
 )
 from tiltcal.calibration.methods.norm import norm
-from tiltcal.calibration.methods.screening import columns_test, require_unsaturated
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.columns import columns_test
 from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
@@ -79,8 +80,7 @@ def gyro_turns(
     _require_terms(terms)
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     accel = pick_sensor(setup, recording, ("accelerometer",), None, NAME)
-    for each in (gyro, accel):
-        require_unsaturated(recording, each)
+    live = [t for each in (gyro, accel) for t in channel_tests(recording, each)]
     found = list(find_segments(recording)) if segments is None else list(segments)
     rests = find_poses(recording, setup, gyro, found)
     by_norm = norm(recording, setup, segments=found, sensor=accel.name)
@@ -89,7 +89,7 @@ def gyro_turns(
     names = parameter_names(gyro.name, terms)
     fit, converged = solve(turns, static, names)
     heldout = _held_out(turns, static, names, fit)
-    tests = [_fit_test(turns, fit, names), _columns_test(turns, rests)]
+    tests = [_fit_test(turns, fit, names), _columns_test(turns, rests), *live]
     warnings = [
         f"held-out error of gravity's direction after a turn: {heldout / DEG:.3g} deg rms",
         "the Earth's rate is part of the bias and of the g-sensitivity: the heading is unknown",

@@ -1,54 +1,75 @@
-"""Poses of known attitude: wrong, swapped and missing faces, and the rotation of the fixture."""
+"""Poses of known attitude: tests of the fit, columns, units and faces; the fixture's rotation."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.calibration.validity import Test, threshold_test
-from tiltcal.core.arrays import Array, Index
-from tiltcal.core.frames import AXES, angle_between
-from tiltcal.core.units import ARCSEC, DEG
+from tiltcal.calibration.methods.known_attitude_causes import (
+    FACES,
+    causes,
+    gain,
+    is_plausible,
+    sensitivity,
+)
+from tiltcal.calibration.methods.known_attitude_model import DRIFT, Model, solve
+from tiltcal.calibration.screen.columns import order_test
+from tiltcal.calibration.screen.drift import slope_test
+from tiltcal.calibration.screen.explanations import in_words
+from tiltcal.calibration.screen.units import unit_test
+from tiltcal.calibration.validity import Test, chi2_test, threshold_test
+from tiltcal.core.arrays import Array
+from tiltcal.core.frames import AXES
+from tiltcal.core.units import ARCSEC
 from tiltcal.recordings.static_poses import Poses, group_directions
 from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.least_squares import Fit
 
-OFF = 30 * DEG  # from the stated direction: another face than stated
-FACES = {
-    f"{'+' if s > 0 else '-'}{a}": s * np.eye(3)[i] for i, a in enumerate(AXES) for s in (1, -1)
-}
 
+def known_attitude_tests(poses: Poses, model: Model, fit: Fit, unit: str) -> list[Test]:
+    """Consistency of the poses with its most probable cause, second order, drift; for a triad
+    unit, columns and faces.
 
-def face_tests(poses: Poses) -> list[Test]:
-    """Wrong, swapped and missing faces, by name; none for a sensor with fewer than three axes."""
+    Args:
+        poses: of known attitude.
+        model, fit: of their means.
+        unit: of the sensor's columns.
+    """
+    words = f"residuals of {fit.dof} redundant equations against the noise of the means"
+    tests = [chi2_test("fit", fit.chi2, fit.dof, words), *_second_order(poses, model, fit)]
+    if DRIFT not in model.terms:
+        tests.append(slope_test(poses))
     if len(poses.sensor.axes) < 3:
+        return tests
+    M = sensitivity(fit, poses.sensor.name)
+    linear = {"scale", "cross_axis"} <= set(model.terms) and not fit.dropped
+    if linear:
+        tests += [unit_test(poses.sensor, np.diag(M), unit), _order_test(M)]
+    if not tests[0].passed or (linear and not is_plausible(M)):
+        nothing = "no single cause that was tried explains it"
+        why = in_words(causes(poses, model, fit), nothing)
+        tests.append(threshold_test("cause", len(poses), False, why))
+    return [*tests, _faces_complete(poses)]
+
+
+def _order_test(M: Array) -> Test:
+    """Does every channel follow its own axis, whatever the unit?"""
+    return order_test(M / gain(M))
+
+
+def _second_order(poses: Poses, model: Model, fit: Fit) -> list[Test]:
+    """Does a quadratic term explain what the redundant equations leave?"""
+    terms = model.terms
+    if "K2" in terms or "bias" not in terms or fit.dof < 3 or fit.dropped:
         return []
-    return [_faces_as_stated(poses), _faces_complete(poses)]
-
-
-def _faces_as_stated(poses: Poses) -> Test:
-    measured = poses.means / np.linalg.norm(poses.means, axis=1)[:, None]
-    off = angle_between(measured, poses.up)
-    wrong = np.flatnonzero(off > OFF)
-    found = []
-    for k in wrong:
-        span = poses.spans[k]
-        stated = span.label or "by the readout"
-        found.append(
-            f"the dwell at {span.start_s:.6g} s is stated {stated} but reads {_face(measured[k])}"
-        )
-    found += _swapped(poses, measured, wrong)
-    words = "; ".join(found) or "every dwell reads the face that is stated"
-    return threshold_test("faces as stated", off.max() / DEG, not found, words, dof=len(poses))
-
-
-def _swapped(poses: Poses, measured: Array, wrong: Index) -> list[str]:
-    """Pairs of dwells that would both be right with their faces exchanged."""
-    near = measured @ poses.up.T > np.cos(OFF)
-    starts = [span.start_s for span in poses.spans]
-    return [
-        f"these two are swapped: {starts[i]:.6g} s and {starts[j]:.6g} s"
-        for n, i in enumerate(wrong)
-        for j in wrong[n + 1 :]
-        if near[i, j] and near[j, i]
-    ]
+    wider, _ = solve(poses, replace(model, terms=[*terms, "K2"]))
+    gained = len(wider.names) - len(fit.names)
+    # otherwise these poses cannot separate K2 from the linear terms
+    if gained <= 0 or not set(fit.names) <= set(wider.names):
+        return []
+    drop = fit.chi2 - wider.chi2
+    sizes = ", ".join(f"{n} {wider.value(n):.3g}" for n in wider.names if ".K2_" in n)
+    words = f"a quadratic term (ug/g2: {sizes}) reduces chi2 by {drop:.3g}"
+    return [chi2_test("second order", drop, gained, words)]
 
 
 def _faces_complete(poses: Poses) -> Test:

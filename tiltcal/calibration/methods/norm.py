@@ -4,17 +4,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tiltcal.calibration.methods.common import pick_sensor, require_triad, wrap_up
+from tiltcal.calibration.methods.known_attitude_model import without_drift
 from tiltcal.calibration.methods.norm_checks import (
     compared_with_iteration,
     leave_directions_out,
-    next_pose,
+    norm_notes,
     norm_tests,
+    plausibility_tests,
 )
+from tiltcal.calibration.methods.norm_drift import solve_with_drift, without_slope
 from tiltcal.calibration.methods.norm_iteration import product_and_sum
 from tiltcal.calibration.methods.norm_model import mirrored, solve
-from tiltcal.calibration.methods.screening import require_unsaturated
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.validity import verdict_of
+from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.drift import slope_test
+from tiltcal.calibration.validity import Test, verdict_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
@@ -23,6 +27,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
 NAME = "norm"
+EQUATION = "{}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j, cross_ij = cross_ji, |f| = g"
 
 
 def norm(
@@ -32,6 +37,7 @@ def norm(
     segments: Sequence[Segment] | None = None,
     sensor: str | None = None,
     terms: int | None = None,
+    drift: bool = False,
 ) -> Calibration:
     """Bias, scale factor and (9 parameters) symmetric cross-axis terms from ``|f| = g`` at rest.
 
@@ -46,6 +52,7 @@ def norm(
         sensor: which, when several fit.
         terms: 6 (bias, scale) or 9 (with cross-axis). Unless given: 9 where the scenario lets
             cross_axis be adjusted or says nothing, else 6.
+        drift: fit a linear drift of each bias as well; the bias is then that at the first stamp.
 
     Raises:
         TiltcalError: terms is neither 6 nor 9, or there are fewer poses than parameters.
@@ -59,37 +66,58 @@ def norm(
     """
     used = pick_sensor(setup, recording, ("accelerometer",), sensor, NAME)
     require_triad(used, NAME, "use six_position")
-    require_unsaturated(recording, used)
+    live = channel_tests(recording, used)
     terms = _number_of_terms(terms, used)
     poses = find_poses(recording, setup, used, segments)
     _require_poses(poses, terms, recording)
+    return _solved(poses, recording, setup, terms, live, drift=drift)
+
+
+def _solved(
+    poses: Poses,
+    recording: Recording,
+    setup: Setup,
+    terms: int,
+    live: Sequence[Test],
+    *,
+    drift: bool,
+) -> Calibration:
+    """The calibration by the norms of these poses."""
+    used = poses.sensor
     g = setup.site.gravity
-    fit, converged = solve(poses, g, terms)
-    heldout, prediction = leave_directions_out(poses, g, terms, fit)
-    tests, determined = norm_tests(poses, fit, converged, prediction, terms)
-    warnings = [
-        "a rotation of the whole triad (mounting) does not change the norm and is not estimated",
-        next_pose(poses, fit, g, terms),
-    ]
+    span = float(recording.time[0]), float(recording.time[-1] - recording.time[0])
+    if drift:
+        fit, converged = solve_with_drift(poses, g, terms, *span)
+        level = without_slope(poses, fit, *span)
+    else:
+        fit, converged = solve(poses, g, terms)
+        level = poses
+    heldout, prediction = leave_directions_out(level, g, terms, fit)
+    tests, determined = norm_tests(level, fit, converged, prediction, terms)
+    tests += [*live, *plausibility_tests(level, fit, terms, recording.sensor(used).units[0])]
+    if not drift:
+        tests.append(slope_test(poses))
+    warnings = norm_notes(level, fit, g, terms)
     record = {}
     if terms == 6:
-        iteration = product_and_sum(poses.means, g)
+        iteration = product_and_sum(level.means, g)
         record["product_and_sum"] = iteration.record
         warnings.append(compared_with_iteration(iteration, fit, used.name, g))
     fit = mirrored(fit)
+    units = ["m_s2" if ".bias_" in n or ".drift_" in n else "1" for n in fit.names]
+    if drift:
+        fit, units, words = without_drift(fit, units, used)
+        warnings.append(words)
     result = wrap_up(
         NAME,
         verdict_of(tests, determined),
         fit,
-        ["m_s2" if ".bias_" in n else "1" for n in fit.names],
+        units,
         tests,
         warnings,
         poses,
         recording,
-        equation=(
-            f"{used.name}_i = bias_i + (1 + scale_i) f_i + sum_j cross_ij f_j, cross_ij = cross_ji,"
-            " |f| = g"
-        ),
+        equation=EQUATION.format(used.name),
         inverse="f = M^-1 (reading - bias)",
         heldout={} if heldout is None else {used.name: heldout},
     )

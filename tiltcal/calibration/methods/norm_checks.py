@@ -12,9 +12,11 @@ from tiltcal.calibration.methods.norm_model import (
     solve,
     vector_of,
 )
+from tiltcal.calibration.screen.units import unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test
 from tiltcal.core.arrays import Array
-from tiltcal.core.frames import AXES, sphere
+from tiltcal.core.frames import AXES, angle_between, sphere
+from tiltcal.core.units import DEG
 from tiltcal.recordings.static_poses import Poses, group_directions
 from tiltcal.setup.pose_schemes import label_of
 from tiltcal.statistics.least_squares import Fit
@@ -23,6 +25,7 @@ from tiltcal.statistics.least_squares import Fit
 BAD_CONDITION = 100.0
 # a held-out direction predicted to more than this many sigmas of its own noise tests nothing
 UNTESTED = 10.0
+REPEATED = 5 * DEG
 CANDIDATES = 200  # directions from which the next pose is chosen
 
 
@@ -48,6 +51,52 @@ def norm_tests(
     tests.append(_prediction_test(prediction, fit.dof))
     determined = converged and not fit.dropped and fit.dof > 0 and prediction <= UNTESTED
     return tests, determined
+
+
+def plausibility_tests(poses: Poses, fit: Fit, terms: int, unit: str) -> list[Test]:
+    """Whether the solution is a sensor's: its unit, no mirrored axis; and whether every side was
+    up, so that the model was tested there.
+    """
+    x = vector_of(fit, poses, terms)
+    M = model_of(x)[1]
+    least = float(np.linalg.eigvalsh(M).min())
+    words = "no axis of the solution is mirrored"
+    if least <= 0:
+        words = f"an axis of the solution is mirrored (1 + scale {least:.3g}): no sensor is so"
+    up = directions(poses.means, x)[0]
+    up = up / np.linalg.norm(up, axis=1)[:, None]
+    faces = {
+        f"{sign}{a}": (1 if sign == "+" else -1) * up[:, AXES.index(a)]
+        for a in AXES
+        for sign in "+-"
+    }
+    missing = [face for face, towards in faces.items() if towards.max() < 0.5]
+    sides = "every axis was recorded up and down"
+    if missing:
+        sides = (
+            f"no pose within 60 deg of {', '.join(missing)} up: the model was not tested there;"
+            " record such poses"
+        )
+    return [
+        unit_test(poses.sensor, np.diag(M), unit),
+        threshold_test("not mirrored", least, least > 0, words),
+        threshold_test("faces complete", len(missing), not missing, sides, dof=6),
+    ]
+
+
+def norm_notes(poses: Poses, fit: Fit, g: float, terms: int) -> list[str]:
+    """What the norm cannot see, and the next pose."""
+    notes = [
+        "a rotation of the whole triad (mounting) does not change the norm and is not estimated",
+        next_pose(poses, fit, g, terms),
+    ]
+    up = directions(poses.means, vector_of(fit, poses, terms))[0]
+    near = angle_between(up[:, None], up[None]) < REPEATED
+    if not np.any(np.triu(near, 2)):
+        notes.append(
+            "no attitude was repeated later: a drift of the bias is seen inside the dwells only"
+        )
+    return notes
 
 
 def _prediction_test(prediction: float, dof: int) -> Test:

@@ -50,7 +50,7 @@ def solve(poses: Poses, g: float, terms: int, start: Array | None = None) -> tup
     held constant during each solution.
     """
     names = names_of(poses.sensor.name, terms)
-    x = _start(poses.means, g, terms) if start is None else start
+    x = start_of(poses.means, g, terms) if start is None else start
     for _ in range(3 if start is None else 1):
         sigma = norm_sigma(poses, x)
         problem = partial(_whitened, poses.means, g, sigma)
@@ -72,7 +72,7 @@ def directions(y: Array, x: Array) -> tuple[Array, Array]:
 def norm_sigma(poses: Poses, x: Array) -> Array:
     """Standard deviation of each pose's norm, (m,)."""
     _, v = directions(poses.means, x)
-    return np.sqrt(np.einsum("ki,ij,kj->k", v, poses.noise * poses.inflation, v) / poses.counts)
+    return np.sqrt(np.einsum("ki,kij,kj->k", v, poses.covariances, v))
 
 
 def slopes_of_norm(f: Array, v: Array, terms: int) -> Array:
@@ -91,7 +91,7 @@ def _whitened(y: Array, g: float, sigma: Array, x: Array) -> tuple[Array, Array]
     return (np.linalg.norm(f, axis=1) - g) / sigma, slopes_of_norm(f, v, len(x)) / sigma[:, None]
 
 
-def _start(y: Array, g: float, terms: int) -> Array:
+def start_of(y: Array, g: float, terms: int) -> Array:
     """Axis-aligned ellipsoid through the readings, by linear least squares; the nominal parameters
     where the quadric is no ellipsoid or an implausible one.
     """

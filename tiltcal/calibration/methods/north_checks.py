@@ -6,20 +6,39 @@ from itertools import combinations
 import numpy as np
 
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain
+from tiltcal.calibration.methods.reversal_faults import solve as reversal_fit
 from tiltcal.calibration.methods.turntable import Turntable, start_of
+from tiltcal.calibration.screen.units import unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test
-from tiltcal.core.units import ARCSEC, DEG, EARTH_RATE
+from tiltcal.core.arrays import Array
+from tiltcal.core.units import ARCSEC, DEG, DEG_H, EARTH_RATE
+from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.least_squares import Fit
+
+REPEATED = 5 * DEG
+SEEN = 5.0  # sigmas of the horizontal Earth rate, from which its size says what the unit is
 
 
 def north_tests(
-    table: Turntable, fit: Fit, rivals: list[float], roll: float, pitch: float
+    table: Turntable,
+    fit: Fit,
+    rivals: list[float],
+    tilt: tuple[float, float],
+    fog: Sensor,
+    unit: str,
 ) -> list[Test]:
-    """Consistency of the positions, size of the horizontal Earth rate, resolution."""
+    """Consistency of the positions, size of the horizontal Earth rate, resolution.
+
+    Args:
+        table, fit: of the positions.
+        rivals: headings that the FOG cannot distinguish, rad.
+        tilt: roll and pitch, rad.
+        fog, unit: the FOG and the unit of its column.
+    """
     tests = []
     if fit.dof > 0:
         tests.append(_fit_test(table, fit))
-    tests += _earth_rate_test(table, roll, pitch)
+    tests += _earth_rate_test(table, tilt, fog, unit)
     tests.append(_resolution_test(fit, rivals))
     return tests
 
@@ -29,22 +48,29 @@ def _fit_test(table: Turntable, fit: Fit) -> Test:
     test = chi2_test("fit", fit.chi2, fit.dof, f"{positions} agree within their noise")
     if test.passed or table.force is None:
         return test
-    fault = explain(Reversal(*table.force, table.angles, table.mount))
-    why = fault or "the tilts repeat, or no single fault explains them"
-    return replace(test, statement=f"{positions} do not agree within their noise; {why}")
+    level = Reversal(*table.force, table.angles, table.mount)
+    tilts = reversal_fit(level)
+    words = f"{positions} do not agree within their noise; "
+    if chi2_test("", tilts.chi2, tilts.dof, "").passed:
+        words += "the tilts agree: the FOG's bias or scale, or an angle that the tilts cannot see"
+    else:
+        words += explain(level)
+    return replace(test, statement=words)
 
 
-def _earth_rate_test(table: Turntable, roll: float, pitch: float) -> list[Test]:
+def _earth_rate_test(
+    table: Turntable, tilt: tuple[float, float], fog: Sensor, unit: str
+) -> list[Test]:
     """Is the horizontal Earth rate what the latitude says? None where the positions cannot
     determine it.
     """
-    axes = table.input_axes(roll, pitch)
+    axes = table.input_axes(*tilt)
     columns = np.column_stack([np.ones(len(axes)), axes[:, 0], axes[:, 1]])
-    design = columns / table.fog_sigma[:, None]
+    design = table.fog_whiten @ columns
     if len(axes) <= 2 or np.linalg.cond(design / np.linalg.norm(design, axis=0)) >= 30:
         return []
     vertical = axes[:, 2] * EARTH_RATE * np.sin(table.latitude)
-    x = np.linalg.lstsq(design, (table.fog - vertical) / table.fog_sigma, rcond=None)[0]
+    x = np.linalg.lstsq(design, table.fog_whiten @ (table.fog - vertical), rcond=None)[0]
     C = np.linalg.inv(design.T @ design)[1:, 1:]
     size = float(np.hypot(x[1], x[2]))
     sigma = float(np.sqrt(x[1:] @ C @ x[1:])) / size
@@ -53,7 +79,14 @@ def _earth_rate_test(table: Turntable, roll: float, pitch: float) -> list[Test]:
         f"the horizontal Earth rate is {size / expected:.4f} +- {sigma / expected:.4f} of what"
         " the latitude says"
     )
-    return [chi2_test("horizontal Earth rate", ((size - expected) / sigma) ** 2, 1, words)]
+    test = chi2_test("horizontal Earth rate", ((size - expected) / sigma) ** 2, 1, words)
+    if test.passed:
+        return [test]
+    causes = ": the latitude, the FOG's scale factor, its input_axis or its unit is another"
+    found = [replace(test, statement=words + causes)]
+    if size > SEEN * sigma:
+        found.append(unit_test(fog, np.array([size / expected]), unit))
+    return found
 
 
 def _resolution_test(fit: Fit, rivals: list[float]) -> Test:
@@ -77,7 +110,7 @@ def north_notes(
         others = " or ".join(f"{table.azimuth(h, roll, pitch) / DEG:.4g} deg" for h in rivals)
         notes.append(
             f"the sign cannot be determined: azimuth {others}. Two positions give its cosine only:"
-            " record at 90 and 270 deg too, or state --option near_deg=..."
+            " record at 90 and 270 deg too, or state --option near_deg=... and near_error_deg=..."
         )
     if table.force is None:
         worst = np.tan(abs(table.latitude))
@@ -96,6 +129,18 @@ def north_notes(
         " are bias plus mounting",
     ]
     return notes
+
+
+def walk_note(density: float, angles: Array) -> str:
+    """The random walk of the FOG's bias in words, and whether a position was repeated."""
+    words = (
+        f"random walk of the FOG's bias: {np.sqrt(density * 3600) / DEG_H:.3g} deg/h per square"
+        " root of an hour; its share is in the azimuth's sigma"
+    )
+    apart = np.abs(np.angle(np.exp(1j * (angles[:, None] - angles[None, :]))))
+    if not np.any(np.triu(apart < REPEATED, 1)):
+        words += "; no position was repeated (A-B-A), so it is seen inside the dwells only"
+    return words
 
 
 def wrapped(angle: float) -> float:

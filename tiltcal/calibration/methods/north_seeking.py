@@ -6,12 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tiltcal.calibration.methods.bias_walk import split_dwells, walk_covariance, walk_density
 from tiltcal.calibration.methods.common import pick_sensor, whitening, wrap_up
-from tiltcal.calibration.methods.north_checks import north_notes, north_tests, wrapped
-from tiltcal.calibration.methods.reversal import dwell_angles, mount_of, require_vertical
-from tiltcal.calibration.methods.screening import require_unsaturated
+from tiltcal.calibration.methods.north_checks import (
+    north_notes,
+    north_tests,
+    walk_note,
+    wrapped,
+)
+from tiltcal.calibration.methods.reversal import (
+    attitudes,
+    dwell_angles,
+    mount_of,
+    require_vertical,
+)
 from tiltcal.calibration.methods.turntable import Turntable, solve, start_of
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.calibration.validity import verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
@@ -35,6 +46,7 @@ def north(
     level: str | None = None,
     tilt: bool = True,
     near_deg: float | None = None,
+    near_error_deg: float = 60.0,
 ) -> Calibration:
     """Azimuth of the instrument, and with accelerometers on the same table the tilt of its base,
     from the same turn.
@@ -51,8 +63,9 @@ def north(
         sensor: which FOG, when several fit.
         level: which accelerometer, when several fit.
         tilt: False leaves the tilt correction out.
-        near_deg: azimuth known beforehand to some 60 deg (a compass): decides between the two
-            solutions of two positions.
+        near_deg: azimuth known beforehand (a compass): decides between the two solutions of two
+            positions, where only one of them lies within its error.
+        near_error_deg: largest error of that compass.
 
     Raises:
         TiltcalError: another table, no latitude or one near a pole, one position only.
@@ -67,18 +80,21 @@ def north(
     """
     require_vertical(setup, NAME, "use a table that turns about Up")
     fog = pick_sensor(setup, recording, ("fog",), sensor, NAME)
-    require_unsaturated(recording, fog)
+    live = channel_tests(recording, fog)
     found = list(find_segments(recording)) if segments is None else dwells(segments)
     accel = _level(recording, setup, level) if tilt else None
-    table, poses = _turntable(recording, setup, fog, accel, found)
+    table, poses, walk = _turntable(recording, setup, fog, accel, found)
     roll, pitch, heading, rivals = start_of(table)
+    sure = len(rivals) == 1
     if near_deg is not None:
-        azimuths = {h: table.azimuth(h, roll, pitch) for h in rivals}
-        heading = min(rivals, key=lambda h: abs(wrapped(azimuths[h] - near_deg * DEG)))
+        off = {h: abs(wrapped(table.azimuth(h, roll, pitch) - near_deg * DEG)) for h in rivals}
+        heading = min(off, key=lambda h: off[h])
+        sure = sum(angle <= near_error_deg * DEG for angle in off.values()) == 1
     fit, converged = solve(table, heading, roll, pitch)
-    tests = north_tests(table, fit, rivals, roll, pitch)
-    sure = len(rivals) == 1 or near_deg is not None
+    unit = recording.sensor(fog).units[0]
+    tests = [*north_tests(table, fit, rivals, (roll, pitch), fog, unit), *live]
     notes = north_notes(table, fit, rivals, sure, roll, pitch)
+    notes.append(walk_note(walk, table.angles))
     return wrap_up(
         NAME,
         verdict_of(tests, sure and converged and not fit.dropped),
@@ -109,7 +125,7 @@ def _level(recording: Recording, setup: Setup, name: str | None) -> Sensor | Non
         return pick_sensor(setup, recording, kinds, name, NAME)
     fitting = [s for s in setup.sensors(*kinds) if recording.has(s) and {"x", "y"} <= set(s.axes)]
     for sensor in fitting[:1]:
-        require_unsaturated(recording, sensor)
+        channel_tests(recording, sensor, "xy")
     return fitting[0] if fitting else None
 
 
@@ -119,12 +135,17 @@ def _turntable(
     fog: Sensor,
     level: Sensor | None,
     segments: Sequence[Segment],
-) -> tuple[Turntable, Poses]:
-    """Means of all dwells by FOG and accelerometers, and the poses of the FOG."""
+) -> tuple[Turntable, Poses, float]:
+    """Means of all dwells by FOG and accelerometers, the poses of the FOG, and the density of its
+    bias walk, (rad/s)^2/s.
+    """
     latitude = _latitude(setup)
     poses = find_poses(recording, setup, fog, segments)
     angles = dwell_angles(poses, recording)
-    sigma = np.sqrt([poses.covariance(k)[0, 0] for k in range(len(poses))])
+    walk = _walk(recording, setup, fog, segments)
+    start = np.array([s.start_s for s in poses.spans])
+    end = np.array([s.end_s for s in poses.spans])
+    covariance = np.diag(poses.covariances[:, 0, 0]) + walk_covariance(start, end, walk)
     force = None
     if level is not None:
         seen = find_poses(recording, setup, level, segments)
@@ -141,13 +162,24 @@ def _turntable(
         mount_of(recording, setup),
         fog.input_vector,
         poses.means[:, 0],
-        sigma,
+        whitening(covariance),
         force,
         setup.site.gravity,
         latitude,
         (fog.name, "" if level is None else level.name),
     )
-    return table, poses
+    return table, poses, walk
+
+
+def _walk(recording: Recording, setup: Setup, fog: Sensor, segments: Sequence[Segment]) -> float:
+    """Density of the random walk of the FOG's bias, from parts of the dwells, (rad/s)^2/s."""
+    parts = find_poses(recording, setup, fog, split_dwells(dwells(segments)))
+    angles = dwell_angles(parts, recording)
+    axes = attitudes(0.0, 0.0, angles, mount_of(recording, setup)) @ fog.input_vector
+    columns = np.column_stack([np.ones(len(axes)), axes[:, :2]])
+    time = np.array([(s.start_s + s.end_s) / 2 for s in parts.spans])
+    seen = np.linalg.norm(columns, axis=0) > 1e-9
+    return walk_density(parts.means[:, 0], parts.covariances[:, 0, 0], time, columns[:, seen])
 
 
 def _latitude(setup: Setup) -> float:
@@ -164,5 +196,4 @@ def _latitude(setup: Setup) -> float:
 def _horizontal(poses: Poses) -> tuple[Array, Array]:
     """Mean forces along x and y, (m, 2), and their whitening, (m, 2, 2)."""
     ij = [poses.sensor.axes.index(a) for a in ("x", "y")]
-    covariances = [poses.covariance(k)[np.ix_(ij, ij)] for k in range(len(poses))]
-    return poses.means[:, ij], whitening(np.array(covariances))
+    return poses.means[:, ij], whitening(poses.covariances[:, ij][:, :, ij])

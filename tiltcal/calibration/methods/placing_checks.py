@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tiltcal.calibration.methods.placing_sweep import AxisTable
+from tiltcal.calibration.methods.placing_sweep import AxisTable, Drift
 from tiltcal.calibration.validity import Test, threshold_test
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
@@ -62,7 +62,7 @@ def _misfit(poses: Poses, mine: Index, turn: Array, g: float) -> float:
     return float(np.quantile(np.where(clipped, 0.0, error).max(axis=1), 0.9))
 
 
-def channel_tests(poses: Poses, g: float) -> list[Test]:
+def range_tests(poses: Poses, g: float) -> list[Test]:
     """Channels that stay at one reading where more acts on them, by name."""
     clipped = []
     for i, axis in enumerate(poses.sensor.axes):
@@ -119,7 +119,7 @@ def _angles_complete(axes: Sequence[AxisTable]) -> Test:
     return threshold_test("angles complete", sum(map(len, missing.values())), not missing, words)
 
 
-def table_notes(axes: Sequence[AxisTable], g: float) -> list[str]:
+def table_notes(axes: Sequence[AxisTable], g: float, drift: Drift) -> list[str]:
     """The range and the contents of the tables, and what to record next."""
     notes = []
     for a in axes:
@@ -129,7 +129,7 @@ def table_notes(axes: Sequence[AxisTable], g: float) -> list[str]:
             " deg; beyond, in negative or mirrored quadrants, the bias differs: those samples are"
             " left empty"
         )
-        notes += _drift_notes(a, g)
+        notes += _drift_notes(a, g, drift)
         notes.append(_axle_note(a, g))
     for axis in {"x", "y"} - {a.axis for a in axes}:
         notes.append(
@@ -139,11 +139,14 @@ def table_notes(axes: Sequence[AxisTable], g: float) -> list[str]:
     return notes
 
 
-def _drift_notes(a: AxisTable, g: float) -> list[str]:
+def _drift_notes(a: AxisTable, g: float, drift: Drift) -> list[str]:
     drifts = [t.drift for t in a.solved if t.drift is not None]
     notes = []
-    if drifts:
-        rates = ", ".join(f"{60 * drift / g * 1e6:.3g} ug/min" for drift in drifts)
+    if drifts and drift == "warm_up":
+        sizes = ", ".join(f"{d / g * 1e6:.3g} ug" for d in drifts)
+        notes.append(f"warm-up of axis {a.axis}, subtracted: {sizes} at the start of each sweep")
+    elif drifts:
+        rates = ", ".join(f"{60 * d / g * 1e6:.3g} ug/min" for d in drifts)
         notes.append(f"drift of axis {a.axis}, subtracted: {rates}")
     if len(drifts) == len(a.solved) and not any(s.both_ways > 0.5 for s in a.sweeps):
         notes.append(

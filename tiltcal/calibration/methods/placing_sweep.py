@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,8 @@ from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.setup import Setup
 
 SAME = 0.02 * DEG  # dwells nearer than this are at one angle
+Drift = Literal["linear", "warm_up"]
+DRIFTS: tuple[Drift, ...] = ("linear", "warm_up")
 OFF_GRID = 0.1  # of a step
 
 
@@ -43,16 +46,24 @@ class Sweep:
     value: Array
     variance: Array
 
-    def solve(self) -> "Table":
-        """Table entries and a linear drift of the zero: ``y = b_node + d (t - t_mid)``.
+    def solve(self, drift: Drift = "linear") -> "Table":
+        """Table entries and a drift of the zero: ``y = b_node + d (t - t_mid)``, or a warm-up,
+        ``y = b_node + d exp(-(t - t_0) / T)`` with the T that leaves least.
 
         Least squares in closed form; the drift is determined by repeated visits only.
         """
+        if drift == "linear":
+            return self._solve(self.time - float(np.mean(self.time)))
+        elapsed = self.time - self.time[0]
+        tried = np.geomspace(1 / 60, 1, 40) * max(float(elapsed[-1]), 1e-9)
+        tables = [self._solve(np.exp(-elapsed / constant)) for constant in tried]
+        return min(tables, key=lambda t: float(t.residuals @ t.residuals))
+
+    def _solve(self, t: Array) -> "Table":
+        """Entries and the size of one course of the drift, t (m,)."""
         nodes, where = np.unique(self.node, return_inverse=True)
         w = 1 / self.variance
         weight = np.bincount(where, w)
-        middle = float(np.mean(self.time))
-        t = self.time - middle
         mean_t, mean_y, mean_b = (
             np.bincount(where, w * x) / weight for x in (t, self.value, self.beta)
         )
@@ -235,7 +246,9 @@ def _grid(beta: Array) -> tuple[float, float]:
     return round(first, 3) * DEG, step * DEG
 
 
-def solve_axis(axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float]) -> AxisTable:
+def solve_axis(
+    axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float], drift: Drift = "linear"
+) -> AxisTable:
     """One table of an axis from all its sweeps; a sweep reversed by 180 deg separates the table's
     axis from the sensor.
 
@@ -245,7 +258,7 @@ def solve_axis(axis: str, sweeps: Sequence[Sweep], grid: tuple[float, float]) ->
 
     Source: PHYSICS 6 (0).
     """
-    solved = [s.solve() for s in sweeps]
+    solved = [s.solve(drift) for s in sweeps]
     forth = [t for s, t in zip(sweeps, solved, strict=True) if s.sign > 0]
     back = [t for s, t in zip(sweeps, solved, strict=True) if s.sign < 0]
     axle = None

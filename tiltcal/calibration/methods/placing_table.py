@@ -15,24 +15,32 @@ from tiltcal.calibration.methods.common import (
     require_xy,
     wrap_up,
 )
+from tiltcal.calibration.methods.placing_causes import left_uncorrected, why_visits_differ
 from tiltcal.calibration.methods.placing_checks import (
-    channel_tests,
+    range_tests,
     require_mounting,
     sweep_tests,
     table_notes,
 )
+from tiltcal.calibration.methods.placing_interpolation import (
+    interpolation_error,
+    interpolation_test,
+)
 from tiltcal.calibration.methods.placing_smooth import ORDERS, joint_fit, smooth_fits
 from tiltcal.calibration.methods.placing_sweep import (
+    DRIFTS,
     AxisTable,
+    Drift,
     find_sweeps,
     mounting_of,
     solve_axis,
     split_at_remounts,
 )
 from tiltcal.calibration.result import Calibration
-from tiltcal.calibration.validity import chi2_test, verdict_of
+from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.validity import Test, chi2_test, verdict_of
 from tiltcal.core.arrays import Array
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.units import DEG
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
@@ -40,8 +48,10 @@ from tiltcal.recordings.static_poses import Poses, find_poses
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import PLACING, angle_channel
+from tiltcal.statistics.least_squares import Fit
 
 NAME = "placing_table"
+EQUATION = "{}_i = f_i + b_i(beta_i), beta_x = atan2(f_y, f_z), beta_y = atan2(-f_x, f_z)"
 READOUT = angle_channel(PLACING.axis_names[0])
 
 
@@ -53,6 +63,7 @@ def placing_table(
     sensor: str | None = None,
     lookup: str = "interpolated",
     harmonics: int | None = None,
+    drift: Drift = "linear",
 ) -> Calibration:
     """Zero bias of x and y against the placing angle, as tables and as a smooth fit, from
     up-and-down sweeps.
@@ -71,6 +82,8 @@ def placing_table(
         sensor: which, when several fit.
         lookup: how ``correct`` reads the table: interpolated, rounded (the patent's) or smooth.
         harmonics: of the smooth fit; unless given the fewest from 2 to 4 that describe the table.
+        drift: of the zero over a sweep: linear, or warm_up, which dies away exponentially; the
+            entries are then those after the warm-up.
 
     Raises:
         TiltcalError: another table, no angles, readings that contradict the stated mounting, an
@@ -84,19 +97,23 @@ def placing_table(
 
     Source: seed S0 (patent on zero-bias correction by placing angle); PHYSICS 6 (0).
     """
+    one_of(drift, DRIFTS, f"method {NAME}, option drift")
     used = _require(recording, setup, sensor, lookup, harmonics)
     poses = _poses(recording, setup, used, segments)
-    axes, notes = _axes(poses, recording, setup)
+    axes, notes = _axes(poses, recording, setup, drift)
     smooth, smooth_tests, smooth_notes = smooth_fits(axes, used.name, harmonics)
+    if lookup == "smooth":
+        _require_smooth(len(smooth) == len(axes), smooth_notes)
     fit = joint_fit(axes, smooth)
-    words = f"visits of the same angle repeat within their noise ({fit.dof} redundant)"
-    chi2 = chi2_test("fit", fit.chi2, fit.dof, words)
+    chi2 = _repeat_test(fit, axes)
     factor = fit.chi2_per_dof if not chi2.passed and fit.chi2_per_dof > 1 else 1.0
     tests = [
         chi2,
-        *channel_tests(poses, setup.site.gravity),
+        *range_tests(poses, setup.site.gravity),
         *sweep_tests(axes),
+        interpolation_test(axes, setup.site.gravity, lookup),
         *smooth_tests,
+        *channel_tests(recording, used, "xy"),
     ]
     result = wrap_up(
         NAME,
@@ -104,18 +121,40 @@ def placing_table(
         fit,
         ["m_s2"] * len(fit.names),
         tests,
-        [*notes, *table_notes(axes, setup.site.gravity), *smooth_notes],
+        [
+            *notes,
+            *table_notes(axes, setup.site.gravity, drift),
+            *left_uncorrected(poses, setup.site.gravity),
+            *smooth_notes,
+        ],
         poses,
         recording,
-        equation=(
-            f"{used.name}_i = f_i + b_i(beta_i), beta_x = atan2(f_y, f_z), beta_y = atan2(-f_x,"
-            " f_z)"
-        ),
+        equation=EQUATION.format(used.name),
         inverse=f"f_i = {used.name}_i - b_i(beta_i), b {lookup}, beta from the other axis",
         heldout={used.name: leave_out_rms([_left_out(a) for a in axes])},
     )
     tables = {f"{used.name}.{a.axis}": _entries(a, factor) for a in axes}
     return replace(result, bias_tables=tables, lookup=lookup)
+
+
+def _repeat_test(fit: Fit, axes: Sequence[AxisTable]) -> Test:
+    """Do visits of the same angle agree, and if not, which cause explains it?"""
+    words = f"visits of the same angle repeat within their noise ({fit.dof} redundant)"
+    test = chi2_test("fit", fit.chi2, fit.dof, words)
+    if test.passed:
+        return test
+    return replace(test, statement=f"visits of the same angle differ; {why_visits_differ(axes)}")
+
+
+def _require_smooth(found: bool, notes: Sequence[str]) -> None:
+    """Refuse a smooth look-up that cannot be built."""
+    if not found:
+        raise TiltcalError(
+            f"method {NAME}, option lookup",
+            found="; ".join(notes),
+            need="a smooth fit of every table for lookup=smooth",
+            do="use lookup=interpolated, or state --option harmonics",
+        )
 
 
 def _require(
@@ -166,14 +205,16 @@ def _poses(
     return poses
 
 
-def _axes(poses: Poses, recording: Recording, setup: Setup) -> tuple[list[AxisTable], list[str]]:
+def _axes(
+    poses: Poses, recording: Recording, setup: Setup, drift: Drift
+) -> tuple[list[AxisTable], list[str]]:
     """Tables of the axes that were swept, with notes."""
     tables, notes = [], []
     for axis in ("x", "y"):
         sweeps, grid, off = find_sweeps(poses, recording, setup, axis)
         notes += off
         if sweeps and len(np.unique(np.concatenate([s.node for s in sweeps]))) >= 3:
-            tables.append(solve_axis(axis, sweeps, grid))
+            tables.append(solve_axis(axis, sweeps, grid, drift))
     if not tables or any(len(a.sensor.node) < 3 for a in tables):
         raise TiltcalError(
             recording.source,
@@ -193,7 +234,7 @@ def _left_out(a: AxisTable) -> Array:
 
 def _entries(a: AxisTable, factor: float) -> list[dict[str, Any]]:
     """The table as CAL.json holds it; factor: by which the variances are widened."""
-    sigma = np.sqrt(np.diag(a.sensor.covariance) * factor)
+    sigma = np.sqrt(np.diag(a.sensor.covariance) * factor + interpolation_error(a) ** 2)
     entries = [
         {
             "angle_deg": round(float(b / DEG), 6),

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -25,6 +26,7 @@ from tiltcal.calibration.methods.six_position import six_position
 from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration
+from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import write_recording
@@ -124,11 +126,14 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
         if type(setup) is Setup
         else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
     )
-    result = (
-        method(recording, bare, **options)
-        if name in METHODS
-        else _foreign(method, name, recording, bare, options)
-    )
+    try:
+        result = (
+            method(recording, bare, **options)
+            if name in METHODS
+            else _foreign(method, name, recording, bare, options)
+        )
+    except TiltcalError as error:
+        raise _with_channels(error, recording, bare) from error
     if not isinstance(result, Calibration):
         raise TiltcalError(
             f"method {name}",
@@ -138,6 +143,20 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
         )
     ours = name in METHODS
     return _with_setup(result if ours else in_our_units(result, bare), bare)
+
+
+def _with_channels(error: TiltcalError, recording: Recording, setup: Setup) -> TiltcalError:
+    """The refusal of a recording with what is wrong with its channels: that may be its cause."""
+    faults: list[str] = []
+    if error.subject != recording.source:
+        return error
+    for sensor in setup.sensor:
+        with suppress(TiltcalError):
+            faults += [t.statement for t in channel_tests(recording, sensor) if not t.passed]
+    if not faults:
+        return error
+    found = f"{error.found}; {'; '.join(faults)}"
+    return TiltcalError(error.subject, found=found, need=error.need, do=error.do)
 
 
 def _foreign(

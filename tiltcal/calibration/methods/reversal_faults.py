@@ -2,17 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from tiltcal.calibration.validity import SIGNIFICANCE, Test
+from tiltcal.calibration.screen.explanations import Explanation, explanation, in_words
+from tiltcal.calibration.validity import Test
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import DEG
 from tiltcal.statistics.least_squares import Fit, linear_fit
 
 MOVED = 1e-4  # significance of a base that moves during a dwell, over all dwells and channels
-DIGITS = 9  # of a p-value
 
 
 @dataclass(frozen=True)
@@ -57,42 +58,65 @@ def solve(reversal: Reversal) -> Fit:
     return reversal.fit(reversal.angles)
 
 
-def explain(reversal: Reversal) -> str | None:
-    """The fault that makes the dwells agree best, in words; None when none does. Of faults that
-    agree alike rounding must not choose.
+def explain(reversal: Reversal, time: Array | None = None) -> str:
+    """The single faults that make the dwells agree, those that fit alike as one class, in words.
+
+    Args:
+        reversal: that does not fit.
+        time: of each dwell, s; their number unless given.
     """
-    found = [(round(p, DIGITS), words) for p, words in _hypotheses(reversal) if p > SIGNIFICANCE]
-    return max(found)[1] if found else None
+    when = np.arange(len(reversal.angles), dtype=float) if time is None else time
+    tried = [*_swaps(reversal), *_columns(reversal), *_changes(reversal, when)]
+    return in_words(tried, "no single fault explains it")
 
 
-def _hypotheses(r: Reversal) -> Iterator[tuple[float, str]]:
+def _swaps(r: Reversal) -> Iterator[Explanation]:
+    """Two dwells exchanged; one dwell at another angle."""
     m = len(r.angles)
-    for k in range(m - 1):
+    n = 2 * m
+    pairs = [(i, j) for i, j in combinations(range(m), 2) if _apart(r.angles[i], r.angles[j])]
+    for i, j in pairs:
         swapped = r.angles.copy()
-        swapped[[k, k + 1]] = swapped[[k + 1, k]]
-        if abs(np.angle(np.exp(1j * (swapped[k] - r.angles[k])))) > 1 * DEG:
-            words = (
-                f"positions {k + 1} and {k + 2} fit if their order is exchanged: check the angles,"
-                " repeat them"
-            )
-            yield _p(r.fit(swapped)), words
-    exchanged = Reversal(r.values[:, ::-1], r.whiten[:, ::-1, ::-1], r.angles, r.mount)
-    swapped_columns = (
-        "they fit if the columns x and y are swapped: check the wiring, or the names of the columns"
-    )
-    yield _p(exchanged.fit(r.angles)), swapped_columns
-    for k in range(1, m):
-        moved = np.zeros((m, 2, 2))
-        for j in range(k, m):
-            moved[j] = r.turn(j, float(r.angles[j]))
-        yield (
-            _p(r.fit(r.angles, moved)),
-            f"the base moved between positions {k} and {k + 1}: repeat them",
-        )
+        swapped[[i, j]] = swapped[[j, i]]
+        words = f"positions {i + 1} and {j + 1} are in another order: check the angles, repeat them"
+        yield explanation(words, r.fit(swapped), len(pairs))
     for k in range(m):
         rest = r.fit(r.angles, keep=[j for j in range(m) if j != k])
         if len(rest.names) == 4:
-            yield _p(rest), _wrong_angle(r, rest, k)
+            yield explanation(_wrong_angle(r, rest, k), rest, m, readings=n)
+
+
+def _apart(a: float, b: float) -> bool:
+    return bool(abs(np.angle(np.exp(1j * (a - b)))) > 1 * DEG)
+
+
+def _columns(r: Reversal) -> Iterator[Explanation]:
+    """Columns swapped, a sign reversed, the angle counted the other way."""
+    exchanged = Reversal(r.values[:, ::-1], r.whiten[:, ::-1, ::-1], r.angles, r.mount)
+    words = "the columns x and y are swapped: check the wiring, or the names of the columns"
+    yield explanation(words, exchanged.fit(r.angles), 4)
+    for i, axis in enumerate("xy"):
+        sign = np.where(np.arange(2) == i, -1.0, 1.0)
+        flipped = Reversal(r.values * sign, r.whiten * sign * sign[:, None], r.angles, r.mount)
+        words = f"the sign of {axis} is reversed"
+        yield explanation(words, flipped.fit(r.angles), 4)
+    words = "the table turns in the other sense than its readout: the sign of the angle is reversed"
+    yield explanation(words, r.fit(-r.angles), 4)
+
+
+def _changes(r: Reversal, time: Array) -> Iterator[Explanation]:
+    """The base moved between two dwells; both constants drift; they jumped between two dwells."""
+    m = len(r.angles)
+    for k in range(1, m):
+        after = (np.arange(m) >= k)[:, None, None]
+        turned = np.array([r.turn(j, float(a)) for j, a in enumerate(r.angles)])
+        between = f"between positions {k} and {k + 1}: repeat them"
+        yield explanation(f"the base moved {between}", r.fit(r.angles, after * turned), m - 1)
+        jumped = r.fit(r.angles, after * np.eye(2))
+        yield explanation(f"the bias or the mounting changed {between}", jumped, m - 1)
+    elapsed = (time - time[0])[:, None, None] / max(float(np.ptp(time)), 1e-9)
+    words = "the bias drifts: repeat the first position at the end (A-B-A)"
+    yield explanation(words, r.fit(r.angles, elapsed * np.eye(2)))
 
 
 def _wrong_angle(r: Reversal, rest: Fit, k: int) -> str:
@@ -107,12 +131,6 @@ def _wrong_angle(r: Reversal, rest: Fit, k: int) -> str:
         f"position {k + 1} disagrees with the others: it reads as {angle:.4g} deg, not"
         f" {r.angles[k] / DEG:.4g}; repeat it"
     )
-
-
-def _p(fit: Fit) -> float:
-    from scipy.special import chdtrc
-
-    return float(chdtrc(fit.dof, fit.chi2)) if fit.dof > 0 and not fit.dropped else 0.0
 
 
 def still_test(halves: Array, sigma: Array) -> Test:

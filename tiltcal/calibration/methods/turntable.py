@@ -25,7 +25,7 @@ class Turntable:
         angles: of the table, rad, (m,).
         mount: R_mount, (3, 3).
         axis: of the FOG, body frame, (3,).
-        fog: mean rates, rad/s, (m,); fog_sigma: their standard deviations.
+        fog: mean rates, rad/s, (m,); fog_whiten: W with ``W C W' = 1`` of their covariance, (m, m).
         force: mean forces of x and y, m/s2, (m, 2), and their whitening (m, 2, 2); None without
             accelerometers.
         gravity: m/s2; latitude: rad.
@@ -36,7 +36,7 @@ class Turntable:
     mount: Array
     axis: Array
     fog: Array
-    fog_sigma: Array
+    fog_whiten: Array
     force: tuple[Array, Array] | None
     gravity: float
     latitude: float
@@ -85,8 +85,8 @@ def _profile(table: Turntable, axes: Array, headings: Array) -> Array:
     north, west = np.cos(headings)[:, None], -np.sin(headings)[:, None]
     rate = across * (axes[:, 1] * north + axes[:, 0] * west)
     rate += EARTH_RATE * np.sin(table.latitude) * axes[:, 2]
-    weight = 1 / table.fog_sigma
-    left = (table.fog - rate) * weight  # (h, m)
+    weight = table.fog_whiten.sum(axis=1)
+    left = (table.fog - rate) @ table.fog_whiten.T  # (h, m)
     bias = left @ weight / (weight @ weight)
     return np.asarray(((left - bias[:, None] * weight) ** 2).sum(axis=1))
 
@@ -139,7 +139,7 @@ def _residual(table: Turntable, x: Array) -> Array:
     roll, pitch = (float(x[2]), float(x[3])) if table.force is not None else (0.0, 0.0)
     turned = attitudes(roll, pitch, table.angles, table.mount)
     rate = (turned @ table.axis) @ earth_rate(table.latitude, float(x[0]))
-    found = [(table.fog - x[1] - rate) / table.fog_sigma]
+    found = [table.fog_whiten @ (table.fog - x[1] - rate)]
     if table.force is not None:
         means, whiten = table.force
         left = means - x[4:6] - table.gravity * turned[:, 2, :2]

@@ -13,8 +13,9 @@ from tiltcal.calibration.methods.reversal import (
     require_vertical,
 )
 from tiltcal.calibration.methods.reversal_faults import Reversal, explain, solve, still_test
-from tiltcal.calibration.methods.screening import require_unsaturated
 from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.screen.units import unit_test
 from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import one_of
@@ -72,7 +73,7 @@ def two_position(
     one_of(estimator, ESTIMATORS, f"method {NAME}, option estimator")
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     require_xy(used, NAME)
-    require_unsaturated(recording, used)
+    live = channel_tests(recording, used, "xy")
     poses = find_poses(recording, setup, used, segments)
     angles = dwell_angles(poses, recording)
     chunks, codes = _chunks(recording, setup, used, poses)
@@ -81,7 +82,10 @@ def two_position(
     found = locations(shown, estimator, codes)
     reversal = _reversal(poses, found, angles, mount_of(recording, setup), estimator)
     fit = solve(reversal)
-    tests = _tests(fit, reversal, len(poses))
+    tests = [*_tests(fit, reversal, len(poses)), *live]
+    if len(used.axes) == 3:
+        length = np.median(np.linalg.norm(poses.means, axis=1)) / setup.site.gravity
+        tests.append(unit_test(used, np.array([length]), recording.sensor(used).units[0]))
     tests.append(_still(shown, found))
     if estimator == "median":
         tests.append(_sticky(found, poses, codes))
@@ -119,6 +123,7 @@ def _reversal(
     slope = poses.spread[:, ij]
     unit = found.unit * slope[:, :, None] * slope[:, None, :]
     covariance = unit / poses.counts[:, None, None]
+    covariance = covariance + np.eye(2) * poses.rounding[:, None, ij]
     return Reversal(found.values * slope, whitening(covariance), angles, mount)
 
 
@@ -158,9 +163,7 @@ def _tests(fit: Fit, reversal: Reversal, dwells: int) -> list[Test]:
         words = f"{dwells} dwells repeat within their noise (base, mounting, drift)"
         test = chi2_test("fit", fit.chi2, fit.dof, words)
         if not test.passed:
-            unknown = "no single fault explains it: drift, or a base that moves"
-            why = explain(reversal) or unknown
-            words = f"{dwells} dwells do not repeat within their noise; {why}"
+            words = f"{dwells} dwells do not repeat within their noise; {explain(reversal)}"
             test = replace(test, statement=words)
         tests.append(test)
     return tests

@@ -1,4 +1,4 @@
-"""Checks that every method makes of its input: saturated channels, and columns that are swapped."""
+"""Columns that are swapped or have another sign."""
 
 from collections.abc import Iterator
 from itertools import permutations, product
@@ -6,60 +6,12 @@ from itertools import permutations, product
 import numpy as np
 
 from tiltcal.calibration.validity import Test, threshold_test
-from tiltcal.core.arrays import Array, Mask
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
-from tiltcal.recordings.recording import Recording
-from tiltcal.setup.sensor import Sensor
 
-AT_LIMIT = 0.05  # share of the log at the stated range that makes a channel saturated
-# samples at one extreme, and in a row on average: a quiet converter does not hold a code so long
-LEAST_AT_EXTREME = 20
-# share of repeated samples elsewhere, above which a channel is too quiet to tell
-TOO_QUIET = 0.5
+LEAST_TURNING = 20  # samples
 TURNING = 0.1  # rad/s
 MISFIT = 0.3  # of |w| g: a wrong order of columns misses the change of the force by more
-
-
-def require_unsaturated(recording: Recording, sensor: Sensor) -> None:
-    """Refuse a log in which a channel stays at the end of its range: the stated one, or the
-    extreme at which it freezes.
-
-    Raises:
-        TiltcalError: naming the channel.
-    """
-    samples = recording.sensor(sensor)
-    limit = sensor.converter.limit if sensor.converter is not None else sensor.full_scale
-    for axis, values in zip(sensor.axes, samples.values.T, strict=True):
-        known = values[~np.isnan(values)]
-        if len(known) == 0:
-            continue
-        at_end = np.zeros(len(known), bool)
-        if limit is not None:
-            at_end = np.abs(known) >= 0.999 * limit
-        if at_end.mean() <= AT_LIMIT:
-            at_end = _frozen_at_an_extreme(known)
-        if at_end.any():
-            raise TiltcalError(
-                f"{recording.source}, channel {sensor.name}_{axis}",
-                found=f"saturated for {at_end.mean():.0%} of the log",
-                need="readings within its range",
-                do="lower the gain, level the base or turn slower, and record again",
-            )
-
-
-def _frozen_at_an_extreme(values: Array) -> Mask:
-    """Samples that stay exactly at the channel's extreme for long, where the channel is noisy
-    elsewhere.
-    """
-    for extreme in (values.max(), values.min()):
-        at_end = values == extreme
-        runs = int(np.sum(np.diff(at_end.astype(int), prepend=0) == 1))
-        rest = values[~at_end]
-        long_runs = at_end.sum() >= LEAST_AT_EXTREME * max(1, runs)
-        if long_runs and len(rest) > LEAST_AT_EXTREME and np.mean(np.diff(rest) == 0) < TOO_QUIET:
-            return np.asarray(at_end)
-    return np.zeros(len(values), bool)
 
 
 def columns_test(time: Array, rate: Array, force: Array) -> Test:
@@ -73,7 +25,7 @@ def columns_test(time: Array, rate: Array, force: Array) -> Test:
     name = "columns of gyro and accelerometer"
     f, w, dt = (force[1:] + force[:-1]) / 2, (rate[1:] + rate[:-1]) / 2, np.diff(time)
     turning = (np.linalg.norm(w, axis=1) > TURNING) & (dt < 1.0) & ~np.isnan(f).any(axis=1)
-    if turning.sum() < LEAST_AT_EXTREME:
+    if turning.sum() < LEAST_TURNING:
         return threshold_test(name, 0.0, True, "too few turns for this test")
     change, f, w = (np.diff(force, axis=0) / dt[:, None])[turning], f[turning], w[turning]
     size = float(np.sqrt(np.mean(np.sum(w * w, axis=1))))

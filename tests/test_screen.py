@@ -1,0 +1,144 @@
+"""The checks in front of every method: channels, units, drift, rounding, causes that fit alike."""
+
+import re
+import zlib
+
+import numpy as np
+import pytest
+from builders import ACCEL, G, setup_of
+from examiner.case import FAULTS, MAKERS
+from examiner.judge import judged
+from logs import log_of, triad_readings
+from statistics_helpers import rng_of
+
+from tiltcal.calibration.methods.bias_walk import walk_density
+from tiltcal.calibration.screen.channels import channel_tests, frozen_stretch
+from tiltcal.calibration.screen.drift import slope_test
+from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
+from tiltcal.calibration.screen.units import unit_test
+from tiltcal.core.frames import sphere
+from tiltcal.recordings.static_poses import find_poses
+from tiltcal.statistics.dither import left_by_rounding
+
+SETUP = setup_of("handheld", ACCEL)
+CASES = [(name, fault) for name in MAKERS for fault in FAULTS[name]]
+
+
+@pytest.mark.parametrize(("name", "fault"), CASES, ids=lambda word: word)
+def test_a_wrong_result_is_never_good_and_its_cause_is_named(name, fault):
+    for k in range(2):
+        rng = np.random.default_rng([77, k, zlib.crc32(f"{name} {fault}".encode())])
+        found = judged(MAKERS[name](rng, fault))
+        assert not (found.verdict == "good" and found.wrong), found
+        if FAULTS[name][fault]:
+            assert re.search(FAULTS[name][fault], found.words, re.IGNORECASE), found
+
+
+@pytest.mark.parametrize("name", list(MAKERS))
+def test_clean_recordings_are_good(name):
+    for k in range(6):
+        rng = np.random.default_rng([78, k, zlib.crc32(name.encode())])
+        found = judged(MAKERS[name](rng, "clean"))
+        assert found.verdict == "good", found
+        assert not found.wrong
+
+
+@pytest.mark.parametrize("codes", [0.3, 1.0, 2.0, 4.0, 6.0, 12.0])
+def test_what_rounding_leaves_in_a_long_mean_is_what_is_stated(codes):
+    """Long means of rounded noise at true values that lie anywhere in a code."""
+    rng = rng_of(f"rounding {codes}")
+    true = rng.uniform(0, codes, (400, 1))
+    rounded = np.round((true + rng.normal(size=(400, 4000))) / codes) * codes
+    left = np.mean((rounded.mean(axis=1) - true[:, 0]) ** 2)
+    variance = float(rounded.var(axis=1).mean())
+    assert left == pytest.approx(left_by_rounding(variance, codes) + variance / 4000, rel=0.2)
+
+
+def test_a_frozen_stretch_is_found_and_a_quiet_sensor_with_coarse_codes_is_not_frozen():
+    rng = rng_of("frozen")
+    noisy = rng.normal(size=4000)
+    assert frozen_stretch(noisy) is None
+    stuck = noisy.copy()
+    stuck[1500:1600] = stuck[1500]
+    assert frozen_stretch(stuck) == (1500, 1600)
+    # a code of eight sigmas repeats itself for long wherever the mean lies inside it
+    steps = np.repeat(rng.uniform(0, 80, 20), 200)
+    assert frozen_stretch(np.round((steps + noisy) / 8) * 8) is None
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
+def test_false_alarms_of_the_slope_test_are_as_rare_as_stated_under_random_walk(share):
+    """Fewer than 1 % of 300 logs at a significance of 0.1 %."""
+    up, alarms = sphere(12), 0
+    clean = triad_readings(up, G, np.zeros(3), np.eye(3))
+    rows = len(log_of(clean, ACCEL))
+    for k in range(300):
+        rng = rng_of(f"slopes {share} {k}")
+        noise = rng.normal(0, 1e-3, (rows, 3))
+        noise += np.cumsum(rng.normal(0, share * 1e-3 / np.sqrt(60), (rows, 3)), axis=0)
+        alarms += not slope_test(find_poses(log_of(clean, ACCEL, noise=noise), SETUP, ACCEL)).passed
+    assert alarms <= 3
+
+
+def test_a_drift_inside_every_dwell_is_found_with_its_size():
+    clean = triad_readings(sphere(12), G, np.zeros(3), np.eye(3))
+    rows = len(log_of(clean, ACCEL))
+    noise = rng_of("drift").normal(0, 1e-3, (rows, 3))
+    noise[:, 1] += 1e-3 * np.arange(rows) / ACCEL.rate_hz
+    test = slope_test(find_poses(log_of(clean, ACCEL, noise=noise), SETUP, ACCEL))
+    assert not test.passed
+    assert "accel_y drifts" in test.statement
+
+
+@pytest.mark.parametrize(
+    ("gain", "unit", "word"),
+    [(1 / 9.80665, "m_s2", "look like g"), (101.97, "m_s2", "look like mg"), (1.0, "m_s2", "gain")],
+)
+def test_a_gain_says_which_unit_the_column_is_in(gain, unit, word):
+    test = unit_test(ACCEL, np.full(3, gain), unit)
+    assert word in test.statement
+    assert test.passed == (gain == 1.0)
+
+
+def test_counts_are_named_with_their_number_per_g():
+    test = unit_test(ACCEL, np.full(3, 16384 / 9.80665), "m_s2")
+    assert "counts (LSB), 16384 per g" in test.statement
+
+
+def test_a_dead_channel_is_named_and_the_others_are_not():
+    log = log_of(triad_readings(sphere(9), G, np.zeros(3), np.diag([1.0, 0.0, 1.0])), ACCEL)
+    alive, _ = channel_tests(log, ACCEL)
+    assert not alive.passed
+    assert "accel_y" in alive.statement
+    assert "accel_x" not in alive.statement
+
+
+def test_causes_that_fit_alike_are_a_class_and_one_that_leaves_more_is_not_in_it():
+    found = [
+        Explanation("a", 20.0, 20, 30.0),
+        Explanation("b", 21.0, 20, 33.0),
+        Explanation("c", 22.0, 20, 40.0),
+        Explanation("d", 200.0, 20, 10.0),
+    ]
+    assert [e.words for e in alike(found)] == ["a", "b"]
+    assert in_words(found, "none") == "these causes fit alike: a; or b"
+    assert in_words(found[3:], "none") == "none"
+
+
+def test_the_walk_of_a_bias_is_nothing_where_there_is_none_and_its_size_where_there_is():
+    rng = rng_of("walk")
+    n, dt, white = 64, 15.0, 1e-7
+    time = dt * np.arange(n)
+    columns = np.ones((n, 1))
+    none = [
+        walk_density(rng.normal(0, white, n), np.full(n, white**2), time, columns)
+        for _ in range(40)
+    ]
+    assert np.median(none) * time[-1] < 0.1 * white**2
+    density = (5 * white) ** 2 / time[-1]
+    found = []
+    for _ in range(40):
+        walk = np.cumsum(rng.normal(0, np.sqrt(density * dt), n))
+        rate = walk + rng.normal(0, white, n)
+        found.append(walk_density(rate, np.full(n, white**2), time, columns))
+    assert np.median(found) == pytest.approx(density, rel=0.5)

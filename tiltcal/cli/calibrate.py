@@ -14,8 +14,9 @@ from tiltcal.cli.output import print_json, print_table
 from tiltcal.cli.segments import read_segments
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.joining import joined
+from tiltcal.recordings.means_table import read_log_or_means
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording
 from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
 from tiltcal.report.html import parameter_rows
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
@@ -24,9 +25,11 @@ BUDGET_HEADER = ("parameter", "source", "type", *BUDGET_COLUMNS[3:])
 
 
 def calibrate(
-    recording_file: Annotated[Path, Parameter("REC", help="Recording to calibrate from.")],
+    recording_file: Annotated[
+        Path, Parameter("REC", help="Recording, or a CSV table of means with sigma columns.")
+    ],
     /,
-    *,
+    *more: Annotated[Path, Parameter("REC", help="Further recordings of the same set-up.")],
     scenario: DescribedBy,
     method: Annotated[
         str, Parameter(help="Name of a method, or package.module:function of your own.")
@@ -53,11 +56,16 @@ def calibrate(
 
       tiltcal calibrate run.csv --scenario bench.toml --method norm -o CAL.json
       tiltcal calibrate run.csv --scenario bench.toml --method norm --option terms=9
+      tiltcal calibrate mon.csv tue.csv --scenario bench.toml --method six_position
+
+    A table of means has one row a pose: label or table angles, the sensor's
+    columns, and their standard deviations as accel_sigma_m_s2.
 
     Exit status: 0 good; 1 suspect or cannot_tell; 2 unusable input.
     """
     described = load_scenario(scenario)
-    recording = read_recording(recording_file).require_increasing()
+    read = [read_log_or_means(file).require_increasing() for file in (recording_file, *more)]
+    recording = joined(read, described.rig.mount)
     options = parse_options(option)
     if segments:
         options["segments"] = read_segments(segments, recording)

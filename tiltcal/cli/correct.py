@@ -10,6 +10,7 @@ from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, require_output
+from tiltcal.cli.verdict import print_verdict
 from tiltcal.recordings.csv_files import csv_writer
 from tiltcal.recordings.pieces import read_pieces, writing
 
@@ -35,6 +36,7 @@ def correct(
     """
     require_output("correct", output, as_json, "the corrected recording")
     calibration = load_calibration(calibration_file)
+    print_verdict(calibration)
     pieces = read_pieces(recording)
     if output is None:
         with csv_writer(sys.stdout.buffer) as write:

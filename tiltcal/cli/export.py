@@ -11,6 +11,7 @@ from tiltcal.calibration.correction import setup_of
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, require_output
+from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.files import write_text
 
 
@@ -33,6 +34,7 @@ def export(
     """
     require_output("export", output, as_json, "the header")
     calibration = load_calibration(calibration_file)
+    print_verdict(calibration)
     text = header(calibration, setup_of(calibration), name)
     if output is None:
         sys.stdout.write(text)

@@ -23,6 +23,9 @@ Rows = npt.NDArray[np.intp]
 Labels = npt.NDArray[np.object_]
 
 
+JOINS = "joined at s"  # metadata: stamps at which another recording begins
+
+
 @dataclass(frozen=True)
 class Block:
     """Columns that were sampled together.
@@ -241,6 +244,20 @@ class Recording:
         if name is None:
             return None
         return np.asarray(self.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor)
+
+    @property
+    def joins(self) -> Array:
+        """Stamps at which another recording begins, s, (j,); none of a single recording."""
+        stated = self.metadata.get(JOINS, "")
+        try:
+            return np.array([float(word) for word in stated.split(",") if word.strip()])
+        except ValueError as error:
+            raise TiltcalError(
+                f"{self.source}, metadata '{JOINS}'",
+                found=f"'{stated}'",
+                need="times in seconds, separated by commas",
+                do="correct the line, or delete it",
+            ) from error
 
     def require_increasing(self) -> "Recording":
         """Itself, when time runs forward.

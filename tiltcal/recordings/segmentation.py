@@ -17,6 +17,7 @@ from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.pauses import breaks
 
@@ -47,6 +48,15 @@ class Segment:
     label: str | None = None
 
 
+def _rows(table: MeansTable) -> list[Segment]:
+    """Each row of a table of means as a dwell."""
+    words = [None] * len(table) if table.labels is None else table.labels
+    return [
+        Segment(float(t), float(t), k, k + 1, "dwell", word)
+        for k, (t, word) in enumerate(zip(table.time, words, strict=True))
+    ]
+
+
 def find_segments(
     recording: Recording, window: float = WINDOW, guard: float = GUARD, shortest: float = SHORTEST
 ) -> list[Segment]:
@@ -62,6 +72,8 @@ def find_segments(
         TiltcalError: no channel can tell rest from motion, or the log is shorter than the window.
     """
     recording.require_increasing()
+    if isinstance(recording, MeansTable):
+        return _rows(recording)
     if len(recording) < 4:
         raise TiltcalError(
             recording.source,
@@ -91,6 +103,7 @@ def find_segments(
             rows, ~quiet | _turning(recording.time[rows], rates, quiet), len(recording)
         )
         parted.append(rows[breaks(recording.time[rows], values, quiet)])
+    parted.append(np.searchsorted(recording.time, recording.joins))
     return _segments(recording, ~moving, np.concatenate(parted), guard, shortest)
 
 

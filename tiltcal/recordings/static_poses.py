@@ -11,6 +11,7 @@ from tiltcal.core.frames import force_of_tilt, parse_up
 from tiltcal.core.quantisation import code_grid
 from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
+from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording, Rows
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
@@ -48,7 +49,8 @@ class Poses:
         angles: mean readout of each table axis, rad, (m,) each.
         spread: noise of one sample at each pose over the pooled, (m, k); 1 but for inclinometers.
         stated: where ``up`` comes from: readout, label or nothing.
-        slopes: of a straight line through each dwell, SI a second, (m, k).
+        slopes: of a straight line through each dwell, SI a second, (m, k); NaN where only means
+            are known.
         rounding: variance of a mean that coarse codes leave however long it is taken, SI, (m, k).
     """
 
@@ -106,6 +108,8 @@ def find_poses(
         TiltcalError: no dwell was found.
     """
     recording.require_increasing()
+    if isinstance(recording, MeansTable):
+        return _stated_means(recording, setup, sensor)
     found = dwells(find_segments(recording) if segments is None else segments)
     samples = recording.sensor(sensor)
     complete = ~np.isnan(samples.values).any(axis=1)
@@ -133,6 +137,34 @@ def find_poses(
         stated,
         np.array([_slope(c, s.end - s.start) for c, s in zip(chunks, kept, strict=True)]),
         rounding_variance(_codes(readings, slices, sensor, setup), residuals, means) * spread**2,
+    )
+
+
+def _stated_means(table: MeansTable, setup: Setup, sensor: Sensor) -> Poses:
+    """The poses of a table of means: every row, with the standard deviations that it states."""
+    found = find_segments(table)
+    samples = table.sensor(sensor)
+    sigma = table.sigma_of(sensor)[samples.rows]
+    kept = [found[row] for row in samples.rows]
+    means = samples.values
+    if sensor.kind == "inclinometer":
+        means = force_of_tilt(means, setup.site.gravity)
+        sigma = sigma * setup.site.gravity * _spread_of(sensor, means, setup.site.gravity)
+    up, angles, stated = _known_up(table, setup, kept)
+    none = np.zeros_like(means)
+    return Poses(
+        sensor,
+        tuple(PoseSpan(s.start, s.end, s.label) for s in kept),
+        means,
+        np.ones(len(kept)),
+        np.eye(len(sensor.axes)),
+        1.0,
+        up,
+        angles,
+        sigma,
+        stated,
+        np.full_like(means, np.nan),
+        none,
     )
 
 

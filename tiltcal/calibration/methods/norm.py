@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from tiltcal.calibration.methods.common import pick_sensor, require_triad, wrap_up
 from tiltcal.calibration.methods.known_attitude_model import without_drift
 from tiltcal.calibration.methods.norm_checks import (
@@ -70,7 +72,20 @@ def norm(
     terms = _number_of_terms(terms, used)
     poses = find_poses(recording, setup, used, segments)
     _require_poses(poses, terms, recording)
+    if drift:
+        _require_slopes(poses)
     return _solved(poses, recording, setup, terms, live, drift=drift)
+
+
+def _require_slopes(poses: Poses) -> None:
+    """Refuse means without the readings that they were taken of."""
+    if np.isnan(poses.slopes).any():
+        raise TiltcalError(
+            f"method {NAME}, option drift",
+            found="a table of means",
+            need="the readings inside the dwells",
+            do="give the log, or leave drift out",
+        )
 
 
 def _solved(

@@ -28,6 +28,7 @@ from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import write_recording
 from tiltcal.setup.setup import Setup
@@ -44,6 +45,7 @@ METHODS: dict[str, Method] = {
     "gyro_rates": gyro_rates,
 }
 GROUP = "tiltcal.methods"
+BY_MEANS = ("six_position", "norm", "placing_table")  # methods that use means of dwells only
 
 
 def find_method(name: str) -> Method:
@@ -121,6 +123,7 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             need="an option of it",
             do=nearest(unknown[0], valid or ["none"]),
         )
+    _require_log(name, recording)
     bare = (
         setup
         if type(setup) is Setup
@@ -143,6 +146,17 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
         )
     ours = name in METHODS
     return _with_setup(result if ours else in_our_units(result, bare), bare)
+
+
+def _require_log(name: str, recording: Recording) -> None:
+    """Refuse a table of means for a method that looks inside the dwells."""
+    if isinstance(recording, MeansTable) and name in METHODS and name not in BY_MEANS:
+        raise TiltcalError(
+            f"method {name}",
+            found="a table of means",
+            need="a log of readings",
+            do=f"give the log; means are enough for {', '.join(BY_MEANS)}",
+        )
 
 
 def _with_channels(error: TiltcalError, recording: Recording, setup: Setup) -> TiltcalError:

@@ -24,8 +24,8 @@ def slope_test(poses: Poses) -> Test:
     from scipy.special import stdtr
 
     name = "no drift while dwelling"
-    if len(poses) < LEAST_DWELLS:
-        return Test(name, 0.0, 0, 1.0, True, "too few dwells for this test")
+    if len(poses) < LEAST_DWELLS or np.isnan(poses.slopes).any():
+        return Test(name, 0.0, 0, 1.0, True, "not tested: too few dwells, or only their means")
     z = poses.slopes / slope_sigma(poses)
     m, k = z.shape
     t = z.mean(axis=0) * np.sqrt(m) / np.maximum(z.std(axis=0, ddof=1), 1.0)

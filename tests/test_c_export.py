@@ -2,6 +2,8 @@
 million inputs.
 """
 
+import json
+
 import host
 import numpy as np
 import pytest
@@ -212,6 +214,12 @@ def test_the_command_writes_the_header_and_refuses_other_calibrations(tmp_path, 
     assert "level_interpolated_mdeg" in (tmp_path / "level.h").read_text()
     assert main(["export", str(tmp_path / "CAL.json")]) == 0
     assert "tiltcal_rounded" in capsys.readouterr().out
-    message = refusal(["export", good / "CAL.json", "-o", tmp_path / "no.h"], tmp_path, capsys)
-    assert "tables of 0 sensors" in message
+    assert main(["export", str(good / "CAL.json"), "--name", "bench"]) == 0
+    assert "static void bench_accel(const bench_real *reading" in capsys.readouterr().out
+    tilt = json.loads((good / "CAL.json").read_text())
+    tilt |= {"parameters": {"base.roll": {"value": 0.1, "sigma": 0.0, "unit": "rad"}}}
+    tilt.pop("covariance")
+    (tmp_path / "tilt.json").write_text(json.dumps(tilt))
+    message = refusal(["export", tmp_path / "tilt.json", "-o", tmp_path / "no.h"], tmp_path, capsys)
+    assert "no sensor" in message
     assert not (tmp_path / "no.h").exists()

@@ -1,5 +1,5 @@
-"""The C header of a placing-angle table: a 2-D array, look-ups and the corrector, in floating point
-and in integers.
+"""C headers: placing-angle tables with look-ups and the corrector, in floating point and in
+integers; bias, scale, axes and their temperature.
 """
 
 import re
@@ -10,6 +10,8 @@ import numpy as np
 
 from tiltcal import __version__
 from tiltcal.calibration.bias_table import PASSES, STEEP, BiasTable, PlacingCorrector
+from tiltcal.calibration.linear_export import TEMPLATE as LINEAR
+from tiltcal.calibration.linear_export import linear_numbers
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
@@ -23,13 +25,14 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
     """The text of a C header that corrects what ``tiltcal correct`` corrects.
 
     Args:
-        calibration: with placing-angle tables of one sensor.
+        calibration: with placing-angle tables of one sensor, or with bias, scale and axes of
+            triads, over temperature too.
         setup: it was made with.
         name: what every C name begins with.
 
     Raises:
-        TiltcalError: there are no tables, they differ in their angles, the look-up is smooth, or
-            the name is no C name.
+        TiltcalError: tables that differ in their angles, a smooth look-up, terms that C does not
+            have, or a name that is no C name.
 
     Errors:
         Integers: 1 um/s2 (0.02 arcsec) of rounding; float: some 1e-6 m/s2.
@@ -43,16 +46,26 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
             need="letters, digits and _, a letter first",
             do="choose another",
         )
-    corrector = _corrector(calibration, setup)
     text = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    table = text.from_string(TEMPLATE.read_text(encoding="utf-8"))
     source = (
         str(calibration.provenance.get("recording", "a calibration"))
         .replace("*/", "* /")
         .replace("\n", " ")
     )
+    if not calibration.bias_tables:
+        linear = text.from_string(LINEAR.read_text(encoding="utf-8"))
+        return linear.render(
+            version=__version__,
+            source=source,
+            verdict=calibration.verdict,
+            p=name,
+            P=name.upper(),
+            **linear_numbers(calibration, setup),
+        )
+    corrector = _corrector(calibration, setup)
+    table = text.from_string(TEMPLATE.read_text(encoding="utf-8"))
     return table.render(
         title=f"{name}: placing-angle bias tables",
         version=__version__,

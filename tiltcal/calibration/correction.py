@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from pydantic import ValidationError
 
 from tiltcal.calibration.inversion import product
 from tiltcal.calibration.result import Calibration, tilt_angles
+from tiltcal.calibration.thermal import Course, ThermalStream, ThermalTerms, at_rows
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import force_of_tilt, tilt_of_force
@@ -87,7 +89,11 @@ class Force:
 
 
 def corrected_columns(
-    recording: Recording, calibration: Calibration, setup: Setup, force: Force | None = None
+    recording: Recording,
+    calibration: Calibration,
+    setup: Setup,
+    force: Force | None = None,
+    course: Course | None = None,
 ) -> dict[str, Array]:
     """The columns that correction adds, full length: corrected readings in their own unit, and tilt
     where defined.
@@ -96,9 +102,13 @@ def corrected_columns(
 
     Args:
         force: what g-sensitivities follow; the recording's own unless given.
+        course: of the temperature; the recording's own unless given.
     """
     columns: dict[str, Array] = {}
     g = setup.site.gravity
+    terms = ThermalTerms.among({n: e.value for n, e in calibration.parameters.items()})
+    if terms is not None and course is None:
+        course = thermal_course(recording, ThermalStream(terms))
     for name in calibration.sensors():
         sensor = setup.named(name)
         samples = recording.sensor(sensor)
@@ -106,7 +116,12 @@ def corrected_columns(
             force_of_tilt(samples.values, g) if sensor.kind == "inclinometer" else samples.values
         )
         pulled = _pulled(recording, calibration, setup, sensor, samples.time, force)
-        fixed = calibration.correct(sensor, values - pulled, g)
+        plain = partial(calibration.correct, sensor, g=g)
+        fixed = (
+            plain(values - pulled)
+            if terms is None or course is None
+            else terms.corrected(sensor, values - pulled, at_rows(course, samples.rows), plain)
+        )
         shown = tilt_of_force(fixed, g) if sensor.kind == "inclinometer" else fixed
         for i, axis in enumerate(sensor.axes):
             unit = _unit(samples.units[i], sensor)
@@ -126,6 +141,23 @@ def corrected_columns(
                     f"tilt_{axis}_deg", _full(angle / DEG, samples.rows, len(recording))
                 )
     return columns
+
+
+def thermal_course(recording: Recording, stream: ThermalStream) -> Course:
+    """The course of a recording's temperature after what the stream has seen.
+
+    Raises:
+        TiltcalError: it has no temperature.
+    """
+    name = recording.channel("temperature")
+    if name is None:
+        raise TiltcalError(
+            recording.source,
+            found="no temperature",
+            need="a column temperature_degC: the calibration is one over temperature",
+            do="record it, or use another calibration",
+        )
+    return stream.course(recording.time, recording.column(name))
 
 
 def _pulled(
@@ -219,8 +251,11 @@ def correct_pieces(
     """
     setup = setup_of(calibration)
     done = Corrected()
+    terms = ThermalTerms.among({n: e.value for n, e in calibration.parameters.items()})
+    stream = None if terms is None else ThermalStream(terms)
     for piece, force in _with_force(pieces, calibration, setup):
-        added = corrected_columns(piece, calibration, setup, force)
+        course = None if stream is None else thermal_course(piece, stream)
+        added = corrected_columns(piece, calibration, setup, force, course)
         write(piece.with_columns(added))
         done.count(piece, added, calibration)
     return done

@@ -27,6 +27,9 @@ FRAMES = (
 )
 
 
+NO_SENSORS = ("base", "temperature")  # owners of parameters that belong to no sensor
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A recovered value with its standard uncertainty and unit."""
@@ -91,7 +94,7 @@ class Calibration:
     def sensors(self) -> list[str]:
         """Names of the sensors it has parameters for."""
         names = [name.split(".")[0] for name in (*self.parameters, *self.bias_tables)]
-        return [n for n in dict.fromkeys(names) if n != "base"]
+        return [n for n in dict.fromkeys(names) if n not in NO_SENSORS]
 
     def sensitivity(self, sensor: Sensor) -> Array:
         """The matrix M of ``reading = bias + M f``, (k, 3): identity rows plus scale and cross

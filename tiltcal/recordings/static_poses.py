@@ -189,7 +189,7 @@ def _slices(found: Sequence[Segment], rows: Rows, source: str) -> tuple[list[Seg
 def _codes(readings: Array, slices: Sequence[slice], sensor: Sensor, setup: Setup) -> Array:
     """Code widths of the channels in the sensing form, 0 where the readings lie on no grid, (k,).
 
-    By the dwells, or by the whole log where the readings never change in a dwell.
+    By the dwells, or by the whole log where the readings hardly change in a dwell.
 
     Args:
         readings: as recorded, SI, (n, k).
@@ -200,9 +200,8 @@ def _codes(readings: Array, slices: Sequence[slice], sensor: Sensor, setup: Setu
     widths = []
     for column in readings.T:
         found = [w for s in slices if (w := code_grid(column[s][:CODED]))]
-        quiet = all(np.ptp(column[s]) == 0 for s in slices)
-        whole = code_grid(column[:CODED]) if quiet else None
-        widths.append(factor * (float(np.median(found)) if found else whole or 0.0))
+        code = float(np.median(found)) if found else code_grid(column[:CODED])
+        widths.append(factor * (code or 0.0))
     return np.array(widths)
 
 

@@ -23,6 +23,7 @@ from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.north_seeking import north
 from tiltcal.calibration.methods.placing_table import placing_table
 from tiltcal.calibration.methods.six_position import six_position
+from tiltcal.calibration.methods.thermal import thermal
 from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
 from tiltcal.calibration.result import Calibration, load_calibration
@@ -43,6 +44,7 @@ METHODS: dict[str, Method] = {
     "fog_scale": fog_scale,
     "north": north,
     "gyro_rates": gyro_rates,
+    "thermal": thermal,
 }
 GROUP = "tiltcal.methods"
 BY_MEANS = ("six_position", "norm", "placing_table")  # methods that use means of dwells only

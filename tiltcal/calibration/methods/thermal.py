@@ -1,0 +1,270 @@
+"""Bias, scale and axes over temperature, warming and cooling told apart, from soaks, ramps or
+cycles.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.calibration.methods.common import provenance
+from tiltcal.calibration.methods.thermal_blocks import blocks_of, stretches_at_rest, temperature_of
+from tiltcal.calibration.methods.thermal_model import (
+    Blocks,
+    Choice,
+    compared,
+    estimate,
+    memories,
+    names,
+    smallest,
+)
+from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.calibration.screen.channels import channel_tests
+from tiltcal.calibration.thermal import OWNER, Course, Memory
+from tiltcal.calibration.validity import Test, threshold_test, verdict_of
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import G0
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.recordings.static_poses import PoseSpan
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
+from tiltcal.statistics.dwell_noise import second_difference_noise
+
+NAME = "thermal"
+RESOLVED = 1 / 2000  # of the range of temperature: noise below it needs no smoothing
+LONGEST = 1 / 1000  # of the length: of the low-pass over the noise of the temperature
+BOTH_WAYS = 0.5  # of the range that was passed warming and cooling
+OVERFIT = 2.0  # held-out over fitted variance
+
+
+def thermal(
+    recording: Recording,
+    setup: Setup,
+    *,
+    segments: Sequence[Segment] | None = None,
+    sensor: str | None = None,
+) -> Calibration:
+    """Bias of every channel as a polynomial of temperature with a memory of earlier temperatures;
+    where attitudes are known and vary, scale factor and cross-axis terms likewise.
+
+    Model: ``reading = b + M f + sum_n (T - T0)^n (b_n + M_n f) + m h``. The memory h is ``T -
+    T_lagged`` with a time constant (a rate of change where it is short) or a hysteresis of some
+    degC. Orders and memory are those of the smallest model within one standard error of the least
+    held-out error; blocks of time are left out.
+
+    Args:
+        recording: at rest, or with dwells, over a range of temperature; with a temperature column.
+        setup: with the sensors; attitudes from the table's readout or labels, where there are any.
+        segments: dwells to use; unless given those found, or the whole recording where none is.
+        sensor: which; all that are recorded unless given.
+
+    Raises:
+        TiltcalError: no temperature, one that hardly changes, or too few readings.
+
+    Errors:
+        At one attitude scale and cross-axis errors are part of the bias over temperature. A
+            temperature that only rises cannot tell memory from polynomial. Outside the range that
+            was seen a polynomial means nothing.
+
+    Source: IEEE 1293-2018, temperature sensitivities of the model equation; Breiman et al. (1984).
+    """
+    used = [s for s in setup.sensor if recording.has(s) and sensor in (None, s.name)]
+    if not used:
+        found = sensor or ", ".join(s.name for s in setup.sensor)
+        raise TiltcalError(
+            f"method {NAME}", found=f"no columns of {found}", need="a sensor", do="name another"
+        )
+    temperature = temperature_of(recording)
+    stretches, warnings = stretches_at_rest(recording, segments)
+    span = float(np.ptp(temperature))
+    smoothing = _smoothing(recording.time, temperature)
+    tried = [
+        (m, Course.of(recording.time, temperature, smoothing, m))
+        for m in memories(recording.time, span)
+    ]
+    reference = float(np.mean(temperature))
+    parts = [_part(recording, setup, s, stretches, tried, reference, span / 2) for s in used]
+    memory = _common_memory(parts)
+    parts = [p.under(memory) for p in parts]
+    shared = {
+        "T0": (reference, "degC"),
+        "lowest": (float(temperature.min()), "degC"),
+        "highest": (float(temperature.max()), "degC"),
+        "smoothing": (smoothing, "s"),
+    }
+    if memory.kind != "none":
+        shared[memory.kind] = (memory.size, "s" if memory.kind == "lag" else "degC")
+    tests = [t for s in used for t in channel_tests(recording, s)]
+    tests += [_both_ways(tried[0][1], span), *(p.heldout_test() for p in parts)]
+    warnings += [note for p in parts for note in p.notes()]
+    return _calibration(recording, parts, shared, tests, warnings, stretches)
+
+
+def _smoothing(time: Array, temperature: Array) -> float:
+    """Time constant of a first-order low-pass that takes the noise of the temperature down to what
+    is resolved, s; it delays the temperature, so it is as short as it can be.
+    """
+    step = float(np.median(np.diff(time)))
+    excess = second_difference_noise(temperature) / (RESOLVED * float(np.ptp(temperature)))
+    return float(min(step / 2 * excess**2 if excess > 1 else 0.0, LONGEST * np.ptp(time)))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One sensor over temperature.
+
+    Args:
+        sensor: which; blocks: of its readings.
+        tried: every model with its held-out errors.
+        choice: the one that is taken.
+        scale: half the range of temperature, degC.
+        known: whether the constant is the bias: the force that acts is known.
+    """
+
+    sensor: Sensor
+    blocks: Blocks
+    tried: Sequence[Choice]
+    choice: Choice
+    scale: float
+    known: bool
+
+    def under(self, memory: Memory) -> "Part":
+        """With the best model of that memory."""
+        own = [c for c in self.tried if c.model.memory == memory]
+        return Part(self.sensor, self.blocks, self.tried, smallest(own), self.scale, self.known)
+
+    def heldout_test(self) -> Test:
+        """Do blocks that were left out fit as those that were not?"""
+        left = estimate(self.choice, self.blocks)[3]
+        ratio = float(np.mean(self.choice.heldout**2 / np.maximum(np.mean(left**2, axis=0), 1e-30)))
+        words = (
+            f"{self.sensor.name}: {self.choice.model.words()}; readings left out have"
+            f" {np.sqrt(ratio):.3g} times the residual of those fitted ({_sizes(self)})"
+        )
+        return threshold_test(f"held out, {self.sensor.name}", ratio, ratio <= OVERFIT, words)
+
+    def notes(self) -> list[str]:
+        """What a polynomial alone leaves, and what one attitude cannot tell."""
+        plain = smallest([c for c in self.tried if c.model.memory.kind == "none"])
+        notes = []
+        if self.choice.model.memory.kind != "none":
+            before = Part(self.sensor, self.blocks, (), plain, self.scale, self.known)
+            notes.append(
+                f"{self.sensor.name}: a polynomial of temperature alone (order {plain.model.bias})"
+                f" leaves {_sizes(before)} of readings left out, with a"
+                f" {self.choice.model.memory.words()} {_sizes(self)}"
+            )
+        if self.blocks.force is None:
+            notes.append(
+                f"{self.sensor.name}: scale and cross-axis terms over temperature need several"
+                " known attitudes; here they are part of the bias"
+            )
+        return notes
+
+    def parameters(self) -> tuple[dict[str, Estimate], list[Array]]:
+        """Estimates by name, and the covariance of each channel."""
+        keep, values, covariances, _ = estimate(self.choice, self.blocks)
+        powers = np.maximum(self.choice.design.power[keep], 0)
+        force = np.where(self.choice.design.axis[keep] >= 0, G0, 1.0)
+        factor = 1 / (self.scale**powers * force)
+        si = "m_s2" if self.sensor.quantity != "rate" else "rad_s"
+        found: dict[str, Estimate] = {}
+        blocks = []
+        for i, axis in enumerate(self.sensor.axes):
+            called = names(self.sensor.name, axis, self.choice.design, keep)
+            kept = [k for k, n in enumerate(called) if self.known or ".bias_" not in n]
+            C = covariances[i] * np.outer(factor, factor)
+            blocks.append(C[np.ix_(kept, kept)])
+            for k in kept:
+                base = si if "bias" in called[k] or "tempmem" in called[k] else "1"
+                lag = "tempmem" in called[k] and self.choice.model.memory.kind == "lag"
+                power = 1 if lag else powers[k]
+                unit = base if power == 0 else f"{base}_degC{power}"
+                value, sigma = values[k, i] * factor[k], np.sqrt(max(C[k, k], 0.0))
+                found[called[k]] = Estimate(float(value), float(sigma), unit)
+        return found, blocks
+
+
+def _sizes(part: Part) -> str:
+    """Held-out rms of each channel in its own words."""
+    if part.sensor.quantity == "rate":
+        return ", ".join(f"{np.degrees(v):.3g}" for v in part.choice.heldout) + " deg/s"
+    return ", ".join(f"{v / G0 * 1e3:.3g}" for v in part.choice.heldout) + " mg"
+
+
+def _part(
+    recording: Recording,
+    setup: Setup,
+    sensor: Sensor,
+    stretches: Sequence[Segment],
+    tried: Sequence[tuple[Memory, Course]],
+    reference: float,
+    scale: float,
+) -> Part:
+    """All models of one sensor."""
+    blocks, known = blocks_of(recording, setup, sensor, stretches)
+    found = compared(blocks, tried, reference, scale)
+    return Part(sensor, blocks, found, smallest(found), scale, known)
+
+
+def _common_memory(parts: Sequence[Part]) -> Memory:
+    """The memory that all sensors share: they sit in one body."""
+    kinds = {c.model.memory: 0.0 for p in parts for c in p.tried}
+    for memory in kinds:
+        kinds[memory] = sum(
+            min(c.score for c in p.tried if c.model.memory == memory) for p in parts
+        )
+    plain = Memory()
+    best = min(kinds, key=lambda m: kinds[m])
+    spread = sum(min(p.tried, key=lambda c: c.score).spread for p in parts)
+    return plain if kinds[plain] <= kinds[best] + spread else best
+
+
+def _both_ways(course: Course, span: float) -> Test:
+    """Was most of the range passed warming and cooling?"""
+    edges = np.linspace(course.level.min(), course.level.max(), 21)
+    place = np.clip(np.digitize(course.level, edges) - 1, 0, 19)
+    way = np.sign(np.diff(course.level, prepend=course.level[0]))
+    share = np.array(
+        [[np.mean(way[place == k] == w) for w in (1, -1)] for k in range(20) if np.any(place == k)]
+    )
+    both = float(np.mean(share.min(axis=1) > 0.1))
+    words = f"{both:.0%} of the range of {span:.3g} degC was passed warming and cooling"
+    ok = both >= BOTH_WAYS
+    if not ok:
+        words += ": lag and hysteresis cannot be told from the polynomial; record the way back"
+    return threshold_test("warming and cooling", both, ok, words)
+
+
+def _calibration(
+    recording: Recording,
+    parts: Sequence[Part],
+    shared: dict[str, tuple[float, str]],
+    tests: Sequence[Test],
+    warnings: Sequence[str],
+    stretches: Sequence[Segment],
+) -> Calibration:
+    from scipy.linalg import block_diag
+
+    parameters = {f"{OWNER}.{n}": Estimate(v, 0.0, unit) for n, (v, unit) in shared.items()}
+    covariances: list[Array] = [np.zeros((len(parameters),) * 2)]
+    for part in parts:
+        found, blocks = part.parameters()
+        parameters |= found
+        covariances += blocks
+    spans = [PoseSpan(s.start, s.end, s.label) for s in stretches]
+    return Calibration(
+        NAME,
+        verdict_of(tests),
+        parameters,
+        block_diag(*covariances),
+        "reading = bias + M f + sum_n (T - T0)^n (bias_n + M_n f) + tempmem h",
+        "f = (M + sum_n (T - T0)^n M_n)^-1 (reading - bias - sum_n (T - T0)^n bias_n - tempmem h)",
+        poses=spans,
+        tests=list(tests),
+        heldout_rms={p.sensor.name: float(np.sqrt(np.mean(p.choice.heldout**2))) for p in parts},
+        warnings=list(warnings),
+        provenance=provenance(recording),
+    )

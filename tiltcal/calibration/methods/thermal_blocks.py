@@ -1,0 +1,98 @@
+"""Readings over temperature: the temperature at every row, the stretches at rest, their blocks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.calibration.methods.thermal_model import FOLDS, Blocks
+from tiltcal.calibration.thermal import held
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import force_of_tilt
+from tiltcal.core.units import G0
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment, dwells, find_segments
+from tiltcal.recordings.static_poses import find_poses
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
+
+MOST_BLOCKS = 1500
+LEAST_BLOCKS = 4 * FOLDS
+LEAST_RANGE = 2.0  # degC
+MOST_POSES = 60  # unknown attitudes, each with its own constant
+
+
+def temperature_of(recording: Recording) -> Array:
+    """Temperature at every row, degC, the last reading held where there is none."""
+    column = recording.channel("temperature")
+    values = None if column is None else held(recording.column(column))
+    span = 0.0 if values is None else float(np.ptp(values))
+    if values is None or not np.isfinite(span) or span < LEAST_RANGE:
+        found = "no temperature" if values is None else f"a temperature over {span:.3g} degC"
+        raise TiltcalError(
+            recording.source,
+            found=found,
+            need=f"a column temperature_degC over {LEAST_RANGE:g} degC or more",
+            do="record warming and cooling",
+        )
+    return values
+
+
+def stretches_at_rest(
+    recording: Recording, segments: Sequence[Segment] | None
+) -> tuple[list[Segment], list[str]]:
+    """Dwells; the whole recording where less than half of it is found at rest."""
+    recording.require_increasing()
+    found = dwells(find_segments(recording) if segments is None else segments)
+    rows = sum(s.last - s.first for s in found)
+    if segments is not None or 2 * rows >= len(recording):
+        return found, []
+    start, end = float(recording.time[0]), float(recording.time[-1])
+    labels = recording.labels
+    label = None if labels is None else next((w for w in labels if w), None)
+    whole = Segment(start, end, 0, len(recording), "dwell", label)
+    return [whole], ["no rests are found: the whole recording is taken as one attitude"]
+
+
+def blocks_of(
+    recording: Recording, setup: Setup, sensor: Sensor, stretches: Sequence[Segment]
+) -> tuple[Blocks, bool]:
+    """Block means of a sensor, less the force where attitudes are known."""
+    samples = recording.sensor(sensor)
+    values = samples.values
+    if sensor.kind == "inclinometer":
+        values = force_of_tilt(values, setup.site.gravity)
+    full = np.full((len(recording), values.shape[1]), np.nan)
+    full[samples.rows] = values
+    size = max(sum(s.last - s.first for s in stretches) // MOST_BLOCKS, 3)
+    cut = [(p, r, r + size) for p, s in enumerate(stretches) for r in range(s.first, s.last, size)]
+    rows = np.array([(a, min(b, stretches[p].last)) for p, a, b in cut], dtype=np.intp)
+    pose = np.array([p for p, _, _ in cut], dtype=np.intp)
+    means = np.array([_mean(full[a:b]) for a, b in rows])
+    good = ~np.isnan(means).any(axis=1)
+    rows, pose, means = rows[good], pose[good], means[good]
+    if len(means) < LEAST_BLOCKS:
+        raise TiltcalError(
+            recording.source,
+            found=f"{len(means)} blocks of readings of {sensor.name}",
+            need=f"{LEAST_BLOCKS} or more",
+            do="record longer",
+        )
+    time = recording.time[rows[:, 0]]
+    if sensor.quantity == "rate":
+        return Blocks(means, None, np.zeros_like(pose), rows, time), True
+    up = find_poses(recording, setup, sensor, stretches).up
+    force = setup.site.gravity * up[pose] if len(up) == len(stretches) else None
+    if force is None or np.isnan(force).any():
+        number = np.unique(pose, return_inverse=True)[1]
+        if number.max() >= MOST_POSES:
+            number = np.zeros_like(number)
+        return Blocks(means, None, number, rows, time), False
+    error = means - force[:, list(sensor.axis_indices)]
+    spans = np.linalg.matrix_rank(np.column_stack([np.ones(len(up)), up]), tol=0.1) == 4
+    return Blocks(error, force / G0 if spans else None, np.zeros_like(pose), rows, time), True
+
+
+def _mean(values: Array) -> Array:
+    known = ~np.isnan(values).any(axis=1)
+    return values[known].mean(axis=0) if known.any() else np.full(values.shape[1], np.nan)

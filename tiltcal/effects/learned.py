@@ -130,18 +130,7 @@ class Learned(Effect):
         if self.power:
             return self._power(u, order)[:, None]
         if self.knots:
-            u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
-            if self.coordinate in CONTINUED and len(self.knots) == PARABOLA:
-                return np.asarray(_spline(self.knots, "not-a-knot")(u, order))
-            spline, inside = _spline(self.knots), np.clip(u, self.knots[0], self.knots[-1])
-            beyond = (u - inside)[:, None]
-            if self.coordinate in CONTINUED:
-                return np.asarray(
-                    spline(inside, order) + (spline(inside, 1) * beyond if order == 0 else 0.0)
-                )
-            return np.asarray(
-                np.where(beyond == 0, spline(inside, order), spline(inside) if order == 0 else 0.0)
-            )
+            return self._spline(u, order, np.eye(self.count))
         pace = 2 * np.pi / self.period if self.period else 1.0
         turn = np.exp(1j * pace * u)
         wave = np.ones_like(turn)
@@ -152,6 +141,26 @@ class Learned(Effect):
             slope = (1j * (k // 2 + 1) * pace) ** order * (1 if k % 2 == 0 else -1j)
             columns[:, k] = (slope * wave).real
         return columns
+
+    def _spline(self, u: Array, order: int, weights: Array) -> Array:
+        """Sums of the splines of the coefficients with weights (p, m), or a derivative, (n, m)."""
+        from scipy.interpolate import PPoly
+
+        u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
+        parabola = self.coordinate in CONTINUED and len(self.knots) == PARABOLA
+        each = _spline(self.knots, "not-a-knot") if parabola else _spline(self.knots)
+        spline = PPoly(each.c @ weights, each.x)
+        if parabola:
+            return np.asarray(spline(u, order))
+        inside = np.clip(u, self.knots[0], self.knots[-1])
+        beyond = (u - inside)[:, None]
+        if not beyond.any():
+            return np.asarray(spline(inside, order))
+        if self.coordinate in CONTINUED:
+            further = spline(inside, 1) * beyond if order == 0 else 0.0
+            return np.asarray(spline(inside, order) + further)
+        held = spline(inside) if order == 0 else 0.0
+        return np.asarray(np.where(beyond == 0, spline(inside, order), held))
 
     def _power(self, u: Array, order: int) -> Array:
         """|u|^power, with the sign of u where it is odd, or its first or second derivative,
@@ -167,6 +176,8 @@ class Learned(Effect):
 
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""
+        if self.knots and not self.power:
+            return self._spline(u, order, self.coefficients[:, None])[:, 0]
         return np.asarray(self.basis(u, order) @ self.coefficients)
 
     def each(self, u: Jet) -> Jet:
@@ -217,7 +228,13 @@ class LearnedReading(Learned, SignalEffect):
     channel_wise: ClassVar[bool] = True
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
-        reading[:, self.channel(sense)] += self.columns(sense) @ self.coefficients
+        channel = self.channel(sense)
+        if self.beside:
+            reading[:, channel] += self.columns(sense) @ self.coefficients
+            return reading
+        own = sense.true_input()[:, channel]
+        curve = self.curve(coordinate_of(self.coordinate, sense, own, self.lag))
+        reading[:, channel] += curve * own if self.per_input else curve
         return reading
 
     def channel(self, sense: Sense) -> int:

@@ -4,9 +4,11 @@ calibration carries along.
 
 import json
 
+import examiner.judge  # noqa: F401  registers the makers
 import numpy as np
 import pytest
-from builders import ACCEL, G, setup_of
+from builders import ACCEL, FOG, GYRO, G, setup_of
+from examiner.case import MAKERS
 from logs import log_of, triad_readings
 from statistics_helpers import rng_of
 
@@ -15,6 +17,7 @@ from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.joining import joined
 from tiltcal.recordings.means_table import MeansTable, read_log_or_means
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import write_recording
 from tiltcal.recordings.segmentation import find_segments
 
@@ -124,3 +127,42 @@ def test_the_command_takes_several_recordings_and_correct_says_the_verdict(tmp_p
     said = capsys.readouterr().err
     assert "calibration by six_position: suspect" in said or "cannot_tell" in said
     assert "no pose within 60 deg of +z, -z up" in said
+
+
+def test_days_of_a_field_calibration_share_the_scale_and_keep_their_bias():
+    parts, truth = [], None
+    for k in range(2):
+        case = MAKERS["fog_scale"](np.random.default_rng([5, k]), "clean")
+        truth = truth or case.truth
+        gyro = {n: v for n, v in case.columns.items() if n.startswith("gyro")}
+        for axis in "xyz":  # the first day's scale factors in both recordings
+            own, first = case.truth[f"gyro.scale_{axis}"], truth[f"gyro.scale_{axis}"]
+            gyro[f"gyro_{axis}_rad_s"] = gyro[f"gyro_{axis}_rad_s"] * (1 + first) / (1 + own)
+        parts.append(Recording.from_columns(case.time, {**case.columns, **gyro}))
+    setup = setup_of(
+        "handheld", *(s.model_copy(update={"rate_hz": 100.0}) for s in (GYRO, FOG, ACCEL))
+    )
+    alone = [calibrate("fog_scale", p, setup) for p in parts]
+    both = calibrate("fog_scale", joined(parts, "identity"), setup)
+    assert both.verdict == "good"
+    for axis in "xyz":
+        name = f"gyro.scale_{axis}"
+        sigma = both.parameters[name].sigma
+        assert sigma < min(a.parameters[name].sigma for a in alone)
+        assert abs(both.value(name) - truth[name]) < 4 * sigma
+        day = alone[1].value(f"gyro.bias_{axis}")
+        assert both.value(f"gyro.bias_{axis}") == pytest.approx(day, rel=1e-9)
+    assert sum("bias of recording" in w for w in both.warnings) == 2
+
+
+def test_correct_names_a_channel_that_is_dead(tmp_path, capsys):
+    found = calibrate("six_position", part(range(6), rng_of("good part")), SETUP)
+    found.save(tmp_path / "CAL.json")
+    log = part([0, 1], rng_of("dead part"))
+    dead = log.with_columns({})
+    columns = {n: dead.column(n) for n in dead.column_names if n.startswith("accel")}
+    columns["accel_y_m_s2"] = np.zeros(len(log))
+    write_recording(Recording.from_columns(log.time, columns), tmp_path / "dead.csv")
+    words = ["correct", str(tmp_path / "CAL.json"), str(tmp_path / "dead.csv")]
+    assert main([*words, "-o", str(tmp_path / "out.csv")]) == 0
+    assert "accel_y_m_s2: constant throughout, dead or disconnected" in capsys.readouterr().err

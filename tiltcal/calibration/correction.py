@@ -1,12 +1,13 @@
 """Correcting a recording with a calibration, in fixed memory: piece in, piece out."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from pydantic import ValidationError
 
+from tiltcal.calibration.corrected import Corrected
 from tiltcal.calibration.inversion import product
 from tiltcal.calibration.result import Calibration, tilt_angles
 from tiltcal.calibration.thermal import Course, ThermalStream, ThermalTerms, at_rows
@@ -204,36 +205,6 @@ def _full(values: Array, rows: "np.ndarray[tuple[int], np.dtype[np.intp]]", n: i
     full = np.full(n, np.nan)
     full[rows] = values
     return full
-
-
-@dataclass
-class Corrected:
-    """What came of a stream: rows written, and readings of each axis left empty because its table
-    does not hold there.
-    """
-
-    rows: int = 0
-    beyond: dict[str, int] = field(default_factory=dict)
-
-    def count(self, chunk: Recording, added: dict[str, Array], calibration: Calibration) -> None:
-        """Add a chunk."""
-        self.rows += len(chunk)
-        for key in calibration.bias_tables:
-            name, _, axis = key.partition(".")
-            sampled = np.isfinite(chunk.column(str(chunk.channel(f"{name}_{axis}"))))
-            column = next(c for c in added if c.startswith(f"{name}_{axis}_corrected_"))
-            self.beyond[key] = self.beyond.get(key, 0) + int(
-                np.sum(sampled & np.isnan(added[column]))
-            )
-
-    @property
-    def notes(self) -> list[str]:
-        """What the user should know."""
-        return [
-            f"{n} readings of {key} at placing angles that its table does not hold are left empty"
-            for key, n in self.beyond.items()
-            if n
-        ]
 
 
 def correct_pieces(

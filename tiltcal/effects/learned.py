@@ -10,8 +10,7 @@ is the form with one number.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.effects.sense import Sense
 from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive, Jet
+from tiltcal.statistics.cardinal_splines import cardinal_splines
 
 INPUTS = {
     f"{quantity}_{axis}": (quantity, "xyz".index(axis))
@@ -52,19 +52,6 @@ temperatures.
 """
 PARABOLA = 3  # knots of a law that goes on as it is
 ORDERS = 3  # of each angle in a product of two
-
-
-@cache
-def _spline(knots: tuple[float, ...], ends: Literal["natural", "not-a-knot"] = "natural") -> Any:
-    """The cubic splines that are one at a knot and zero at the others; of three knots that are
-    ``not-a-knot`` the parabolas.
-    """
-    from scipy.interpolate import CubicSpline, PPoly
-
-    if len(knots) == 2:  # straight: nothing to solve
-        slope = 1 / (knots[1] - knots[0])
-        return PPoly(np.array([[[-slope, slope]], [[1.0, 0.0]]]), knots)
-    return CubicSpline(knots, np.eye(len(knots)), bc_type=ends)
 
 
 @dataclass(frozen=True)
@@ -148,19 +135,17 @@ class Learned(Effect):
 
         u = self.knots[0] + (u - self.knots[0]) % self.period if self.period else u
         parabola = self.coordinate in CONTINUED and len(self.knots) == PARABOLA
-        each = _spline(self.knots, "not-a-knot") if parabola else _spline(self.knots)
+        each = cardinal_splines(self.knots, *(("not-a-knot",) if parabola else ()))
         spline = PPoly(each.c @ weights, each.x)
         if parabola:
             return np.asarray(spline(u, order))
         inside = np.clip(u, self.knots[0], self.knots[-1])
-        beyond = (u - inside)[:, None]
+        beyond, found = (u - inside)[:, None], np.asarray(spline(inside, order))
         if not beyond.any():
-            return np.asarray(spline(inside, order))
+            return found
         if self.coordinate in CONTINUED:
-            further = spline(inside, 1) * beyond if order == 0 else 0.0
-            return np.asarray(spline(inside, order) + further)
-        held = spline(inside) if order == 0 else 0.0
-        return np.asarray(np.where(beyond == 0, spline(inside, order), held))
+            return found + (spline(inside, 1) * beyond if order == 0 else 0.0)
+        return np.where(beyond == 0, found, found if order == 0 else 0.0)
 
     def _power(self, u: Array, order: int) -> Array:
         """|u|^power, with the sign of u where it is odd, or its first or second derivative,
@@ -231,10 +216,10 @@ class LearnedReading(Learned, SignalEffect):
         channel = self.channel(sense)
         if self.beside:
             reading[:, channel] += self.columns(sense) @ self.coefficients
-            return reading
-        own = sense.true_input()[:, channel]
-        curve = self.curve(coordinate_of(self.coordinate, sense, own, self.lag))
-        reading[:, channel] += curve * own if self.per_input else curve
+        else:
+            own = sense.true_input()[:, channel]
+            added = self.curve(coordinate_of(self.coordinate, sense, own, self.lag))
+            reading[:, channel] += added * own if self.per_input else added
         return reading
 
     def channel(self, sense: Sense) -> int:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,6 +47,26 @@ def joined(recordings: Sequence[Recording], mount: str) -> Recording:
     metadata[JOINS] = ", ".join(f"{s:.9g}" for s in starts[1:])
     source = " + ".join(r.source for r in recordings)
     return Recording.from_columns(time, columns, labels=labels, metadata=metadata, source=source)
+
+
+def parts_of(recording: Recording) -> list[Recording]:
+    """The recordings that one was joined of, in its time; itself where it was not."""
+    joins = recording.joins
+    if not len(joins):
+        return [recording]
+    cuts = [0, *np.searchsorted(recording.time, joins - GAP / 2).tolist(), len(recording)]
+    metadata = {k: v for k, v in recording.metadata.items() if k != JOINS}
+    names = [n for n in recording.column_names if any(n in b.columns for b in recording.blocks)]
+    return [
+        Recording.from_columns(
+            recording.time[a:b],
+            {n: recording.column(n)[a:b] for n in names},
+            labels=None if recording.labels is None else recording.labels[a:b],
+            metadata=metadata,
+            source=recording.source,
+        )
+        for a, b in pairwise(cuts)
+    ]
 
 
 def _labels(recording: Recording) -> Labels:

@@ -4,6 +4,7 @@ fibre-optic gyro.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from tiltcal.calibration.methods.fog_checks import (
     log_tests,
     still_test,
 )
+from tiltcal.calibration.methods.fog_days import combined
 from tiltcal.calibration.methods.fog_filter import Filtered, augmented_problem, batch, kalman
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
@@ -23,6 +25,7 @@ from tiltcal.calibration.validity import SIGNIFICANCE, verdict_of
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, EARTH_RATE
+from tiltcal.recordings.joining import parts_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.recordings.static_poses import Poses, PoseSpan, find_poses
@@ -52,7 +55,7 @@ def fog_scale(
 
     Args:
         recording: rest of 20 s or more, then turns of more than 360 deg about x, y and z; rests
-            between turns help.
+            between turns help. Of several joined ones each has its own bias.
         setup: with a gyro triad and a FOG, ``input_axis`` stated; an accelerometer triad if there
             is one.
         segments: dwells to use.
@@ -74,6 +77,10 @@ def fog_scale(
     Source: seed S3 (patent, composite instrument); PHYSICS 6 (3); Rauch, Tung and Striebel (1965).
     """
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
+    if len(recording.joins):
+        alike = partial(fog_scale, setup=setup, sensor=sensor, fog=fog)
+        days = [alike(p, axis_error_deg=axis_error_deg) for p in parts_of(recording)]
+        return combined(days, gyro.name)
     require_triad(gyro, NAME, "add the others")
     reference = pick_sensor(setup, recording, ("fog",), fog, NAME)
     live = [t for each in (gyro, reference) for t in channel_tests(recording, each)]
@@ -107,8 +114,8 @@ def fog_scale(
         inverse="w = (reading - bias) / (1 + scale)",
     )
     turns = [PoseSpan(t.start, t.end, f"turn {t.words()}") for t in hand_turns(log)]
-    chi2_per_dof = state.chi2 / max(state.used, 1)
-    return replace(result, poses=[*result.poses, *turns], chi2_per_dof=chi2_per_dof, dof=state.used)
+    ratio = state.chi2 / max(state.used, 1)
+    return replace(result, poses=[*result.poses, *turns], chi2_per_dof=ratio, dof=state.used)
 
 
 def _scale_and_bias(

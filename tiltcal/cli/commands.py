@@ -28,8 +28,11 @@ CALIBRATION = {
         "calibrate:calibrate", "Estimate parameters with covariance, tests and a verdict."
     ),
     "correct": Command("correct:correct", "Correct a recording, streaming in constant memory."),
+    "estimate": Command(
+        "estimate:estimate", "Feed a recorded file to an estimator, sample by sample."
+    ),
     "check": Command("check:check", "Check a calibration against another recording."),
-    "export": Command("export:export", "Export a placing-angle table as a C header for firmware."),
+    "export": Command("export:export", "Export a calibration as a C header for firmware."),
     "methods": Command("methods:methods", "List the calibration methods."),
 }
 DIAGNOSIS = {

@@ -25,10 +25,11 @@ def export(
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Export a placing-angle table as a C header for firmware.
+    """Export a calibration as a C header for firmware.
 
-    The header has the 2-D array, look-up with rounding and with interpolation,
-    and the corrector, in floating point and in integers. It does not use malloc.
+    Placing-angle tables: the 2-D array, look-up with rounding and with
+    interpolation, and the corrector, in floating point and in integers. Triads:
+    bias, scale and axes, over temperature too, in floating point. No malloc.
 
       tiltcal export CAL.json -o bias.h --name level
     """

@@ -11,6 +11,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import force_of_tilt
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
+from tiltcal.validation.online.field_scale import field_scale
 from tiltcal.validation.online.filters import Complementary, Kalman
 
 Sample = Mapping[str, Any]
@@ -21,10 +22,10 @@ order of its axes.
 
 class Estimator(Protocol):
     """What is judged: fed once a sample, it answers with the elevations of the body axes x and
-    y.
+    y, or with the numbers that its attribute ``columns`` names.
     """
 
-    def update(self, sample: Sample) -> tuple[float, float]:
+    def update(self, sample: Sample) -> tuple[float, ...]:
         """Tilt of x and y, rad; NaN where it has none to give."""
 
 
@@ -127,6 +128,7 @@ ESTIMATORS: dict[str, Factory] = {
     "placing": placing,
     "complementary": complementary,
     "kalman": kalman,
+    "fog_scale": field_scale,
 }
 
 

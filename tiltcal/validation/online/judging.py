@@ -118,11 +118,18 @@ def samples_of(recording: Recording, scenario: Scenario) -> Iterator[list[Sample
         yield chunk
 
 
-def feed(estimator: Estimator, chunks: Iterable[list[Sample]], title: str) -> tuple[Array, float]:
-    """All answers, (n, 2), rad, and the mean time a sample, s.
+def feed(
+    estimator: Estimator, chunks: Iterable[list[Sample]], title: str, numbers: int = 2
+) -> tuple[Array, float]:
+    """All answers, (n, numbers), and the mean time a sample, s.
+
+    Args:
+        estimator: that is fed; title: its name in messages.
+        chunks: of samples.
+        numbers: in an answer: tilt_x and tilt_y in rad unless the estimator names other columns.
 
     Raises:
-        TiltcalError: it fails, or answers with something else than two numbers.
+        TiltcalError: it fails, or answers with something else than so many numbers.
     """
     answers: list[Any] = []
     took = 0.0
@@ -143,12 +150,12 @@ def feed(estimator: Estimator, chunks: Iterable[list[Sample]], title: str) -> tu
             need="update(sample) -> (tilt_x, tilt_y)",
             do="mend it; TILTCAL_TRACEBACK=1 shows where",
         ) from error
-    if tilt.ndim != 2 or tilt.shape[1] != 2:
+    if tilt.ndim != 2 or tilt.shape[1] != numbers:
         raise TiltcalError(
             f"estimator {title}",
             found=f"answers of shape {tilt.shape[1:]}",
-            need="two numbers, tilt_x and tilt_y in rad",
-            do="return (tilt_x, tilt_y)",
+            need="two numbers, tilt_x and tilt_y in rad" if numbers == 2 else f"{numbers} numbers",
+            do="return (tilt_x, tilt_y)" if numbers == 2 else "return them as a tuple",
         )
     return tilt, took / len(tilt)
 

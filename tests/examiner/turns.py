@@ -8,7 +8,7 @@ FOG = {
     "dead_gyro": r"dead|constant|disconnect",
     "dead_fog": r"dead|constant|disconnect",
     "latency": r"latency|delay|late",
-    "axis": "",
+    "axis": r"axis",
     "unit": r"unit",
     "columns": r"column|swap|sign",
     "sign": r"column|swap|sign",
@@ -62,6 +62,10 @@ def fog_scale(rng: np.random.Generator, fault: str) -> Case:
     sigma_g = rng.uniform(0.02, 0.1) * DEG
     gyro = bias + total * (1 + scale) + rng.normal(0, sigma_g, (n, 3))
     true_axis = INPUT
+    if fault == "axis":
+        across = np.cross(INPUT, rng.normal(size=3))
+        angle = rng.uniform(1, 3) * DEG
+        true_axis = np.cos(angle) * INPUT + np.sin(angle) * across / np.linalg.norm(across)
     fog = total @ true_axis + rng.normal(0, 2) * DEG_H + rng.normal(0, 5 * DEG_H, n)
     if fault == "latency":
         late = rng.uniform(0.02, 0.06) * rng.choice([1, -1])

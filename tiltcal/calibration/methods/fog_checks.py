@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.calibration.methods.field_log import BIAS_SPAN, FieldLog, hand_turns
+from tiltcal.calibration.methods.fog_axis import axis_test
 from tiltcal.calibration.methods.fog_filter import (
     Filtered,
     Problem,
@@ -35,6 +36,7 @@ def log_tests(log: FieldLog, problem: Problem, state: Filtered) -> list[Test]:
         rest_test(log),
         scale_test(log, state),
         latency_test(log, problem),
+        axis_test(log, state),
     ]
     if log.force is not None:
         tests.append(columns_test(log.time, log.rate - log.bias[:3], log.force))

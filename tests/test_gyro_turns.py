@@ -21,9 +21,10 @@ from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, G0
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.foreign_files import import_recording
+from tiltcal.recordings.mapping import load_mapping
 from tiltcal.recordings.segmentation import find_segments
 from tiltcal.recordings.static_poses import Poses, PoseSpan
-from tiltcal.recordings.text_import import import_recording, load_mapping
 from tiltcal.validation.accuracy import normalised_error, true_parameters
 
 SCENARIO = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")

@@ -19,7 +19,7 @@ class Command:
 RECORDINGS = {
     "simulate": Command("simulate:simulate", "Simulate a recording of a scenario in MuJoCo."),
     "init": Command("init:init", "Write a commented scenario to start from."),
-    "import": Command("text_import:import_log", "Import a text log from another system."),
+    "import": Command("import_log:import_log", "Import a log from another system."),
     "segments": Command("segments:segments", "Find the dwells and moves of a recording."),
     "noise": Command("noise:noise", "Estimate Allan coefficients from a recording at rest."),
 }

@@ -15,7 +15,7 @@ from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.formats.stamps_of_text import iso_stamps
 from tiltcal.recordings.formats.text import bad_cell
 from tiltcal.recordings.import_checks import Finding, find_faults
-from tiltcal.recordings.mapping import ColumnWords, Mapping
+from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords
 from tiltcal.recordings.recording import Labels, Recording
 from tiltcal.recordings.repairs import repair
 
@@ -69,8 +69,8 @@ def import_file(path: Path | str, mapping: Mapping, budget: Budget | None = None
         if c.file is not None and c.file not in files:
             files[c.file] = read_raw(path.parent / c.file, mapping.file, budget)
     parts = [
-        _part(main, files, [c for c in mapping.column if mapping.table_of(c) == name], mapping)
-        for name in dict.fromkeys(mapping.table_of(c) for c in mapping.column)
+        _part(main, files, [c for c in mapping.column if _base(c, mapping) == base], mapping)
+        for base in dict.fromkeys(_base(c, mapping) for c in mapping.column)
     ]
     findings: list[Finding] = []
     repaired: list[_Part] = []
@@ -86,6 +86,11 @@ def import_file(path: Path | str, mapping: Mapping, budget: Budget | None = None
     return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, said)
 
 
+def _base(words: ColumnWords, mapping: Mapping) -> tuple[str, int | str | None]:
+    """The table of a column and its time column: one base for all columns that share both."""
+    return mapping.table_of(words), words.time
+
+
 def _part(
     main: RawFile,
     files: dict[str | None, RawFile],
@@ -93,7 +98,9 @@ def _part(
     mapping: Mapping,
 ) -> _Part:
     table = main.table(mapping.table_of(wanted[0]))
-    time, zero = time_of(table, mapping, main.source)
+    own = wanted[0].time
+    words = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
+    time, zero = time_of(table, words, main.source)
     columns: dict[str, Array] = {}
     labels = None
     for c in wanted:
@@ -129,21 +136,20 @@ def _numbers(raw: Raw, source: str, mapping: Mapping) -> Array:
     return np.asarray(raw, dtype=float)
 
 
-def time_of(table: RawTable, mapping: Mapping, source: str) -> tuple[Array, float]:
+def time_of(table: RawTable, words: TimeWords, source: str) -> tuple[Array, float]:
     """The time of a table, s, (n,), counted from a zero, s, which is 0 unless the stamps are so
     large that they would resolve less than 10 ns.
 
     Raises:
         TiltcalError: the column holds no times.
     """
-    words = mapping.time
     if words.column is None:
         return np.arange(len(table)) / (words.rate_hz or 1.0), 0.0
     raw = table.column(words.column, source)
     if words.unit == "iso" or raw.dtype.kind == "M":
         counts, factor = iso_stamps(raw, source).astype(np.int64), 1e-9
     elif raw.dtype == object:
-        raise bad_cell(raw, source, mapping.file.decimal)
+        raise bad_cell(raw, source, "point")
     else:
         counts, factor = raw, words.tick_s or COLUMN_UNITS[words.unit].factor
     first = counts[0] if len(counts) else 0

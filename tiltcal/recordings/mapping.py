@@ -61,12 +61,13 @@ class TimeWords(Part):
 
 
 class ColumnWords(Part):
-    """One channel: its column, and its name here."""
+    """One channel: its column, its name here, and its time column where that differs."""
 
     from_: Annotated[int | str, Field(alias="from")]
     to: str
     file: str | None = None
     table: str | None = None
+    time: int | str | None = None
     scale: float = 1.0
     offset: float = 0.0
 

@@ -10,7 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.formats.budget import Budget
 from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable, vectors
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
 
 _UNIT_KEYS = ("units", "unit", "UNITS", "Unit", "Units")
 _CLASS = "MATLAB_class"
@@ -20,21 +20,21 @@ _NUMERIC_CLASSES = {"double", "single", "logical"} | {
 
 
 def read_hdf5(path: Path, budget: Budget) -> RawFile:
-    """Each group as a table of its data sets, each compound data set as a table.
+    """All data sets, and the fields of compound ones, by their paths.
 
     Raises:
         TiltcalError: there is no array, only MATLAB objects, or more than the budget.
     """
     h5py = library("h5py", "hdf5", "HDF5 and MATLAB v7.3 files")
-    tables: list[RawTable] = []
+    columns: list[tuple[str, Raw]] = []
+    units: dict[str, str] = {}
     with h5py.File(path, "r") as file:
-        groups = list(_groups(file, h5py))
-        sizes = [_size(d) for _, sets in groups for d in sets.values()]
-        budget.require(sum(sizes), path.name)
-        for name, sets in groups:
-            tables += _tables(name, sets, path.name)
+        sets = list(_sets(file, h5py))
+        budget.require(sum(_size(item) for _, item in sets), path.name)
+        for name, item in sets:
+            columns += _channels(name, item, units)
         objects = [k for k, v in file.items() if _matlab_class(v) in ("table", "timetable")]
-    if not tables and objects:
+    if not columns and objects:
         raise TiltcalError(
             f"foreign recording {path.name}",
             found=f"only MATLAB objects ({', '.join(objects)}), such as a table or timetable",
@@ -42,24 +42,20 @@ def read_hdf5(path: Path, budget: Budget) -> RawFile:
             do="in MATLAB: S = table2struct(timetable2table(T), 'ToScalar', true);"
             " save('run.mat', '-struct', 'S')",
         )
-    if not tables:
-        by_length((), {}, path.name)  # says what is missing
-    return RawFile(path.name, "HDF5", tuple(tables))
+    return RawFile(path.name, "HDF5", by_length(columns, units, path.name))
 
 
-def _groups(file: Any, h5py: Any) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(path, data sets) of each group; what MATLAB keeps for itself is left out."""
+def _sets(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
+    """(path, data set) of each array; what MATLAB keeps for itself is left out."""
     waiting = [("", file)]
     while waiting:
-        name, group = waiting.pop(0)
-        sets = {k: v for k, v in group.items() if isinstance(v, h5py.Dataset) and _is_array(v)}
-        if sets:
-            yield name, sets
-        waiting += [
-            (f"{name}/{k}".lstrip("/"), v)
-            for k, v in group.items()
-            if isinstance(v, h5py.Group) and not k.startswith("#")
-        ]
+        place, group = waiting.pop(0)
+        for key, item in group.items():
+            name = f"{place}/{key}".lstrip("/")
+            if isinstance(item, h5py.Dataset) and _is_array(item):
+                yield name, item
+            elif isinstance(item, h5py.Group) and not key.startswith("#"):
+                waiting.append((name, item))
 
 
 def _is_array(item: Any) -> bool:
@@ -76,22 +72,14 @@ def _size(item: Any) -> float:
     return float(np.prod(item.shape, dtype=float)) * max(item.dtype.itemsize, 8)
 
 
-def _tables(name: str, sets: dict[str, Any], source: str) -> list[RawTable]:
-    loose: list[tuple[str, Raw]] = []
-    units: dict[str, str] = {}
-    found: list[RawTable] = []
-    for key, item in sets.items():
-        values = item[()]
-        if item.dtype.names:
-            columns = [c for n in item.dtype.names for c in vectors(n, values[n])]
-            found += by_length(columns, {}, source, f"{name}/{key}".lstrip("/"))
-            continue
-        columns = vectors(key, values)
-        loose += columns
-        stated = next((item.attrs[k] for k in _UNIT_KEYS if k in item.attrs), None)
-        if stated is not None:
-            text = stated.decode() if isinstance(stated, bytes) else str(stated)
-            units |= {n: text for n, _ in columns}
-    if any(len(values) > 1 for _, values in loose):
-        found = [*by_length(loose, units, source, name), *found]
-    return found
+def _channels(name: str, item: Any, units: dict[str, str]) -> list[tuple[str, Raw]]:
+    """The columns of a data set; its unit is added to ``units``."""
+    values = item[()]
+    if item.dtype.names:
+        return [c for n in item.dtype.names for c in vectors(f"{name}/{n}", values[n])]
+    columns = vectors(name, values)
+    stated = next((item.attrs[k] for k in _UNIT_KEYS if k in item.attrs), None)
+    if stated is not None:
+        text = stated.decode() if isinstance(stated, bytes) else str(stated)
+        units.update({n: text for n, _ in columns})
+    return columns

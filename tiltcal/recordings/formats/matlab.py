@@ -1,7 +1,6 @@
 """MATLAB files of version 5 (4, 6 and 7 as well); 7.3 is HDF5."""
 
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,13 @@ import numpy as np
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.formats.budget import Budget
 from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable, vectors
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
 
 _CELL = 8  # bytes of a value
 
 
 def read_matlab(path: Path, budget: Budget) -> RawFile:
-    """Matrices as columns, each structure as a table of its fields.
+    """Matrices as columns, and the fields of structures by ``name.field``.
 
     Raises:
         TiltcalError: nothing but MATLAB objects (table, timetable) is in it.
@@ -31,33 +30,17 @@ def read_matlab(path: Path, budget: Budget) -> RawFile:
     objects = [n for n, _, kind in listed if kind in ("opaque", "object", "unknown")]
     objects = [n for n in objects if n != "__function_workspace__"]
     values = {k: v for k, v in content.items() if not k.startswith("__") and k not in objects}
-    loose: list[tuple[str, Raw]] = []
-    tables: list[RawTable] = []
-    for name, value in values.items():
-        if isinstance(value, dict):
-            for place, fields in _structures(name, value):
-                tables += by_length(fields, {}, path.name, place)
-        else:
-            loose += vectors(name, value)
-    if objects and not loose and not tables:
+    columns = [c for name, value in values.items() for c in _channels(name, value)]
+    if objects and not columns:
         raise _objects_only(path.name, objects)
-    if loose:
-        tables = [*by_length(loose, {}, path.name), *tables]
-    if not tables:
-        by_length((), {}, path.name)  # says what is missing
-    return RawFile(path.name, "MATLAB", tuple(tables))
+    return RawFile(path.name, "MATLAB", by_length(columns, {}, path.name))
 
 
-def _structures(
-    name: str, structure: dict[str, Any]
-) -> Iterator[tuple[str, list[tuple[str, Raw]]]]:
-    """(name, columns) of a structure that holds arrays, and of those inside it."""
-    columns = [c for k, v in structure.items() if not isinstance(v, dict) for c in vectors(k, v)]
-    if any(len(values) > 1 for _, values in columns):
-        yield name, columns
-    for key, value in structure.items():
-        if isinstance(value, dict):
-            yield from _structures(f"{name}.{key}", value)
+def _channels(name: str, value: Any) -> list[tuple[str, Raw]]:
+    """The columns of a variable; fields of structures by ``name.field``."""
+    if isinstance(value, dict):
+        return [c for key, inner in value.items() for c in _channels(f"{name}.{key}", inner)]
+    return vectors(name, value)
 
 
 def _objects_only(source: str, objects: list[str]) -> TiltcalError:

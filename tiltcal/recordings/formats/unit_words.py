@@ -82,4 +82,4 @@ def stated_unit(name: str) -> str | None:
 
 def bare_name(name: str) -> str:
     """The name of a column without a unit in brackets."""
-    return _BRACKETS.sub("", name).strip()
+    return _BRACKETS.sub(lambda m: m[0] if m[1].isdigit() else "", name).strip()

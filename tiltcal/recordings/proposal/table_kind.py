@@ -132,7 +132,7 @@ def _up(table: Table, angles: Array) -> Array:
 
     turned = Rotation.identity(len(angles))
     for k, direction in enumerate(table.directions):
-        turned = turned * Rotation.from_euler(direction, angles[:, k])
+        turned = turned * Rotation.from_euler(direction, angles[:, [k]])
     return np.asarray(turned.inv().apply([0.0, 0.0, 1.0]))
 
 

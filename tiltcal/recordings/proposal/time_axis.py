@@ -7,6 +7,8 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS
+from tiltcal.recordings.formats.cells import STAMP
+from tiltcal.recordings.formats.stamps_of_text import iso_stamps
 from tiltcal.recordings.proposal.channels import Channel
 
 RATES = (0.4, 8_000.0)
@@ -46,7 +48,9 @@ def find_time(channels: Sequence[Channel], stated_rate: float | None) -> TimeGue
     """
     dates = [c for c in channels if c.raw.dtype.kind == "M" or _is_stamp(c)]
     if dates:
-        return TimeGuess(dates[0], "iso", "dates with a time of day", "ISO 8601")
+        return TimeGuess(
+            dates[0], "iso", "dates with a time of day", "ISO 8601", rate=_rate_of(dates[0])
+        )
     numbers = [c for c in channels if c.numeric]
     ordered = [c for c in numbers if _runs_forward(c.values, _ORDERED)]
     named = [c for c in numbers if c.meaning.role == "time" and _runs_forward(c.values, 0.5)]
@@ -66,14 +70,19 @@ def find_time(channels: Sequence[Channel], stated_rate: float | None) -> TimeGue
     return TimeGuess(None, "", "no column of times", "", (doubt,))
 
 
+def _rate_of(dates: Channel) -> float | None:
+    """Samples a second of dates."""
+    step = np.diff(iso_stamps(dates.raw, dates.name).astype(np.int64))
+    onward = step[step > 0]
+    return 1e9 / float(np.median(onward)) if len(onward) else None
+
+
 def _preference(channel: Channel) -> int:
     """Stamps of the measurement before those of the log."""
     return 1 if channel.name == "received" else 0
 
 
 def _is_stamp(channel: Channel) -> bool:
-    from tiltcal.recordings.formats.cells import STAMP
-
     first = next((t for t in channel.raw[:20] if t), None) if channel.raw.dtype == object else None
     return first is not None and STAMP.fullmatch(str(first).strip()) is not None
 

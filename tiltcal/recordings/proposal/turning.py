@@ -50,7 +50,7 @@ def follow(force: Array, rates: Array, rate: float | None) -> Turning | None:
         rates: readings of a gyro triad, (n, 3).
         rate: of samples, Hz.
     """
-    known = np.isfinite(force).all(axis=1) & np.isfinite(rates).all(axis=1)
+    known = np.asarray(np.isfinite(np.hstack([force, rates])).all(axis=1))
     if not known.all():
         force, rates = np.where(known[:, None], force, 0.0), np.where(known[:, None], rates, 0.0)
     sizes = {max(4, round(rate * t)) for t in _WINDOWS_S} if rate else set(_WINDOWS)
@@ -77,7 +77,7 @@ def _follow(force: Array, rates: Array, size: int) -> Turning | None:
     if power == 0 or total == 0:
         return None
     steps = np.linalg.norm(turn, axis=1)
-    turned = float(steps[steps > 4 * np.median(steps)].sum())
+    turned = float(steps[steps > 4 * float(np.median(steps))].sum())
     return Turning(both / power, both**2 / (power * total), turned)
 
 

@@ -1,0 +1,178 @@
+"""`tiltcal import --propose`: right, or "cannot know", for fifty variants of one log and for real
+ones; never wrong.
+"""
+
+import json
+import tomllib
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_logs import VARIANTS, Log, score
+
+from tiltcal.cli import main
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.foreign_files import import_recording
+from tiltcal.recordings.mapping import load_mapping, parse_mapping
+from tiltcal.recordings.proposal.propose import propose_mapping
+
+FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
+MOST_UNKNOWN = 0.15  # share of "cannot know" among all that is proposed
+
+
+def proposed(log, tmp_path):
+    return propose_mapping(log.write(tmp_path / "log.txt")).toml()
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_no_line_of_a_proposal_is_wrong(name, tmp_path):
+    text = proposed(VARIANTS[name], tmp_path)
+    wrong = [item for item, how in score(VARIANTS[name], text) if how == "wrong"]
+    assert not wrong, text
+
+
+def test_most_of_what_is_proposed_is_known(tmp_path):
+    assert len(VARIANTS) >= 40
+    count = Counter(
+        how for log in VARIANTS.values() for _, how in score(log, proposed(log, tmp_path))
+    )
+    assert count["wrong"] == 0
+    assert count["cannot know"] < MOST_UNKNOWN * sum(count.values()), count
+
+
+REAL = {
+    "xsens_mti/xsens_acc.mat": (
+        {"column": 1, "unit": "s"},
+        {2: "accel_x_LSB", 3: "accel_y_LSB", 4: "accel_z_LSB"},
+        ("zero and scale", "no magnetometer"),
+    ),
+    "xsens_mti/xsens_gyro.mat": (
+        {"column": 1, "unit": "s"},
+        {2: "gyro_x_LSB", 3: "gyro_y_LSB", 4: "gyro_z_LSB"},
+        ("zero and scale",),
+    ),
+    "mpu9150/imu0.log": (
+        {"rate_hz": "?"},
+        dict(enumerate(
+            [f"accel_{a}_m_s2" for a in "xyz"] + [f"gyro_{a}_?" for a in "xyz"], start=1)),
+        ("sample rate", "about 94 Hz as rad_s"),
+    ),
+    "thermal_cycle/imu_raw_data.csv": (
+        {"column": "timestamp", "unit": "?"},
+        {f"imu.gyro.{a}": f"gyro_{a}_?" for a in "xyz"}
+        | {f"imu.acc.{a}": f"accel_{a}_m_s2" for a in "xyz"}
+        | {"imu.temperature": "temperature_degC"},
+        ("1.979 Hz as us, 1979 Hz as ns", "rad/s or deg/s"),
+    ),
+    "ferraris_session/example_ferraris_session.csv": (
+        {"rate_hz": "?"},
+        {f"gyr_{a}": f"gyro_{a}_deg_s" for a in "xyz"}
+        | {f"acc_{a}": f"accel_{a}_m_s2" for a in "xyz"},
+        ("n_samples only counts samples",),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("file", REAL)
+def test_a_published_recording_is_proposed_as_its_owner_describes_it(file):
+    path = FOLDER / file
+    if not path.exists():
+        pytest.skip(f"the published recordings are not in {FOLDER}")
+    time, columns, doubts = REAL[file]
+    text = propose_mapping(path).toml()
+    found = tomllib.loads(text)
+    assert found["time"] == time
+    assert {c["from"]: c["to"] for c in found["column"]} == columns
+    unknown = "\n".join(x for x in text.splitlines() if x.startswith("# cannot know"))
+    assert all(word in unknown for word in doubts), unknown
+
+
+def test_what_is_proposed_is_imported_without_a_change(tmp_path):
+    log = Log(separator="semicolon", decimal="comma", time="iso", table="dual", rates="deg_s")
+    path = log.write(tmp_path / "log.txt")
+    mapping = parse_mapping(propose_mapping(path).toml(), "proposal")
+    recording = import_recording(path, mapping)
+    t, force, rate, angles = log.readings()
+    assert recording.metadata["time zero"].endswith(" s")
+    np.testing.assert_allclose(np.diff(recording.time), np.diff(t), atol=2e-6)
+    np.testing.assert_allclose(recording.column("accel_y_m_s2"), force[:, 1], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(recording.column("gyro_z_deg_s"), rate[:, 2], rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(recording.column("table_outer_deg"), angles[:, 0], atol=1e-3)
+
+
+def test_an_open_question_in_a_mapping_is_refused_until_it_is_answered(tmp_path, capsys):
+    path = Log(time="none", header="none", separator="space").write(tmp_path / "log.txt")
+    where = tmp_path / "map.toml"
+    assert main(["import", str(path), "--propose", "-o", str(where)]) == 0
+    words = ["import", str(path), "--map", str(where), "-o", str(tmp_path / "run.csv")]
+    assert main(words) == 2
+    message = capsys.readouterr().err
+    assert "rate_hz is '?': the file does not say it; fill it in" in message
+    assert "the unit of 'gyro_x_?' is not known from the file; fill it in" in message
+    answered = where.read_text().replace('rate_hz = "?"', "rate_hz = 100").replace("_?", "_rad_s")
+    where.write_text(answered)
+    assert main(words) == 0
+    assert load_mapping(where).time.rate_hz == 100
+
+
+def table_of(path, names, *columns):
+    rows = [",".join(f"{v:.6g}" for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([",".join(names), *rows]) + "\n")
+    return path
+
+
+def six_faces(n=600, size=9.81):
+    """Rests on the six faces, (n, 3)."""
+    faces = np.vstack([np.eye(3), -np.eye(3)])
+    return size * faces[np.arange(n) * 6 // n] + np.random.default_rng(3).normal(0, 0.01, (n, 3))
+
+
+def test_a_unit_that_gravity_contradicts_is_not_believed(tmp_path):
+    f = six_faces()
+    names = ["t", "acc_x [g]", "acc_y [g]", "acc_z [g]"]
+    path = table_of(tmp_path / "a.csv", names, np.arange(600) / 100, *f.T)
+    text = propose_mapping(path).toml()
+    assert 'to = "accel_x_?"' in text
+    assert "the file says g, but the norm at rest 9.81 is not 1" in text
+
+
+def test_two_triads_of_even_norm_without_names_are_told_apart_by_nobody(tmp_path):
+    names = [f"ch{k}" for k in range(7)]
+    path = table_of(
+        tmp_path / "a.csv", names, np.arange(600) / 100, *six_faces(size=1.0).T,
+        *six_faces(size=0.99).T,
+    )  # fmt: skip
+    with pytest.raises(TiltcalError, match="none of which is like a sensor"):
+        propose_mapping(path)
+
+
+def test_gyro_readings_without_motion_have_no_unit(tmp_path):
+    rng = np.random.default_rng(5)
+    f, w = (
+        np.tile([0, 0, 9.81], (900, 1)) + rng.normal(0, 0.01, (900, 3)),
+        rng.normal(0.01, 0.001, (900, 3)),
+    )
+    names = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
+    path = table_of(tmp_path / "a.csv", names, np.arange(900) / 100, *f.T, *w.T)
+    text = propose_mapping(path).toml()
+    assert 'to = "gyro_x_?"' in text
+    assert "may be rad/s or deg/s, and nothing turns" in text
+
+
+def test_kelvin_and_fahrenheit_become_celsius(tmp_path):
+    f, k = six_faces(), np.linspace(295, 305, 600)
+    names = ["t", "acc_x", "acc_y", "acc_z"]
+    for name, values in (("temperature", k), ("temp [°F]", (k - 273.15) * 1.8 + 32)):
+        path = table_of(tmp_path / "a.csv", [*names, name], np.arange(600) / 100, *f.T, values)
+        mapping = parse_mapping(propose_mapping(path).toml(), "proposal")
+        got = import_recording(path, mapping).column("temperature_degC")
+        np.testing.assert_allclose(got, k - 273.15, atol=2e-3)
+
+
+def test_the_proposal_as_json_lists_what_it_cannot_know(tmp_path, capsys):
+    path = VARIANTS["1000 Hz"].write(tmp_path / "log.txt")
+    assert main(["import", str(path), "--propose", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert tomllib.loads(found["mapping"])["time"]["unit"] == "?"
+    assert any("1000 Hz as us" in doubt for doubt in found["cannot_know"])

@@ -28,8 +28,8 @@ def read_ulog(path: Path, budget: Budget) -> RawFile:
     """
     core = library("pyulog", "ulog", "ULog files")
     budget.require(path.stat().st_size, path.name)
-    with contextlib.redirect_stdout(sys.stderr):
-        log = core.ULog(str(path))
+    with contextlib.redirect_stdout(sys.stderr), path.open("rb") as file:
+        log = core.ULog(file)
     tables = []
     for data in log.data_list:
         name = data.name if data.multi_id == 0 else f"{data.name}_{data.multi_id}"

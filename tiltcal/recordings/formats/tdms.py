@@ -22,7 +22,7 @@ def read_tdms(path: Path, budget: Budget) -> RawFile:
     """
     nptdms = library("nptdms", "tdms", "TDMS files")
     tables: list[RawTable] = []
-    with nptdms.TdmsFile.open(path) as file:
+    with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
         channels = [c for group in file.groups() for c in group.channels()]
         budget.require(_CELL * float(sum(len(c) for c in channels)), path.name)
         for group in file.groups():

@@ -29,7 +29,9 @@ CALIBRATION = {
     ),
     "correct": Command("correct:correct", "Correct a recording, streaming in constant memory."),
     "check": Command("check:check", "Check a calibration against another recording."),
-    "export": Command("export:export", "Export a placing-angle table as a C header for firmware."),
+    "export": Command(
+        "export:export", "Export a calibration, a noise model or a recording for other programs."
+    ),
     "methods": Command("methods:methods", "List the calibration methods."),
 }
 DIAGNOSIS = {

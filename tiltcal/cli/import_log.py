@@ -15,6 +15,7 @@ from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
 from tiltcal.recordings.foreign_files import Imported, import_file
 from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.mcap_writer import write_mcap
 from tiltcal.recordings.import_checks import Finding
 from tiltcal.recordings.mapping import Mapping, load_mapping
 from tiltcal.recordings.recording_files import write_recording
@@ -84,7 +85,10 @@ def import_log(
         )
     words = _with_repairs(load_mapping(mapping), repair)
     imported = import_file(file, words, budget)
-    write_recording(imported.recording, output)
+    if output.suffix == ".mcap":
+        write_mcap(imported.recording, output)
+    else:
+        write_recording(imported.recording, output)
     if as_json:
         print_json(_summary(imported, output))
     else:

@@ -254,7 +254,7 @@ def test_wrong_terms_and_too_few_turns_are_refused_in_words():
 @pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the real recordings are not at {FOLDER.name}")
 @pytest.mark.slow
 def test_on_a_real_log_cross_axis_terms_and_then_g_sensitivity_lower_the_held_out_error():
-    here = folder("models").parent / "tests" / "real"
+    here = folder("models").parent / "scenarios" / "real"
     recording = import_recording(
         FOLDER / "xsens_mti" / "xsens_acc.mat", load_mapping(here / "xsens_gyro_map.toml")
     )

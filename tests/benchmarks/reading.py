@@ -30,8 +30,8 @@ def main() -> None:
     from tiltcal.recordings.mapping import load_mapping
 
     setup, mapping = (
-        load_scenario(ROOT / "tests/real/xsens.toml"),
-        load_mapping(ROOT / "tests/real/xsens_map.toml"),
+        load_scenario(ROOT / "scenarios/real/xsens.toml"),
+        load_mapping(ROOT / "scenarios/real/xsens_map.toml"),
     )
     fits, whole = [], []
     for _ in range(11):

@@ -20,6 +20,9 @@ RECORDINGS = {
     "simulate": Command("simulate:simulate", "Simulate a recording of a scenario in MuJoCo."),
     "init": Command("init:init", "Write a commented scenario to start from."),
     "import": Command("import_log:import_log", "Import a log from another system."),
+    "datasets": Command(
+        "datasets:datasets", "List published recordings, or get one from its owner."
+    ),
     "segments": Command("segments:segments", "Find the dwells and moves of a recording."),
     "noise": Command("noise:noise", "Estimate Allan coefficients from a recording at rest."),
 }

@@ -487,3 +487,33 @@ def test_iso_stamps_with_and_without_zones(stamps, tmp_path):
     found = import_recording(tmp_path / "a.csv", parse_mapping(text, "m"))
     assert found.time.tolist() == [0.0, 0.25]
     assert found.metadata["time zero"] == "1777896000 s"
+
+
+def test_lines_and_cells_that_are_spoilt_are_named_and_dropped_on_request(tmp_path, capsys):
+    lines = ["t,ax,ay,az"] + [f"{k / 10},{k % 2},0.1,9.8" for k in range(60)]
+    lines[20], lines[30], lines[40] = "1.9,1,0.1", "2.9,oops,0.1,9.8", "3.9,1,0.1,9.8,7"
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n6.0,1,0.")
+    text = propose_mapping(tmp_path / "a.csv").toml()
+    assert "# found: lines with another number of cells, left out: 2" in text
+    assert "# found: ax: 1 cells are no numbers, first in data row 29" in text
+    assert "# found: the last line is cut off and left out: '6.0,1,0.'" in text
+    (tmp_path / "m.toml").write_text(text.replace("_?", "_m_s2"))
+    words = ["import", str(tmp_path / "a.csv"), "--map", str(tmp_path / "m.toml")]
+    words += ["-o", str(tmp_path / "r.csv")]
+    assert main(words) == 2
+    assert "data line 20: found 3 cells, need 4" in capsys.readouterr().err
+    dropping = text.replace('ragged_lines = "refuse"', 'ragged_lines = "drop"')
+    (tmp_path / "m.toml").write_text(dropping.replace("_?", "_m_s2"))
+    assert main(words) == 2
+    assert "found the text 'oops'" in capsys.readouterr().err
+    assert main([*words, "--repair", "empty_text"]) == 0
+    done = (tmp_path / "r.csv").read_text()
+    assert "# repairs: empty_text: 1 cells of accel_x_m_s2 emptied; ragged_lines: 2 left" in done
+    assert len(done.splitlines()) == 3 + 58
+
+
+def test_a_row_without_a_time_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n,2\n2,3\n")
+    text = '[time]\ncolumn = "t"\n[[column]]\nfrom = "x"\nto = "a_x_g"\n'
+    with pytest.raises(TiltcalError, match="data row 2: found no time in column t"):
+        import_recording(tmp_path / "a.csv", parse_mapping(text, "m"))

@@ -17,9 +17,8 @@ from tiltcal.recordings.foreign_files import Imported, import_file
 from tiltcal.recordings.formats.budget import Budget
 from tiltcal.recordings.formats.mcap_writer import write_mcap
 from tiltcal.recordings.import_checks import Finding
-from tiltcal.recordings.mapping import Mapping, load_mapping
+from tiltcal.recordings.mapping import REPAIRS, Mapping, load_mapping
 from tiltcal.recordings.recording_files import write_recording
-from tiltcal.recordings.repairs import REPAIRS
 
 
 def import_log(

@@ -10,11 +10,12 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.numbers_in_text import numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.formats.stamps_of_text import iso_stamps
 from tiltcal.recordings.formats.text import bad_cell
-from tiltcal.recordings.import_checks import Finding, find_faults
+from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
 from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords
 from tiltcal.recordings.recording import Labels, Recording
 from tiltcal.recordings.repairs import repair
@@ -45,6 +46,7 @@ class _Part:
     zero: float
     columns: dict[str, Array]
     labels: Labels | None = None
+    repairs: tuple[str, ...] = ()
 
 
 def import_recording(path: Path | str, mapping: Mapping, budget: Budget | None = None) -> Recording:
@@ -72,15 +74,16 @@ def import_file(path: Path | str, mapping: Mapping, budget: Budget | None = None
         _part(main, files, [c for c in mapping.column if _base(c, mapping) == base], mapping)
         for base in dict.fromkeys(_base(c, mapping) for c in mapping.column)
     ]
-    findings: list[Finding] = []
+    findings = [f for t in main.tables for f in find_bad_lines(t)]
     repaired: list[_Part] = []
     said: list[str] = []
     for part in parts:
         findings += find_faults(part.time, part.columns)
         time, columns, labels, words = repair(part.time, part.columns, part.labels, mapping.repair)
         repaired.append(_Part(time, part.zero, columns, labels))
-        said += words
+        said += [*part.repairs, *words]
     metadata = {"imported from": path.name} | mapping.metadata
+    said += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
     if said:
         metadata["repairs"] = "; ".join(said)
     return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, said)
@@ -99,9 +102,10 @@ def _part(
 ) -> _Part:
     table = main.table(mapping.table_of(wanted[0]))
     own = wanted[0].time
-    words = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
-    time, zero = time_of(table, words, main.source)
+    clock = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
+    time, zero = time_of(table, clock, main.source)
     columns: dict[str, Array] = {}
+    said: list[str] = []
     labels = None
     for c in wanted:
         file = files[c.file]
@@ -117,8 +121,10 @@ def _part(
         if c.to == "label":
             labels = np.array([None if t is None else str(t) for t in raw], dtype=object)
         else:
-            columns[c.to] = _scaled(_numbers(raw, file.source, mapping), c)
-    return _Part(time, zero, columns, labels)
+            values, words = _numbers(raw, c.to, file.source, mapping)
+            columns[c.to] = _scaled(values, c)
+            said += words
+    return _Part(time, zero, columns, labels, tuple(said))
 
 
 def _scaled(values: Array, words: ColumnWords) -> Array:
@@ -126,14 +132,17 @@ def _scaled(values: Array, words: ColumnWords) -> Array:
     return scaled + words.offset if words.offset else scaled
 
 
-def _numbers(raw: Raw, source: str, mapping: Mapping) -> Array:
-    if raw.dtype == object:
-        if all(t is None for t in raw):
-            return np.full(len(raw), np.nan)
-        raise bad_cell(raw, source, mapping.file.decimal)
+def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array, list[str]]:
+    """A column as numbers, and the repair that made it so, in words."""
     if raw.dtype.kind == "M":
         raise bad_cell(raw.astype(str).astype(object), source, mapping.file.decimal)
-    return np.asarray(raw, dtype=float)
+    if raw.dtype != object:
+        return np.asarray(raw, dtype=float), []
+    values, bad = numbers_in(raw, mapping.file.decimal)
+    if len(bad) and "empty_text" not in mapping.repair:
+        raise bad_cell(raw, source, mapping.file.decimal)
+    said = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
+    return values, said
 
 
 def time_of(table: RawTable, words: TimeWords, source: str) -> tuple[Array, float]:
@@ -152,6 +161,13 @@ def time_of(table: RawTable, words: TimeWords, source: str) -> tuple[Array, floa
         raise bad_cell(raw, source, "point")
     else:
         counts, factor = raw, words.tick_s or COLUMN_UNITS[words.unit].factor
+    if not np.isfinite(counts).all():
+        raise TiltcalError(
+            f"foreign recording {source}, data row {int(np.argmin(np.isfinite(counts))) + 1}",
+            found=f"no time in column {words.column}",
+            need="a number",
+            do="fill it in, or leave out that row",
+        )
     first = counts[0] if len(counts) else 0
     exact = counts.dtype.kind == "i"
     if not exact or np.spacing(abs(float(first)) * factor) < _FINE:

@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -18,7 +18,9 @@ Repair = Literal[
     "unwrap_angles",
     "empty_frozen",
     "empty_clipped",
+    "empty_text",
 ]
+REPAIRS: tuple[str, ...] = get_args(Repair)
 UNKNOWN = "?"
 """Stands in a proposed mapping where the file does not say it."""
 
@@ -33,6 +35,7 @@ class FileWords(Part):
     header: bool = True
     unit_row: bool = False
     comment: str = ""
+    ragged_lines: Literal["refuse", "drop"] = "refuse"
     table: str = ""
 
 

@@ -1,6 +1,7 @@
 """ISO 8601 time stamps, with or without a zone."""
 
 import re
+import warnings
 
 import numpy as np
 import numpy.typing as npt
@@ -31,17 +32,23 @@ def iso_stamps(raw: Raw, source: str) -> npt.NDArray[np.datetime64]:
                 shifts[k] = (1 if zone[2] == "+" else -1) * minutes * _MINUTE
         texts.append(text.replace("/", "-").replace(",", ".").replace(" ", "T", 1))
     try:
-        stamps = np.array(texts, dtype="datetime64[ns]")
-    except ValueError as error:
+        stamps = _dates(texts)
+    except (ValueError, UserWarning) as error:
         raise _no_stamp(texts, source) from error
     return (stamps.astype(np.int64) - shifts).astype("datetime64[ns]")
+
+
+def _dates(texts: list[str]) -> npt.NDArray[np.datetime64]:
+    with warnings.catch_warnings():  # numpy reads a zone that is left, and warns
+        warnings.simplefilter("error")
+        return np.array(texts, dtype="datetime64[ns]")
 
 
 def _no_stamp(texts: list[str], source: str) -> TiltcalError:
     for number, text in enumerate(texts, start=1):
         try:
-            np.datetime64(text, "ns")
-        except ValueError:
+            _dates([text])
+        except (ValueError, UserWarning):
             return TiltcalError(
                 f"foreign recording {source}, data line {number}",
                 found=f"the text '{text}'",

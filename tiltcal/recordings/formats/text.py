@@ -1,5 +1,6 @@
 """Text files: CSV and its relatives, whatever separates their cells."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,7 +17,7 @@ from tiltcal.recordings.formats.cells import (
 )
 from tiltcal.recordings.formats.dialect import Dialect, find_dialect, stated_values
 from tiltcal.recordings.formats.encoding import guess_encoding, to_utf8
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
+from tiltcal.recordings.formats.raw_table import CUT, RAGGED, Raw, RawFile, RawTable
 from tiltcal.recordings.mapping import FileWords
 
 _HEAD = 1 << 16  # bytes that a dialect is found by
@@ -38,9 +39,13 @@ def read_text(path: Path, words: FileWords, budget: Budget) -> RawFile:
     if words.comment and words.comment.encode() in data:
         data, start = _without_comments(data[start:], words.comment.encode()), 0
     width = _width(data, start, words, path.name)
+    data, cut = _without_cut_line(data, start, words, width)
     names = (names + [str(k + 1) for k in range(len(names), width)])[:width]
-    columns = tuple(zip(names, _columns(data, start, words, width, path.name), strict=True))
-    metadata = stated_values(before)
+    ragged: list[int] = []
+    values = _columns(data, start, words, width, path.name, ragged)
+    columns = tuple(zip(names, values, strict=True))
+    metadata = stated_values(before) | ({CUT: cut} if cut else {})
+    metadata |= {RAGGED: str(len(ragged))} if ragged else {}
     return RawFile(path.name, "text", (RawTable("", columns, units, metadata),))
 
 
@@ -97,6 +102,17 @@ def _without_comments(data: bytes, mark: bytes) -> bytes:
     return b"\n".join(x for x in data.split(b"\n") if not x.lstrip().startswith(mark))
 
 
+def _without_cut_line(data: bytes, start: int, words: FileWords, width: int) -> tuple[bytes, str]:
+    """The text without a last line that ends before its last cell, and that line."""
+    if data.endswith(b"\n"):
+        return data, ""
+    begin = max(data.rfind(b"\n"), start - 1) + 1
+    last = data[begin:].decode(errors="replace")
+    if begin <= start or len(splitter(words.separator)(last)) >= width:
+        return data, ""
+    return data[:begin], last
+
+
 def _width(data: bytes, start: int, words: FileWords, source: str) -> int:
     """The number of cells of the first line that is not blank."""
     while start < len(data):
@@ -108,7 +124,9 @@ def _width(data: bytes, start: int, words: FileWords, source: str) -> int:
     )
 
 
-def _columns(data: bytes, start: int, words: FileWords, width: int, source: str) -> list[Raw]:
+def _columns(
+    data: bytes, start: int, words: FileWords, width: int, source: str, ragged: list[int]
+) -> list[Raw]:
     """All columns, (n,) each; their types follow from their cells."""
     import pyarrow as pa
     from pyarrow import csv as pacsv
@@ -122,7 +140,10 @@ def _columns(data: bytes, start: int, words: FileWords, width: int, source: str)
         table = pacsv.read_csv(
             cast(Any, pa.BufferReader(memoryview(data)[start:])),
             read_options=pacsv.ReadOptions(column_names=[str(k) for k in range(width)]),
-            parse_options=pacsv.ParseOptions(delimiter=mark),
+            parse_options=pacsv.ParseOptions(
+                delimiter=mark,
+                invalid_row_handler=_dropping(ragged) if words.ragged_lines == "drop" else None,
+            ),
             convert_options=pacsv.ConvertOptions(
                 null_values=[*empty, *(" " * k for k in range(1, 9))],
                 strings_can_be_null=True,
@@ -148,6 +169,16 @@ def arrow_to_numpy(column: Any) -> Raw:
     return np.array(column.cast(pa.string()).to_pylist(), dtype=object)
 
 
+def _dropping(ragged: list[int]) -> Callable[[Any], Any]:
+    """What leaves out a line of another width, and counts it."""
+
+    def drop(row: Any) -> str:
+        ragged.append(row.actual_columns)
+        return "skip"
+
+    return drop
+
+
 def _ragged(data: bytes, words: FileWords, width: int, source: str, reason: str) -> TiltcalError:
     """The first line with another number of cells, found slowly because it is needed once."""
     cut = splitter("tab" if words.separator == "space" else words.separator)
@@ -157,7 +188,8 @@ def _ragged(data: bytes, words: FileWords, width: int, source: str, reason: str)
                 f"foreign recording {source}, data line {number}",
                 found=f"{len(cut(line))} cells",
                 need=f"{width} as in the first",
-                do="correct that line, or set separator in the mapping",
+                do="correct that line, set separator in the mapping, or drop such lines"
+                " (ragged_lines)",
             )
     return TiltcalError(
         f"foreign recording {source}", found=reason, need="a text table", do="check the file"

@@ -5,9 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.recordings.formats.numbers_in_text import numbers_in
 from tiltcal.recordings.formats.raw_table import Raw, RawFile
 from tiltcal.recordings.formats.unit_words import stated_unit, unit_of
+from tiltcal.recordings.import_checks import Finding
 from tiltcal.recordings.proposal.names import Meaning, meaning_of
+
+_MOSTLY = 0.9  # share of numbers among the filled cells of a channel
 
 
 @dataclass(frozen=True)
@@ -47,9 +51,14 @@ class Channel:
         return bool(len(known)) and bool(np.all(known == np.round(known)))
 
 
-def channels_of(file: RawFile) -> list[Channel]:
-    """All columns of all tables, in their order."""
-    found = []
+def channels_of(file: RawFile, decimal: str = "point") -> tuple[list[Channel], list[Finding]]:
+    """All columns of all tables, in their order, and the cells of channels that are no numbers.
+
+    Args:
+        decimal: mark of numbers in text.
+    """
+    found: list[Channel] = []
+    faults: list[Finding] = []
     for table in file.tables:
         names = table.names
         numbered = names == [str(k + 1) for k in range(len(names))]
@@ -58,7 +67,22 @@ def channels_of(file: RawFile) -> list[Channel]:
             stated = unit_of(table.units[name]) if name in table.units else stated_unit(name)
             meaning = Meaning("", "", "") if numbered else meaning_of(name, table.name)
             shown = f"column {k + 1}" if by_number else name
+            raw, fault = _mended(raw, shown, decimal)
+            faults += fault
             found.append(
                 Channel(table.name, k + 1 if by_number else name, shown, raw, meaning, stated or "")
             )
-    return found
+    return found, faults
+
+
+def _mended(raw: Raw, name: str, decimal: str) -> tuple[Raw, list[Finding]]:
+    """A column of text with few cells that are no numbers, as numbers."""
+    if raw.dtype != object:
+        return raw, []
+    values, bad = numbers_in(raw, decimal)
+    if np.isfinite(values).sum() <= _MOSTLY * max(len(raw) - sum(t is None for t in raw), 1):
+        return raw, []
+    rows = tuple(int(k) + 1 for k in bad[:3])
+    places = ", ".join(map(str, rows)) + (", ..." if len(bad) > len(rows) else "")
+    text = f"{name}: {len(bad)} cells are no numbers, first in data row {places}"
+    return values, [Finding("text", name, len(bad), rows, text, "empty_text")]

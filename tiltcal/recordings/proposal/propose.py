@@ -1,7 +1,7 @@
 """A mapping proposed for a foreign file: what its names, its units and its numbers say."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from tiltcal.recordings.formats.dialect import Dialect
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.registry import TEXT, format_of
 from tiltcal.recordings.formats.text import text_dialect
-from tiltcal.recordings.import_checks import Finding, find_faults
+from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
 from tiltcal.recordings.mapping import FileWords
 from tiltcal.recordings.proposal.channels import Channel, channels_of
 from tiltcal.recordings.proposal.gravity import norm_at_rest
@@ -91,8 +91,8 @@ def propose_mapping(path: Path | str, budget: Budget | None = None) -> Proposal:
     format = format_of(path)
     dialect = text_dialect(path) if format is TEXT else None
     words = FileWords() if dialect is None else dialect.words
-    file = format.read(path, words, budget)
-    channels = channels_of(file)
+    file = format.read(path, words.model_copy(update={"ragged_lines": "drop"}), budget)
+    channels, faults = channels_of(file, words.decimal)
     times = {
         t.name: find_time(
             [c for c in channels if c.table == t.name],
@@ -100,7 +100,9 @@ def propose_mapping(path: Path | str, budget: Budget | None = None) -> Proposal:
         )
         for t in file.tables
     }
-    return _proposal(file, channels, times, dialect)
+    found = _proposal(file, channels, times, dialect)
+    used = {c.channel.name for c in found.columns}
+    return replace(found, findings=[*(f for f in faults if f.column in used), *found.findings])
 
 
 def _proposal(
@@ -139,7 +141,7 @@ def _proposal(
         table,
         _left_out([c for c in rest if id(c) not in used], triads),
         _doubts(dialect, [times[name] for name in tables], sensors, table, doubts),
-        _findings(columns, times),
+        [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(columns, times)],
     )
 
 
@@ -238,7 +240,7 @@ def _plain(name: str) -> str:
 
 
 def _nothing(file: RawFile) -> TiltcalError:
-    names = [c.name for c in channels_of(file)]
+    names = [c.name for c in channels_of(file)[0]]
     return TiltcalError(
         f"foreign recording {file.source}",
         found=f"columns {', '.join(names[:8])}, none of which is like a sensor",

@@ -42,6 +42,7 @@ def windows_of(values: Array, rate: float | None) -> Windows | None:
     """
     size = max(_LEAST, round((rate or 64.0) / 2))
     size = min(size, max(_LEAST, len(values) // 8))
+    values = np.where(np.isfinite(values), values, np.nan)
     count = len(values) // size
     if count < 2:
         return None

@@ -40,10 +40,14 @@ def _file(proposal: "Proposal") -> list[str]:
     if proposal.dialect is None:
         return ["[file]", _line("table", main, "most channels stand there")] if main else []
     words, reasons = proposal.dialect.words, proposal.dialect.reasons
-    stated = words.model_dump(exclude={"table"})
+    stated = words.model_dump(exclude={"table", "ragged_lines"})
     always = ("separator", "decimal", "encoding", "header")
     shown = {k: v for k, v in stated.items() if k in always or v}
-    return ["[file]", *(_line(k, v, reasons.get(k, "")) for k, v in shown.items())]
+    lines = ["[file]", *(_line(k, v, reasons.get(k, "")) for k, v in shown.items())]
+    if any(f.kind == "ragged_lines" for f in proposal.findings):
+        why = 'some lines have another number of cells; "drop" leaves them out'
+        lines.append(_line("ragged_lines", "refuse", why))
+    return lines
 
 
 def _main(proposal: "Proposal") -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.recordings.formats.raw_table import CUT, RAGGED, RawTable
+from tiltcal.recordings.formats.raw_table import CUT, DAMAGED, RAGGED, RawTable
 
 _GAP = 2.5  # steps of the usual length
 _SHOWN = 3  # places that a statement names
@@ -46,18 +46,22 @@ def find_faults(time: Array, columns: Mapping[str, Array]) -> list[Finding]:
         columns: name with unit -> values, (n,) each.
     """
     found = list(_time_faults(time))
-    for name, values in columns.items():
-        found += _channel_faults(name, values)
+    with np.errstate(all="ignore"):  # of infinite readings
+        for name, values in columns.items():
+            found += _channel_faults(name, values)
     return found
 
 
 def find_bad_lines(table: RawTable) -> list[Finding]:
-    """The findings of a text of which lines that were not whole are left out."""
+    """The findings of a file of which lines or messages are left out."""
     found = []
     if RAGGED in table.metadata:
         count = int(table.metadata[RAGGED])
         text = f"lines with another number of cells, left out: {count}"
         found.append(Finding("ragged_lines", "time_s", count, (), text))
+    if DAMAGED in table.metadata:
+        text = f"the file is damaged: {table.metadata[DAMAGED]}; what could be read is here"
+        found.append(Finding("damaged", "time_s", 1, (), text))
     if CUT in table.metadata:
         row, line = len(table) + 1, table.metadata[CUT][:40]
         text = f"the last line is cut off and left out: '{line}', data row {row}"

@@ -13,6 +13,8 @@ CUT = "cut line"
 """Key of the metadata of a text whose last line ends before its last cell: that line."""
 RAGGED = "ragged lines"
 """Key of the metadata of a text with lines of another width that are left out: how many."""
+DAMAGED = "damaged"
+"""Key of the metadata of a file that is not whole: what the library says."""
 Raw = npt.NDArray[Any]
 """Values as the file holds them, (n,): float64, int64, datetime64[ns], or objects for text."""
 

@@ -1,12 +1,14 @@
 """LabVIEW TDMS files, by the library nptdms."""
 
+import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tiltcal.recordings.formats.budget import Budget
 from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.formats.grouping import by_length
-from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable, vectors
+from tiltcal.recordings.formats.raw_table import DAMAGED, Raw, RawFile, RawTable, vectors
 
 TIME = "waveform time"
 """Name of the column of times that follow from ``wf_increment``, s."""
@@ -21,14 +23,19 @@ def read_tdms(path: Path, budget: Budget) -> RawFile:
         TiltcalError: the library is missing, or there is no channel of numbers.
     """
     nptdms = library("nptdms", "tdms", "TDMS files")
+    library("nptdms.log", "tdms", "TDMS files").log_manager.set_level(logging.ERROR)
     tables: list[RawTable] = []
     with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
         channels = [c for group in file.groups() for c in group.channels()]
         budget.require(_CELL * float(sum(len(c) for c in channels)), path.name)
         for group in file.groups():
             tables += _tables(group, path.name)
+        cut = file.file_status.incomplete_final_segment
     if not tables:
         by_length((), {}, path.name)  # says what is missing
+    if cut and tables:
+        said = {**tables[0].metadata, DAMAGED: "its last segment is not whole"}
+        tables[0] = replace(tables[0], metadata=said)
     return RawFile(path.name, "TDMS", tuple(tables))
 
 

@@ -1,13 +1,13 @@
 """PX4 ULog files, by the library pyulog."""
 
 import contextlib
-import sys
+import io
 from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.formats.budget import Budget
 from tiltcal.recordings.formats.extras import library
-from tiltcal.recordings.formats.raw_table import RawFile, RawTable, typed
+from tiltcal.recordings.formats.raw_table import DAMAGED, RawFile, RawTable, typed
 
 TIME = "timestamp"
 """The column of time stamps, us, that every topic has."""
@@ -28,9 +28,12 @@ def read_ulog(path: Path, budget: Budget) -> RawFile:
     """
     core = library("pyulog", "ulog", "ULog files")
     budget.require(path.stat().st_size, path.name)
-    with contextlib.redirect_stdout(sys.stderr), path.open("rb") as file:
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), path.open("rb") as file:
         log = core.ULog(file)
-    tables = []
+    words = said.getvalue().strip().splitlines()
+    damage = {DAMAGED: words[0] if words else "corrupt"} if log.file_corruption or words else {}
+    tables: list[RawTable] = []
     for data in log.data_list:
         name = data.name if data.multi_id == 0 else f"{data.name}_{data.multi_id}"
         columns = [(n, typed(values)) for n, values in data.data.items()]
@@ -39,7 +42,7 @@ def read_ulog(path: Path, budget: Budget) -> RawFile:
         )
         units = {TIME: "us"} | _UNITS.get(data.name, {})
         units |= dict.fromkeys((n for n, _ in kept if n == "temperature"), "degC")
-        tables.append(RawTable(name, tuple(kept), units))
+        tables.append(RawTable(name, tuple(kept), units, {} if tables else damage))
     if not tables:
         raise TiltcalError(
             f"foreign recording {path.name}",

@@ -1,5 +1,6 @@
 """A mapping proposed for a foreign file: what its names, its units and its numbers say."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -100,7 +101,9 @@ def propose_mapping(path: Path | str, budget: Budget | None = None) -> Proposal:
         )
         for t in file.tables
     }
-    found = _proposal(file, channels, times, dialect)
+    with warnings.catch_warnings():  # columns may hold anything
+        warnings.simplefilter("ignore", RuntimeWarning)
+        found = _proposal(file, channels, times, dialect)
     used = {c.channel.name for c in found.columns}
     return replace(found, findings=[*(f for f in faults if f.column in used), *found.findings])
 

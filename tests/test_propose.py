@@ -2,6 +2,7 @@
 ones; never wrong.
 """
 
+import contextlib
 import json
 import tomllib
 from collections import Counter
@@ -101,6 +102,16 @@ def test_what_is_proposed_is_imported_without_a_change(tmp_path):
     np.testing.assert_allclose(recording.column("table_outer_deg"), angles[:, 0], atol=1e-3)
 
 
+def test_the_table_of_a_proposal_reaches_the_scenario(tmp_path, capsys):
+    path = Log(table="placing", rates="deg_s").write(tmp_path / "log.txt")
+    (tmp_path / "m.toml").write_text(propose_mapping(path).toml())
+    out = str(tmp_path / "run.csv")
+    assert main(["import", str(path), "--map", str(tmp_path / "m.toml"), "-o", out]) == 0
+    capsys.readouterr()
+    assert main(["init", "--from", out]) == 0
+    assert tomllib.loads(capsys.readouterr().out)["rig"]["table"] == "placing"
+
+
 def test_an_open_question_in_a_mapping_is_refused_until_it_is_answered(tmp_path, capsys):
     path = Log(time="none", header="none", separator="space").write(tmp_path / "log.txt")
     where = tmp_path / "map.toml"
@@ -176,3 +187,73 @@ def test_the_proposal_as_json_lists_what_it_cannot_know(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert tomllib.loads(found["mapping"])["time"]["unit"] == "?"
     assert any("1000 Hz as us" in doubt for doubt in found["cannot_know"])
+
+
+LOGGERS = {
+    "EuRoC": (
+        "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+        "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]", "gf", "epoch_ns", "m_s2", "rad_s",
+    ),
+    "phyphox": (
+        '"Time (s)","Acceleration x (m/s^2)","Acceleration y (m/s^2)","Acceleration z (m/s^2)",'
+        '"Gyroscope x (rad/s)","Gyroscope y (rad/s)","Gyroscope z (rad/s)"',
+        "fg", "s", "m_s2", "rad_s",
+    ),
+    "WIT": (
+        "Chip Time,ax(g),ay(g),az(g),wx(deg/s),wy(deg/s),wz(deg/s)", "fg", "date", "g", "deg_s",
+    ),
+    "Arduino": ("millis,aX,aY,aZ,gX,gY,gZ", "fg", "ms", "g", "deg_s"),
+    "MPU": ("Timestamp(us),AcX,AcY,AcZ,GyX,GyY,GyZ", "fg", "us", "LSB", "LSB"),
+    "axis first": (
+        "Time,X_GYRO_OUT,Y_GYRO_OUT,Z_GYRO_OUT,X_ACCL_OUT,Y_ACCL_OUT,Z_ACCL_OUT",
+        "gf", "s", "LSB", "LSB",
+    ),
+    "ArduPilot": ("TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ", "gf", "us", "m_s2", "rad_s"),
+    "units at the end": (
+        "time_ms,AccelX_mg,AccelY_mg,AccelZ_mg,GyroX_dps,GyroY_dps,GyroZ_dps",
+        "fg", "ms", "mg", "deg_s",
+    ),
+    "German": (
+        "Zeit,Beschl X,Beschl Y,Beschl Z,Drehrate X,Drehrate Y,Drehrate Z",
+        "fg", "s", "m_s2", "deg_s",
+    ),
+    "axes backwards": ("t,s1 z,s1 y,s1 x,s2 z,s2 y,s2 x", "FG", "s", "m_s2", "deg_s"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LOGGERS)
+def test_names_of_other_loggers_are_understood(name, tmp_path):
+    header, order, clock, force, rates = LOGGERS[name]
+    log = Log(time=clock, force=force, rates=rates)
+    t, f, w, _ = log.readings()
+    parts = {"f": f, "g": w, "F": f[:, ::-1], "G": w[:, ::-1]}
+    cells = [log.clock(t), *([f"{v:.8g}" for v in x] for k in order for x in parts[k].T)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([header, *map(",".join, zip(*cells, strict=True))]) + "\n")
+    found = tomllib.loads(propose_mapping(path).toml())
+    axes = "zyx" if name == "axes backwards" else "xyz"
+    to = {"f": [f"accel_{a}_{force}" for a in axes], "g": [f"gyro_{a}_{rates}" for a in axes]}
+    expected = [x for k in order for x in to[k.lower()]]
+    assert {c["to"] for c in found["column"]} == set(expected)
+    names = [n.strip('"').lstrip("#") for n in header.split(",")]
+    assert {c["from"]: c["to"] for c in found["column"]} == dict(
+        zip(names[1:], expected, strict=True)
+    )
+    assert found["time"]["column"] == names[0]
+
+
+def test_nothing_in_a_log_makes_a_proposal_break(tmp_path):
+    rng = np.random.default_rng(20)
+    whole = Log(separator="semicolon", decimal="comma").write(tmp_path / "a.txt").read_bytes()
+    pieces = [b"nan", b";;;", b"\n\n", b"1e400", b"inf", b'"', b"\x00\x00", b"# hi\n", b"\xff\xfe"]
+    for _ in range(40):
+        data = bytearray(whole[:60_000])
+        for _ in range(rng.integers(1, 30)):
+            at = int(rng.integers(len(data)))
+            if rng.random() < 0.4:
+                data[at : at + int(rng.integers(1, 60))] = b""
+            else:
+                data[at:at] = pieces[rng.integers(len(pieces))]
+        (tmp_path / "a.txt").write_bytes(bytes(data))
+        with contextlib.suppress(TiltcalError):
+            tomllib.loads(propose_mapping(tmp_path / "a.txt").toml())

@@ -19,7 +19,6 @@ _UNITS = {
     },
     "sensor_msgs/msg/Temperature": {"temperature": "degC"},
     "sensor_msgs/msg/JointState": {"position": "rad", "velocity": "rad/s"},
-    "sensor_msgs/msg/MagneticField": {"magnetic_field": "T"},
 }
 _MOST = 8  # a longer array is no set of channels
 

@@ -10,6 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.formats.raw_table import Raw
 
 _ZONE = re.compile(r"\s*(?:(Z|UTC)|([+-])(\d\d):?(\d\d))$")
+_PARTS = re.compile(r"(\d{4})-(\d\d?)-(\d\d?)T(\d\d?):(.*)")
 _MINUTE = 60 * 10**9  # ns
 
 
@@ -41,7 +42,19 @@ def iso_stamps(raw: Raw, source: str) -> npt.NDArray[np.datetime64]:
 def _dates(texts: list[str]) -> npt.NDArray[np.datetime64]:
     with warnings.catch_warnings():  # numpy reads a zone that is left, and warns
         warnings.simplefilter("error")
-        return np.array(texts, dtype="datetime64[ns]")
+        try:
+            return np.array(texts, dtype="datetime64[ns]")
+        except ValueError:
+            return np.array([_padded(t) for t in texts], dtype="datetime64[ns]")
+
+
+def _padded(text: str) -> str:
+    """A date whose month, day and hour have two digits each."""
+    found = _PARTS.fullmatch(text)
+    if found is None:
+        return text
+    year, month, day, hour, rest = found.groups()
+    return f"{year}-{int(month):02d}-{int(day):02d}T{int(hour):02d}:{rest}"
 
 
 def _no_stamp(texts: list[str], source: str) -> TiltcalError:

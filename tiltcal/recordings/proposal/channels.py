@@ -1,6 +1,6 @@
 """Columns of a foreign file with what their names and their file say."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from tiltcal.recordings.formats.unit_words import stated_unit, unit_of
 from tiltcal.recordings.import_checks import Finding
 from tiltcal.recordings.proposal.names import Meaning, meaning_of
 
+_BY_UNIT = dict.fromkeys(("m_s2", "g", "mg", "ug", "gal"), "accel") | dict.fromkeys(
+    ("rad_s", "deg_s", "deg_h"), "gyro"
+)
+"""What a column is whose name says an axis and a unit only."""
 _MOSTLY = 0.9  # share of numbers among the filled cells of a channel
 
 
@@ -66,6 +70,8 @@ def channels_of(file: RawFile, decimal: str = "point") -> tuple[list[Channel], l
             by_number = numbered or names.count(name) > 1 or not name
             stated = unit_of(table.units[name]) if name in table.units else stated_unit(name)
             meaning = Meaning("", "", "") if numbered else meaning_of(name, table.name)
+            if not meaning.role and meaning.axis:
+                meaning = replace(meaning, role=_BY_UNIT.get(stated or "", ""))
             shown = f"column {k + 1}" if by_number else name
             raw, fault = _mended(raw, shown, decimal)
             faults += fault

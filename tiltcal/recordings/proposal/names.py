@@ -15,8 +15,11 @@ _ROLES = (
     ("quaternion", r"quat|orientation|(^|_)q_?[0-3wxyz]$"),
     ("covariance", r"covariance"),
     ("magnetometer", r"mag|^m_?[xyz]$|磁"),
-    ("gyro", r"gyr|ang\w*_?(vel|rate)|omega|^w_?[xyz]$|^g_?[xyz]$|^rate(_|$)|角速度|陀螺"),
-    ("accel", r"acc|specific_?force|^a_?[xyz]$|^f_?[xyz]$|加速度"),
+    (
+        "gyro",
+        r"gyr|ang\w*_?(vel|rate)|drehr|omega|^(g|gy|w)_?[xyz]$|^rate(_|$)|角速度|陀螺",
+    ),
+    ("accel", r"acc|beschl|^ac_?[xyz]$|specific_?force|^a_?[xyz]$|^f_?[xyz]$|加速度"),
     ("fog", r"(^|_)fog"),
     ("incl", r"incl|tilt_?meter|(^|_)level|倾角"),
     ("temperature", r"temp|温度"),

@@ -67,7 +67,29 @@ def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     named = _named(channels, rate)
     taken = {id(c) for t in named for c in t.channels}
     rest = [c for c in channels if id(c) not in taken and c.numeric and c.meaning.role == ""]
-    return named + _unnamed(rest, rate)
+    by_axis = _axes_only(rest, rate)
+    taken |= {id(c) for t in by_axis for c in t.channels}
+    unnamed = _unnamed([c for c in rest if id(c) not in taken], rate)
+    return named + _only_one_gravity(by_axis + unnamed)
+
+
+def _axes_only(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
+    """Columns whose names say their axes and nothing else, by their behaviour."""
+    groups: dict[str, dict[str, Channel]] = {}
+    for c in channels:
+        if c.meaning.axis:
+            groups.setdefault(c.meaning.group, {}).setdefault(c.meaning.axis, c)
+    found = []
+    for axes in groups.values():
+        if len(axes) == 3:
+            three = tuple(axes[a] for a in "xyz")
+            windows = windows_of(np.column_stack([c.values for c in three]), rate)
+            kind, reason = _kind(windows) if windows is not None else ("", "")
+            if kind:
+                found.append(
+                    Triad(kind, three, reason.replace("neighbours", "axes"), True, windows)
+                )
+    return found
 
 
 def _named(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
@@ -98,7 +120,7 @@ def _unnamed(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
             k += 3
         else:
             k += 1
-    return _only_one_gravity(found)
+    return found
 
 
 def _kind(windows: Windows) -> tuple[str, str]:

@@ -4,6 +4,7 @@ with one message.
 
 import json
 import struct
+import sys
 import zipfile
 
 import h5py
@@ -21,7 +22,6 @@ from scipy import io
 from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.foreign_files import import_file, import_recording
-from tiltcal.recordings.formats import extras
 from tiltcal.recordings.formats.budget import Budget
 from tiltcal.recordings.formats.registry import read_raw
 from tiltcal.recordings.mapping import FileWords, parse_mapping
@@ -344,15 +344,9 @@ def test_a_small_file_that_expands_is_refused(tmp_path):
 )
 def test_a_missing_library_is_named_with_its_extra(name, module, extra, tmp_path, monkeypatch):
     MADE[name](tmp_path / name)
-
-    def absent(wanted):
-        if wanted == module:
-            raise ImportError(wanted)
-        return __import__(wanted)
-
-    monkeypatch.setattr(extras.importlib, "import_module", absent)
+    monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(TiltcalError, match=rf'pip install "tiltcal\[{extra}\]"'):
-        extras.library(module, extra, "these files")
+        read_raw(tmp_path / name, FileWords())
 
 
 def test_objects_of_matlab_are_refused_with_the_way_out(tmp_path):
@@ -409,6 +403,13 @@ def test_faults_are_found_with_their_places(tmp_path):
     }
     assert imported.repairs == []
     assert len(imported.recording) == N
+
+
+def test_a_channel_at_a_slower_rate_is_no_fault(tmp_path):
+    slow = np.where(np.arange(N) % 10, np.nan, 20 + np.arange(N) / 100)
+    np.savez(tmp_path / "a.npz", t=TIME, temperature=slow)
+    text = '[time]\ncolumn = "t"\n[[column]]\nfrom = "temperature"\nto = "temperature_degC"\n'
+    assert import_file(tmp_path / "a.npz", parse_mapping(text, "m")).findings == []
 
 
 def test_sound_data_have_no_findings(tmp_path):

@@ -113,7 +113,7 @@ def wrap_mask(time: Array) -> Mask:
 
 def _channel_faults(name: str, values: Array) -> Iterator[Finding]:
     missing = np.isnan(values)
-    if missing.any() and not missing.all():
+    if missing.any() and not missing.all() and not _at_slower_rate(missing):
         yield _found("missing", name, missing, "no value", rows_shift=0)
     known = values[~missing]
     if not len(known):
@@ -132,12 +132,19 @@ def _channel_faults(name: str, values: Array) -> Iterator[Finding]:
         return
     if not (values[1:] == values[:-1]).any():
         return
+    ended = clipped(values)
     for kind, mask, words in (
-        ("clipped", clipped(values), "the reading stays at the end of its range"),
-        ("frozen", frozen(values), "the reading is repeated too often for its noise"),
+        ("clipped", ended, "the reading stays at the end of its range"),
+        ("frozen", frozen(values) & ~ended, "the reading is repeated too often for its noise"),
     ):
         if mask.any():
             yield _found(kind, name, mask, words, f"empty_{kind}", rows_shift=0)
+
+
+def _at_slower_rate(missing: Mask) -> bool:
+    """Whether values stand at every so many rows, without exception."""
+    apart = np.diff(np.flatnonzero(~missing))
+    return bool(len(apart)) and bool(apart[0] > 1) and bool(np.all(apart == apart[0]))
 
 
 def is_angle(name: str) -> bool:

@@ -12,6 +12,7 @@ import nptdms
 import numpy as np
 import pyarrow as pa
 import pytest
+from mcap.writer import IndexType
 from mcap.writer import Writer as McapWriter
 from pyarrow import parquet
 from pyulog import ULog
@@ -306,6 +307,21 @@ def test_what_is_no_log_is_named(name, content, words, tmp_path):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(TiltcalError, match=words):
         propose_mapping(tmp_path / name)
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+def test_an_mcap_file_that_expands_is_refused(indexed, tmp_path):
+    kinds = IndexType.ALL if indexed else IndexType.NONE
+    with (tmp_path / "a.mcap").open("wb") as out:
+        writer = McapWriter(out, chunk_size=1 << 22, index_types=kinds, use_statistics=indexed)
+        writer.start()
+        topic = writer.register_channel("/imu", "json", writer.register_schema("a", "", b""))
+        for k in range(3):
+            writer.add_message(topic, k, b" " * 5_000_000 + b"{}", k)
+        writer.finish()
+    assert (tmp_path / "a.mcap").stat().st_size < 100_000
+    with pytest.raises(TiltcalError, match=r"found 0\.015 GB of values, need at most 0\.01 GB"):
+        read_raw(tmp_path / "a.mcap", FileWords(), Budget(0.01))
 
 
 @pytest.mark.parametrize("name", ["a.npz", "a.mat", "a.h5", "a.parquet", "a.bag", "a.tdms"])

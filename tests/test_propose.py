@@ -158,6 +158,29 @@ def test_two_triads_of_even_norm_without_names_are_told_apart_by_nobody(tmp_path
         propose_mapping(path)
 
 
+def test_two_accelerometers_in_m_s2_are_two_and_a_third_triad_is_not(tmp_path):
+    names = [f"ch{k}" for k in range(10)]
+    f = six_faces()
+    path = table_of(
+        tmp_path / "a.csv", names, np.arange(600) / 100, *f.T, *(f * 1.01).T, *(f / 9.81 * 0.99).T
+    )
+    found = {c["from"]: c["to"] for c in tomllib.loads(propose_mapping(path).toml())["column"]}
+    assert found == {
+        f"ch{k + 1}": f"{name}_{a}_m_s2"
+        for k, (name, a) in enumerate((n, a) for n in ("accel", "accel2") for a in "xyz")
+    }
+
+
+def test_an_acceleration_without_gravity_is_left_out(tmp_path):
+    f, rng = six_faces(), np.random.default_rng(1)
+    names = ["t", "acc_x", "acc_y", "acc_z", "local_acc_x", "local_acc_y", "local_acc_z"]
+    free = rng.normal(0, 0.02, (600, 3))
+    path = table_of(tmp_path / "a.csv", names, np.arange(600) / 100, *f.T, *free.T)
+    text = propose_mapping(path).toml()
+    assert [c["from"] for c in tomllib.loads(text)["column"]] == names[1:4]
+    assert "local_acc_x (accel)" in text
+
+
 def test_gyro_readings_without_motion_have_no_unit(tmp_path):
     rng = np.random.default_rng(5)
     f, w = (

@@ -53,12 +53,21 @@ def read_mcap(path: Path, budget: Budget) -> RawFile:
 
 def _require_room(summary: Any, path: Path, budget: Budget) -> None:
     """Refuse too much before any chunk is decompressed."""
-    if summary is None:
-        budget.require(path.stat().st_size, path.name)
+    if summary is None or not summary.chunk_indexes:
+        budget.require(_expanded(path), path.name)
         return
     packed = sum(float(c.uncompressed_size) for c in summary.chunk_indexes)
     count = float(summary.statistics.message_count) if summary.statistics else 0.0
     budget.require(max(packed, _MESSAGE * count), path.name)
+
+
+def _expanded(path: Path) -> float:
+    """Bytes of all chunks of a file without an index, as the chunks state them."""
+    streams = library("mcap.stream_reader", "mcap", _FORMAT)
+    with path.open("rb") as file:
+        records = streams.StreamReader(file, emit_chunks=True).records
+        found = sum(float(getattr(r, "uncompressed_size", 0)) for r in records)
+    return max(found, float(path.stat().st_size))
 
 
 def _full(kind: str) -> str:

@@ -1,7 +1,7 @@
 """Triads of columns that are accelerometers and gyros, with their units."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ _EVEN = 0.12  # relative spread of the norm of gravity over the rests
 _ATTITUDE, _ALIKE = 0.25, 0.05  # of rests that depend on the attitude; that are all alike
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Triad:
     """Three columns of one sensor.
 
@@ -140,13 +140,21 @@ def _kind(windows: Windows) -> tuple[str, str]:
 
 
 def _only_one_gravity(found: list[Triad]) -> list[Triad]:
-    """A second triad with an even norm may be a magnetometer: then neither is known."""
+    """A second triad with an even norm may be a magnetometer: those that read 9.8 are not, and of
+    others none is known.
+    """
     gravity = [t for t in found if t.kind == "accel"]
     if len(gravity) < 2:
         return found
-    return [
-        Triad("", t.channels, t.reason, False, t.windows) if t.kind == "accel" else t for t in found
-    ]
+    sure = [t for t in gravity if unit_by_norm(t.windows, "", t.whole).unit == "m_s2"]
+    return [replace(t, kind="") if t in gravity and t not in sure else t for t in found]
+
+
+def _without_free(triads: Sequence[Triad]) -> list[Triad]:
+    """Without accelerations that hold no gravity, where another triad holds it."""
+    accel = [t for t in triads if t.kind == "accel"]
+    holding = [t for t in accel if t.stated or unit_by_norm(t.windows, "", t.whole).unit]
+    return [t for t in triads if t.kind != "accel" or t in holding or not holding]
 
 
 def with_units(triads: Sequence[Triad], rates: Mapping[str, float | None]) -> list[Sensor]:
@@ -158,7 +166,7 @@ def with_units(triads: Sequence[Triad], rates: Mapping[str, float | None]) -> li
     """
     found: list[Sensor] = []
     count: dict[str, int] = {}
-    for triad in triads:
+    for triad in _without_free(triads):
         if triad.kind not in ("accel", "gyro"):
             continue
         count[triad.kind] = count.get(triad.kind, 0) + 1

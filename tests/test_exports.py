@@ -229,6 +229,10 @@ def test_what_is_written_as_mcap_comes_back(tmp_path):
     again = import_recording(tmp_path / "a.mcap", parse_mapping(text, "m"))
     assert again.metadata["time zero"] == "1777896000 s"
     np.testing.assert_allclose(again.time, run.time, atol=1e-9)
+    outer = again.column("table_outer_rad")
+    np.testing.assert_allclose(outer, run.column("table_outer_deg") * DEG, rtol=1e-14)
+    warm = again.column("temperature_degC")
+    np.testing.assert_array_equal(warm, run.column("temperature_degC"))
     back = again.column("accel_x_m_s2")
     np.testing.assert_allclose(back, run.column("accel_x_g") * G0, rtol=1e-15)
 

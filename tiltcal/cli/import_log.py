@@ -53,7 +53,7 @@ def import_log(
     columns of the log:
 
       [file]
-      separator = "space"        # space (any white space), comma, tab, semicolon, pipe
+      separator = "space"        # or comma, tab, semicolon, pipe
       decimal = "point"          # or comma
       encoding = "utf-8"         # or utf-16, gb18030, cp1252
       header = false

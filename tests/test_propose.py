@@ -280,3 +280,18 @@ def test_nothing_in_a_log_makes_a_proposal_break(tmp_path):
         (tmp_path / "a.txt").write_bytes(bytes(data))
         with contextlib.suppress(TiltcalError):
             tomllib.loads(propose_mapping(tmp_path / "a.txt").toml())
+
+
+def test_sensors_that_were_sampled_in_turn_are_understood(tmp_path):
+    log = Log(rates="deg_s", table="dual")
+    t, f, w, angles = log.readings()
+    every = np.arange(len(t)) % 2 == 0
+    f, w = np.where(every[:, None], f, np.nan), np.where(every[:, None], np.nan, w)
+    angles = np.where((np.arange(len(t)) % 5 == 0)[:, None], angles, np.nan)
+    names = ["t", "ax", "ay", "az", "gx", "gy", "gz", "encoder 1", "encoder 2"]
+    path = table_of(tmp_path / "a.csv", names, t, *f.T, *w.T, *angles.T)
+    found = {c["from"]: c["to"] for c in tomllib.loads(propose_mapping(path).toml())["column"]}
+    assert found["ax"] == "accel_x_m_s2"
+    assert found["gz"] == "gyro_z_deg_s"
+    assert found["encoder 1"] == "table_outer_deg"
+    assert found["encoder 2"] == "table_inner_deg"

@@ -33,6 +33,18 @@ class Windows:
         return self.means[self.quiet]
 
 
+def filled(values: Array) -> Array:
+    """Readings with what was not sampled interpolated between its neighbours, (n, k)."""
+    if np.isfinite(values).all():
+        return values
+    rows, found = np.arange(len(values)), np.array(values)
+    for k in range(values.shape[1]):
+        known = np.isfinite(values[:, k])
+        if known.any():
+            found[:, k] = np.interp(rows, rows[known], values[known, k])
+    return np.nan_to_num(found)
+
+
 def windows_of(values: Array, rate: float | None) -> Windows | None:
     """The windows of readings; None where there are too few rows.
 
@@ -42,7 +54,7 @@ def windows_of(values: Array, rate: float | None) -> Windows | None:
     """
     size = max(_LEAST, round((rate or 64.0) / 2))
     size = min(size, max(_LEAST, len(values) // 8))
-    values = np.where(np.isfinite(values), values, np.nan)
+    values = values[np.isfinite(values).all(axis=1)]
     count = len(values) // size
     if count < 2:
         return None

@@ -70,7 +70,25 @@ def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     by_axis = _axes_only(rest, rate)
     taken |= {id(c) for t in by_axis for c in t.channels}
     unnamed = _unnamed([c for c in rest if id(c) not in taken], rate)
-    return named + _only_one_gravity(by_axis + unnamed)
+    return _borne_out(named, _only_one_gravity(by_axis + unnamed), rate)
+
+
+def _borne_out(named: Sequence[Triad], seen: Sequence[Triad], rate: float | None) -> list[Triad]:
+    """All triads, less those whose name says nothing and whose numbers do not suffice: a gyro
+    without counts that gravity does not follow, an accelerometer without counts or a known norm.
+    """
+    accel = [t for t in (*named, *seen) if t.kind == "accel"]
+    kept = []
+    for t in seen:
+        if t.kind == "accel" and not t.whole:
+            good = bool(unit_by_norm(t.windows, "", t.whole).unit)
+        elif t.kind == "gyro" and not t.whole:
+            turnings = [_turning(a, t, rate) for a in accel if len(a.values) == len(t.values)]
+            good = any(turning is not None and turning.fits for turning in turnings)
+        else:
+            good = True
+        kept.append(t if good else replace(t, kind=""))
+    return [*named, *kept]
 
 
 def _axes_only(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
@@ -83,7 +101,7 @@ def _axes_only(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     for axes in groups.values():
         if len(axes) == 3:
             three = tuple(axes[a] for a in "xyz")
-            windows = windows_of(np.column_stack([c.values for c in three]), rate)
+            windows = _together(three, rate)
             kind, reason = _kind(windows) if windows is not None else ("", "")
             if kind:
                 found.append(
@@ -106,14 +124,20 @@ def _named(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     return found
 
 
+def _together(three: Sequence[Channel], rate: float | None) -> Windows | None:
+    """The windows of three columns that were sampled in the same rows."""
+    values = np.column_stack([c.values for c in three])
+    known = np.isfinite(values)
+    return windows_of(values, rate) if np.all(known.all(axis=1) == known.any(axis=1)) else None
+
+
 def _unnamed(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     """Neighbouring columns that behave as the axes of one sensor."""
     found: list[Triad] = []
     k = 0
     while k + 3 <= len(channels):
         three = tuple(channels[k : k + 3])
-        values = np.column_stack([c.values for c in three])
-        windows = windows_of(values, rate)
+        windows = _together(three, rate)
         kind, reason = _kind(windows) if windows is not None else ("", "")
         if kind:
             found.append(Triad(kind, three, reason, False, windows))

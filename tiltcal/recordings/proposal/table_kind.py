@@ -9,7 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.recordings.proposal.channels import Channel
-from tiltcal.recordings.proposal.rests import Windows
+from tiltcal.recordings.proposal.rests import Windows, filled
 from tiltcal.setup.tables import BUILT_IN, Table
 
 _FITS = 0.05  # rms of the direction of gravity, rad
@@ -96,8 +96,8 @@ def _units(angles: Sequence[Channel]) -> list[str]:
 def _poses(angles: Sequence[Channel], force: Array, windows: Windows) -> tuple[Array, Array]:
     """Directions of gravity, (m, 3), and readings, (m, k), of the windows at rest."""
     size, count = windows.size, len(force) // windows.size
-    read = np.column_stack([c.values for c in angles])
-    f = force[: count * size].reshape(count, size, 3)
+    read = filled(np.column_stack([c.values for c in angles]))
+    f = filled(force)[: count * size].reshape(count, size, 3)
     a = read[: count * size].reshape(count, size, -1)
     still = np.isfinite(a).all(axis=(1, 2)) & (np.ptp(a, axis=1).max(axis=1) < 1e-2 * _range(read))
     spread = np.sqrt(f.var(axis=1).sum(axis=1))

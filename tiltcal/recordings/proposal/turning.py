@@ -7,6 +7,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.recordings.proposal.gravity import UnitGuess
+from tiltcal.recordings.proposal.rests import filled
 
 _WINDOWS_S = (0.1, 0.2, 0.4)
 _WINDOWS = (8, 16, 32, 64)  # rows, where the rate is not known
@@ -50,9 +51,7 @@ def follow(force: Array, rates: Array, rate: float | None) -> Turning | None:
         rates: readings of a gyro triad, (n, 3).
         rate: of samples, Hz.
     """
-    known = np.asarray(np.isfinite(np.hstack([force, rates])).all(axis=1))
-    if not known.all():
-        force, rates = np.where(known[:, None], force, 0.0), np.where(known[:, None], rates, 0.0)
+    force, rates = filled(force), filled(rates)
     sizes = {max(4, round(rate * t)) for t in _WINDOWS_S} if rate else set(_WINDOWS)
     found = [t for size in sorted(sizes) if (t := _follow(force, rates, size)) is not None]
     # short windows leave no motion inside them unseen, long ones are less noisy

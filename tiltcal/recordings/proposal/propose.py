@@ -172,7 +172,7 @@ def _table(
 
 def _columns(sensor: Sensor) -> list[ColumnGuess]:
     triad, unit = sensor.triad, sensor.unit
-    reason = f"{triad.reason}; {unit.reason or unit.doubt}"
+    reason = f"{triad.reason}; {unit.reason}" if unit.reason else triad.reason
     return [
         ColumnGuess(c, f"{sensor.name}_{axis}_{unit.unit or '?'}", reason, unit.scale)
         for c, axis in zip(triad.channels, "xyz", strict=True)

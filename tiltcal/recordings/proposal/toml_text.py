@@ -76,7 +76,7 @@ def _column(column: "ColumnGuess", proposal: "Proposal") -> list[str]:
     if channel.table != main:
         lines.append(_line("table", channel.table, ""))
         lines += _own_time(proposal.time[channel.table], proposal.time[main])
-    mark = "cannot know the unit: " if column.to.endswith("_?") else ""
+    mark = "cannot know the unit, see the end; " if column.to.endswith("_?") else ""
     lines.append(_line("to", column.to, mark + column.reason))
     if column.scale != 1.0:
         lines.append(_line("scale", column.scale, ""))

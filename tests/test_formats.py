@@ -245,7 +245,7 @@ def test_xsens_text(tmp_path):
     imported = import_file(tmp_path / "a.txt", mapping)
     assert [f.kind for f in imported.findings] == ["time_wrap"]
     assert_same_motion(imported.recording, rtol=1e-8)
-    assert "1 wraps" in imported.recording.metadata["repairs"]
+    assert "1 wraps of 429496.73 s" in imported.recording.metadata["repairs"]
 
 
 # --------------------------------------------------------------------------------------------------

@@ -295,3 +295,14 @@ def test_sensors_that_were_sampled_in_turn_are_understood(tmp_path):
     assert found["gz"] == "gyro_z_deg_s"
     assert found["encoder 1"] == "table_outer_deg"
     assert found["encoder 2"] == "table_inner_deg"
+
+
+def test_a_comma_before_three_digits_everywhere_may_group_thousands(tmp_path):
+    rows = [f"{k / 100:.3f};{x:.3f};{y:.3f};{z:.3f}" for k, (x, y, z) in enumerate(six_faces())]
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(["t;ax;ay;az", *rows]).replace(".", ",") + "\n")
+    found = propose_mapping(path)
+    assert found.dialect.words.decimal == "comma"
+    assert any("groups thousands" in doubt for doubt in found.doubts)
+    path.write_text(path.read_text().replace("9,81", "9,8"))
+    assert not any("groups thousands" in doubt for doubt in propose_mapping(path).doubts)

@@ -79,7 +79,9 @@ def import_file(path: Path | str, mapping: Mapping, budget: Budget | None = None
     said: list[str] = []
     for part in parts:
         findings += find_faults(part.time, part.columns)
-        time, columns, labels, words = repair(part.time, part.columns, part.labels, mapping.repair)
+        time, columns, labels, words = repair(
+            part.time, part.columns, part.labels, mapping.repair, mapping.time.period
+        )
         repaired.append(_Part(time, part.zero, columns, labels))
         said += [*part.repairs, *words]
     metadata = {"imported from": path.name} | mapping.metadata

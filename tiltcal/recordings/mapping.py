@@ -48,6 +48,13 @@ class TimeWords(Part):
     wraps_at: Annotated[float, Field(gt=0)] | None = None
     rate_hz: Annotated[float, Field(gt=0)] | None = None
 
+    @property
+    def period(self) -> float | None:
+        """Time after which the counter starts again, s; None where that is not stated."""
+        if self.wraps_at is None or self.unit == "iso":
+            return None
+        return self.wraps_at * (self.tick_s or COLUMN_UNITS[self.unit].factor)
+
     @model_validator(mode="before")
     @classmethod
     def _known(cls, given: Any) -> Any:

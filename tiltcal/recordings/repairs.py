@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.import_checks import clipped, frozen, is_angle, wrap_mask
@@ -16,7 +16,11 @@ Done = tuple[State, str]
 
 
 def repair(
-    time: Array, columns: Columns, labels: Labels | None, wanted: Sequence[str]
+    time: Array,
+    columns: Columns,
+    labels: Labels | None,
+    wanted: Sequence[str],
+    period: float | None = None,
 ) -> tuple[Array, Columns, Labels | None, list[str]]:
     """A table after the repairs that are wanted, in the order of ``REPAIRS``, and what they did.
 
@@ -24,6 +28,7 @@ def repair(
         time: s, (n,).
         columns: name with unit -> values, (n,) each.
         wanted: names of repairs.
+        period: s, after which the counter of the time starts again; None: from its falls.
 
     Raises:
         TiltcalError: a repair cannot be made on these data.
@@ -32,17 +37,26 @@ def repair(
     said = []
     for name, make in REPAIRS.items():
         if name in wanted:
-            state, words = make(state)
+            state, words = make(state, period)
             if words:
                 said.append(f"{name}: {words}")
     return (*state, said)
 
 
-def _unwrap_time(state: State) -> Done:
+def _unwrap_time(state: State, period: float | None) -> Done:
     time, columns, labels = state
     wraps = wrap_mask(time)
     if not wraps.any():
         return state, ""
+    turns = np.concatenate([[0], np.cumsum(wraps)])
+    period = _period(time, wraps) if period is None else period
+    return (time + period * turns, columns, labels), (
+        f"{wraps.sum()} wraps of {period:.9g} s undone"
+    )
+
+
+def _period(time: Array, wraps: Mask) -> float:
+    """What the time falls by, s, with the usual step."""
     step = np.diff(time)
     usual = float(np.median(step[step > 0]))
     periods = usual - step[wraps]
@@ -53,21 +67,17 @@ def _unwrap_time(state: State) -> Done:
             need="one period of the counter",
             do="split the file where time goes back",
         )
-    period = float(np.max(np.round(periods, 12)))
-    turns = np.concatenate([[0], np.cumsum(wraps)])
-    return (time + period * turns, columns, labels), (
-        f"{wraps.sum()} wraps of {period:.9g} s undone"
-    )
+    return float(np.median(periods))
 
 
-def _sort_time(state: State) -> Done:
+def _sort_time(state: State, _: float | None) -> Done:
     time = state[0]
     order = np.argsort(time, kind="stable")
     moved = int(np.sum(order != np.arange(len(order))))
     return _taken(state, order), f"{moved} rows moved" if moved else ""
 
 
-def _drop_repeated(state: State) -> Done:
+def _drop_repeated(state: State, _: float | None) -> Done:
     time = state[0]
     kept = np.concatenate([[True], np.diff(time) != 0])
     lost = int(np.sum(~kept))
@@ -76,7 +86,7 @@ def _drop_repeated(state: State) -> Done:
     )
 
 
-def _unwrap_angles(state: State) -> Done:
+def _unwrap_angles(state: State, _: float | None) -> Done:
     time, columns, labels = state
     changed = {}
     for name, values in columns.items():
@@ -93,7 +103,7 @@ def _unwrap_angles(state: State) -> Done:
 
 
 def _emptied(find: Callable[[Array], "np.typing.NDArray[np.bool_]"]) -> Callable[..., Done]:
-    def make(state: State) -> Done:
+    def make(state: State, _: float | None) -> Done:
         time, columns, labels = state
         changed, said = {}, []
         for name, values in columns.items():
@@ -117,7 +127,7 @@ def _taken(state: State, rows: "np.typing.NDArray[np.intp]") -> State:
     )
 
 
-REPAIRS: dict[str, Callable[[State], Done]] = {
+REPAIRS: dict[str, Callable[[State, float | None], Done]] = {
     "unwrap_time": _unwrap_time,
     "sort_time": _sort_time,
     "drop_repeated_time": _drop_repeated,

@@ -15,7 +15,7 @@ RATES = (0.4, 8_000.0)
 """Sample rates that instruments have, Hz."""
 _EPOCH = (1.0e9, 2.5e9)  # s, 2001 to 2049
 _ORDERED = 0.95  # share of steps forward in a column of times
-_FINE_TICK = 1e-4  # s of the Xsens SampleTimeFine
+_FINE_TICK, _FINE_WRAP = 1e-4, 2**32  # s, counts of the Xsens SampleTimeFine
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class TimeGuess:
     Args:
         channel: None where no column holds it.
         unit: empty where it is not known.
-        tick_s: of a counter whose tick is none of the units.
+        tick_s: of a counter whose tick is none of the units; wraps_at: counts after which it
+            starts again.
         reason: of the column; unit_reason: of the unit.
         doubts: what cannot be known.
         rate: of samples, Hz; None where it is not known.
@@ -37,6 +38,7 @@ class TimeGuess:
     unit_reason: str
     doubts: Sequence[str] = ()
     tick_s: float | None = None
+    wraps_at: float | None = None
     rate: float | None = None
 
 
@@ -118,7 +120,9 @@ def _with_unit(channel: Channel, reason: str) -> TimeGuess:
     if "sampletimefine" in channel.name.lower():
         why = "SampleTimeFine counts 0.1 ms"
         rate = 1 / (usual * _FINE_TICK)
-        return TimeGuess(channel, "s", reason, why, tick_s=_FINE_TICK, rate=rate)
+        return TimeGuess(
+            channel, "s", reason, why, tick_s=_FINE_TICK, wraps_at=_FINE_WRAP, rate=rate
+        )
     epochs = [
         u
         for u in ("s", "ms", "us", "ns")

@@ -64,7 +64,8 @@ def _time(proposal: "Proposal") -> list[str]:
         return ["[time]", _line("rate_hz", "?", f"cannot know: {time.doubts[0]}")]
     lines = ["[time]", _line("column", time.channel.source, time.reason)]
     if time.tick_s:
-        return [*lines, _line("tick_s", time.tick_s, time.unit_reason)]
+        lines.append(_line("tick_s", time.tick_s, time.unit_reason))
+        return [*lines, _line("wraps_at", time.wraps_at, "it has 32 bits")]
     if not time.unit:
         return [*lines, _line("unit", "?", f"cannot know: {time.doubts[0]}")]
     return [*lines, _line("unit", time.unit, time.unit_reason)]

@@ -13,10 +13,15 @@ import pytest
 from foreign_logs import VARIANTS, Log, score
 
 from tiltcal.cli import main
+from tiltcal.cli.laboratory import simulator
+from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import split_unit
+from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.foreign_files import import_recording
 from tiltcal.recordings.mapping import load_mapping, parse_mapping
 from tiltcal.recordings.proposal.propose import propose_mapping
+from tiltcal.recordings.recording_files import write_recording
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 MOST_UNKNOWN = 0.15  # share of "cannot know" among all that is proposed
@@ -306,3 +311,44 @@ def test_a_comma_before_three_digits_everywhere_may_group_thousands(tmp_path):
     assert any("groups thousands" in doubt for doubt in found.doubts)
     path.write_text(path.read_text().replace("9,81", "9,8"))
     assert not any("groups thousands" in doubt for doubt in propose_mapping(path).doubts)
+
+
+SIMULATED = (
+    "six_faces_dual",
+    "gyro_rates_three",
+    "gyro_turns_by_hand",
+    "fog_scale_by_hand",
+    "norm_by_hand",
+    "placing_table_one_axis",
+    "two_position_level",
+    "tumble_inclinometer",
+)
+
+
+@pytest.mark.parametrize("silent", [False, True], ids=["without units", "without names"])
+@pytest.mark.parametrize("name", SIMULATED)
+def test_recordings_of_the_simulator_without_their_units_are_never_taken_wrong(
+    name, silent, tmp_path
+):
+    run = simulator().record(load_scenario(folder("scenarios") / f"{name}.toml"))
+    path = tmp_path / "run.csv"
+    write_recording(run, path)
+    lines = [x for x in path.read_text().splitlines() if not x.startswith("#")]
+    truth = lines[0].split(",")
+    shown = [
+        f"c{k}" if silent and not t.startswith("table") else split_unit(t)[0]
+        for k, t in enumerate(truth)
+    ]
+    path.write_text("\n".join([",".join(shown), *lines[1:]]) + "\n")
+    found = None
+    with contextlib.suppress(TiltcalError):
+        found = tomllib.loads(propose_mapping(path).toml())
+    if found is None:
+        assert silent  # neither names nor numbers tell a sensor
+        return
+    known = dict(zip(shown, truth, strict=True))
+    assert known[found["time"]["column"]] == "time_s"
+    assert found["time"]["unit"] in ("s", "?")
+    for c in found["column"]:
+        unknown = c["to"].endswith("_?") and known[c["from"]].startswith(c["to"][:-1])
+        assert unknown or c["to"] == known[c["from"]]

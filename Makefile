@@ -39,7 +39,7 @@ docs: setup  ## the user's guide and API reference, into docs/api
 	@$(BIN)/python docs/build.py
 
 lock:  ## renew requirements.lock (needs uv)
-	uv pip compile pyproject.toml --extra cluster --group dev --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -o requirements.lock
+	uv pip compile pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -o requirements.lock
 
 clean:
 	rm -rf .venv build dist docs/api demo-output .pytest_cache .mypy_cache .ruff_cache .hypothesis

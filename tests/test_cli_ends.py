@@ -71,7 +71,7 @@ FOREIGN = {
     "no TOML": ("[file", "1\n", "valid TOML"),
     "no time": (TWICE, "1\n", "time: Field required"),
     "no column": (mapped(source="'acc_y'"), "acc_x,acc_z\n1,2\n", "no column acc_y"),
-    "text": (mapped(), "x,y\n1,2\n3,oops\n", "data line 2: found the text 'oops'"),
+    "text": (mapped(), "x,y\n1,2\noops,3\n", "data line 2: found the text 'oops'"),
     "ragged": (mapped(), "x,y\n1,2\n3\n4,5,6\n", "data line 2: found 1 cells, need 2"),
     "empty": (mapped(BARE), "", "no rows"),
     "no second file": (mapped(BARE, more=SECOND), "1\n", "b.txt: found no such file"),

@@ -55,7 +55,7 @@ def command(folder, *words):
 
 def test_the_loop_on_line_ends_where_the_method_does(field, capsys):
     folder, truth = field
-    assert command(folder, "--estimator", "fog_scale", "--json") == 0
+    assert command(folder, "--estimator", "field_scale", "--json") == 0
     found = json.loads(capsys.readouterr().out)["last"]
     setup = load_scenario(folder / "bench.toml")
     whole = calibrate("fog_scale", read_recording(folder / "run.csv"), setup)
@@ -79,7 +79,7 @@ def test_a_tilt_filter_runs_on_the_same_file(field):
 
 def test_a_rest_that_is_too_short_and_an_unknown_name_are_refused(field, capsys):
     folder, _ = field
-    words = ["--estimator", "fog_scale", "--option", "rest_s=0.01"]
+    words = ["--estimator", "field_scale", "--option", "rest_s=0.01"]
     assert command(folder, *words) == 2
     assert "a first rest of ten readings or more" in capsys.readouterr().err
     assert command(folder, "--estimator", "kalmann") == 2

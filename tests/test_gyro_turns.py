@@ -21,9 +21,10 @@ from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG, G0
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.foreign_files import import_recording
+from tiltcal.recordings.mapping import load_mapping
 from tiltcal.recordings.segmentation import find_segments
 from tiltcal.recordings.static_poses import Poses, PoseSpan
-from tiltcal.recordings.text_import import import_recording, load_mapping
 from tiltcal.validation.accuracy import normalised_error, true_parameters
 
 SCENARIO = load_scenario(folder("scenarios") / "gyro_turns_by_hand.toml")
@@ -255,7 +256,7 @@ def test_wrong_terms_and_too_few_turns_are_refused_in_words():
 @pytest.mark.skipif(not FOLDER.is_dir(), reason=f"the real recordings are not at {FOLDER.name}")
 @pytest.mark.slow
 def test_on_a_real_log_cross_axis_terms_and_then_g_sensitivity_lower_the_held_out_error():
-    here = folder("models").parent / "tests" / "real"
+    here = folder("models").parent / "scenarios" / "real"
     recording = import_recording(
         FOLDER / "xsens_mti" / "xsens_acc.mat", load_mapping(here / "xsens_gyro_map.toml")
     )

@@ -13,7 +13,7 @@ from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import dwells, find_segments
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "recordings"
-WORDS = Path(__file__).parent / "real"
+WORDS = Path(__file__).parents[1] / "scenarios" / "real"
 MILLI_G = 9.80665e-3
 # file, mapping and scenario, least dwells, held-out residual of a careful fit in mg with 9
 # parameters

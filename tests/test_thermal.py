@@ -24,7 +24,7 @@ SENSOR = ACCEL.model_copy(update={"rate_hz": 1.0})
 SETUP = setup_of("handheld", SENSOR)
 HOURS = 3600.0
 REAL = Path(__file__).parents[2] / "shared" / "recordings" / "thermal_cycle" / "imu_raw_data.csv"
-WORDS = Path(__file__).parent / "real"
+WORDS = Path(__file__).parents[1] / "scenarios" / "real"
 FACES = {"+x": 0, "-x": 0, "+y": 1, "-y": 1, "+z": 2, "-z": 2}
 
 

@@ -16,6 +16,8 @@ PARTS = (
     "tiltcal/cli/__init__.py",
     "tiltsim/laboratory.py",
     "tiltcal/scenarios/two_position_level.toml",
+    "tiltcal/scenarios/real/mpu9150_map.toml",
+    "tiltcal/recordings/datasets.toml",
     "tiltcal/report/report.html.jinja",
 )
 

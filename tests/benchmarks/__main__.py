@@ -6,6 +6,7 @@ import sys
 ROOMS = (
     "simulation",
     "reading",
+    "formats",
     "information",
     "placing",
     "designing",

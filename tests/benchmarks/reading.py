@@ -26,11 +26,12 @@ def main() -> None:
         return
     from tiltcal.calibration.methods.registry import calibrate
     from tiltcal.laboratory.scenario import load_scenario
-    from tiltcal.recordings.text_import import import_recording, load_mapping
+    from tiltcal.recordings.foreign_files import import_recording
+    from tiltcal.recordings.mapping import load_mapping
 
     setup, mapping = (
-        load_scenario(ROOT / "tests/real/xsens.toml"),
-        load_mapping(ROOT / "tests/real/xsens_map.toml"),
+        load_scenario(ROOT / "scenarios/real/xsens.toml"),
+        load_mapping(ROOT / "scenarios/real/xsens_map.toml"),
     )
     fits, whole = [], []
     for _ in range(11):

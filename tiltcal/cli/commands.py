@@ -19,7 +19,10 @@ class Command:
 RECORDINGS = {
     "simulate": Command("simulate:simulate", "Simulate a recording of a scenario in MuJoCo."),
     "init": Command("init:init", "Write a commented scenario to start from."),
-    "import": Command("text_import:import_log", "Import a text log from another system."),
+    "import": Command("import_log:import_log", "Import a log from another system."),
+    "datasets": Command(
+        "datasets:datasets", "List published recordings, or get one from its owner."
+    ),
     "segments": Command("segments:segments", "Find the dwells and moves of a recording."),
     "noise": Command("noise:noise", "Estimate Allan coefficients from a recording at rest."),
 }
@@ -32,7 +35,9 @@ CALIBRATION = {
         "estimate:estimate", "Feed a recorded file to an estimator, sample by sample."
     ),
     "check": Command("check:check", "Check a calibration against another recording."),
-    "export": Command("export:export", "Export a calibration as a C header for firmware."),
+    "export": Command(
+        "export:export", "Export a calibration, a noise model or a recording for other programs."
+    ),
     "methods": Command("methods:methods", "List the calibration methods."),
 }
 DIAGNOSIS = {

@@ -39,7 +39,7 @@ def estimate(
 
     Adds the columns of its answers: tilt_x_deg and tilt_y_deg, or those that the
     estimator names. Built in: accelerometer, placing, complementary, kalman, and
-    fog_scale (scale errors of a gyro triad against a FOG, ppm).
+    field_scale (scale errors of a gyro triad against a FOG, ppm).
 
       tiltcal estimate run.csv --scenario bench.toml --estimator kalman -o tilt.csv
     """

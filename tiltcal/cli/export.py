@@ -2,47 +2,145 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from tiltcal.calibration.c_export import header
-from tiltcal.calibration.correction import setup_of
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, require_output
 from tiltcal.cli.verdict import print_verdict
+from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
+
+Format = Literal["c", "px4", "ardupilot", "kalibr", "sdf", "recording"]
+_OF_CALIBRATION = ("c", "px4", "ardupilot")
+_RECORDINGS = (".csv", ".parquet", ".npz", ".mcap")
 
 
 def export(
-    calibration_file: Annotated[Path, Parameter("CAL", help="Calibration, JSON.")],
+    file: Annotated[Path, Parameter("FILE", help="Calibration (JSON), or a recording.")],
     /,
     *,
+    format: Annotated[
+        Format | None,
+        Parameter(
+            help="c (header for firmware), px4, ardupilot: from a calibration;"
+            " kalibr, sdf: from a recording at rest; recording: by the ending of -o."
+        ),
+    ] = None,
     name: Annotated[str, Parameter(help="Prefix of all C names.")] = "tiltcal",
+    topic: Annotated[str, Parameter(help="Topic in the file of kalibr.")] = "/imu",
+    calibration: Annotated[
+        Path | None, Parameter(help="Calibration whose biases the SDF noise has as means.")
+    ] = None,
     output: Annotated[
-        Path | None, Parameter(alias="-o", help="File of the header; stdout if not given.")
+        Path | None, Parameter(alias="-o", help="File to write; text goes to stdout if not given.")
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Export a calibration as a C header for firmware.
+    """Export a calibration, a noise model or a recording for other programs.
 
-    Placing-angle tables: the 2-D array, look-up with rounding and with
-    interpolation, and the corrector, in floating point and in integers. Triads:
-    bias, scale and axes, over temperature too, in floating point. No malloc.
+    C header of placing-angle tables: the 2-D array, look-up with rounding and
+    with interpolation, and the corrector, in floating point and in integers; of
+    triads: bias, scale and axes, over temperature too. It does not use malloc.
 
       tiltcal export CAL.json -o bias.h --name level
+      tiltcal export CAL.json --format px4 -o imu.params
+      tiltcal export rest.csv --format kalibr -o imu.yaml
+      tiltcal export run.csv -o run.mcap            # PlotJuggler, Foxglove, ROS 2
     """
-    require_output("export", output, as_json, "the header")
-    calibration = load_calibration(calibration_file)
-    print_verdict(calibration)
-    text = header(calibration, setup_of(calibration), name)
+    chosen = format or ("c" if file.suffix == ".json" else "recording")
+    if chosen == "recording":
+        return _recording(file, output, as_json)
+    require_output("export", output, as_json, "the text")
+    if chosen in _OF_CALIBRATION:
+        text = _of_calibration(chosen, file, name)
+    else:
+        text = _of_noise(chosen, file, topic, calibration)
     if output is None:
         sys.stdout.write(text)
         return 0
     write_text(output, text)
     if as_json:
-        print_json({"output": str(output), "name": name, "bytes": len(text)})
+        print_json({"output": str(output), "name": name, "format": chosen, "bytes": len(text)})
     else:
-        print(f"{output}: {len(text.splitlines())} lines of C", file=sys.stderr)
+        print(f"{output}: {len(text.splitlines())} lines, {chosen}", file=sys.stderr)
     return 0
+
+
+def _of_calibration(chosen: str, file: Path, name: str) -> str:
+    from tiltcal.calibration import parameter_exports
+    from tiltcal.calibration.c_export import header
+    from tiltcal.calibration.correction import setup_of
+
+    if file.suffix in _RECORDINGS:
+        raise _wrong(chosen, file, "a calibration, CAL.json", "make one with `tiltcal calibrate`")
+    found = load_calibration(file)
+    print_verdict(found)
+    if chosen == "c":
+        return header(found, setup_of(found), name)
+    if chosen == "px4":
+        return parameter_exports.px4_parameters(found)
+    return parameter_exports.ardupilot_parameters(found)
+
+
+def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> str:
+    from tiltcal.calibration.noise_exports import kalibr_yaml, sdf_imu, triad_noise
+    from tiltcal.cli.noise import noise_models
+    from tiltcal.recordings.recording_files import read_recording
+
+    if file.suffix == ".json":
+        raise _wrong(chosen, file, "a recording at rest", "record one: noise is seen at rest only")
+    recording = read_recording(file).require_increasing()
+    models = noise_models(recording)
+    accel = triad_noise(models, "acceleration", recording.source)
+    gyro = triad_noise(models, "rate", recording.source)
+    if chosen == "kalibr":
+        return kalibr_yaml(accel, gyro, topic)
+    return sdf_imu(accel, gyro, _biases(calibration))
+
+
+def _biases(path: Path | None) -> dict[str, Any]:
+    """Quantity -> bias of each axis, SI, of a calibration."""
+    from tiltcal.calibration.correction import setup_of
+
+    if path is None:
+        return {}
+    calibration = load_calibration(path)
+    setup = setup_of(calibration)
+    sensors = [setup.named(n) for n in calibration.sensors()]
+    return {s.quantity: calibration.bias(s) for s in reversed(sensors) if len(s.axes) == 3}
+
+
+def _recording(file: Path, output: Path | None, as_json: bool) -> int:
+    from tiltcal.recordings.formats.mcap_writer import write_mcap
+    from tiltcal.recordings.recording_files import read_recording, write_recording
+
+    if output is None:
+        raise TiltcalError(
+            "command line of `tiltcal export`",
+            found="no -o",
+            need="a file to write the recording to",
+            do="add -o FILE ending in " + ", ".join(_RECORDINGS),
+        )
+    one_of(output.suffix, _RECORDINGS, f"output {output}", "the ending")
+    recording = read_recording(file)
+    if output.suffix == ".mcap":
+        write_mcap(recording, output)
+    else:
+        write_recording(recording, output)
+    if as_json:
+        print_json({"output": str(output), "rows": len(recording)})
+    else:
+        print(f"{output}: {len(recording)} rows", file=sys.stderr)
+    return 0
+
+
+def _wrong(chosen: str, file: Path, need: str, do: str) -> TiltcalError:
+    return TiltcalError(
+        f"command line of `tiltcal export --format {chosen}`",
+        found=f"the file {file.name}",
+        need=need,
+        do=do,
+    )

@@ -180,9 +180,13 @@ def _rig(recording: Recording | None) -> list[str]:
 
 
 def _table_of(recording: Recording) -> Table:
-    """The first table whose axes are the columns of a recording; handheld if there is none."""
+    """The table that the recording's metadata name, or the first whose axes are its columns;
+    handheld if there is none.
+    """
     read = {a for a in axis_names() if recording.channel(angle_channel(a)) is not None}
-    return next((t for t in tables().values() if set(t.axis_names) == read), HANDHELD)
+    fitting = {t.name: t for t in tables().values() if set(t.axis_names) == read}
+    stated = recording.metadata.get("table", "")
+    return fitting.get(stated, next(iter(fitting.values()), HANDHELD))
 
 
 def _default_sensor() -> list[str]:

@@ -128,7 +128,7 @@ ESTIMATORS: dict[str, Factory] = {
     "placing": placing,
     "complementary": complementary,
     "kalman": kalman,
-    "fog_scale": field_scale,
+    "field_scale": field_scale,
 }
 
 

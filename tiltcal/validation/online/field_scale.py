@@ -71,7 +71,7 @@ class FieldScale:
         rest = np.array(self.resting)
         if len(rest) < 10:
             raise TiltcalError(
-                "estimator fog_scale",
+                "estimator field_scale",
                 found=f"{len(rest)} readings at rest",
                 need="a first rest of ten readings or more",
                 do="state a longer rest_s, or rest longer",
@@ -97,7 +97,7 @@ def field_scale(setup: Setup, *, rest_s: float = 20.0) -> FieldScale:
     fogs = setup.sensors("fog")
     if not gyros or not fogs:
         raise TiltcalError(
-            "estimator fog_scale",
+            "estimator field_scale",
             found=f"{len(gyros)} gyro triads and {len(fogs)} FOGs in the scenario",
             need="one of each",
             do="correct the [[sensor]] tables",

@@ -1,0 +1,144 @@
+"""Noise of an IMU in the files of those who simulate or fuse it: kalibr and SDF (Gazebo)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.statistics.allan import NoiseModel
+
+_CORRELATION_S = 1000.0  # far longer than what a simulation notices: a random walk
+
+
+@dataclass(frozen=True)
+class TriadNoise:
+    """Noise of a triad in SI.
+
+    Args:
+        density: N of ``sigma = N sqrt(rate)``, m/s2/rtHz or rad/s/rtHz, (3,).
+        walk: K, m/s3/rtHz or rad/s2/rtHz, (3,); an upper limit where the record does not hold it.
+        limit: whether ``walk`` is only an upper limit on some axis.
+        rate: of samples, Hz.
+    """
+
+    density: Array
+    walk: Array
+    limit: bool
+    rate: float
+
+
+def triad_noise(models: Mapping[str, NoiseModel], quantity: str, source: str) -> TriadNoise:
+    """The noise of the first triad of that quantity.
+
+    Args:
+        models: column -> noise, as the Allan variance of a recording at rest gives it.
+        quantity: acceleration or rate.
+
+    Raises:
+        TiltcalError: there is no such triad in SI-like units.
+    """
+    found: dict[str, list[tuple[NoiseModel, float]]] = {}
+    for column, model in models.items():
+        channel, word = split_unit(column)
+        unit = COLUMN_UNITS[str(word)]
+        name, _, axis = channel.rpartition("_")
+        if unit.quantity == quantity and axis in ("x", "y", "z"):
+            found.setdefault(name, []).append((model, unit.factor))
+    three = next((axes for axes in found.values() if len(axes) == 3), None)
+    if three is None:
+        kind = "accelerometer" if quantity == "acceleration" else "gyro"
+        raise TiltcalError(
+            source,
+            found=f"no {kind} with the axes x, y, z in SI-like units",
+            need="a recording at rest of an accelerometer and a gyro",
+            do="name its columns accel_x_m_s2 ..., gyro_x_rad_s ..., counts converted",
+        )
+    return TriadNoise(
+        np.array([m.values["N"] * f for m, f in three]),
+        np.array([_walk(m) * f for m, f in three]),
+        not all(m.held["K"] for m, _ in three),
+        float(1 / three[0][0].curve.tau[0]),
+    )
+
+
+def _walk(model: NoiseModel) -> float:
+    """K, or the most that the longest averaging time allows."""
+    if model.held["K"]:
+        return model.values["K"]
+    _, high = model.curve.interval(0.95)
+    return float(high[-1] * np.sqrt(3 / model.curve.tau[-1]))
+
+
+def kalibr_yaml(accel: TriadNoise, gyro: TriadNoise, topic: str) -> str:
+    """``imu.yaml`` of kalibr; one number stands for the three axes, their root mean square.
+
+    Source: kalibr, IMU noise model: density sigma with sigma_d = sigma / sqrt(dt), and bias walk
+        sigma_b with sigma_bd = sigma_b sqrt(dt). These are N and K of the Allan variance.
+    """
+    lines = [
+        "# From the Allan variance of a recording at rest. Many users multiply these by 5 to 20:",
+        "# kalibr takes everything else (vibration, temperature, scale errors, time stamps) for",
+        "# noise of this kind, and an optimiser that trusts the IMU too much fits the rest badly.",
+    ]
+    for name, noise, unit in (
+        ("accelerometer", accel, "m/s^2"),
+        ("gyroscope", gyro, "rad/s"),
+    ):
+        mark = "   # upper limit: not visible in this recording" if noise.limit else ""
+        lines += [
+            f"# {name}: {unit}/sqrt(Hz), {unit}/s/sqrt(Hz)",
+            f"{name}_noise_density: {_rms(noise.density):.6g}",
+            f"{name}_random_walk: {_rms(noise.walk):.6g}{mark}",
+        ]
+    lines += [f"rostopic: {topic}", f"update_rate: {accel.rate:.6g}"]
+    return "\n".join(lines) + "\n"
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def sdf_imu(
+    accel: TriadNoise,
+    gyro: TriadNoise,
+    bias: Mapping[str, Sequence[float]],
+) -> str:
+    """The ``<imu>`` block of an SDF sensor.
+
+    ``stddev`` is of one sample, N sqrt(rate). A known bias stands in ``mean``: Gazebo gives the
+    bias of ``bias_mean`` either sign. ``dynamic_bias_stddev`` is K: a random walk, because the
+    correlation time is long.
+
+    Args:
+        bias: acceleration and rate -> bias of each axis, SI; zeros where it is not known.
+    """
+    lines = [f"<!-- update_rate {accel.rate:.6g} Hz; SI units -->", "<imu>"]
+    for tag, noise, quantity in (
+        ("angular_velocity", gyro, "rate"),
+        ("linear_acceleration", accel, "acceleration"),
+    ):
+        lines.append(f"  <{tag}>")
+        for k, axis in enumerate("xyz"):
+            lines += _axis(axis, noise, k, float(bias.get(quantity, (0.0, 0.0, 0.0))[k]))
+        lines.append(f"  </{tag}>")
+    return "\n".join([*lines, "</imu>"]) + "\n"
+
+
+def _axis(axis: str, noise: TriadNoise, k: int, mean: float) -> list[str]:
+    values = {
+        "mean": mean,
+        "stddev": float(noise.density[k] * np.sqrt(noise.rate)),
+        "bias_mean": 0.0,
+        "bias_stddev": 0.0,
+    }
+    if not noise.limit:
+        values |= {
+            "dynamic_bias_stddev": float(noise.walk[k]),
+            "dynamic_bias_correlation_time": _CORRELATION_S,
+        }
+    inner = [f"        <{name}>{value:.9g}</{name}>" for name, value in values.items()]
+    head, end = [f"    <{axis}>", '      <noise type="gaussian">'], ["      </noise>"]
+    return [*head, *inner, *end, f"    </{axis}>"]

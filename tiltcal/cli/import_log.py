@@ -1,0 +1,151 @@
+"""``tiltcal import``."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+
+from tiltcal.cli.options import SEVERAL, Json
+from tiltcal.cli.output import print_json
+from tiltcal.core.errors import TiltcalError, one_of
+from tiltcal.core.files import write_text
+from tiltcal.recordings.foreign_files import Imported, import_file
+from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.mcap_writer import write_mcap
+from tiltcal.recordings.import_checks import Finding
+from tiltcal.recordings.mapping import REPAIRS, Mapping, load_mapping
+from tiltcal.recordings.recording_files import write_recording
+
+
+def import_log(
+    file: Annotated[Path, Parameter(help="Log in a foreign format.")],
+    /,
+    *,
+    mapping: Annotated[
+        Path | None, Parameter("--map", help="Mapping file, TOML. Needed unless --propose.")
+    ] = None,
+    propose: Annotated[
+        bool, Parameter(help="Print a mapping for this file with reasons, and import nothing.")
+    ] = False,
+    repair: Annotated[
+        tuple[str, ...],
+        SEVERAL,
+        Parameter(help=f"Repair faults of the data: {', '.join(REPAIRS)}."),
+    ] = (),
+    memory_gb: Annotated[
+        float, Parameter(help="Refuse a file whose values take more than this.")
+    ] = 4.0,
+    output: Annotated[
+        Path | None,
+        Parameter(alias="-o", help="File of the recording, or of the proposed mapping."),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Import a log from another system.
+
+    Reads text (CSV and its relatives), NPZ, MATLAB, HDF5, Parquet, ROS 1 and
+    ROS 2 bags, MCAP, PX4 ULog and LabVIEW TDMS. --propose writes a mapping file
+    with a reason on each line; check it, then import with it. It describes the
+    columns of the log:
+
+      [file]
+      separator = "space"        # or comma, tab, semicolon, pipe
+      decimal = "point"          # or comma
+      encoding = "utf-8"         # or utf-16, gb18030, cp1252
+      header = false
+      [time]
+      column = 1                 # number or name; without times: rate_hz = 100
+      unit = "s"                 # s, ms, us, ns or iso
+      [[column]]
+      from = 2                   # number or name
+      to = "accel_x_LSB"         # <sensor>_<axis>_<unit>
+      [[column]]
+      file = "gyro.txt"          # a second file with the same rows
+      from = 2
+      to = "gyro_x_LSB"
+
+    In a file with several tables (topics, groups) a column also has
+    table = "sensor_accel".
+    """
+    budget = Budget(memory_gb)
+    if propose:
+        return _propose(file, budget, output, as_json)
+    if mapping is None or output is None:
+        missing = "--map" if mapping is None else "-o"
+        raise TiltcalError(
+            "command line of `tiltcal import`",
+            found=f"no {missing}",
+            need="a mapping file and a file to write",
+            do="add it; `tiltcal import FILE --propose` writes a mapping",
+        )
+    words = _with_repairs(load_mapping(mapping), repair)
+    imported = import_file(file, words, budget)
+    if output.suffix == ".mcap":
+        write_mcap(imported.recording, output)
+    else:
+        write_recording(imported.recording, output)
+    if as_json:
+        print_json(_summary(imported, output))
+    else:
+        _tell(imported, output)
+    return 0
+
+
+def _with_repairs(mapping: Mapping, wanted: Sequence[str]) -> Mapping:
+    names = [one_of(name, REPAIRS, "--repair") for name in wanted]
+    return mapping.model_copy(update={"repair": (*mapping.repair, *names)})
+
+
+def _propose(file: Path, budget: Budget, output: Path | None, as_json: bool) -> int:
+    from tiltcal.recordings.proposal.propose import propose_mapping
+
+    proposal = propose_mapping(file, budget)
+    text = proposal.toml()
+    if output is not None:
+        write_text(output, text)
+    if as_json:
+        print_json(
+            {
+                "mapping": text,
+                "cannot_know": proposal.doubts,
+                "findings": [asdict(f) for f in proposal.findings],
+            }
+        )
+    elif output is None:
+        sys.stdout.write(text)
+    else:
+        doubts = len(proposal.doubts)
+        print(f"{output}: proposed; {doubts} things it cannot know, see there", file=sys.stderr)
+    return 0
+
+
+def _summary(imported: Imported, output: Path) -> dict[str, Any]:
+    recording = imported.recording
+    return {
+        "recording": str(output),
+        "rows": len(recording),
+        "columns": recording.column_names,
+        "steps_back_in_time": int(np.sum(np.diff(recording.time) <= 0)),
+        "findings": [asdict(f) for f in imported.findings],
+        "repairs": list(imported.repairs),
+    }
+
+
+def _tell(imported: Imported, output: Path) -> None:
+    recording = imported.recording
+    channels = len(recording.column_names)
+    print(f"{output}: {len(recording)} rows, {channels} channels", file=sys.stderr)
+    for words in imported.repairs:
+        print(f"repaired: {words}", file=sys.stderr)
+    for finding in imported.findings:
+        print(f"found: {_words(finding, imported.repairs)}", file=sys.stderr)
+
+
+def _words(finding: Finding, repairs: Sequence[str]) -> str:
+    done = any(words.startswith(f"{finding.repair}:") for words in repairs)
+    offer = f"; --repair {finding.repair}" if finding.repair and not done else ""
+    return finding.statement + offer

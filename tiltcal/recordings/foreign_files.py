@@ -1,0 +1,207 @@
+"""Foreign files as recordings: raw columns, a mapping, and repairs where they are asked for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import COLUMN_UNITS
+from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.numbers_in_text import numbers_in
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, RawTable
+from tiltcal.recordings.formats.registry import read_raw
+from tiltcal.recordings.formats.stamps_of_text import iso_stamps
+from tiltcal.recordings.formats.text import bad_cell
+from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
+from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords
+from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.repairs import repair
+
+_FINE = 1e-8  # s; stamps so large that they resolve less are counted from the first second
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A recording with what was found on the way.
+
+    Args:
+        recording: as it is to be written.
+        findings: faults of the data as they came, before any repair.
+        repairs: what was changed, in words.
+    """
+
+    recording: Recording
+    findings: Sequence[Finding]
+    repairs: Sequence[str]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Channels of one time base: time, s, (n,), and columns by their new names, (n,) each."""
+
+    time: Array
+    zero: float
+    columns: dict[str, Array]
+    labels: Labels | None = None
+    repairs: tuple[str, ...] = ()
+
+
+def import_recording(path: Path | str, mapping: Mapping, budget: Budget | None = None) -> Recording:
+    """A foreign file as a Recording.
+
+    Raises:
+        TiltcalError: a file is missing, a cell is no number, or files differ in length.
+    """
+    return import_file(path, mapping, budget).recording
+
+
+def import_file(path: Path | str, mapping: Mapping, budget: Budget | None = None) -> Imported:
+    """A foreign file as a Recording, with the faults of its data.
+
+    Raises:
+        TiltcalError: as ``import_recording`` does, or a repair cannot be made.
+    """
+    path = Path(path)
+    main = read_raw(path, mapping.file, budget)
+    files: dict[str | None, RawFile] = {None: main}
+    for c in mapping.column:
+        if c.file is not None and c.file not in files:
+            files[c.file] = read_raw(path.parent / c.file, mapping.file, budget)
+    parts = [
+        _part(main, files, [c for c in mapping.column if _base(c, mapping) == base], mapping)
+        for base in dict.fromkeys(_base(c, mapping) for c in mapping.column)
+    ]
+    findings = [f for t in main.tables for f in find_bad_lines(t)]
+    repaired: list[_Part] = []
+    said: list[str] = []
+    for part in parts:
+        findings += find_faults(part.time, part.columns)
+        time, columns, labels, words = repair(
+            part.time, part.columns, part.labels, mapping.repair, mapping.time.period
+        )
+        repaired.append(_Part(time, part.zero, columns, labels))
+        said += [*part.repairs, *words]
+    metadata = {"imported from": path.name} | mapping.metadata
+    said += [f"ragged_lines: {f.count} left out" for f in findings if f.kind == "ragged_lines"]
+    if said:
+        metadata["repairs"] = "; ".join(said)
+    return Imported(_joined(repaired, metadata, f"recording {path.name}"), findings, said)
+
+
+def _base(words: ColumnWords, mapping: Mapping) -> tuple[str, int | str | None]:
+    """The table of a column and its time column: one base for all columns that share both."""
+    return mapping.table_of(words), words.time
+
+
+def _part(
+    main: RawFile,
+    files: dict[str | None, RawFile],
+    wanted: Sequence[ColumnWords],
+    mapping: Mapping,
+) -> _Part:
+    table = main.table(mapping.table_of(wanted[0]))
+    own = wanted[0].time
+    clock = mapping.time if own is None else mapping.time.model_copy(update={"column": own})
+    time, zero = time_of(table, clock, main.source)
+    columns: dict[str, Array] = {}
+    said: list[str] = []
+    labels = None
+    for c in wanted:
+        file = files[c.file]
+        source = table if c.file is None else file.table(mapping.table_of(c))
+        if len(source) != len(table):
+            raise TiltcalError(
+                f"foreign recording {c.file}",
+                found=f"{len(source)} rows",
+                need=f"{len(table)} as in {main.source}",
+                do="import it on its own",
+            )
+        raw = source.column(c.from_, file.source)
+        if c.to == "label":
+            labels = np.array([None if t is None else str(t) for t in raw], dtype=object)
+        else:
+            values, words = _numbers(raw, c.to, file.source, mapping)
+            columns[c.to] = _scaled(values, c)
+            said += words
+    return _Part(time, zero, columns, labels, tuple(said))
+
+
+def _scaled(values: Array, words: ColumnWords) -> Array:
+    scaled = values if words.scale == 1.0 else words.scale * values
+    return scaled + words.offset if words.offset else scaled
+
+
+def _numbers(raw: Raw, name: str, source: str, mapping: Mapping) -> tuple[Array, list[str]]:
+    """A column as numbers, and the repair that made it so, in words."""
+    if raw.dtype.kind == "M":
+        raise bad_cell(raw.astype(str).astype(object), source, mapping.file.decimal)
+    if raw.dtype != object:
+        return np.asarray(raw, dtype=float), []
+    values, bad = numbers_in(raw, mapping.file.decimal)
+    if len(bad) and "empty_text" not in mapping.repair:
+        raise bad_cell(raw, source, mapping.file.decimal)
+    said = [f"empty_text: {len(bad)} cells of {name} emptied"] if len(bad) else []
+    return values, said
+
+
+def time_of(table: RawTable, words: TimeWords, source: str) -> tuple[Array, float]:
+    """The time of a table, s, (n,), counted from a zero, s, which is 0 unless the stamps are so
+    large that they would resolve less than 10 ns.
+
+    Raises:
+        TiltcalError: the column holds no times.
+    """
+    if words.column is None:
+        return np.arange(len(table)) / (words.rate_hz or 1.0), 0.0
+    raw = table.column(words.column, source)
+    if words.unit == "iso" or raw.dtype.kind == "M":
+        counts, factor = iso_stamps(raw, source).astype(np.int64), 1e-9
+    elif raw.dtype == object:
+        raise bad_cell(raw, source, "point")
+    else:
+        counts, factor = raw, words.tick_s or COLUMN_UNITS[words.unit].factor
+    if not np.isfinite(counts).all():
+        raise TiltcalError(
+            f"foreign recording {source}, data row {int(np.argmin(np.isfinite(counts))) + 1}",
+            found=f"no time in column {words.column}",
+            need="a number",
+            do="fill it in, or leave out that row",
+        )
+    first = counts[0] if len(counts) else 0
+    exact = counts.dtype.kind == "i"
+    if not exact or np.spacing(abs(float(first)) * factor) < _FINE:
+        return np.asarray(counts * factor, dtype=float), 0.0
+    second = round(1 / factor)
+    zero = int(first) // second * second
+    return np.asarray((counts - zero) * factor, dtype=float), zero * factor
+
+
+def _joined(parts: Sequence[_Part], metadata: dict[str, str], source: str) -> Recording:
+    """One recording of parts that may have time bases of their own."""
+    zero = min(p.zero for p in parts)
+    if zero:
+        metadata = metadata | {"time zero": f"{zero:.0f} s"}
+    times = [p.time + (p.zero - zero) for p in parts]
+    labels = next((p.labels for p in parts if p.labels is not None), None)
+    if all(np.array_equal(t, times[0]) for t in times[1:]):
+        columns = {name: values for p in parts for name, values in p.columns.items()}
+        return Recording.from_columns(
+            times[0], columns, labels=labels, metadata=metadata, source=source
+        )
+    union = np.unique(np.concatenate(times))
+    columns = {}
+    full_labels = None
+    for t, p in zip(times, parts, strict=True):
+        rows = np.searchsorted(union, t)
+        for name, values in p.columns.items():
+            columns[name] = np.full(len(union), np.nan)
+            columns[name][rows] = values
+        if p.labels is not None:
+            full_labels = np.full(len(union), None, dtype=object)
+            full_labels[rows] = p.labels
+    return Recording.from_columns(
+        union, columns, labels=full_labels, metadata=metadata, source=source
+    )

@@ -1,0 +1,1 @@
+"""Foreign formats: each module turns a file into raw columns; ``registry`` picks the module."""

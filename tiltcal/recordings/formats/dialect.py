@@ -1,0 +1,214 @@
+"""The dialect of a text file, found by what its first lines hold: separator, decimal mark, lines
+before the header, header and unit row.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from tiltcal.recordings.formats.cells import (
+    comment_of,
+    kind_of,
+    splitter,
+    without_mark,
+)
+from tiltcal.recordings.formats.unit_words import unit_of
+from tiltcal.recordings.mapping import FileWords
+
+_NUMERIC = {"number", "time", "empty"}
+_MOSTLY = 0.8  # share of a column's cells that makes its kind
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text is to be read.
+
+    Args:
+        words: the layout, as a mapping states it.
+        reasons: key of ``words`` -> why.
+        doubts: what the first lines do not decide.
+        metadata: ``key: value`` lines before the data.
+    """
+
+    words: FileWords
+    reasons: Mapping[str, str]
+    doubts: Sequence[str] = ()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The lines cut in one way.
+
+    Args:
+        separator, decimal: how.
+        rows: (cells of a line) for each line.
+        width: the most frequent number of cells in the later lines.
+        score: share of cells in lines of that width that are numbers.
+    """
+
+    separator: str
+    decimal: str
+    rows: Sequence[Sequence[str]]
+    width: int
+    score: float
+
+
+def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
+    """The dialect of a text; None where no table of numbers is found.
+
+    Args:
+        head: whole lines from its beginning.
+        encoding: as guessed, and why.
+    """
+    lines = head.split("\n")
+    content = [line for line in lines if line.strip() and not comment_of(line)]
+    if not content:
+        return None
+    grids = [g for g in _grids(content, '"' in head) if g.score > 0]
+    if not grids:
+        return None
+    best = max(grids, key=lambda g: round(g.score, 3))
+    start = _first_data(lines, best)
+    if start is None:
+        return None
+    head_words, reasons = _head(lines, start, best)
+    words = FileWords.model_validate(
+        {
+            "separator": best.separator,
+            "decimal": best.decimal,
+            "encoding": encoding,
+            "comment": _comment_inside(lines[start:]),
+            **head_words,
+        }
+    )
+    share = f"{best.score:.0%} of the cells of {len(best.rows)} lines are numbers"
+    reasons |= {
+        "separator": f"cut so, {share} in {best.width} columns",
+        "decimal": _decimal_reason(best),
+        "encoding": why,
+    }
+    doubts = [*_decimal_doubts(best)]
+    return Dialect(words, reasons, doubts, stated_values(lines[:start]))
+
+
+def _grids(content: Sequence[str], quoted: bool) -> list[Grid]:
+    found = []
+    for separator in ("tab", "semicolon", "comma", "pipe", "space"):
+        for decimal in ("point", "comma"):
+            if separator == decimal == "comma" and not quoted:
+                continue
+            cut = splitter(separator)
+            rows = [cut(line) for line in content]
+            later = rows[len(rows) // 3 :]
+            width = Counter(map(len, later)).most_common(1)[0][0]
+            cells = [kind_of(c, decimal) for row in later if len(row) == width for c in row]
+            numbers = sum(kind in _NUMERIC for kind in cells) / max(len(cells), 1)
+            same = sum(len(row) == width for row in later) / len(later)
+            filled = any(kind == "number" for kind in cells)
+            score = numbers * same * (1.0 if width > 1 else 0.9) * filled
+            found.append(Grid(separator, decimal, rows, width, score))
+    return found
+
+
+def _kinds(grid: Grid) -> list[str]:
+    """What each column mostly holds in the later lines."""
+    later = [row for row in grid.rows[len(grid.rows) // 3 :] if len(row) == grid.width]
+    kinds = []
+    for k in range(grid.width):
+        cells = [kind_of(row[k], grid.decimal) for row in later]
+        held = [c for c in cells if c != "empty"]
+        numeric = sum(c in _NUMERIC for c in held) >= _MOSTLY * max(len(held), 1)
+        kinds.append("number" if numeric else "text")
+    return kinds
+
+
+def _first_data(lines: Sequence[str], grid: Grid) -> int | None:
+    """The line that the data begin in."""
+    cut, kinds = splitter(grid.separator), _kinds(grid)
+    for number, line in enumerate(lines):
+        cells = cut(line)
+        if not line.strip() or comment_of(line) or len(cells) != grid.width:
+            continue
+        held = [kind_of(c, grid.decimal) for c, kind in zip(cells, kinds) if kind == "number"]
+        if all(kind in _NUMERIC for kind in held) and "number" in held:
+            return number
+    return None
+
+
+def _head(
+    lines: Sequence[str], start: int, grid: Grid
+) -> tuple[dict[str, int | bool], dict[str, str]]:
+    """skip_lines, header and unit_row, with their reasons."""
+    before = [k for k in range(start) if lines[k].strip()]
+    named = [k for k in before[-2:] if _fits(lines[k], grid)]
+    none = {"header": f"line {start + 1} holds numbers, no line of names stands before it"}
+    if not named or named[-1] != before[-1]:
+        if before:
+            none["skip_lines"] = f"{start} lines before the data, none with a name a column"
+        return {"skip_lines": start, "header": False}, none
+    last = named[-1]
+    if len(named) == 2 and _are_units(lines[last], grid):
+        first = named[0]
+        return {"skip_lines": first, "header": True, "unit_row": True}, {
+            "header": f"line {first + 1} holds {grid.width} names",
+            "unit_row": f"line {last + 1} holds units",
+            "skip_lines": f"{first} lines stand before it",
+        }
+    return {"skip_lines": last, "header": True}, {
+        "header": f"line {last + 1} holds {grid.width} names",
+        "skip_lines": f"{last} lines stand before it",
+    }
+
+
+def _fits(line: str, grid: Grid) -> bool:
+    """Whether a line has a name for each column; a trailing separator may be missing."""
+    cells = splitter(grid.separator)(without_mark(line))
+    named = [c for c in cells if c]
+    texts = sum(kind_of(c, grid.decimal) == "text" for c in named)
+    return abs(len(cells) - grid.width) <= (grid.width > 1) and 2 * texts > len(named) > 0
+
+
+def _are_units(line: str, grid: Grid) -> bool:
+    cells = [c for c in splitter(grid.separator)(without_mark(line)) if c]
+    known = sum(unit_of(c) is not None or c.startswith(("[", "(")) for c in cells)
+    return known > len(cells) / 2
+
+
+def _comment_inside(data: Sequence[str]) -> str:
+    """The mark of comments among the data."""
+    marks = [mark for line in data if (mark := comment_of(line))]
+    return marks[0] if marks else ""
+
+
+def _decimal_reason(grid: Grid) -> str:
+    mark = {"point": ".", "comma": ","}[grid.decimal]
+    seen = any(mark in cell for row in grid.rows for cell in row if cell)
+    return f"numbers hold '{mark}'" if seen else "no number has decimals"
+
+
+def _decimal_doubts(grid: Grid) -> list[str]:
+    if grid.decimal == "point":
+        return []
+    parts = [
+        c.partition(",")[2] for row in grid.rows for c in row if "," in c and kind_of(c, "comma")
+    ]
+    if parts and all(len(p) == 3 for p in parts):
+        return [
+            "whether the comma is a decimal mark or groups thousands:"
+            " three digits follow it everywhere"
+        ]
+    return []
+
+
+def stated_values(lines: Sequence[str]) -> dict[str, str]:
+    """``key: value`` and ``key = value`` of lines before the data."""
+    found = {}
+    for line in lines:
+        text = without_mark(line)
+        for mark in (":", "="):
+            key, there, value = text.partition(mark)
+            if there and 0 < len(key.strip()) <= 40 and value.strip():
+                found[key.strip()] = value.strip()
+                break
+    return found

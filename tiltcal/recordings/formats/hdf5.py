@@ -1,0 +1,85 @@
+"""HDF5 files, and MATLAB files of version 7.3, which are HDF5."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.extras import library
+from tiltcal.recordings.formats.grouping import by_length
+from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
+
+_UNIT_KEYS = ("units", "unit", "UNITS", "Unit", "Units")
+_CLASS = "MATLAB_class"
+_NUMERIC_CLASSES = {"double", "single", "logical"} | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+
+
+def read_hdf5(path: Path, budget: Budget) -> RawFile:
+    """All data sets, and the fields of compound ones, by their paths.
+
+    Raises:
+        TiltcalError: there is no array, only MATLAB objects, or more than the budget.
+    """
+    h5py = library("h5py", "hdf5", "HDF5 and MATLAB v7.3 files")
+    columns: list[tuple[str, Raw]] = []
+    units: dict[str, str] = {}
+    with h5py.File(path, "r") as file:
+        sets = list(_sets(file, h5py))
+        budget.require(sum(_size(item) for _, item in sets), path.name)
+        for name, item in sets:
+            columns += _channels(name, item, units)
+        objects = [k for k, v in file.items() if _matlab_class(v) in ("table", "timetable")]
+    if not columns and objects:
+        raise TiltcalError(
+            f"foreign recording {path.name}",
+            found=f"only MATLAB objects ({', '.join(objects)}), such as a table or timetable",
+            need="plain arrays or structures",
+            do="in MATLAB: S = table2struct(timetable2table(T), 'ToScalar', true);"
+            " save('run.mat', '-struct', 'S')",
+        )
+    return RawFile(path.name, "HDF5", by_length(columns, units, path.name))
+
+
+def _sets(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
+    """(path, data set) of each array; what MATLAB keeps for itself is left out."""
+    waiting = [("", file)]
+    while waiting:
+        place, group = waiting.pop(0)
+        for key, item in group.items():
+            name = f"{place}/{key}".lstrip("/")
+            if isinstance(item, h5py.Dataset) and _is_array(item):
+                yield name, item
+            elif isinstance(item, h5py.Group) and not key.startswith("#"):
+                waiting.append((name, item))
+
+
+def _is_array(item: Any) -> bool:
+    stated = _matlab_class(item)
+    return item.shape is not None and item.ndim <= 2 and stated in ("", *_NUMERIC_CLASSES)
+
+
+def _matlab_class(item: Any) -> str:
+    stated = item.attrs.get(_CLASS, b"")
+    return stated.decode() if isinstance(stated, bytes) else str(stated)
+
+
+def _size(item: Any) -> float:
+    return float(np.prod(item.shape, dtype=float)) * max(item.dtype.itemsize, 8)
+
+
+def _channels(name: str, item: Any, units: dict[str, str]) -> list[tuple[str, Raw]]:
+    """The columns of a data set; its unit is added to ``units``."""
+    values = item[()]
+    if item.dtype.names:
+        return [c for n in item.dtype.names for c in vectors(f"{name}/{n}", values[n])]
+    columns = vectors(name, values)
+    stated = next((item.attrs[k] for k in _UNIT_KEYS if k in item.attrs), None)
+    if stated is not None:
+        text = stated.decode() if isinstance(stated, bytes) else str(stated)
+        units.update({n: text for n, _ in columns})
+    return columns

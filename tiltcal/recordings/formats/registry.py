@@ -1,0 +1,110 @@
+"""All foreign formats, and which of them a file has: by its first bytes, then by its name."""
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import require_file
+from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.extras import unreadable
+from tiltcal.recordings.formats.raw_table import RawFile
+from tiltcal.recordings.mapping import FileWords
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format.
+
+    Args:
+        name: in words.
+        reader: module of this room and function, ``module:function``; imported on use.
+        marks: what its files begin with.
+        suffixes: how their names end, where the content says nothing.
+    """
+
+    name: str
+    reader: str
+    marks: tuple[bytes, ...] = ()
+    suffixes: tuple[str, ...] = ()
+
+    def read(self, path: Path, words: FileWords, budget: Budget) -> RawFile:
+        """The raw tables of a file.
+
+        Raises:
+            TiltcalError: it cannot be read, is above the budget, or a library is missing.
+        """
+        module, _, function = self.reader.partition(":")
+        reader = getattr(importlib.import_module(f"{__package__}.{module}"), function)
+        try:
+            return reader(path, words, budget) if self is TEXT else reader(path, budget)
+        except TiltcalError:
+            raise
+        except Exception as error:  # libraries raise anything on a broken file
+            raise unreadable(path.name, self.name, error) from error
+
+
+TEXT = Format("text", "text:read_text")
+BAG_FOLDER = Format("ROS 2 bag", "ros_bags:read_bag")
+BINARY = (
+    Format("Parquet", "parquet_tables:read_parquet_tables", (b"PAR1",), (".parquet", ".pq")),
+    Format("NPZ", "numpy_archive:read_npz", (b"PK\x03\x04", b"PK\x05\x06"), (".npz",)),
+    Format("MATLAB", "matlab:read_matlab", (b"MATLAB 5.0",)),
+    Format("MATLAB v7.3", "hdf5:read_hdf5", (b"MATLAB 7.3",)),
+    Format("HDF5", "hdf5:read_hdf5", (b"\x89HDF\r\n\x1a\n",), (".h5", ".hdf5", ".hdf")),
+    Format("ROS 1 bag", "ros_bags:read_bag", (b"#ROSBAG V2.0",), (".bag",)),
+    Format("ROS 2 bag", "ros_bags:read_bag", (b"SQLite format 3\x00",), (".db3",)),
+    Format("MCAP", "mcap_files:read_mcap", (b"\x89MCAP0\r\n",), (".mcap",)),
+    Format("ULog", "ulog:read_ulog", (b"ULog\x01\x12\x35",), (".ulg", ".ulog")),
+    Format("TDMS", "tdms:read_tdms", (b"TDSm",), (".tdms",)),
+)
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"7z\xbc\xaf": "7-Zip"}
+_LONGEST = 32  # bytes that tell a format
+
+
+def format_of(path: Path) -> Format:
+    """The format of a file or of the folder of a ROS 2 bag.
+
+    Raises:
+        TiltcalError: it is missing, empty, compressed, or a binary of no known format.
+    """
+    if path.is_dir() and (path / "metadata.yaml").exists():
+        return BAG_FOLDER
+    require_file(path, "foreign recording")
+    with path.open("rb") as file:
+        head = file.read(_LONGEST)
+    for format in BINARY:
+        if head.startswith(format.marks):
+            return format
+    for format in BINARY:
+        if path.suffix.lower() in format.suffixes:
+            return format
+    packed = next((name for mark, name in _PACKED.items() if head.startswith(mark)), None)
+    if packed is not None:
+        raise TiltcalError(
+            f"foreign recording {path.name}",
+            found=f"a file compressed by {packed}",
+            need="the file that is inside",
+            do="decompress it first",
+        )
+    if head.count(0) > len(head) * 3 / 4:
+        raise TiltcalError(
+            f"foreign recording {path.name}",
+            found="a binary file of no format that is known",
+            need="text, " + ", ".join(dict.fromkeys(f.name for f in BINARY)),
+            do="export it in one of these",
+        )
+    return TEXT
+
+
+def read_raw(path: Path, words: FileWords, budget: Budget | None = None) -> RawFile:
+    """The raw tables of a foreign file.
+
+    Args:
+        words: the layout, for text.
+        budget: how much memory the values may take.
+
+    Raises:
+        TiltcalError: as ``Format.read`` and ``format_of`` do.
+    """
+    return format_of(path).read(path, words, budget or Budget())

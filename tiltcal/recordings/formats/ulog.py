@@ -1,0 +1,53 @@
+"""PX4 ULog files, by the library pyulog."""
+
+import contextlib
+import io
+from pathlib import Path
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.extras import library
+from tiltcal.recordings.formats.raw_table import DAMAGED, RawFile, RawTable, typed
+
+TIME = "timestamp"
+"""The column of time stamps, us, that every topic has."""
+_UNITS = {
+    "sensor_accel": dict.fromkeys(("x", "y", "z"), "m/s2"),
+    "sensor_gyro": dict.fromkeys(("x", "y", "z"), "rad/s"),
+    "sensor_combined": {f"accelerometer_m_s2[{k}]": "m/s2" for k in range(3)}
+    | {f"gyro_rad[{k}]": "rad/s" for k in range(3)},
+}
+"""Units of the fields, as the messages of PX4 define them."""
+
+
+def read_ulog(path: Path, budget: Budget) -> RawFile:
+    """One table a topic; further instances of a topic are called ``<topic>_1`` and so on.
+
+    Raises:
+        TiltcalError: the library is missing, or nothing was logged.
+    """
+    core = library("pyulog", "ulog", "ULog files")
+    budget.require(path.stat().st_size, path.name)
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), path.open("rb") as file:
+        log = core.ULog(file)
+    words = said.getvalue().strip().splitlines()
+    damage = {DAMAGED: words[0] if words else "corrupt"} if log.file_corruption or words else {}
+    tables: list[RawTable] = []
+    for data in log.data_list:
+        name = data.name if data.multi_id == 0 else f"{data.name}_{data.multi_id}"
+        columns = [(n, typed(values)) for n, values in data.data.items()]
+        kept = sorted(
+            ((n, v) for n, v in columns if v is not None), key=lambda pair: pair[0] != TIME
+        )
+        units = {TIME: "us"} | _UNITS.get(data.name, {})
+        units |= dict.fromkeys((n for n, _ in kept if n == "temperature"), "degC")
+        tables.append(RawTable(name, tuple(kept), units, {} if tables else damage))
+    if not tables:
+        raise TiltcalError(
+            f"foreign recording {path.name}",
+            found="no logged topic",
+            need="topics such as sensor_accel",
+            do="log the topics of the sensors",
+        )
+    return RawFile(path.name, "ULog", tuple(tables))

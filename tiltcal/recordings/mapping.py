@@ -1,0 +1,166 @@
+"""Mapping files: which columns of a foreign file become which channels, TOML."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.files import require_file
+from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.setup.sensor import Part
+
+Repair = Literal[
+    "sort_time",
+    "drop_repeated_time",
+    "unwrap_time",
+    "unwrap_angles",
+    "empty_frozen",
+    "empty_clipped",
+    "empty_text",
+]
+REPAIRS: tuple[str, ...] = get_args(Repair)
+UNKNOWN = "?"
+"""Stands in a proposed mapping where the file does not say it."""
+
+
+class FileWords(Part):
+    """Layout of the text, and the table that columns stand in where a file has several."""
+
+    separator: Literal["space", "comma", "tab", "semicolon", "pipe"] = "comma"
+    decimal: Literal["point", "comma"] = "point"
+    encoding: str = "utf-8"
+    skip_lines: Annotated[int, Field(ge=0)] = 0
+    header: bool = True
+    unit_row: bool = False
+    comment: str = ""
+    ragged_lines: Literal["refuse", "drop"] = "refuse"
+    table: str = ""
+
+
+class TimeWords(Part):
+    """Source of the time: a column, or the sample rate."""
+
+    column: int | str | None = None
+    unit: Literal["s", "ms", "us", "ns", "iso"] = "s"
+    tick_s: Annotated[float, Field(gt=0)] | None = None
+    wraps_at: Annotated[float, Field(gt=0)] | None = None
+    rate_hz: Annotated[float, Field(gt=0)] | None = None
+
+    @property
+    def period(self) -> float | None:
+        """Time after which the counter starts again, s; None where that is not stated."""
+        if self.wraps_at is None or self.unit == "iso":
+            return None
+        return self.wraps_at * (self.tick_s or COLUMN_UNITS[self.unit].factor)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known(cls, given: Any) -> Any:
+        for key in ("unit", "rate_hz", "column"):
+            if isinstance(given, dict) and given.get(key) == UNKNOWN:
+                raise ValueError(f"{key} is '?': the file does not say it; fill it in")
+        return given
+
+    @model_validator(mode="after")
+    def _one(self) -> "TimeWords":
+        if (self.column is None) == (self.rate_hz is None):
+            raise ValueError("give either column or rate_hz")
+        return self
+
+
+class ColumnWords(Part):
+    """One channel: its column, its name here, and its time column where that differs."""
+
+    from_: Annotated[int | str, Field(alias="from")]
+    to: str
+    file: str | None = None
+    table: str | None = None
+    time: int | str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @model_validator(mode="after")
+    def _unit(self) -> "ColumnWords":
+        if self.to.endswith(f"_{UNKNOWN}"):
+            raise ValueError(f"the unit of '{self.to}' is not known from the file; fill it in")
+        if self.to != "label" and split_unit(self.to)[1] is None:
+            raise ValueError(f"'{self.to}' ends in no unit ({', '.join(COLUMN_UNITS)})")
+        return self
+
+
+class Mapping(Part):
+    """A mapping file."""
+
+    file: FileWords = FileWords()
+    time: TimeWords
+    column: tuple[ColumnWords, ...]
+    repair: tuple[Repair, ...] = ()
+    metadata: dict[str, str] = {}
+
+    @field_validator("column")
+    @classmethod
+    def _distinct(cls, columns: tuple[ColumnWords, ...]) -> tuple[ColumnWords, ...]:
+        names = [c.to for c in columns]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"'{twice[0]}' stands twice")
+        return columns
+
+    def table_of(self, column: ColumnWords) -> str:
+        """The table that a column stands in."""
+        return self.file.table if column.table is None else column.table
+
+
+def load_mapping(path: Path | str) -> Mapping:
+    """Read a mapping file.
+
+    Raises:
+        TiltcalError: naming every wrong key.
+    """
+    path = require_file(Path(path), "mapping")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise _no_toml(path.name, error) from error
+    return parse_mapping(text, path.name)
+
+
+def parse_mapping(text: str, name: str) -> Mapping:
+    """A mapping from its text.
+
+    Raises:
+        TiltcalError: naming every wrong key.
+    """
+    try:
+        return Mapping.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise _no_toml(name, error) from error
+    except ValidationError as error:
+        lines = "; ".join(_problem(e) for e in error.errors())
+        raise TiltcalError(
+            f"mapping {name}",
+            found=lines,
+            need="a mapping as `tiltcal import --help` shows",
+            do="correct these keys",
+        ) from error
+
+
+def _no_toml(name: str, error: ValueError) -> TiltcalError:
+    return TiltcalError(
+        f"mapping {name}", found=str(error), need="valid TOML", do="correct that line"
+    )
+
+
+_PARTS: dict[str, type[Part]] = {"file": FileWords, "time": TimeWords, "column": ColumnWords}
+
+
+def _problem(error: Any) -> str:
+    """One wrong key in words, with the nearest valid one."""
+    path = ".".join(str(part + 1) if isinstance(part, int) else part for part in error["loc"])
+    if error["type"] != "extra_forbidden":
+        return f"{path}: {error['msg'].removeprefix('Value error, ')}"
+    part = _PARTS.get(error["loc"][0], Mapping) if len(error["loc"]) > 1 else Mapping
+    valid = [f.alias or name for name, f in part.model_fields.items()]
+    return f"{path}: unknown key; {nearest(str(error['loc'][-1]), valid)}"

@@ -1,0 +1,252 @@
+"""A mapping proposed for a foreign file: what its names, its units and its numbers say."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.formats.budget import Budget
+from tiltcal.recordings.formats.dialect import Dialect
+from tiltcal.recordings.formats.raw_table import RawFile
+from tiltcal.recordings.formats.registry import TEXT, format_of
+from tiltcal.recordings.formats.text import text_dialect
+from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
+from tiltcal.recordings.mapping import FileWords
+from tiltcal.recordings.proposal.channels import Channel, channels_of
+from tiltcal.recordings.proposal.gravity import norm_at_rest
+from tiltcal.recordings.proposal.other_channels import find_labels, find_others
+from tiltcal.recordings.proposal.sensors import Sensor, Triad, find_triads, with_units
+from tiltcal.recordings.proposal.stated_rate import stated_rate
+from tiltcal.recordings.proposal.table_kind import TableGuess, find_table
+from tiltcal.recordings.proposal.time_axis import TimeGuess, find_time
+from tiltcal.recordings.proposal.toml_text import proposal_text
+
+_EVEN = 0.12  # relative spread of the norm of gravity over the rests
+FRAMES = (
+    "how the instrument is mounted, and whether a positive reading is specific force (+g with the"
+    " axis up) or gravity: record a face that is known and compare with"
+    " `tiltcal explain-frames`"
+)
+
+
+@dataclass(frozen=True)
+class ColumnGuess:
+    """A proposed channel.
+
+    Args:
+        channel: the column.
+        to: its name here; ends in ``_?`` where the unit cannot be known.
+        reason: in words.
+        scale, offset: to its unit.
+    """
+
+    channel: Channel
+    to: str
+    reason: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A proposed mapping.
+
+    Args:
+        source, format, rows: of the file.
+        dialect: of a text; None for other formats.
+        time: of each table that has channels, by its name.
+        columns: proposed channels.
+        table: that turned the instrument.
+        left_out: columns that are not proposed, with a word on each.
+        doubts: what cannot be known.
+        findings: faults of the data.
+    """
+
+    source: str
+    format: str
+    rows: int
+    dialect: Dialect | None
+    time: dict[str, TimeGuess]
+    columns: Sequence[ColumnGuess]
+    table: TableGuess | None
+    left_out: Sequence[str] = ()
+    doubts: Sequence[str] = ()
+    findings: Sequence[Finding] = field(default_factory=tuple)
+
+    def toml(self) -> str:
+        """The mapping as commented TOML."""
+        return proposal_text(self)
+
+
+def propose_mapping(path: Path | str, budget: Budget | None = None) -> Proposal:
+    """The proposed mapping of a file.
+
+    Raises:
+        TiltcalError: the file cannot be read, or holds no table of numbers.
+    """
+    path = Path(path)
+    budget = budget or Budget()
+    format = format_of(path)
+    dialect = text_dialect(path) if format is TEXT else None
+    words = FileWords() if dialect is None else dialect.words
+    file = format.read(path, words.model_copy(update={"ragged_lines": "drop"}), budget)
+    channels, faults = channels_of(file, words.decimal)
+    times = {
+        t.name: find_time(
+            [c for c in channels if c.table == t.name],
+            stated_rate({**t.metadata, **({} if dialect is None else dialect.metadata)}),
+        )
+        for t in file.tables
+    }
+    with warnings.catch_warnings():  # columns may hold anything
+        warnings.simplefilter("ignore", RuntimeWarning)
+        found = _proposal(file, channels, times, dialect)
+    used = {c.channel.name for c in found.columns}
+    return replace(found, findings=[*(f for f in faults if f.column in used), *found.findings])
+
+
+def _proposal(
+    file: RawFile,
+    channels: Sequence[Channel],
+    times: dict[str, TimeGuess],
+    dialect: Dialect | None,
+) -> Proposal:
+    taken = [id(t.channel) for t in times.values() if t.channel is not None]
+    rest = [c for c in channels if id(c) not in taken]
+    triads = [
+        triad
+        for name, time in times.items()
+        for triad in find_triads([c for c in rest if c.table == name], time.rate)
+    ]
+    sensors = with_units(triads, {name: time.rate for name, time in times.items()})
+    table, angles = _table(rest, triads)
+    columns = [guess for s in sensors for guess in _columns(s)]
+    used = {id(c) for s in sensors for c in s.triad.channels}
+    columns += _angles(table, angles)
+    used |= {id(c.channel) for c in columns}
+    others, doubts = find_others([c for c in rest if id(c) not in used])
+    columns += [ColumnGuess(*o) for o in others]
+    columns += [ColumnGuess(*o) for o in find_labels([c for c in rest if id(c) not in used])]
+    if not columns:
+        raise _nothing(file)
+    used |= {id(c.channel) for c in columns}
+    tables = list(dict.fromkeys(c.channel.table for c in columns))
+    return Proposal(
+        file.source,
+        file.format,
+        max(len(t) for t in file.tables if t.name in tables),
+        dialect,
+        {name: times[name] for name in tables},
+        columns,
+        table,
+        _left_out([c for c in rest if id(c) not in used], triads),
+        _doubts(dialect, [times[name] for name in tables], sensors, table, doubts),
+        [*(f for t in file.tables for f in find_bad_lines(t)), *_findings(columns, times)],
+    )
+
+
+def _table(
+    rest: Sequence[Channel], triads: Sequence[Triad]
+) -> tuple[TableGuess | None, list[Channel]]:
+    """The table, and the columns that may be its angles."""
+    roles = ("outer", "middle", "inner", "angle")
+    angles = [c for c in rest if c.numeric and c.meaning.role in roles and not c.meaning.axis]
+    if not 1 <= len(angles) <= 3:
+        return None, []
+    angles = [c for c in angles if c.table == angles[0].table]
+    even = [
+        t
+        for t in triads
+        if t.kind == "accel"
+        and t.windows is not None
+        and norm_at_rest(t.windows)[1] < _EVEN
+        and len(t.values) == len(angles[0].raw)
+    ]
+    if not even:
+        return find_table(angles, None, None), angles
+    return find_table(angles, even[0].values, even[0].windows), angles
+
+
+def _columns(sensor: Sensor) -> list[ColumnGuess]:
+    triad, unit = sensor.triad, sensor.unit
+    reason = f"{triad.reason}; {unit.reason}" if unit.reason else triad.reason
+    return [
+        ColumnGuess(c, f"{sensor.name}_{axis}_{unit.unit or '?'}", reason, unit.scale)
+        for c, axis in zip(triad.channels, "xyz", strict=True)
+    ]
+
+
+def _angles(table: TableGuess | None, angles: Sequence[Channel]) -> list[ColumnGuess]:
+    if table is None:
+        return []
+    return [
+        ColumnGuess(c, f"table_{table.axes[c.name]}_{table.unit or '?'}", table.reason)
+        for c in angles
+        if c.name in table.axes
+    ]
+
+
+def _left_out(channels: Sequence[Channel], triads: Sequence[Triad]) -> list[str]:
+    unknown = {id(c) for t in triads if not t.kind for c in t.channels}
+    words = []
+    for c in channels:
+        if id(c) in unknown:
+            what = "cannot know: accelerometer or magnetometer"
+        else:
+            what = c.meaning.role or ("text" if not c.numeric else "not recognised")
+        words.append(f"{c.table + ': ' if c.table else ''}{c.name} ({what})")
+    return words
+
+
+def _doubts(
+    dialect: Dialect | None,
+    times: Sequence[TimeGuess],
+    sensors: Sequence[Sensor],
+    table: TableGuess | None,
+    more: Sequence[str],
+) -> list[str]:
+    found = list(dialect.doubts) if dialect else []
+    found += [d for t in times for d in t.doubts]
+    for s in sensors:
+        if s.unit.doubt:
+            found.append(f"{s.name}: {s.unit.doubt}")
+        if not s.triad.axes_known:
+            found.append(f"{s.name}: that its columns are x, y and z in this order")
+        if s.triad.kind == "accel" and s.unit.unit == "LSB" and not s.triad.axes_known:
+            found.append(f"{s.name}: that it is no magnetometer, which depends on attitude as well")
+    if table is not None and table.doubt:
+        found.append(table.doubt)
+    found += more
+    if sensors:
+        found.append(FRAMES)
+    return list(dict.fromkeys(found))
+
+
+def _findings(columns: Sequence[ColumnGuess], times: dict[str, TimeGuess]) -> list[Finding]:
+    found: list[Finding] = []
+    for name in dict.fromkeys(c.channel.table for c in columns):
+        clock = times[name].channel
+        inside = [c for c in columns if c.channel.table == name and c.channel.numeric]
+        rows = len(inside[0].channel.raw) if inside else 0
+        numeric = clock is not None and clock.numeric
+        time = clock.values if clock is not None and numeric else np.arange(float(rows))
+        found += find_faults(time, {_plain(c.to): c.channel.values for c in inside})
+    return found
+
+
+def _plain(name: str) -> str:
+    """A name that ends in a unit, for the checks."""
+    return name.replace("_?", "_LSB")
+
+
+def _nothing(file: RawFile) -> TiltcalError:
+    names = [c.name for c in channels_of(file)[0]]
+    return TiltcalError(
+        f"foreign recording {file.source}",
+        found=f"columns {', '.join(names[:8])}, none of which is like a sensor",
+        need="three columns of an accelerometer or a gyro, or angles of a table",
+        do="write the mapping by hand: see `tiltcal import --help`",
+    )

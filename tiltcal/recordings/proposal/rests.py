@@ -1,0 +1,89 @@
+"""Short windows of three columns: their means, and which of them are at rest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Mask
+
+_WINDOWS = 4000  # at most so many are looked at
+_LEAST = 8  # rows of a window
+_QUIET = 2.0  # times the noise of the quietest tenth
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of equal length.
+
+    Args:
+        means: (m, k).
+        quiet: whether the window is at rest, (m,).
+        noise: standard deviation of a reading in the quiet windows, of all channels together.
+        size: rows of a window.
+    """
+
+    means: Array
+    quiet: Mask
+    noise: float
+    size: int
+
+    @property
+    def at_rest(self) -> Array:
+        """Means of the windows at rest, (r, k)."""
+        return self.means[self.quiet]
+
+
+def filled(values: Array) -> Array:
+    """Readings with what was not sampled interpolated between its neighbours, (n, k)."""
+    if np.isfinite(values).all():
+        return values
+    rows, found = np.arange(len(values)), np.array(values)
+    for k in range(values.shape[1]):
+        known = np.isfinite(values[:, k])
+        if known.any():
+            found[:, k] = np.interp(rows, rows[known], values[known, k])
+    return np.nan_to_num(found)
+
+
+def windows_of(values: Array, rate: float | None) -> Windows | None:
+    """The windows of readings; None where there are too few rows.
+
+    Args:
+        values: (n, k).
+        rate: of samples, Hz; None: 32 rows make a window.
+    """
+    size = max(_LEAST, round((rate or 64.0) / 2))
+    size = min(size, max(_LEAST, len(values) // 8))
+    values = values[np.isfinite(values).all(axis=1)]
+    count = len(values) // size
+    if count < 2:
+        return None
+    cut = values[: count * size].reshape(count, size, -1)
+    cut = cut[:: max(1, count // _WINDOWS)]
+    spread = np.sqrt(cut.var(axis=1).sum(axis=1))
+    usable = np.isfinite(spread)
+    if usable.sum() < 2:
+        return None
+    cut, spread = cut[usable], spread[usable]
+    quietest = float(np.quantile(spread, 0.1))
+    quiet = spread <= max(_QUIET * quietest, float(spread.min()))
+    noise = float(np.median(spread[quiet])) / np.sqrt(values.shape[1])
+    return Windows(cut.mean(axis=1), quiet, noise, size)
+
+
+def apart(windows: Windows) -> float:
+    """How far the rests lie from each other, as a share of the whole range of the means: near 1
+    where the rest depends on the attitude, near 0 where all rests read the same.
+    """
+    rest = windows.at_rest
+    middle = np.median(rest, axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((rest - middle) ** 2, axis=1))))
+    reach = float(np.max(np.linalg.norm(windows.means - middle, axis=1)))
+    return spread / reach if reach > 0 else 0.0
+
+
+def moves(windows: Windows) -> bool:
+    """Whether some windows read something else than noise about the rests."""
+    middle = np.median(windows.at_rest, axis=0)
+    reach = float(np.max(np.linalg.norm(windows.means - middle, axis=1)))
+    return reach > 20 * windows.noise and bool((~windows.quiet).any())

@@ -1,0 +1,224 @@
+"""Triads of columns that are accelerometers and gyros, with their units."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.recordings.proposal.channels import Channel
+from tiltcal.recordings.proposal.gravity import UnitGuess, norm_at_rest, unit_by_norm
+from tiltcal.recordings.proposal.rests import Windows, apart, moves, windows_of
+from tiltcal.recordings.proposal.turning import Turning, follow, unit_of_gyro
+
+_EVEN = 0.12  # relative spread of the norm of gravity over the rests
+_ATTITUDE, _ALIKE = 0.25, 0.05  # of rests that depend on the attitude; that are all alike
+
+
+@dataclass(frozen=True, eq=False)
+class Triad:
+    """Three columns of one sensor.
+
+    Args:
+        kind: accel, gyro or magnetometer; empty where it cannot be known.
+        channels: in the order of its axes.
+        reason: why it is that sensor.
+        axes_known: whether their names say which axis each is.
+    """
+
+    kind: str
+    channels: tuple[Channel, ...]
+    reason: str
+    axes_known: bool
+    windows: Windows | None
+
+    @property
+    def values(self) -> Array:
+        """(n, 3)."""
+        return np.column_stack([c.values for c in self.channels])
+
+    @property
+    def stated(self) -> str:
+        """The unit that the file states for all three; empty where it does not."""
+        units = {c.unit for c in self.channels}
+        return units.pop() if len(units) == 1 else ""
+
+    @property
+    def whole(self) -> bool:
+        """Whether all readings are whole numbers."""
+        return all(c.whole for c in self.channels)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A triad with its name here and its unit."""
+
+    name: str
+    triad: Triad
+    unit: UnitGuess
+
+
+def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
+    """The triads among the channels of one table that are no time.
+
+    Args:
+        rate: of samples, Hz; None where it is not known.
+    """
+    named = _named(channels, rate)
+    taken = {id(c) for t in named for c in t.channels}
+    rest = [c for c in channels if id(c) not in taken and c.numeric and c.meaning.role == ""]
+    by_axis = _axes_only(rest, rate)
+    taken |= {id(c) for t in by_axis for c in t.channels}
+    unnamed = _unnamed([c for c in rest if id(c) not in taken], rate)
+    return _borne_out(named, _only_one_gravity(by_axis + unnamed), rate)
+
+
+def _borne_out(named: Sequence[Triad], seen: Sequence[Triad], rate: float | None) -> list[Triad]:
+    """All triads, less those whose name says nothing and whose numbers do not suffice: a gyro
+    without counts that gravity does not follow, an accelerometer without counts or a known norm.
+    """
+    accel = [t for t in (*named, *seen) if t.kind == "accel"]
+    kept = []
+    for t in seen:
+        if t.kind == "accel" and not t.whole:
+            good = bool(unit_by_norm(t.windows, "", t.whole).unit)
+        elif t.kind == "gyro" and not t.whole:
+            turnings = [_turning(a, t, rate) for a in accel if len(a.values) == len(t.values)]
+            good = any(turning is not None and turning.fits for turning in turnings)
+        else:
+            good = True
+        kept.append(t if good else replace(t, kind=""))
+    return [*named, *kept]
+
+
+def _axes_only(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
+    """Columns whose names say their axes and nothing else, by their behaviour."""
+    groups: dict[str, dict[str, Channel]] = {}
+    for c in channels:
+        if c.meaning.axis:
+            groups.setdefault(c.meaning.group, {}).setdefault(c.meaning.axis, c)
+    found = []
+    for axes in groups.values():
+        if len(axes) == 3:
+            three = tuple(axes[a] for a in "xyz")
+            windows = _together(three, rate)
+            kind, reason = _kind(windows) if windows is not None else ("", "")
+            if kind:
+                found.append(
+                    Triad(kind, three, reason.replace("neighbours", "axes"), True, windows)
+                )
+    return found
+
+
+def _named(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
+    groups: dict[tuple[str, str], dict[str, Channel]] = {}
+    for c in channels:
+        if c.numeric and c.meaning.axis and c.meaning.role in ("accel", "gyro", "magnetometer"):
+            groups.setdefault((c.meaning.role, c.meaning.group), {}).setdefault(c.meaning.axis, c)
+    found = []
+    for (role, _), axes in groups.items():
+        if len(axes) == 3:
+            three = tuple(axes[a] for a in "xyz")
+            values = np.column_stack([c.values for c in three])
+            found.append(Triad(role, three, "its name", True, windows_of(values, rate)))
+    return found
+
+
+def _together(three: Sequence[Channel], rate: float | None) -> Windows | None:
+    """The windows of three columns that were sampled in the same rows."""
+    values = np.column_stack([c.values for c in three])
+    known = np.isfinite(values)
+    return windows_of(values, rate) if np.all(known.all(axis=1) == known.any(axis=1)) else None
+
+
+def _unnamed(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
+    """Neighbouring columns that behave as the axes of one sensor."""
+    found: list[Triad] = []
+    k = 0
+    while k + 3 <= len(channels):
+        three = tuple(channels[k : k + 3])
+        windows = _together(three, rate)
+        kind, reason = _kind(windows) if windows is not None else ("", "")
+        if kind:
+            found.append(Triad(kind, three, reason, False, windows))
+            k += 3
+        else:
+            k += 1
+    return found
+
+
+def _kind(windows: Windows) -> tuple[str, str]:
+    """accel or gyro, by the rests."""
+    norm, spread = norm_at_rest(windows)
+    share = apart(windows)
+    by_norm = unit_by_norm(windows, "", False).unit
+    if by_norm and spread < _EVEN and norm > 20 * windows.noise:
+        return "accel", f"three neighbours whose norm at rest is even, {norm:.4g}"
+    if not moves(windows):
+        return "", ""
+    if share > _ATTITUDE:
+        return "accel", "three neighbours whose rests depend on the attitude, as gravity does"
+    if share < _ALIKE:
+        return "gyro", "three neighbours that read the same at every rest, and move between"
+    return "", ""
+
+
+def _only_one_gravity(found: list[Triad]) -> list[Triad]:
+    """A second triad with an even norm may be a magnetometer: those that read 9.8 are not, and of
+    others none is known.
+    """
+    gravity = [t for t in found if t.kind == "accel"]
+    if len(gravity) < 2:
+        return found
+    sure = [t for t in gravity if unit_by_norm(t.windows, "", t.whole).unit == "m_s2"]
+    return [replace(t, kind="") if t in gravity and t not in sure else t for t in found]
+
+
+def _without_free(triads: Sequence[Triad]) -> list[Triad]:
+    """Without accelerations that hold no gravity, where another triad holds it."""
+    accel = [t for t in triads if t.kind == "accel"]
+    holding = [t for t in accel if t.stated or unit_by_norm(t.windows, "", t.whole).unit]
+    return [t for t in triads if t.kind != "accel" or t in holding or not holding]
+
+
+def with_units(triads: Sequence[Triad], rates: Mapping[str, float | None]) -> list[Sensor]:
+    """Accelerometers and gyros with names and units.
+
+    Args:
+        triads: of all tables.
+        rates: table -> samples a second.
+    """
+    found: list[Sensor] = []
+    count: dict[str, int] = {}
+    for triad in _without_free(triads):
+        if triad.kind not in ("accel", "gyro"):
+            continue
+        count[triad.kind] = count.get(triad.kind, 0) + 1
+        number = count[triad.kind]
+        name = triad.kind + (str(number) if number > 1 else "")
+        rate = rates.get(triad.channels[0].table)
+        if triad.kind == "accel":
+            unit = unit_by_norm(triad.windows, triad.stated, triad.whole)
+        else:
+            beside = _beside(triad, triads, number)
+            turning = None if beside is None else _turning(beside, triad, rate)
+            unit = unit_of_gyro(turning, rate, _largest(triad), triad.stated, triad.whole)
+        found.append(Sensor(name, triad, unit))
+    return found
+
+
+def _beside(gyro: Triad, triads: Sequence[Triad], number: int) -> Triad | None:
+    """The accelerometer beside a gyro whose readings have one norm at rest."""
+    there = [t for t in triads if t.kind == "accel" and len(t.values) == len(gyro.values)]
+    even = [t for t in there if t.windows is not None and norm_at_rest(t.windows)[1] < _EVEN]
+    return even[min(number, len(even)) - 1] if even else None
+
+
+def _turning(beside: Triad, gyro: Triad, rate: float | None) -> Turning | None:
+    return follow(beside.values, gyro.values, rate)
+
+
+def _largest(triad: Triad) -> float:
+    values = triad.values
+    middle = np.nanmedian(values, axis=0)
+    return float(np.nanmax(np.abs(values - middle)))

@@ -21,6 +21,13 @@ def require_file(path: Path, kind: str) -> Path:
         raise TiltcalError(
             f"{kind} {path}", found="a folder", need="a file", do="name the file itself"
         )
+    if path.exists() and not path.is_file():
+        raise TiltcalError(
+            f"{kind} {path}",
+            found="a device or pipe",
+            need="a file, which can be read more than once",
+            do="write it to a file first",
+        )
     if not path.exists():
         raise TiltcalError(
             f"{kind} {path}", found="no such file", need="an existing file", do="check the path"
@@ -48,10 +55,15 @@ def replacing(path: Path) -> Iterator[Path]:
         raise TiltcalError(
             f"output {path}", found="a folder", need="a file name", do="name the file to write"
         )
-    try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent
+    if path.exists() and not path.is_file():
+        raise TiltcalError(
+            f"output {path}",
+            found="a device or pipe",
+            need="the name of a file",
+            do="name a file, or leave the option out where a command can print",
         )
+    try:
+        handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
         reason = error.strerror or str(error)
         raise TiltcalError(

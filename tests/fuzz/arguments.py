@@ -52,7 +52,7 @@ VALUES = (
     "/dev/zero",
     "/dev/full",
     "/proc/self/mem",
-    "/",
+    "/proc",
     ".",
     "none/out.csv",
     "bench.toml",

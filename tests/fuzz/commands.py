@@ -46,6 +46,7 @@ LOOKED = (
     "looked/diagnosis_0/amended.toml",
 )
 RESUME = "investigate --scenario @bench.toml --lab true --resume -o looked"
+SPLIT = "design --split @found/diagnosis.json --scenario @bench.toml --recordings @bench.csv"
 LINES = (
     Line("simulate @bench.toml -o out.csv --truth truth.json", 6),
     Line("simulate @bench.toml -o out.npz --noise off --seed 3", 2),
@@ -94,7 +95,9 @@ LINES = (
     Line("campaign @campaign.toml -o out", 0.15, ("bench.toml",)),
     Line("sweep @bench.toml --effect acc_bias.bias_x_ug=0:1:2 --seeds 1 -o out", 0.15),
     Line("design @bench.toml --terms bias --budget-s 120 -o out", 0.05),
-    Line("design --split @found/diagnosis.json --scenario @bench.toml --recordings @bench.csv", 0.3),
+    Line(
+        "design --split @found/diagnosis.json --scenario @bench.toml --recordings @bench.csv", 0.3
+    ),
     Line("merge shard -o out", 0.05),
     Line("prove --kinds none --n 1", 0.05),
     Line("methods", 0.2),

@@ -96,9 +96,7 @@ def make_originals(place: Path) -> dict[str, bytes]:
             require(quietly("simulate", f"{name}.toml", "-o", f"{name}.csv"), name)
         calibrate_all()
         Path("map.toml").write_text(MAP)
-        Path("log.txt").write_text(
-            "x,y,z\n" + "".join(f"{k},{2 * k},{3 * k}\n" for k in range(30))
-        )
+        Path("log.txt").write_text("x,y,z\n" + "".join(f"{k},{2 * k},{3 * k}\n" for k in range(30)))
         Path("campaign.toml").write_text(CAMPAIGN)
         Path("sequence.csv").write_text(SEQUENCE)
         Path("own.py").write_text(OWN_METHOD)
@@ -130,9 +128,7 @@ def calibrate_all() -> None:
     quietly(*words.split())
     require(0 if Path("TABLE.json").exists() else 2, "placing_table")
     require(quietly("segments", "bench.csv", "-o", "SEG.csv"), "segments")
-    require(
-        quietly("diagnose", "bench.csv", "--scenario", "bench.toml", "-o", "found"), "diagnose"
-    )
+    require(quietly("diagnose", "bench.csv", "--scenario", "bench.toml", "-o", "found"), "diagnose")
 
 
 def investigation() -> None:

@@ -201,9 +201,11 @@ def mutated_bytes(content: bytes, rng: np.random.Generator) -> bytes:
     if kind == 2:
         return content[:at] + rng.bytes(int(rng.integers(1, 20))) + content[at:]
     if kind == 3:
-        return b"\xef\xbb\xbf" + content if rng.random() < 0.5 else content.decode(
-            errors="replace"
-        ).encode("utf-16")
+        return (
+            b"\xef\xbb\xbf" + content
+            if rng.random() < 0.5
+            else content.decode(errors="replace").encode("utf-16")
+        )
     if kind == 4:
         return content + content[at:]
     return [b"", b"\n", b"\x00" * 1000, b"{}", b"[]", b"null", b"# only: words\n"][rng.integers(7)]

@@ -1,28 +1,61 @@
 """The command line. Exit status: 0 done and accepted, 1 judged and not accepted, 2 unusable input,
-130 interrupted.
+130 interrupted, 143 ended by SIGTERM.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 
+TRACEBACK = "TILTCAL_TRACEBACK"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status, never with a traceback."""
-    import os
+    """Run one command and return its exit status, never with a traceback.
 
-    from tiltcal.cli.app import run
+    Args:
+        arguments: None: those of the program.
+    """
+    from tiltcal.cli.signals import ignore, unwinding
+
+    status = 0
+    try:
+        if arguments is None:
+            _quiet()
+        with unwinding():
+            status = _ended(sys.argv[1:] if arguments is None else arguments)
+    finally:
+        if arguments is None:
+            ignore()  # nothing is left to be interrupted
+    return status
+
+
+def _quiet() -> None:
+    """No warnings of libraries between the lines of a command, unless Python is asked for them."""
+    import warnings
+
+    if not sys.warnoptions and not os.environ.get(TRACEBACK):
+        warnings.simplefilter("ignore")
+
+
+def _ended(arguments: Sequence[str]) -> int:
+    """Run a command; the one place through which no exception passes without the one message."""
+    from tiltcal.cli.signals import INTERRUPTED, TERMINATED, Terminated
     from tiltcal.core.errors import TiltcalError
 
     try:
-        status = run(sys.argv[1:] if arguments is None else arguments)
+        from tiltcal.cli.app import run
+
+        status = run(arguments)
         sys.stdout.flush()  # a closed pipe is noticed here, not at exit
         return status
     except TiltcalError as error:
-        print(f"tiltcal: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("tiltcal: interrupted; no partial output is left", file=sys.stderr)
-        return 130
+        return _refused(str(error))
+    except KeyboardInterrupt as error:
+        ended = isinstance(error, Terminated)
+        _swept()
+        words = "ended by SIGTERM" if ended else "interrupted"
+        print(f"tiltcal: {words}; no partial output is left", file=sys.stderr)
+        return TERMINATED if ended else INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -31,15 +64,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         raise
     except Exception as error:
-        if os.environ.get("TILTCAL_TRACEBACK"):
+        if os.environ.get(TRACEBACK):
             raise
-        name = type(error).__name__
-        print(
-            f"tiltcal: found an internal error ({name}: {error}), need a bug report; "
-            "run again with TILTCAL_TRACEBACK=1 and report what it prints",
-            file=sys.stderr,
-        )
-        return 2
+        return _refused(_unexpected(error))
+
+
+def _refused(message: str) -> int:
+    """The one message, and the exit status of unusable input."""
+    from tiltcal.core.plain_text import plain
+
+    print(plain(f"tiltcal: {message}"), file=sys.stderr)
+    return 2
+
+
+def _swept() -> None:
+    """Remove what an interrupt has kept from being removed."""
+    from tiltcal.core.files import remove_temporary
+
+    remove_temporary()
+
+
+def _unexpected(error: Exception) -> str:
+    """The message for what should not have happened."""
+    again = f"run again with {TRACEBACK}=1 and report what it prints"
+    if isinstance(error, MemoryError):
+        return f"memory: found none left, need more of it; use shorter recordings, or {again}"
+    name = type(error).__name__
+    return f"found an internal error ({name}: {error}), need a bug report; {again}"
 
 
 if __name__ == "__main__":

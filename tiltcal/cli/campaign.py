@@ -16,7 +16,7 @@ from tiltcal.cli.options import (
     Json,
     ScenarioFile,
 )
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
 from tiltcal.core.tasks.engines import open_engine
@@ -211,7 +211,7 @@ def _shown(summary: dict[str, Any], place: Place, as_json: bool) -> int:
         return 0
     print_summary(summary)
     for name in (place.results, place.beside(".summary.json"), place.beside(".html")):
-        print(f"written: {name}")
+        say(f"written: {name}")
     return 0
 
 

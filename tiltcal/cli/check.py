@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, say
 from tiltcal.cli.segments import read_segments
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import load_scenario
@@ -48,13 +48,13 @@ def check(
 
 
 def _print_result(result: Check) -> None:
-    print(result.statement)
+    say(result.statement)
     for t in result.tests:
-        print(
+        say(
             f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g}, {t.dof} degrees"
             f" of freedom, p {t.p_value:.2g})"
         )
-    print("accepted" if result.accepted else "not accepted")
+    say("accepted" if result.accepted else "not accepted")
 
 
 def to_json(result: Check) -> dict[str, object]:

@@ -9,7 +9,7 @@ from cyclopts import Group, Parameter
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
 from tiltcal.cli.options import WHOLE, EngineName, Jobs, Json
-from tiltcal.cli.output import print_json, print_table, progress_line
+from tiltcal.cli.output import print_json, print_table, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
 from tiltcal.core.tasks.engines import shared_engine
@@ -109,7 +109,7 @@ def design(
     else:
         show(plan, up, unseen)
         if untold:
-            print("not separable from the other terms by these poses: " + ", ".join(untold))
+            say("not separable from the other terms by these poses: " + ", ".join(untold))
     return 0
 
 
@@ -209,7 +209,7 @@ def show(
     plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", unseen: tuple[str, ...]
 ) -> None:
     """Print the steps, and the forecasts of this design and of classic sequences."""
-    print(printable(plan, up))
+    say(printable(plan, up))
     forecast = plan.forecast
     rows = [
         ["this design", f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
@@ -220,9 +220,9 @@ def show(
     ]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
     if not plan.problem.model.interest.all():
-        print(
+        say(
             "the sigmas hold for a fit of all these terms including nuisances: calibrate with terms"
             " that include the drift"
         )
     if unseen:
-        print("not visible in any pose: " + ", ".join(unseen))
+        say("not visible in any pose: " + ", ".join(unseen))

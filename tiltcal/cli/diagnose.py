@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import DescribedBy, Json
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
@@ -55,7 +55,7 @@ def diagnose(
     if as_json:
         print_json(_as_json(found, recordings))
     else:
-        print(f"{found.verdict}: {found.statement}")
+        say(f"{found.verdict}: {found.statement}")
     return 1 if check and found.verdict != "match" else 0
 
 

@@ -1,6 +1,5 @@
 """``tiltcal export``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ from tiltcal.calibration.c_export import header
 from tiltcal.calibration.correction import setup_of
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, require_output
+from tiltcal.cli.output import print_json, require_output, say, tell
 from tiltcal.core.files import write_text
 
 
@@ -35,11 +34,11 @@ def export(
     calibration = load_calibration(calibration_file)
     text = header(calibration, setup_of(calibration), name)
     if output is None:
-        sys.stdout.write(text)
+        say(text.rstrip("\n"))
         return 0
     write_text(output, text)
     if as_json:
         print_json({"output": str(output), "name": name, "bytes": len(text)})
     else:
-        print(f"{output}: {len(text.splitlines())} lines of C", file=sys.stderr)
+        tell(f"{output}: {len(text.splitlines())} lines of C")
     return 0

@@ -1,6 +1,5 @@
 """``tiltcal init``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +7,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_text
 from tiltcal.core.frames import normal_gravity
@@ -120,15 +119,14 @@ def init(
     text = scenario_text(recording_file, LATITUDE if latitude is None else latitude, height)
     if output:
         write_text(output, text)
-        print(
+        tell(
             f"{output}: written; edit it, then use it with `tiltcal simulate` or `calibrate"
-            " --scenario`",
-            file=sys.stderr,
+            " --scenario`"
         )
     if as_json:
         print_json({"output": str(output) if output else None, "scenario": text})
     elif not output:
-        print(text)
+        say(text)
     return 0
 
 

@@ -1,15 +1,41 @@
-"""Printing: tables and JSON on stdout, progress on stderr."""
+"""Printing: tables and JSON on stdout, progress on stderr. Only this module writes to a terminal:
+what comes from files and arguments cannot command it.
+"""
 
+import io
 import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.plain_text import plain
 from tiltcal.core.progress import Progress
+
+
+def say(text: str) -> None:
+    """Print a line on stdout."""
+    sys.stdout.write(plain(text) + "\n")
+
+
+def tell(text: str) -> None:
+    """Print a line on stderr."""
+    sys.stderr.write(plain(text) + "\n")
+
+
+@contextmanager
+def stdout_bytes() -> Iterator[IO[bytes]]:
+    """Stdout for a file's content: into a pipe or a file as it is, on a terminal as plain text."""
+    if not sys.stdout.isatty():
+        sys.stdout.flush()
+        yield sys.stdout.buffer
+        return
+    with io.BytesIO() as content:
+        yield content
+        sys.stdout.write(plain(content.getvalue().decode(errors="replace")))
 
 
 def print_json(value: Any) -> None:
@@ -41,9 +67,12 @@ def print_table(
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(*header, title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    shown = None if title is None else plain(title)
+    table = Table(
+        *map(plain, header), title=shown, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
+    )
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(plain(cell) for cell in row))
     console = Console(file=sys.stdout, highlight=False, markup=False)
     if not sys.stdout.isatty():
         console.width = 160
@@ -60,7 +89,8 @@ def _once_per_second() -> Progress:
         now = time.monotonic()
         if now - last[0] >= 1.0:
             last[0] = now
-            print(text, file=sys.stderr, flush=True)
+            tell(text)
+            sys.stderr.flush()
 
     return show
 
@@ -72,7 +102,8 @@ def progress_line() -> Iterator[Progress]:
         yield _once_per_second()
         return
     from rich.console import Console
+    from rich.text import Text
 
     console = Console(stderr=True)
     with console.status("working ...") as status:
-        yield lambda text: status.update(text)
+        yield lambda text: status.update(Text(plain(text)))

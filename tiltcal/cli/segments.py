@@ -10,7 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing, require_file
 from tiltcal.recordings.recording import Recording
@@ -51,7 +51,7 @@ def segments(
         print_json([vars(s) for s in found])
     elif output:
         still = len(dwells(found))
-        print(f"{output}: {still} dwells, {len(found) - still} moves", file=sys.stderr)
+        tell(f"{output}: {still} dwells, {len(found) - still} moves")
     else:
         write_segments(found, sys.stdout)
     return 0

@@ -1,7 +1,6 @@
 """``tiltcal design --split``: the block that separates the alternatives of a diagnosis."""
 
 import json
-import sys
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Separation, TableTime
 from tiltcal.cli.diagnose import honest_scenario
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, require_file, write_json, write_text
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
@@ -66,9 +65,9 @@ def _show(plan: NextBlock, rig: Rig, output: Path | None, as_json: bool) -> None
     if as_json:
         print_json(plan.to_json())
         return
-    print(plan.statement, file=sys.stdout if output else sys.stderr)
+    (say if output else tell)(plan.statement)
     if plan.proposal is not None and not output:
-        print(sequence_text(plan.proposal.block.steps, rig), end="")
+        say(sequence_text(plan.proposal.block.steps, rig).rstrip("\n"))
 
 
 def _load_diagnosis(path: Path) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """``tiltcal simulate``."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,7 +10,7 @@ from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import WHOLE, Json, ScenarioFile
-from tiltcal.cli.output import print_json, progress_line, require_output
+from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
 from tiltcal.core.files import replacing, write_json
 from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
@@ -81,7 +80,7 @@ def simulate(
 def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> None:
     """Write the pieces of a recording to its file or to stdout."""
     if output is None:
-        with csv_writer(sys.stdout.buffer) as write:
+        with stdout_bytes() as out, csv_writer(out) as write:
             for piece in pieces:
                 write(piece)
         return
@@ -94,7 +93,7 @@ def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> N
     if as_json:
         print_json({"recording": str(output), "rows": rows, "duration_s": float(last - first)})
     else:
-        print(f"{output}: {rows} rows, {last - first:.6g} s", file=sys.stderr)
+        tell(f"{output}: {rows} rows, {last - first:.6g} s")
 
 
 def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import AllowCommands, EngineName, Jobs, Json
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.cli.verify_output import print_runs, print_verification, to_json
 from tiltcal.core.assets import folder as assets
 from tiltcal.core.errors import TiltcalError
@@ -134,6 +134,6 @@ def finish(
             print_runs(verification.results[0])
         print_verification(verification)
         if output:
-            print(f"runs: {output / 'runs.parquet'} and runs.csv")
-            print(f"report: {output / 'report.html'}")
+            say(f"runs: {output / 'runs.parquet'} and runs.csv")
+            say(f"report: {output / 'report.html'}")
     return 0 if verification.accepted else 1

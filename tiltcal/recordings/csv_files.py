@@ -116,6 +116,15 @@ def to_numpy(column: Any, number: bool) -> Array | Labels:
 
 def _bad_cell(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:
     """The first line that does not read, found slowly because it is only needed once."""
+    try:
+        return _first_bad_line(path, names, skip, reason)
+    except csv.Error as error:
+        return TiltcalError(
+            f"recording {path.name}", found=str(error), need="a CSV table", do="check the file"
+        )
+
+
+def _first_bad_line(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
         for number, row in enumerate(csv.reader(islice(lines, skip, None)), start=skip + 1):
             if row and len(row) != len(names):

@@ -1,0 +1,87 @@
+"""Files that are read back: JSON and TOML, each checked against a schema before anything uses
+it.
+"""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import require_file
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Stored(BaseModel):
+    """A part of a file that is read back: numbers are finite, and further keys are kept."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+
+def read_json(path: Path, kind: str, need: str) -> dict[str, Any]:
+    """The table in a JSON file.
+
+    Raises:
+        TiltcalError: it is missing, no JSON, or no table.
+    """
+    return _table(path, kind, need, json.loads)
+
+
+def read_toml(path: Path, kind: str, need: str) -> dict[str, Any]:
+    """The table in a TOML file.
+
+    Raises:
+        TiltcalError: it is missing or no TOML.
+    """
+    return _table(path, kind, need, tomllib.loads)
+
+
+def checked(model: type[Model], table: Mapping[str, Any], subject: str, need: str) -> Model:
+    """A table of a file that was read back, checked.
+
+    Raises:
+        TiltcalError: naming the first key that does not fit.
+    """
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(k + 1) if isinstance(k, int) else str(k) for k in first["loc"])
+        raise TiltcalError(
+            f"{subject}, key {key}" if key else subject,
+            found="nothing" if first["type"] == "missing" else shown(first.get("input")),
+            need=f"{need} ({first['msg'].removeprefix('Value error, ')})",
+            do="write it again",
+        ) from error
+
+
+def shown(value: Any) -> str:
+    """A value in a message, shortened; ``repr`` alone refuses whole numbers of thousands of
+    digits.
+    """
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a whole number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _table(path: Path, kind: str, need: str, parse: Any) -> dict[str, Any]:
+    path = require_file(path, kind)
+    try:
+        table = parse(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        what = "bytes that are no text" if isinstance(error, UnicodeDecodeError) else str(error)
+        raise TiltcalError(
+            f"{kind} {path.name}", found=what, need=need, do="write it again"
+        ) from error
+    if not isinstance(table, dict):
+        raise TiltcalError(
+            f"{kind} {path.name}", found=shown(table), need=need, do="write it again"
+        )
+    return table

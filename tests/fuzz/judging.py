@@ -14,6 +14,7 @@ from pathlib import Path
 
 from tests.fuzz.cases import Case
 from tests.fuzz.originals import inside
+from tiltcal import cli
 from tiltcal.cli import main
 
 LONGEST_S = 10
@@ -42,6 +43,20 @@ class Outcome:
     where: str
     told: str
     seconds: float
+
+
+unexpected: list[Exception] = []
+"""What the boundary of the command line had to catch: the last net, and a failure all the same."""
+told = cli._unexpected
+
+
+def telling(error: Exception) -> str:
+    """The message of the boundary, and the exception behind it kept."""
+    unexpected.append(error)
+    return told(error)
+
+
+cli._unexpected = telling
 
 
 class Overdue(KeyboardInterrupt):
@@ -119,6 +134,7 @@ def ended(arguments: tuple[str, ...]) -> Ending:
         warnings.simplefilter("always")
         try:
             found.status = main(list(arguments))
+            found.error = unexpected.pop() if unexpected else None
         except SystemExit as stop:
             found.status = stop.code if isinstance(stop.code, int) else 1
         except BaseException as error:  # noqa: BLE001  whatever escapes is what is looked for

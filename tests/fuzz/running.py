@@ -22,7 +22,6 @@ TOGETHER = 200
 
 def outcomes(seed: int, numbers: Sequence[int], originals: dict[str, bytes]) -> Iterator[Outcome]:
     """What became of each case."""
-    os.environ["TILTCAL_TRACEBACK"] = "1"
     for command in COMMANDS.values():
         import_module("tiltcal.cli." + command.target.partition(":")[0])
     left = list(numbers)

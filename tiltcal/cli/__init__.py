@@ -44,8 +44,10 @@ def _ended(arguments: Sequence[str]) -> int:
 
     try:
         from tiltcal.cli.app import run
+        from tiltcal.core.budget import restoring
 
-        status = run(arguments)
+        with restoring():
+            status = run(arguments)
         sys.stdout.flush()  # a closed pipe is noticed here, not at exit
         return status
     except TiltcalError as error:
@@ -59,6 +61,8 @@ def _ended(arguments: Sequence[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        return _refused(_from_system(error))
     except SystemExit as stop:
         if isinstance(stop.__context__, BrokenPipeError):  # rich ends the process on a closed pipe
             return 0
@@ -77,6 +81,16 @@ def _refused(message: str) -> int:
     return 2
 
 
+def _from_system(error: OSError) -> str:
+    """The message for what the operating system refuses."""
+    name = "" if error.filename is None else f" {error.filename}"
+    reason = (error.strerror or str(error)).lower()
+    return (
+        f"file or device{name}: found {reason}, need one that can be read and written; choose"
+        " another, or make room"
+    )
+
+
 def _swept() -> None:
     """Remove what an interrupt has kept from being removed."""
     from tiltcal.core.files import remove_temporary
@@ -89,6 +103,8 @@ def _unexpected(error: Exception) -> str:
     again = f"run again with {TRACEBACK}=1 and report what it prints"
     if isinstance(error, MemoryError):
         return f"memory: found none left, need more of it; use shorter recordings, or {again}"
+    if isinstance(error, RecursionError):
+        return f"input: found tables nested too deeply, need flat ones; write them flat, or {again}"
     name = type(error).__name__
     return f"found an internal error ({name}: {error}), need a bug report; {again}"
 

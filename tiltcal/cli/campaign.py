@@ -8,12 +8,14 @@ from cyclopts import Parameter
 from tiltcal.cli.campaign_output import print_summary
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import (
+    DEFAULT_BUDGET,
     SEVERAL,
     WHOLE,
     AllowCommands,
     EngineName,
     Jobs,
     Json,
+    MoreBudget,
     ScenarioFile,
 )
 from tiltcal.cli.output import print_json, progress_line, say
@@ -68,6 +70,7 @@ def campaign(
     memory_limit: MemoryLimit = 4096,
     again: Again = False,
     allow_commands: AllowCommands = False,
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Run a scenario over seeds, grids and distributions of its fields.
@@ -81,6 +84,7 @@ def campaign(
 
     Exit status: 0 all runs are made, those without a result are named; 2 unusable input.
     """
+    budget.apply()
     limits = Limits(time_limit, memory_limit)
     found = load_campaign(file)
     return _made(
@@ -110,6 +114,7 @@ def sweep(
     memory_limit: MemoryLimit = 4096,
     again: Again = False,
     allow_commands: AllowCommands = False,
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Run a scenario over sizes of an effect.
@@ -118,6 +123,7 @@ def sweep(
 
     Exit status: 0 all runs are made, those without a result are named; 2 unusable input.
     """
+    budget.apply()
     factors = [_range(words, "effect.") for words in effect] + [_range(words) for words in field]
     if not factors:
         raise TiltcalError(

@@ -197,7 +197,9 @@ def _default_sensor() -> list[str]:
 
 def _sensors(recording: Recording) -> list[str]:
     """Sensor tables from the columns: one for each prefix, its kind from the unit."""
-    rate = 1 / float(np.median(np.diff(recording.time))) if len(recording) > 1 else 1.0
+    steps = np.diff(recording.time)
+    onward = steps[steps > 0]
+    rate = 1 / float(np.median(onward)) if len(onward) else 1.0
     found = _axes_and_units(recording).items()
     return [line for name, (axes, unit) in found for line in _sensor(name, axes, unit, rate)]
 

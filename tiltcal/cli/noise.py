@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, print_table, say
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.numerical import determining
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
 from tiltcal.effects import Effect
 from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
@@ -62,7 +63,8 @@ def noise_models(recording: Recording) -> dict[str, NoiseModel]:
         unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
         if unit.quantity in ("acceleration", "angle", "rate", "raw") and axis_of(name) is None:
             values, rate = longest_rest(recording, name)
-            models[name] = fit_noise(allan_deviation(values, rate))
+            with determining(f"{recording.source}, column {name}", "its noise"):
+                models[name] = fit_noise(allan_deviation(values, rate))
     if not models:
         raise TiltcalError(
             recording.source,

@@ -5,6 +5,7 @@ what comes from files and arguments cannot command it.
 import io
 import json
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from typing import IO, Any
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.plain_text import plain
 from tiltcal.core.progress import Progress
+
+SILENCE_S = 2.5  # after which progress says again what is being done
 
 
 def say(text: str) -> None:
@@ -81,25 +84,47 @@ def print_table(
     sys.stdout.write(text.get())
 
 
-def _once_per_second() -> Progress:
-    """Progress in a pipe: at most one line per second."""
-    last = [0.0]
+class _Lines:
+    """Progress in a pipe: at most one line per second, and one after some seconds of silence."""
 
-    def show(text: str) -> None:
-        now = time.monotonic()
-        if now - last[0] >= 1.0:
-            last[0] = now
-            tell(text)
-            sys.stderr.flush()
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._last = 0.0
+        self._text = "working"
+        self._over = threading.Event()
+        threading.Thread(target=self._remind, daemon=True).start()
 
-    return show
+    def show(self, text: str) -> None:
+        """Something new."""
+        self._text = text
+        if time.monotonic() - self._last >= 1.0:
+            self._write(text)
+
+    def close(self) -> None:
+        """No more lines."""
+        self._over.set()
+
+    def _write(self, text: str) -> None:
+        self._last = time.monotonic()
+        tell(text)
+        sys.stderr.flush()
+
+    def _remind(self) -> None:
+        while not self._over.wait(1.0):
+            now = time.monotonic()
+            if now - max(self._last, self._start) >= SILENCE_S:
+                self._write(f"{self._text} ... {now - self._start:.0f} s")
 
 
 @contextmanager
 def progress_line() -> Iterator[Progress]:
     """Progress on stderr: one changing line on a terminal, else at most one line per second."""
     if not sys.stderr.isatty():
-        yield _once_per_second()
+        lines = _Lines()
+        try:
+            yield lines.show
+        finally:
+            lines.close()
         return
     from rich.console import Console
     from rich.text import Text

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import WHOLE, Json, ScenarioFile
+from tiltcal.cli.options import DEFAULT_BUDGET, WHOLE, Json, MoreBudget, ScenarioFile
 from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
 from tiltcal.core.files import replacing, write_json
 from tiltcal.core.units import DEG
@@ -48,6 +48,7 @@ def simulate(
     truth: Annotated[
         Path | None, Parameter(help="File for the injected values and true attitudes, JSON.")
     ] = None,
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Simulate a recording of a scenario in MuJoCo.
@@ -59,6 +60,7 @@ def simulate(
       tiltcal simulate bench.toml -o run.csv --seed 7 --truth truth.json
       tiltcal simulate model.toml --motion real.csv --noise off -o predicted.csv
     """
+    budget.apply()
     require_output("simulate", output, as_json, "the recording")
     scenario = load_scenario(scenario_file)
     used = None if noise == "off" else scenario.seed if seed is None else seed

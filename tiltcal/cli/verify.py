@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import AllowCommands, EngineName, Jobs, Json
+from tiltcal.cli.options import DEFAULT_BUDGET, AllowCommands, EngineName, Jobs, Json, MoreBudget
 from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.cli.verify_output import print_runs, print_verification, to_json
 from tiltcal.core.assets import folder as assets
@@ -38,6 +38,7 @@ def run(
     allow_commands: AllowCommands = False,
     jobs: Jobs = 1,
     engine: EngineName = "processes",
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Simulate, calibrate and judge scenarios.
@@ -50,6 +51,7 @@ def run(
     Exit status: 0 accepted; 1 not accepted; 2 unusable input.
     """
     start = time.perf_counter()
+    budget.apply()
     _check_output(output)
     with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
         laboratory = simulator(progress)
@@ -78,6 +80,7 @@ def verify(
     allow_commands: AllowCommands = False,
     jobs: Jobs = 1,
     engine: EngineName = "processes",
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Run a folder of scenarios and write CI reports.
@@ -89,6 +92,7 @@ def verify(
 
     Exit status: 0 all accepted; 1 not all accepted; 2 unusable input.
     """
+    budget.apply()
     _check_output(output)
     with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
         verification = verify_folder(

@@ -3,6 +3,8 @@ before the work begins, and before anything is allocated.
 """
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from tiltcal.core.errors import TiltcalError
@@ -57,6 +59,20 @@ def allow(
         os.environ[name] = repr(float(amount))
 
 
+@contextmanager
+def restoring() -> Iterator[None]:
+    """What is allowed within is not allowed afterwards."""
+    before = {name: os.environ.get(name) for name in (ROWS, MEMORY, HOURS)}
+    try:
+        yield
+    finally:
+        for name, amount in before.items():
+            if amount is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = amount
+
+
 def require_within(
     subject: str, *, rows: float = 0.0, size: float = 0.0, seconds: float = 0.0, less: str
 ) -> None:
@@ -84,12 +100,13 @@ def require_within(
         ),
     ]
     options = [option for exceeds, option, _ in over if exceeds]
-    if options:
+    if options or any(amount != amount for amount in (rows, size, seconds)):
+        reachable = rows < 1e12 and size < 1e15 and seconds < 1e10
         raise TiltcalError(
             subject,
             found=f"work of {_amounts(rows, size, seconds)}",
             need="at most " + " and ".join(most for exceeds, _, most in over if exceeds),
-            do=f"{less}, or allow it with {' '.join(options)}",
+            do=f"{less}, or allow it with {' '.join(options)}" if reachable else less,
         )
 
 

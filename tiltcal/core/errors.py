@@ -1,6 +1,7 @@
 """The one error that users see: what was found, what is needed, what to do."""
 
 from collections.abc import Callable, Collection
+from typing import Any
 
 
 class TiltcalError(Exception):
@@ -24,6 +25,17 @@ class TiltcalError(Exception):
 
 def _rebuilt(subject: str, found: str, need: str, do: str) -> TiltcalError:
     return TiltcalError(subject, found=found, need=need, do=do)
+
+
+def shown(value: Any) -> str:
+    """A value in a message, shortened; ``repr`` alone refuses whole numbers of thousands of
+    digits.
+    """
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a whole number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def one_of(word: str, valid: Collection[str], subject: str, what: str = "") -> str:

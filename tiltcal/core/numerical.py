@@ -7,7 +7,14 @@ import numpy as np
 
 from tiltcal.core.errors import TiltcalError
 
-NOT_FINITE = ("infs or NaNs", "infs or nans", "must be finite", "array must not contain")
+NOT_FINITE = (
+    "infs or nans",
+    "must be finite",
+    "must not contain",
+    "cannot convert float",
+    "is not finite",
+)
+"""Of the messages by which libraries refuse numbers that are not finite."""
 
 
 @contextmanager
@@ -22,7 +29,7 @@ def determining(subject: str, what: str) -> Iterator[None]:
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         raise undetermined(subject, what, str(error)) from error
     except ValueError as error:
-        if not any(words in str(error) for words in NOT_FINITE):
+        if not any(words in str(error).lower() for words in NOT_FINITE):
             raise
         raise undetermined(subject, what, "numbers that are not finite") from error
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from tiltcal.core.errors import TiltcalError
+from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.core.files import require_file
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -52,23 +52,13 @@ def checked(model: type[Model], table: Mapping[str, Any], subject: str, need: st
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(k + 1) if isinstance(k, int) else str(k) for k in first["loc"])
+        missing = first["type"] == "missing"
         raise TiltcalError(
-            f"{subject}, key {key}" if key else subject,
-            found="nothing" if first["type"] == "missing" else shown(first.get("input")),
-            need=f"{need} ({first['msg'].removeprefix('Value error, ')})",
+            f"{subject}, key {key}" if key and not missing else subject,
+            found=f"no key '{key}'" if missing else shown(first.get("input")),
+            need=f"{need} ({first['msg'].removeprefix('Value error, ').lower()})",
             do="write it again",
         ) from error
-
-
-def shown(value: Any) -> str:
-    """A value in a message, shortened; ``repr`` alone refuses whole numbers of thousands of
-    digits.
-    """
-    try:
-        text = repr(value)
-    except ValueError:
-        return "a whole number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _table(path: Path, kind: str, need: str, parse: Any) -> dict[str, Any]:

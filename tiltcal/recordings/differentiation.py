@@ -67,7 +67,7 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
         return zero, zero
     dt = float(np.median(np.diff(time)))
     n = round(float(time[-1] - time[0]) / dt) + 1
-    if n > 4 * len(time):  # a log of dwells with nothing between them
+    if n < FEWEST or n > 4 * len(time):  # a log of dwells with nothing between them
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     step, uniform = float(grid[1] - grid[0]), CubicSpline(time, angle)(grid)

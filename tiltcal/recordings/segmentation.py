@@ -18,6 +18,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.stamps import require_measurable
 from tiltcal.setup.pauses import breaks
 
 WINDOW = 0.5  # s
@@ -111,6 +112,8 @@ def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Ar
         for name, values in block.columns.items():
             unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
             if unit.quantity in _MOVING:
+                stamps = recording.time if block.rows is None else recording.time[block.rows]
+                require_measurable(values, stamps, name, recording.source)
                 columns.append(values)
             if unit.quantity == "rate":
                 rates.append(values * unit.factor)

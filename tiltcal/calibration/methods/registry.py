@@ -24,8 +24,9 @@ from tiltcal.calibration.methods.placing_table import placing_table
 from tiltcal.calibration.methods.six_position import six_position
 from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
-from tiltcal.calibration.result import Calibration, load_calibration
+from tiltcal.calibration.result import Calibration, load_calibration, require_finite
 from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.numerical import determining
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import write_recording
 from tiltcal.setup.setup import Setup
@@ -65,6 +66,9 @@ def find_method(name: str) -> Method:
     )
 
 
+_NOT_THERE = (ImportError, AttributeError, ValueError, TypeError)
+
+
 def import_named(name: str) -> Callable[..., Any]:
     """The function a user names as ``package.module:function``.
 
@@ -78,10 +82,12 @@ def import_named(name: str) -> Callable[..., Any]:
         target: Any = importlib.import_module(module)
         for part in attribute.split("."):
             target = getattr(target, part)
-    except (ImportError, AttributeError, ValueError) as error:
+    except Exception as error:
+        if os.environ.get("TILTCAL_TRACEBACK") and not isinstance(error, _NOT_THERE):
+            raise
         raise TiltcalError(
             f"method '{name}'",
-            found=str(error),
+            found=str(error) or type(error).__name__,
             need="an importable package.module:function",
             do="check the name and the folder",
         ) from error
@@ -124,11 +130,12 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
         if type(setup) is Setup
         else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
     )
-    result = (
-        method(recording, bare, **options)
-        if name in METHODS
-        else _foreign(method, name, recording, bare, options)
-    )
+    with determining(recording.source, f"the parameters of {name}"):
+        result = (
+            method(recording, bare, **options)
+            if name in METHODS
+            else _foreign(method, name, recording, bare, options)
+        )
     if not isinstance(result, Calibration):
         raise TiltcalError(
             f"method {name}",
@@ -136,6 +143,7 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             need="a tiltcal.calibration.result.Calibration",
             do="return one",
         )
+    require_finite(result, recording.source)
     ours = name in METHODS
     return _with_setup(result if ours else in_our_units(result, bare), bare)
 

@@ -6,10 +6,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, require_file, write_json
+from tiltcal.core.files import make_folder, write_json
 from tiltcal.core.progress import Progress
+from tiltcal.core.read_back import Stored, checked, read_json
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.tasks.journal import Journal, open_journal
 from tiltcal.core.tasks.outcome import Limits, Outcome
@@ -24,6 +26,15 @@ from tiltcal.validation.campaign.campaign_runs import (
     task_of,
 )
 from tiltcal.validation.campaign.points import count_of
+
+WRITTEN = "a campaign.json as `tiltcal campaign` writes it"
+
+
+class StoredCampaign(Stored):
+    """What is kept of a campaign beside its journal."""
+
+    campaign: dict[str, Any]
+    scenario: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -136,9 +147,11 @@ def read_campaign(place: Place) -> Campaign:
     Raises:
         TiltcalError: there is none.
     """
-    path = require_file(place.beside(".campaign.json"), "campaign")
-    found = json.loads(path.read_text(encoding="utf-8"))
-    return Campaign(CampaignTable.model_validate(found["campaign"]), found["scenario"])
+    path = place.beside(".campaign.json")
+    subject = f"campaign {path.name}"
+    table = read_json(path, "campaign", WRITTEN)
+    found = checked(StoredCampaign, table, subject, WRITTEN)
+    return Campaign(checked(CampaignTable, found.campaign, subject, WRITTEN), found.scenario)
 
 
 def merged(places: Sequence[Place], into: Place) -> Campaign:

@@ -230,7 +230,7 @@ def story(case: Case, ending: Ending) -> str:
     """Everything that is known of an outcome."""
     lines = [f"tiltcal {' '.join(ascii(a)[:200] for a in case.arguments)}", f"  {case.changed}"]
     if ending.error is not None:
-        lines += traceback.format_exception(ending.error)[-9:]
+        lines += "".join(traceback.format_exception(ending.error)).splitlines()[-24:]
     lines += [f"  status {ending.status}", f"  err {ending.err[-600:]!r}", *ending.warned[:3]]
     return "\n".join(lines)
 

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from tiltcal.core.read_back import Finite, Stored
 
+LARGEST = 1e30  # of a sigma: its powers are still numbers
 ROUNDING = 1e-6  # of a covariance that was written as text, against its own scale
 
 
@@ -31,6 +32,8 @@ class StoredCovariance(Stored):
             raise ValueError(f"a matrix of {n} by {n}, one row a name, each name once")
         matrix = np.array(self.matrix).reshape(n, n)
         scale = np.sqrt(np.abs(np.diag(matrix)))
+        if n and scale.max() > LARGEST:
+            raise ValueError(f"sigmas of at most {LARGEST:g}")
         bounds = np.outer(scale, scale)
         unit = np.divide(matrix, bounds, out=np.zeros((n, n)), where=bounds > 0)
         if np.any(np.abs(unit - unit.T) > ROUNDING) or np.any((bounds == 0) & (matrix != 0)):
@@ -79,9 +82,9 @@ class StoredEntry(Stored):
 class StoredCalibration(Stored):
     """CAL.json; only method, verdict and parameters with values are required."""
 
+    parameters: dict[str, StoredEstimate]
     method: str
     verdict: str
-    parameters: dict[str, StoredEstimate]
     covariance: StoredCovariance | None = None
     equation: str = ""
     inverse: str = ""

@@ -51,11 +51,12 @@ def checked(model: type[Model], table: Mapping[str, Any], subject: str, need: st
         return model.model_validate(table)
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(k + 1) if isinstance(k, int) else str(k) for k in first["loc"])
         missing = first["type"] == "missing"
+        path = [str(k + 1) if isinstance(k, int) else str(k) for k in first["loc"]]
+        key = ".".join(path[:-1] if missing else path)
         raise TiltcalError(
-            f"{subject}, key {key}" if key and not missing else subject,
-            found=f"no key '{key}'" if missing else shown(first.get("input")),
+            f"{subject}, key {key}" if key else subject,
+            found=f"no key '{path[-1]}'" if missing else shown(first.get("input")),
             need=f"{need} ({first['msg'].removeprefix('Value error, ').lower()})",
             do="write it again",
         ) from error

@@ -56,7 +56,7 @@ def number_of(value: Any, subject: str) -> float:
         raise TiltcalError(
             subject,
             found=shown(value),
-            need=f"a number of at most {LARGEST:g}",
-            do="write it without quotes",
+            need="a number" if isinstance(value, str) else f"a number of at most {LARGEST:g}",
+            do="write it without quotes" if isinstance(value, str) else "correct it",
         )
     return float(value)

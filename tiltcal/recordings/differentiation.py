@@ -73,7 +73,8 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
     step, uniform = float(grid[1] - grid[0]), CubicSpline(time, angle)(grid)
     noise = told or _noise_of_motion(uniform)
     beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
-    wanted = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside), mode="same") > 0.5
+    reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
+    wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
     v, a, variance = np.zeros((3, n))
     if wanted.sum() >= WIDTHS[0]:
         v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)

@@ -161,8 +161,9 @@ class Recording:
         return names[0] if names else None
 
     def has(self, sensor: Sensor) -> bool:
-        """Whether every axis of ``sensor`` has a column."""
-        return all(self.channel(f"{sensor.name}_{axis}") is not None for axis in sensor.axes)
+        """Whether every axis of ``sensor`` has a column, and a reading in it."""
+        names = [self.channel(f"{sensor.name}_{axis}") for axis in sensor.axes]
+        return all(n is not None and not np.isnan(self.column(n)).all() for n in names)
 
     def sensor(self, sensor: Sensor) -> Samples:
         """The readings of one sensor in SI, on the rows where any of its channels was sampled.

@@ -32,7 +32,7 @@ class StoredDiagnosis(Stored):
     """diagnosis.json."""
 
     verdict: Verdict
-    statement: str
+    statement: str = ""
     findings: list[StoredFinding]
     recordings: list[str] = []
 

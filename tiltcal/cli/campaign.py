@@ -186,14 +186,15 @@ def _made(
     require_allowed(found, allow_commands)
     check_levels(found)
     place = Place.of(output)
-    write_campaign(found, place)
-    with place.journal() as journal:
-        if again:
-            forget_faults(found, journal)
-        with progress_line() as progress, open_engine(engine, jobs) as opened:
-            made = make_runs(found, shard, journal, opened, limits, simulator, progress)
-    known = None if made or again else known_summary(found, place)
-    return _shown(known, place, as_json) if known else _finished(found, place, as_json)
+    with place.claimed():
+        with place.journal() as journal:
+            write_campaign(found, place)
+            if again:
+                forget_faults(found, journal)
+            with progress_line() as progress, open_engine(engine, jobs) as opened:
+                made = make_runs(found, shard, journal, opened, limits, simulator, progress)
+        known = None if made or again else known_summary(found, place)
+        return _shown(known, place, as_json) if known else _finished(found, place, as_json)
 
 
 def _finished(found: Campaign, place: Place, as_json: bool) -> int:

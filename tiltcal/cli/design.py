@@ -10,8 +10,9 @@ from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
 from tiltcal.cli.options import WHOLE, EngineName, Jobs, Json
 from tiltcal.cli.output import print_json, print_table, progress_line, say
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, write_json, write_text
+from tiltcal.core.files import write_json, write_text
 from tiltcal.core.tasks.engines import shared_engine
 from tiltcal.core.units import DEG, G0
 from tiltcal.design.feasibility import check_possible
@@ -99,11 +100,12 @@ def design(
     still = Still(scenario, clock.budget)
     problem, unseen = problem_of(aim, table, scenario, clock)
     untold = check_possible(problem, still.axes, everything="all" in aim.terms)
-    with progress_line() as notice, shared_engine(engine, jobs) as opened:
-        plan = find_plan(problem, scenario.rig.kind, seed, notice=notice, engine=opened)
-    up = still.up(plan.angles)
-    if output:
-        write_plan(plan, scenario, up, make_folder(output))
+    with claimed(output):
+        with progress_line() as notice, shared_engine(engine, jobs) as opened:
+            plan = find_plan(problem, scenario.rig.kind, seed, notice=notice, engine=opened)
+        up = still.up(plan.angles)
+        if output:
+            write_plan(plan, scenario, up, output)
     if as_json:
         print_json(plan.to_json() | {"unseen": list(unseen), "untold": list(untold)})
     else:

@@ -12,8 +12,9 @@ from tiltcal.cli.diagnose import honest_scenario, write_results
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
 from tiltcal.cli.output import print_json, progress_line, say, tell
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, require_file
+from tiltcal.core.files import require_file
 from tiltcal.core.progress import Progress
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
@@ -81,11 +82,10 @@ def investigate(
     honest = honest_scenario(scenario)
     laboratory = CommandLaboratory.parse(lab)
     given = [str(require_file(path, "recording").absolute()) for path in recordings]
-    folder = make_folder(output)
-    with progress_line() as progress:
+    with claimed(output), progress_line() as progress:
         bench = InvestigationSetup(
             honest,
-            folder,
+            output,
             _explainer(honest, progress),
             laboratory,
             block_limits(limits),

@@ -11,6 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, WHOLE, Json
+from tiltcal.cli.signals import INTERRUPTED, Terminated
 from tiltcal.core.assets import beside
 from tiltcal.core.errors import TiltcalError
 
@@ -92,5 +93,7 @@ def prove(
     environment = os.environ | {"PYTHONPATH": str(tests)}
     try:
         return subprocess.run(command, env=environment, check=False).returncode
+    except Terminated:
+        raise
     except KeyboardInterrupt:  # the trials have printed how to continue
-        return 130
+        return INTERRUPTED

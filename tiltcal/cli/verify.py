@@ -11,12 +11,14 @@ from tiltcal.cli.options import DEFAULT_BUDGET, AllowCommands, EngineName, Jobs,
 from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.cli.verify_output import print_runs, print_verification, to_json
 from tiltcal.core.assets import folder as assets
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.report import write_report
 from tiltcal.validation.acceptance import Verification, run_scenario, verify_folder
 from tiltcal.validation.junit import write_junit
+from tiltcal.validation.kept_runs import kept_runs
 from tiltcal.validation.run_files import write_runs
 from tiltcal.validation.runs import worker_processes
 
@@ -53,20 +55,21 @@ def run(
     start = time.perf_counter()
     budget.apply()
     _check_output(output)
-    with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
-        laboratory = simulator(progress)
-        results = tuple(
-            run_scenario(
-                load_scenario(path),
-                laboratory,
-                source=path.name,
-                allow_commands=allow_commands,
-                progress=progress,
-                workers=workers,
+    with claimed(output):
+        with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
+            laboratory = simulator(progress)
+            results = tuple(
+                run_scenario(
+                    load_scenario(path),
+                    laboratory,
+                    source=path.name,
+                    allow_commands=allow_commands,
+                    progress=progress,
+                    workers=workers,
+                )
+                for path in scenarios
             )
-            for path in scenarios
-        )
-    return finish(Verification(results, time.perf_counter() - start), output, as_json)
+        return finish(Verification(results, time.perf_counter() - start), output, as_json)
 
 
 def verify(
@@ -85,7 +88,9 @@ def verify(
 ) -> int:
     """Run a folder of scenarios and write CI reports.
 
-    Of a single scenario every run is shown.
+    Of a single scenario every run is shown. With -o every finished run is kept
+    until the reports are written: the same command after an interruption makes
+    only the runs that are missing.
 
       tiltcal verify scenarios -o out -j 4
       tiltcal verify bench.toml
@@ -94,15 +99,17 @@ def verify(
     """
     budget.apply()
     _check_output(output)
-    with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
-        verification = verify_folder(
-            folder or assets("scenarios"),
-            simulator(progress),
-            allow_commands=allow_commands,
-            progress=progress,
-            workers=workers,
-        )
-    return finish(verification, output, as_json, each_run=True)
+    with claimed(output), kept_runs(output) as kept:
+        with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
+            verification = verify_folder(
+                folder or assets("scenarios"),
+                simulator(progress),
+                allow_commands=allow_commands,
+                progress=progress,
+                workers=workers,
+                kept=kept,
+            )
+        return finish(verification, output, as_json, each_run=True)
 
 
 def _check_output(output: Path | None) -> None:

@@ -160,6 +160,10 @@ class Recording:
             )
         return names[0] if names else None
 
+    def has_columns(self, sensor: Sensor) -> bool:
+        """Whether every axis of ``sensor`` has a column."""
+        return all(self.channel(f"{sensor.name}_{axis}") is not None for axis in sensor.axes)
+
     def has(self, sensor: Sensor) -> bool:
         """Whether every axis of ``sensor`` has a column, and a reading in it."""
         names = [self.channel(f"{sensor.name}_{axis}") for axis in sensor.axes]

@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json
 from tiltcal.core.progress import Progress
@@ -27,6 +28,7 @@ from tiltcal.validation.campaign.campaign_runs import (
 )
 from tiltcal.validation.campaign.points import count_of
 
+RESULTS = "results.parquet"
 WRITTEN = "a campaign.json as `tiltcal campaign` writes it"
 
 
@@ -53,11 +55,17 @@ class Place:
         if output.suffix == ".parquet":
             make_folder(output.parent)
             return cls(output)
-        return cls(make_folder(output) / "results.parquet")
+        return cls(make_folder(output) / RESULTS)
 
     def beside(self, suffix: str) -> Path:
         """Another file of the campaign."""
         return self.results.with_suffix(suffix)
+
+    def claimed(self) -> AbstractContextManager[None]:
+        """The folder held for one run; files beside those of other campaigns are held by their
+        journal alone.
+        """
+        return claimed(self.results.parent if self.results.name == RESULTS else None)
 
     @contextmanager
     def journal(self) -> Iterator[Journal]:

@@ -39,7 +39,7 @@ def _quiet() -> None:
 
 def _ended(arguments: Sequence[str]) -> int:
     """Run a command; the one place through which no exception passes without the one message."""
-    from tiltcal.cli.signals import INTERRUPTED, TERMINATED, Terminated
+    from tiltcal.cli.signals import received
     from tiltcal.core.errors import TiltcalError
 
     try:
@@ -50,27 +50,36 @@ def _ended(arguments: Sequence[str]) -> int:
             status = run(arguments)
         sys.stdout.flush()  # a closed pipe is noticed here, not at exit
         return status
-    except TiltcalError as error:
-        return _refused(str(error))
-    except KeyboardInterrupt as error:
-        ended = isinstance(error, Terminated)
-        _swept()
-        words = "ended by SIGTERM" if ended else "interrupted"
-        print(f"tiltcal: {words}; no partial output is left", file=sys.stderr)
-        return TERMINATED if ended else INTERRUPTED
+    except KeyboardInterrupt:
+        return _interrupted()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
-        return _refused(_from_system(error))
     except SystemExit as stop:
         if isinstance(stop.__context__, BrokenPipeError):  # rich ends the process on a closed pipe
             return 0
         raise
     except Exception as error:
+        if received:  # what an interrupt has become on its way
+            return _interrupted()
+        if isinstance(error, TiltcalError):
+            return _refused(str(error))
+        if isinstance(error, OSError):
+            return _refused(_from_system(error))
         if os.environ.get(TRACEBACK):
             raise
         return _refused(_unexpected(error))
+
+
+def _interrupted() -> int:
+    """One line, and the exit status of the signal that came; what it kept from being removed goes."""
+    from tiltcal.cli.signals import INTERRUPTED, TERMINATED, terminated
+    from tiltcal.core.files import remove_temporary
+
+    remove_temporary()
+    words = "ended by SIGTERM" if terminated() else "interrupted"
+    print(f"tiltcal: {words}; no partial output is left", file=sys.stderr)
+    return TERMINATED if terminated() else INTERRUPTED
 
 
 def _refused(message: str) -> int:
@@ -89,13 +98,6 @@ def _from_system(error: OSError) -> str:
         f"file or device{name}: found {reason}, need one that can be read and written; choose"
         " another, or make room"
     )
-
-
-def _swept() -> None:
-    """Remove what an interrupt has kept from being removed."""
-    from tiltcal.core.files import remove_temporary
-
-    remove_temporary()
 
 
 def _unexpected(error: Exception) -> str:

@@ -12,6 +12,7 @@ from tiltcal import __version__
 from tiltcal.calibration.bias_table import PASSES, STEEP, BiasTable, PlacingCorrector
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.plain_text import plain
 from tiltcal.core.units import DEG
 from tiltcal.setup.setup import Setup
 
@@ -48,11 +49,7 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
     table = text.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    source = (
-        str(calibration.provenance.get("recording", "a calibration"))
-        .replace("*/", "* /")
-        .replace("\n", " ")
-    )
+    source = in_comment(str(calibration.provenance.get("recording", "a calibration")))
     return table.render(
         title=f"{name}: placing-angle bias tables",
         version=__version__,
@@ -63,6 +60,12 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
         passes=PASSES,
         **_numbers(corrector, name),
     )
+
+
+def in_comment(text: str) -> str:
+    """A text from a file, on one line and without what ends or begins a comment in C."""
+    line = plain(" ".join(text.split()))
+    return line.replace("*/", "* /").replace("/*", "/ *")
 
 
 def _corrector(calibration: Calibration, setup: Setup) -> PlacingCorrector:

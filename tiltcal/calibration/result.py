@@ -194,10 +194,12 @@ def require_finite(found: Calibration, source: str) -> None:
     Raises:
         TiltcalError: naming what is none.
     """
-    numbers = {name: (e.value, e.sigma) for name, e in found.parameters.items()}
+    numbers: dict[str, Sequence[float]] = {
+        name: (e.value, e.sigma) for name, e in found.parameters.items()
+    }
     numbers |= {f"test {t.name}": (t.statistic, t.p_value) for t in found.tests}
     numbers |= {f"residual of {name}": (rms,) for name, rms in found.heldout_rms.items()}
-    numbers["covariance"] = tuple(np.ravel(found.covariance))
+    numbers["covariance"] = np.ravel(found.covariance).tolist()
     numbers["chi2_per_dof"] = (found.chi2_per_dof,)
     for name, values in numbers.items():
         if not np.all(np.isfinite(values)):

@@ -32,7 +32,7 @@ class StoredCovariance(Stored):
             raise ValueError(f"a matrix of {n} by {n}, one row a name, each name once")
         matrix = np.array(self.matrix).reshape(n, n)
         scale = np.sqrt(np.abs(np.diag(matrix)))
-        if n and scale.max() > LARGEST:
+        if n and not np.abs(matrix).max() <= LARGEST**2:
             raise ValueError(f"sigmas of at most {LARGEST:g}")
         bounds = np.outer(scale, scale)
         unit = np.divide(matrix, bounds, out=np.zeros((n, n)), where=bounds > 0)

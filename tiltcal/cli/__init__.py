@@ -72,7 +72,7 @@ def _ended(arguments: Sequence[str]) -> int:
 
 
 def _interrupted() -> int:
-    """One line, and the exit status of the signal that came; what it kept from being removed goes."""
+    """One line, and the exit status of the signal that came."""
     from tiltcal.cli.signals import INTERRUPTED, TERMINATED, terminated
     from tiltcal.core.files import remove_temporary
 

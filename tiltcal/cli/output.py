@@ -7,8 +7,9 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import IO, Any
 
@@ -42,9 +43,21 @@ def stdout_bytes() -> Iterator[IO[bytes]]:
 
 
 def print_json(value: Any) -> None:
-    """Print JSON on stdout."""
-    json.dump(value, sys.stdout, indent=1, default=float)
+    """Print JSON on stdout; what is no finite number is null."""
+    json.dump(finite(value), sys.stdout, indent=1, allow_nan=False)
     sys.stdout.write("\n")
+
+
+def finite(value: Any) -> Any:
+    """Plain values, with null for numbers that JSON does not have."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    number = float(value)
+    return number if isfinite(number) else None
 
 
 def require_output(command: str, output: Path | None, as_json: bool, what: str) -> None:

@@ -81,7 +81,7 @@ def prove(
             need="the folder tests/blind of the source",
             do="run in a source checkout, or name its tests folder with --trials",
         )
-    command = [sys.executable, "-m", "blind", "--n", f"{n}", "--seed", f"{seed}"]
+    command = [sys.executable, "-P", "-m", "blind", "--n", f"{n}", "--seed", f"{seed}"]
     command += ["--jobs", f"{jobs}", "--shard", shard]
     command += ["--kinds", *kinds] if kinds else []
     command += ["--types", *types] if types else []

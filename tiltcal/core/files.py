@@ -57,8 +57,9 @@ def replacing(path: Path) -> Iterator[Path]:
         TiltcalError: the place cannot be written.
     """
     path = require_writable(Path(path))
-    # of a name of its own length: one that is as long as names may be has no room for more
-    temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix[:20]}")
+    # of a name of its own length: one that is as long as names may be has no room for more; and
+    # absolute: libraries take `x:y` for an address
+    temporary = path.absolute().with_name(f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix[:20]}")
     _unfinished.add(temporary)
     try:
         with _explained(path, "a folder that can be written"):

@@ -128,7 +128,7 @@ def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
     (n,).
     """
     turning = np.zeros(len(time), bool)
-    if not quiet.any():
+    if not quiet.any() or len(time) < 2:
         return turning
     width = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
     first = np.clip(np.arange(len(time)) - width // 2, 0, max(len(time) - width, 0))

@@ -76,8 +76,9 @@ def import_named(name: str) -> Callable[..., Any]:
         TiltcalError: it does not import, or cannot be called.
     """
     module, _, attribute = name.partition(":")
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # a user's own file lies in the folder they stand in
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # last: a file there cannot take the place of an installed package
     try:
         target: Any = importlib.import_module(module)
         for part in attribute.split("."):

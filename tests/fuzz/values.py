@@ -78,7 +78,7 @@ def change(tree: Any, path: Path, rng: np.random.Generator) -> None:
     kind = rng.integers(8)
     if kind == 0:
         del owner[key]
-    elif kind == 1 and is_number(value):
+    elif kind == 1 and is_number(value) and abs(value) < 1e300:
         owner[key] = scaled(value, rng)
     elif kind == 2 and isinstance(value, list) and value:
         owner[key] = value * int(rng.integers(2, 5)) if rng.random() < 0.5 else value[:-1]

@@ -38,7 +38,7 @@ from tiltcal.validation.campaign.folder import (
     merged,
     write_campaign,
 )
-from tiltcal.validation.campaign.points import check_levels, require_allowed
+from tiltcal.validation.campaign.points import check_levels, require_allowed, require_countable
 from tiltcal.validation.campaign.results import Results, known_summary, write_results
 
 Output = Annotated[
@@ -183,6 +183,7 @@ def _made(
     allow_commands: bool,
     as_json: bool,
 ) -> int:
+    require_countable(found)
     require_allowed(found, allow_commands)
     check_levels(found)
     place = Place.of(output)

@@ -1,5 +1,6 @@
 """Ctrl-C and a request to end, SIGTERM: both unwind the command, which leaves no partial output."""
 
+import os
 import signal
 import sys
 import threading
@@ -9,6 +10,7 @@ from typing import Any
 
 INTERRUPTED = 130
 TERMINATED = 143
+LATER_S = 0.01  # until a lost interrupt comes again, when nothing swallows it
 
 received: list[int] = []
 """The signals that have come: an exception that one of them raised may turn into another."""
@@ -47,8 +49,8 @@ def unwinding() -> Iterator[None]:
             hook(lost)
             return
         listen()
-        ended = isinstance(lost.exc_value, Terminated)
-        signal.raise_signal(signal.SIGTERM if ended else signal.SIGINT)
+        number = signal.SIGTERM if isinstance(lost.exc_value, Terminated) else signal.SIGINT
+        threading.Timer(LATER_S, os.kill, (os.getpid(), number)).start()
 
     listen()
     sys.unraisablehook = again

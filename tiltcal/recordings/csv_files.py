@@ -200,9 +200,8 @@ def csv_writer(out: IO[bytes]) -> Iterator[Callable[[Recording], None]]:
         if not names:
             names.extend(piece.written_names)
             write_head(out, piece.metadata, names)
-        pacsv.write_csv(
-            arrow_table(piece, names, cell_of), out, pacsv.WriteOptions(include_header=False)
-        )
+        table = arrow_table(piece, names, cell_of)
+        pacsv.write_csv(table, out, pacsv.WriteOptions(include_header=False))
 
     yield write
 
@@ -231,10 +230,14 @@ def arrow_table(
     """
     import pyarrow as pa
 
+    def array_of(texts: Labels) -> Any:
+        words = {t: written(t) if t else None for t in set(texts)}
+        return pa.array([words[t] for t in texts], pa.string())
+
     texts = recording.texts
     return pa.table(
         [
-            pa.array([written(t) if t else None for t in texts[name]], pa.string())
+            array_of(texts[name])
             if name in texts
             else pa.array(
                 recording.time if name == "time_s" else recording.column(name),

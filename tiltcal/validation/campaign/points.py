@@ -83,11 +83,11 @@ def count_of(campaign: Campaign) -> int:
     return cells * (campaign.table.samples * (d + 2) if d else 1)
 
 
-def check_levels(campaign: Campaign) -> None:
-    """Refuse a level or a distribution that makes no scenario, before the first run.
+def require_countable(campaign: Campaign) -> None:
+    """Refuse more runs than the budget allows, before any of them is named.
 
     Raises:
-        TiltcalError: of the first one.
+        TiltcalError: stating how many, and what they would take.
     """
     runs = count_of(campaign) * campaign.table.runs
     require_within(
@@ -96,6 +96,14 @@ def check_levels(campaign: Campaign) -> None:
         seconds=RUN_S * runs,
         less="ask for fewer levels, samples or runs",
     )
+
+
+def check_levels(campaign: Campaign) -> None:
+    """Refuse a level or a distribution that makes no scenario, before the first run.
+
+    Raises:
+        TiltcalError: of the first one.
+    """
     trials: list[tuple[str, dict[str, Any]]] = []
     for f in campaign.grids:
         trials += [(f"{f.title} = {label}", fields) for label, fields in f.levels()]

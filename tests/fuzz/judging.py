@@ -17,7 +17,9 @@ from tests.fuzz.originals import inside
 from tiltcal import cli
 from tiltcal.cli import main
 
-LONGEST_S = 10
+LONGEST_S = 10.0
+QUIET_S = 3.0
+"""A command that takes longer has shown progress within that time."""
 MESSAGE = re.compile(r"tiltcal: .+: found .+, need .+; .+\n", re.DOTALL)
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 KEEPING = ("investigate", "campaign", "sweep", "verify", "prove")
@@ -167,7 +169,7 @@ def verdict(
         return "memory", place_of(ending.error)
     if ending.error is not None and not isinstance(ending.error, Overdue):
         return "traceback", place_of(ending.error)
-    if ending.overdue and (ending.quiet_s > 3 or ending.status != 130):
+    if ending.overdue and (ending.quiet_s > QUIET_S or ending.status != 130):
         return "hang", f"{command} {ending.status} {case.changed}"
     left = leftovers(command, ending, before, after)
     if left:

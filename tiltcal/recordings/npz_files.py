@@ -33,12 +33,13 @@ def read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist()}
             _require_within_budget(path, members)
+            shapes = {name: _shape(archive, member) for name, member in members.items()}
+            _require_one_length(path, shapes)
             for name, member in members.items():
-                values = _loaded(archive, member)
+                with archive.open(member) as stream:
+                    values = npy.read_array(stream, allow_pickle=False)
                 if name == METADATA:
                     metadata = metadata_of(str(values), path)
-                elif np.ndim(values) != 1:
-                    raise ValueError(f"array {name} of shape {np.shape(values)}")
                 else:
                     columns[name] = _column(name, values)
     except _UNREADABLE as error:
@@ -48,7 +49,6 @@ def read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
             need="an NPZ archive, one array a column",
             do="check the file",
         ) from error
-    _require_one_length(path, columns)
     return columns, metadata
 
 
@@ -75,8 +75,8 @@ def _require_within_budget(path: Path, members: Mapping[str, zipfile.ZipInfo]) -
     )
 
 
-def _loaded(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Any:
-    """An array, once its header claims exactly what the archive holds."""
+def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, ...]:
+    """The shape of an array whose header claims exactly what the archive holds."""
     with archive.open(member) as stream:
         version = npy.read_magic(stream)
         read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
@@ -89,8 +89,7 @@ def _loaded(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Any:
         count *= length
     if min(shape, default=0) < 0 or count * dtype.itemsize != held:
         raise ValueError(f"array {member.filename} that claims {count} values in {held} bytes")
-    with archive.open(member) as stream:
-        return npy.read_array(stream, allow_pickle=False)
+    return shape
 
 
 def _column(name: str, values: Any) -> Array | Labels:
@@ -106,8 +105,13 @@ def _column(name: str, values: Any) -> Array | Labels:
     return np.asarray(values, dtype=float)
 
 
-def _require_one_length(path: Path, columns: Mapping[str, Array | Labels]) -> None:
-    lengths = {name: len(values) for name, values in columns.items()}
+def _require_one_length(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuse arrays that are no columns, or columns of different lengths."""
+    columns = {name: shape for name, shape in shapes.items() if name != METADATA}
+    for name, shape in columns.items():
+        if len(shape) != 1:
+            raise ValueError(f"array {name} of shape {shape}")
+    lengths = {name: shape[0] for name, shape in columns.items()}
     if len(set(lengths.values())) > 1:
         odd = max(lengths, key=lambda name: abs(lengths[name] - lengths.get("time_s", 0)))
         raise TiltcalError(

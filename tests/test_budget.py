@@ -58,6 +58,12 @@ def test_more_is_within_a_budget_that_allows_it():
     assert Budget.allowed() == Budget()
 
 
+def test_what_the_environment_allows_has_to_be_a_number(monkeypatch):
+    monkeypatch.setenv("TILTCAL_ALLOW_ROWS", "many")
+    with pytest.raises(TiltcalError, match="TILTCAL_ALLOW_ROWS: found 'many'"):
+        Budget.allowed()
+
+
 def test_runs_without_number_are_refused_with_their_bytes_and_hours(here, capsys):
     text = BENCH_SCENARIO.replace('name = "six_position"', 'name = "six_position"\nruns = 1000000')
     (here / "s.toml").write_text(text)

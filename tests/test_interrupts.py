@@ -2,6 +2,7 @@
 folder is refused, and `verify` goes on where it was stopped.
 """
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from tiltcal.cli.signals import Terminated, unwinding
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import TEMPORARY
+from tiltcal.core.tasks.journal import open_journal
 from tiltcal.validation import runs
 from tiltcal.validation.kept_runs import NAME
 
@@ -137,9 +139,12 @@ def test_verify_goes_on_where_it_was_stopped(here, monkeypatch):
     assert [p.name for p in (here / "out").iterdir()] == [NAME]
 
     monkeypatch.setattr(runs, "run_seed", lambda *words: made.append(words[2]) or run_seed(*words))
+    copied = shutil.copytree(here / "out", here / "again")
     assert main(["verify", "s.toml", "-o", "out"]) == 0
     assert made == [0, 1, 2, 3]
     assert not (here / "out" / NAME).exists()
+    assert main(["verify", "s.toml", "-o", "again", "-j", "2"]) == 0
+    assert numbers(copied) == numbers(here / "whole")
     assert numbers(here / "out") == numbers(here / "whole")
 
 
@@ -164,3 +169,25 @@ def test_runs_of_another_scenario_are_not_taken(here, monkeypatch):
         (here / "s.toml").write_text(text)
         assert main(["verify", "s.toml", "-o", "out"]) == 130
     assert made == [0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("content", [b"", b"nothing", b"SQLite format 3\x00" + bytes(200)])
+def test_a_damaged_journal_is_refused_in_words(content, here, capsys):
+    (here / "s.toml").write_text(MANY)
+    (here / "out").mkdir()
+    (here / "out" / NAME).write_bytes(content)
+    status = main(["verify", "s.toml", "-o", "out"])
+    assert status == (2 if content else 0)
+    assert ("need a journal" in capsys.readouterr().err) == bool(content)
+
+
+def test_a_damaged_run_in_a_journal_is_refused_in_words(here, monkeypatch, capsys):
+    (here / "s.toml").write_text(MANY)
+    monkeypatch.setattr("tiltcal.validation.kept_runs._key", lambda *_: "key")
+    for record in ("{", "{}", '{"seed": 1, "runs": [{"row": {}, "calibration": null, "tilt": 1}]}'):
+        shutil.rmtree(here / "out", ignore_errors=True)
+        (here / "out").mkdir()
+        with open_journal(here / "out" / NAME) as journal:
+            journal.record("key", record)
+        assert main(["verify", "s.toml", "-o", "out"]) == 2
+        assert "need the runs of `tiltcal verify`" in capsys.readouterr().err

@@ -21,6 +21,7 @@ BY_ENDING = {
     ".parquet": mutated_parquet,
     ".toml": mutated_toml,
     ".json": mutated_json,
+    ".journal": mutated_bytes,
 }
 RAW = 0.12
 ARGUMENTS = 0.2

@@ -46,6 +46,7 @@ LOOKED = (
     "looked/diagnosis_0/amended.toml",
 )
 RESUME = "investigate --scenario @bench.toml --lab true --resume -o looked"
+SHARD = ("shard/results.journal", "shard/results.campaign.json")
 SPLIT = "design --split @found/diagnosis.json --scenario @bench.toml --recordings @bench.csv"
 LINES = (
     Line("simulate @bench.toml -o out.csv --truth truth.json", 6),
@@ -98,7 +99,7 @@ LINES = (
     Line(
         "design --split @found/diagnosis.json --scenario @bench.toml --recordings @bench.csv", 0.3
     ),
-    Line("merge shard -o out", 0.05),
+    Line("merge shard -o out", 0.5, SHARD),
     Line("prove --kinds none --n 1", 0.05),
     Line("methods", 0.2),
     Line("completion bash", 0.2),

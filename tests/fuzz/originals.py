@@ -102,6 +102,7 @@ def make_originals(place: Path) -> dict[str, bytes]:
         Path("own.py").write_text(OWN_METHOD)
         Path("still.csv").write_text(first_rows("bench.csv", 40))
         investigation()
+        require(quietly("campaign", "campaign.toml", "-o", "shard"), "campaign")
     return {
         str(p.relative_to(place)): p.read_bytes() for p in sorted(place.rglob("*")) if p.is_file()
     }

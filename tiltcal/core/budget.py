@@ -121,9 +121,20 @@ def _amounts(rows: float, size: float, seconds: float) -> str:
 
 
 def _stated(name: str, default: float) -> float:
-    """An amount from the environment; the default where it is none."""
-    try:
-        amount = float(os.environ.get(name, ""))
-    except ValueError:
+    """An amount from the environment; the default where nothing is stated.
+
+    Raises:
+        TiltcalError: it is not a positive number.
+    """
+    text = os.environ.get(name, "")
+    if not text:
         return default
-    return amount if amount > 0 else default
+    try:
+        amount = float(text)
+    except ValueError:
+        amount = 0.0
+    if not amount > 0:
+        raise TiltcalError(
+            f"variable {name}", found=f"'{text}'", need="a number above 0", do="correct it"
+        )
+    return amount

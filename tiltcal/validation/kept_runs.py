@@ -15,12 +15,13 @@ from typing import Any
 from tiltcal import __version__
 from tiltcal.calibration.methods.registry import METHODS
 from tiltcal.calibration.result import calibration_from
+from tiltcal.core.errors import TiltcalError
 from tiltcal.core.read_back import Finite, Stored, checked
 from tiltcal.core.tasks.journal import Journal, open_journal
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.validation.accuracy import TiltError
 from tiltcal.validation.campaign.campaign_file import hash_of
-from tiltcal.validation.runs import ParameterRow, Row, Run, SeedResult
+from tiltcal.validation.runs import Run, SeedResult, row_of
 
 NAME = "verify.journal"
 
@@ -61,8 +62,18 @@ class KeptRuns:
         text = self._journal.record_of(_key(scenario, k)) if _keepable(scenario) else None
         if text is None:
             return None
-        found = checked(StoredSeed, json.loads(text), f"journal {self._journal.path}", "its runs")
-        return SeedResult(found.seed, tuple(None if r is None else _run(r) for r in found.runs))
+        subject = f"journal {self._journal.path}"
+        try:
+            found = checked(StoredSeed, json.loads(text), subject, "the runs of `tiltcal verify`")
+            runs = tuple(None if r is None else _run(r) for r in found.runs)
+        except ValueError as error:
+            raise TiltcalError(
+                subject,
+                found=str(error).splitlines()[0],
+                need="the runs of `tiltcal verify`",
+                do="remove it, so that all runs are made again",
+            ) from error
+        return SeedResult(found.seed, runs)
 
     def keep(self, scenario: Scenario, k: int, result: SeedResult) -> None:
         """Write run k of a scenario."""
@@ -115,11 +126,9 @@ def _stored(run: Run) -> dict[str, Any]:
 
 
 def _run(stored: StoredRun) -> Run:
-    parameters = tuple(ParameterRow(**p) for p in stored.row["parameters"])
-    row = Row(**(stored.row | {"parameters": parameters}))
     t = stored.tilt
     return Run(
-        row,
+        row_of(stored.row),
         None if stored.calibration is None else calibration_from(stored.calibration),
         None if t is None else TiltError(t.before, t.after, t.bound, t.over, t.dof),
     )

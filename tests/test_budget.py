@@ -10,6 +10,8 @@ from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, refusal
 from tiltcal.cli import main
 from tiltcal.core.budget import Budget, allow, require_within, restoring
 from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import write_recording
 
 LONG = '[[sequence]]\naction = "rest"\ndwell_s = {}\n'
 
@@ -94,6 +96,14 @@ def saved(values) -> bytes:
     out = io.BytesIO()
     np.save(out, values)
     return out.getvalue()
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
+def test_a_file_of_thousands_of_columns_is_refused(ending, here, capsys):
+    columns = {f"c{k}_g": np.zeros(2) for k in range(5000)}
+    write_recording(Recording.from_columns(np.arange(2.0), columns), here / f"r.{ending}")
+    message = refusal(["segments", f"r.{ending}"], here, capsys)
+    assert "columns, need at most 4096" in message
 
 
 def test_an_array_that_claims_more_than_its_archive_holds_is_not_allocated(here, capsys):

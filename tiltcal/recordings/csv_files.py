@@ -1,6 +1,7 @@
 """Recordings as CSV files, with metadata lines before the header."""
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -15,10 +16,27 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.recording import Labels, Recording
 
+MOST_COLUMNS = 4096
+
 
 def is_number(name: str) -> bool:
     """Whether a column of that name holds numbers (its name ends in a unit)."""
     return name != "label" and split_unit(name)[1] is not None
+
+
+def require_few(columns: int, path: Path) -> None:
+    """Refuse a file with more columns than any instrument has.
+
+    Raises:
+        TiltcalError: stating how many.
+    """
+    if columns > MOST_COLUMNS:
+        raise TiltcalError(
+            f"recording {path.name}",
+            found=f"{columns} columns",
+            need=f"at most {MOST_COLUMNS}",
+            do="leave out those that are no channel",
+        )
 
 
 def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
@@ -36,7 +54,8 @@ def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
                     metadata[key.strip()] = value.strip()
             elif line.strip():
                 names = _names(line, path, number)
-                twice = sorted({name for name in names if names.count(name) > 1})
+                require_few(len(names), path)
+                twice = sorted(name for name, count in Counter(names).items() if count > 1)
                 if twice:
                     raise TiltcalError(
                         f"recording {path.name}, line {number}",

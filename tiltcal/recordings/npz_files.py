@@ -12,7 +12,7 @@ from numpy.lib import format as npy
 from tiltcal.core.arrays import Array
 from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.csv_files import is_number
+from tiltcal.recordings.csv_files import is_number, require_few
 from tiltcal.recordings.parquet_files import METADATA, metadata_of
 from tiltcal.recordings.recording import Labels, Recording
 
@@ -33,6 +33,7 @@ def read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist()}
             _require_within_budget(path, members)
+            require_few(len(members), path)
             shapes = {name: _shape(archive, member) for name, member in members.items()}
             _require_one_length(path, shapes)
             for name, member in members.items():

@@ -9,7 +9,7 @@ from typing import Any
 from tiltcal.core.arrays import Array
 from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.csv_files import arrow_table, is_number, to_numpy
+from tiltcal.recordings.csv_files import arrow_table, is_number, require_few, to_numpy
 from tiltcal.recordings.recording import Labels, Recording
 
 METADATA = "tiltcal.metadata"
@@ -46,6 +46,7 @@ def parquet_head(path: Path) -> tuple[dict[str, str], list[str]]:
         schema = parquet.read_schema(path)
     except (pa.ArrowException, OSError) as error:
         raise _unreadable(path, error) from error
+    require_few(len(schema.names), path)
     return stored_metadata(schema.metadata, path), list(schema.names)
 
 

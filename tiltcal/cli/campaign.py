@@ -21,6 +21,7 @@ from tiltcal.cli.options import (
 from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
+from tiltcal.core.read_back import checked
 from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.tasks.outcome import Limits
 from tiltcal.validation.campaign.campaign_file import (
@@ -132,14 +133,17 @@ def sweep(
             need="--effect or --field",
             do="add --effect acc_K2.k2_x_ug_g2=0:3000:5",
         )
-    table = CampaignTable.model_validate(
+    table = checked(
+        CampaignTable,
         {
             "schema": 1,
             "scenario": str(scenario),
             "name": f"sweep of {scenario.name}",
             "runs": seeds,
             "factor": factors,
-        }
+        },
+        "command line of `tiltcal sweep`",
+        "a campaign",
     )
     return _made(
         campaign_of(table, scenario),

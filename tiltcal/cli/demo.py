@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from tiltcal.cli.demo_case import bench, concealed, ordinary
 from tiltcal.cli.diagnose import diagnose
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import WHOLE, Json
+from tiltcal.cli.options import SEED, Json
 from tiltcal.cli.output import print_table, progress_line, say, tell
 from tiltcal.cli.verify import finish
 from tiltcal.core.assets import folder
@@ -37,7 +37,7 @@ SHOWN = (
 def demo(
     *,
     seed: Annotated[
-        int | None, WHOLE, Parameter(help="Seed of the concealed effect; random if not given.")
+        int | None, SEED, Parameter(help="Seed of the concealed effect; random if not given.")
     ] = None,
     output: Annotated[Path, Parameter(alias="-o", help="Folder for the reports.")] = Path(
         "demo-output"

@@ -8,7 +8,7 @@ from cyclopts import Group, Parameter
 
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
-from tiltcal.cli.options import WHOLE, EngineName, Jobs, Json
+from tiltcal.cli.options import SEED, EngineName, Jobs, Json
 from tiltcal.cli.output import print_json, print_table, progress_line, say
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
@@ -59,7 +59,7 @@ def design(
     ] = None,
     /,
     *,
-    seed: Annotated[int, WHOLE, Parameter(help="Seed of the search.")] = 0,
+    seed: Annotated[int, SEED, Parameter(help="Seed of the search.")] = 0,
     aim: Annotated[Aim, AIM] = DEFAULT_AIM,
     table: Annotated[TableTime, TABLE_TIME] = DEFAULT_TABLE_TIME,
     blind_to_nothing: Annotated[BlindToNothing, Parameter(group=OTHER_DESIGN)] = None,

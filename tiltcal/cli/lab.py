@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import DEFAULT_BUDGET, WHOLE, Json, MoreBudget
+from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.effects import to_file
 from tiltcal.laboratory.scenario import Scenario, fresh, load_scenario
@@ -25,7 +25,7 @@ def lab(
     /,
     *,
     seed: Annotated[
-        int | None, WHOLE, Parameter(help="Seed in place of the scenario's own.")
+        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
     ] = None,
     budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,

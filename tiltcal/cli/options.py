@@ -1,6 +1,6 @@
 """Parameters that several commands share."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -59,6 +59,38 @@ class Allowed:
 
 MoreBudget = Annotated[Allowed, Parameter(name="*", group=Group("Budget", sort_key=2))]
 DEFAULT_BUDGET = Allowed()
+
+
+def _seed(kind: Any, tokens: Sequence[Token]) -> int:
+    number = _whole_number(kind, tokens)
+    if number < 0:
+        raise ValueError(f"{number} is below 0")
+    return number
+
+
+SEED = Parameter(converter=_seed)
+"""An option with a whole number from 0 on."""
+
+
+def finite(_: Any, value: Any) -> None:
+    """Refuse numbers that are not finite, wherever a command takes a number."""
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, float) and not abs(number) <= LARGEST:
+            raise ValueError(f"{number:g} is no number of at most {LARGEST:g}")
+
+
+def between(low: float, high: float, or_zero: bool = False) -> Callable[[Any, Any], None]:
+    """A validator of an option: a number within bounds, both included."""
+
+    def check(_: Any, number: float) -> None:
+        if not (low <= number <= high or (or_zero and number == 0)):
+            zero = "0, or " if or_zero else ""
+            raise ValueError(f"{number:g} is not {zero}from {low:g} to {high:g}")
+
+    return check
+
+
+LARGEST = 1e30  # of a number on the command line: its powers are still numbers
 AllowCommands = Annotated[
     bool,
     Parameter("--allow-commands", help="Permit scenarios to run external programs as methods."),

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEVERAL, WHOLE, Json
+from tiltcal.cli.options import SEED, SEVERAL, WHOLE, Json
 from tiltcal.cli.signals import INTERRUPTED, Terminated
 from tiltcal.core.assets import beside
 from tiltcal.core.errors import TiltcalError
@@ -43,7 +43,7 @@ def prove(
         str | None,
         Parameter(help="Command that is judged; this program by default. See the guide."),
     ] = None,
-    seed: Annotated[int, WHOLE, Parameter(help="Seed of the trials.")] = 0,
+    seed: Annotated[int, SEED, Parameter(help="Seed of the trials.")] = 0,
     jobs: Annotated[int, WHOLE, Parameter(alias="-j", help="Trials at the same time.")] = 1,
     shard: Annotated[
         str,

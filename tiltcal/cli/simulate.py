@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import DEFAULT_BUDGET, WHOLE, Json, MoreBudget, ScenarioFile
+from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget, ScenarioFile
 from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
 from tiltcal.core.files import replacing, write_json
 from tiltcal.core.units import DEG
@@ -42,7 +42,7 @@ def simulate(
     ] = "on",
     seed: Annotated[
         int | None,
-        WHOLE,
+        SEED,
         Parameter(help="Seed of the random effects; the scenario's if not given."),
     ] = None,
     truth: Annotated[

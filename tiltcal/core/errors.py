@@ -16,7 +16,7 @@ class TiltcalError(Exception):
 
     def __init__(self, subject: str, *, found: str, need: str, do: str) -> None:
         self.subject, self.found, self.need, self.do = subject, found, need, do
-        super().__init__(f"{subject}: found {found}, need {need}; {do}")
+        super().__init__(f"{subject}: found {found or 'nothing'}, need {need}; {do}")
 
     def __reduce__(self) -> "tuple[Callable[..., TiltcalError], tuple[str, str, str, str]]":
         """So that the error of another process arrives whole."""

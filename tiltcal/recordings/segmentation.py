@@ -147,7 +147,7 @@ def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     if n < 4:
         return np.ones(n, bool)
     dt = float(np.median(np.diff(time)))
-    width = max(round(window / dt), 6)
+    width = max(round(min(window / dt, n)), 6)
     if n <= width:
         raise TiltcalError(
             source,

@@ -95,14 +95,14 @@ def kept_runs(folder: Path | None) -> Iterator[KeptRuns | None]:
         yield None
         return
     path = folder / NAME
-    needed = False
+    needed = True
     try:
         with open_journal(path) as journal:
             try:
                 yield KeptRuns(journal)
-            except BaseException:
-                needed = len(journal) > 0
-                raise
+                needed = False
+            finally:
+                needed = needed and len(journal) > 0
     finally:
         for ending in () if needed else ("", "-wal", "-shm"):
             path.with_name(NAME + ending).unlink(missing_ok=True)

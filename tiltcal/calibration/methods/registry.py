@@ -3,7 +3,6 @@ or a command.
 """
 
 import importlib
-import inspect
 import json
 import os
 import subprocess
@@ -20,6 +19,7 @@ from tiltcal.calibration.methods.gyro_rates import gyro_rates
 from tiltcal.calibration.methods.gyro_turns import gyro_turns
 from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.north_seeking import north
+from tiltcal.calibration.methods.options import check_options
 from tiltcal.calibration.methods.placing_table import placing_table
 from tiltcal.calibration.methods.six_position import six_position
 from tiltcal.calibration.methods.two_position import two_position
@@ -114,18 +114,7 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             unit of another dimension.
     """
     method = find_method(name)
-    accepted = inspect.signature(method).parameters
-    takes_any = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
-    given = list(accepted)[:2]  # the recording and the set-up are not the user's to name
-    unknown = [key for key in options if key in given or (key not in accepted and not takes_any)]
-    if unknown:
-        valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
-        raise TiltcalError(
-            f"method {name}",
-            found=f"option '{unknown[0]}'",
-            need="an option of it",
-            do=nearest(unknown[0], valid or ["none"]),
-        )
+    check_options(method, name, options)
     bare = (
         setup
         if type(setup) is Setup

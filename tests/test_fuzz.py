@@ -10,6 +10,7 @@ import pytest
 from tests.fuzz import judging
 from tests.fuzz.cases import Case, make_case
 from tests.fuzz.judging import SOUND, contents, judge
+from tests.fuzz.options import option_cases
 from tests.fuzz.originals import make_originals
 from tests.fuzz.running import outcomes
 from tiltcal.cli import methods
@@ -25,8 +26,16 @@ def originals(tmp_path_factory):
 
 @pytest.mark.slow
 def test_no_mutated_input_breaks_a_rule(originals):
-    found = list(outcomes(7, range(COUNT), originals))
+    found = list(outcomes(range(COUNT), lambda number: make_case(7, number, originals)))
     assert len(found) == COUNT
+    assert [o.told for o in found if o.kind not in QUIET] == []
+
+
+@pytest.mark.slow
+def test_no_odd_value_of_an_option_of_a_method_breaks_a_rule(originals):
+    cases = option_cases(originals, methods_only=True)
+    found = list(outcomes(range(len(cases)), cases.__getitem__))
+    assert len(found) > 200
     assert [o.told for o in found if o.kind not in QUIET] == []
 
 

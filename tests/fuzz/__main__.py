@@ -2,6 +2,7 @@
 
     python -m tests.fuzz --count 20000 --seed 1
     python -m tests.fuzz --seed 1 --only 1234
+    python -m tests.fuzz --options
 
 Exit status: 0 nothing broke a rule; 1 something did.
 """
@@ -11,9 +12,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
+from tests.fuzz.cases import Case, make_case
 from tests.fuzz.judging import SOUND, Outcome
+from tests.fuzz.options import option_cases
 from tests.fuzz.originals import make_originals
 from tests.fuzz.running import outcomes
 
@@ -25,20 +29,29 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", type=int, nargs="*")
+    parser.add_argument("--options", action="store_true", help="every option with odd values")
     parser.add_argument("--log", type=Path, help="file for all that is known of each failure")
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         originals = make_originals(Path(place))
-    numbers = words.only or range(words.first, words.first + words.count)
+    numbers, make = words.only or range(words.first, words.first + words.count), None
+    if words.options:
+        cases = option_cases(originals)
+        numbers, make = words.only or range(len(cases)), cases.__getitem__
     start, found = time.monotonic(), []
     log = words.log.open("w") if words.log else None
-    for outcome in outcomes(words.seed, numbers, originals):
+    for outcome in outcomes(numbers, make or partial(case_of, words.seed, originals)):
         found.append(outcome)
         if outcome.kind != SOUND:
             print_to(log or sys.stderr, outcome)
         if len(found) % 500 == 0:
             print(f"{len(found)} of {len(numbers)}, {counts(found)}", file=sys.stderr, flush=True)
     return report(found, time.monotonic() - start)
+
+
+def case_of(seed: int, originals: dict[str, bytes], number: int) -> Case:
+    """A mutated input."""
+    return make_case(seed, number, originals)
 
 
 def print_to(log: object, outcome: Outcome) -> None:

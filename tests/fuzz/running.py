@@ -12,33 +12,35 @@ from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 
-from tests.fuzz.cases import make_case
+from tests.fuzz.cases import Case
 from tests.fuzz.judging import LONGEST_S, Outcome, judge, limit_memory
 from tiltcal.cli.commands import COMMANDS
 
+Make = Callable[[int], Case]
+"""A case by its number."""
 MEMORY = 2 << 30
 TOGETHER = 200
 
 
-def outcomes(seed: int, numbers: Sequence[int], originals: dict[str, bytes]) -> Iterator[Outcome]:
-    """What became of each case."""
+def outcomes(numbers: Sequence[int], make: Make) -> Iterator[Outcome]:
+    """What became of each case, by its number."""
     for command in COMMANDS.values():
         import_module("tiltcal.cli." + command.target.partition(":")[0])
     left = list(numbers)
     while left:
-        for outcome in in_child(seed, left[:TOGETHER], originals):
+        for outcome in in_child(left[:TOGETHER], make):
             left.remove(outcome.number)
             yield outcome
 
 
-def in_child(seed: int, numbers: list[int], originals: dict[str, bytes]) -> Iterator[Outcome]:
+def in_child(numbers: list[int], make: Make) -> Iterator[Outcome]:
     """Cases in one process; the one in which it ends is its last."""
     read, write = os.pipe()
     home = Path(tempfile.mkdtemp(prefix="fuzz-"))
     child = os.fork()
     if child == 0:
         os.close(read)
-        work(seed, numbers, originals, home, lambda line: os.write(write, line) and None)
+        work(numbers, make, home, lambda line: os.write(write, line) and None)
     os.close(write)
     done: list[int] = []
     try:
@@ -56,18 +58,12 @@ def in_child(seed: int, numbers: list[int], originals: dict[str, bytes]) -> Iter
         shutil.rmtree(home, ignore_errors=True)
     following = next((n for n in numbers if n not in done), None)
     if following is not None:
-        case = make_case(seed, following, originals)
+        case = make(following)
         words = " ".join(ascii(a)[:100] for a in case.arguments)
         yield Outcome(following, kind, f"{words} {case.changed}", f"wait status {status}", 0.0)
 
 
-def work(
-    seed: int,
-    numbers: list[int],
-    originals: dict[str, bytes],
-    home: Path,
-    tell: Callable[[bytes], None],
-) -> None:
+def work(numbers: list[int], make: Make, home: Path, tell: Callable[[bytes], None]) -> None:
     """Run cases, tell what became of each, and end this process."""
     try:
         os.environ["HOME"] = str(home)
@@ -75,7 +71,7 @@ def work(
         for number in numbers:
             place = Path(tempfile.mkdtemp(dir=home))
             tempfile.tempdir = str(home)
-            outcome = judge(make_case(seed, number, originals), place)
+            outcome = judge(make(number), place)
             shutil.rmtree(place, ignore_errors=True)
             tell(json.dumps(asdict(outcome)).encode() + b"\n")
         os._exit(0)

@@ -172,8 +172,9 @@ def merge(
     Exit status: 0 merged, and runs that are missing are counted; 2 unusable input.
     """
     place = Place.of(output)
-    found = merged([Place.of(part) for part in parts], place)
-    return _finished(found, place, as_json)
+    with place.claimed(), place.whole_or_not_at_all():
+        found = merged([Place.of(part) for part in parts], place)
+        return _finished(found, place, as_json)
 
 
 def _made(

@@ -117,12 +117,23 @@ def _explained(path: Path, need: str) -> Iterator[None]:
         ) from error
 
 
+def _require_text(path: Path, subject: str) -> None:
+    """Refuse a name that is no text: libraries cannot be handed it."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise TiltcalError(
+            subject, found="a name that is no text", need="a name in UTF-8", do="rename it"
+        ) from error
+
+
 def _mode(path: Path, subject: str) -> int | None:
     """Type and permissions of what has that name; None where nothing has.
 
     Raises:
         TiltcalError: nothing can have it.
     """
+    _require_text(path, subject)
     try:
         return path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -154,6 +165,7 @@ def make_folder(path: Path) -> Path:
     Raises:
         TiltcalError: it is a file or cannot be made.
     """
+    _require_text(path, f"output {path}")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -29,6 +29,10 @@ from tiltcal.validation.campaign.campaign_runs import (
 from tiltcal.validation.campaign.points import count_of
 
 RESULTS = "results.parquet"
+ENDINGS = (
+    *(".journal", ".journal-wal", ".journal-shm", ".campaign.json", ".summary.json"),
+    *(".html", ".parquet"),
+)
 WRITTEN = "a campaign.json as `tiltcal campaign` writes it"
 
 
@@ -66,6 +70,18 @@ class Place:
         journal alone.
         """
         return claimed(self.results.parent if self.results.name == RESULTS else None)
+
+    @contextmanager
+    def whole_or_not_at_all(self) -> Iterator[None]:
+        """Where nothing was before, an error leaves nothing."""
+        made = [p for ending in ENDINGS if not (p := self.beside(ending)).exists()]
+        done = self.beside(".journal") not in made
+        try:
+            yield
+            done = True
+        finally:
+            for path in () if done else made:
+                path.unlink(missing_ok=True)
 
     @contextmanager
     def journal(self) -> Iterator[Journal]:

@@ -82,8 +82,8 @@ def finite(_: Any, value: Any) -> None:
 def between(low: float, high: float, or_zero: bool = False) -> Callable[[Any, Any], None]:
     """A validator of an option: a number within bounds, both included."""
 
-    def check(_: Any, number: float) -> None:
-        if not (low <= number <= high or (or_zero and number == 0)):
+    def check(_: Any, number: float | None) -> None:
+        if number is not None and not (low <= number <= high or (or_zero and number == 0)):
             zero = "0, or " if or_zero else ""
             raise ValueError(f"{number:g} is not {zero}from {low:g} to {high:g}")
 

@@ -5,9 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Protocol
-
-from pydantic import TypeAdapter
+from typing import Protocol
 
 from tiltcal.calibration.methods.registry import calibrate, run_command
 from tiltcal.calibration.result import Calibration
@@ -77,18 +75,6 @@ class Row:
         if self.error is not None:
             return "error"
         return UNTESTED if self.verdict == "good" and self.tests == 0 else self.verdict
-
-
-def row_of(stored: Any) -> Row:
-    """A row as a file has it, checked.
-
-    Raises:
-        ValueError: it is none.
-    """
-    return _ROW.validate_python(stored)
-
-
-_ROW = TypeAdapter(Row)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
 from tiltcal.validation.campaign.campaign_file import Campaign, hash_of
 from tiltcal.validation.campaign.fields import Document
 from tiltcal.validation.campaign.points import Point, points_of
-from tiltcal.validation.runs import Row, laboratory_of, row_of, run_seed
+from tiltcal.validation.runs import Row, laboratory_of, run_seed
+from tiltcal.validation.stored_rows import row_of
 
 RECORDS = "the runs of `tiltcal campaign`"
 KEPT = 4096

@@ -26,6 +26,14 @@ LONG = BENCH_SCENARIO.replace("dwell_s = 3\n", "dwell_s = 20000\n", 1)
 MANY = BENCH_SCENARIO.replace('name = "six_position"', 'name = "six_position"\nruns = 4')
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """A shell's job in the background does not hear Ctrl-C, nor does what it starts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("number", list(STATUS))
 @pytest.mark.parametrize("delay", [0.0, 0.3, 0.8])
 def test_a_signal_while_a_recording_is_written_leaves_nothing(number, delay, here):

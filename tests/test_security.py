@@ -223,7 +223,8 @@ def stand_in(here: Path) -> None:
 )
 def test_files_of_the_working_folder_are_not_run(program, here):
     stand_in(here)
-    (here / "s.toml").write_text(SMALL)
+    two = SMALL.replace('name = "six_position"', 'name = "six_position"\nruns = 2')
+    (here / "s.toml").write_text(two)  # so that both workers are needed
     safe = [] if program[0] == "-m" else ["-P"]  # a console script has no such entry
     words = [sys.executable, *safe, *program, "run", "s.toml", "-o", "out", "-j", "2"]
     done = subprocess.run(words, capture_output=True, check=False, text=True)

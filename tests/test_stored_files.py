@@ -116,7 +116,9 @@ def test_a_damaged_investigation_is_refused_by_its_key(table, words, tmp_path):
         read_investigation(tmp_path / "investigation.json")
 
 
-@pytest.mark.parametrize("content", [b"{", b"[]", b"\xff\xfe", b"null", b"[" * 100_000])
+@pytest.mark.parametrize(
+    "content", [b"{", b"[]", b"\xff\xfe", b"null", b"[" * 100_000, b'{"a": NaN}', b'{"a": 1e999}']
+)
 def test_what_is_no_table_is_refused(content, good, here, capsys):
     (here / "CAL.json").write_bytes(content)
     words = ["correct", "CAL.json", good / "run.csv", "-o", "out.csv"]

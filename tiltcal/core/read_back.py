@@ -29,7 +29,7 @@ def read_json(path: Path, kind: str, need: str) -> dict[str, Any]:
     Raises:
         TiltcalError: it is missing, no JSON, or no table.
     """
-    return _table(path, kind, need, json.loads)
+    return _table(path, kind, need, _strict_json)
 
 
 def read_toml(path: Path, kind: str, need: str) -> dict[str, Any]:
@@ -60,6 +60,18 @@ def checked(model: type[Model], table: Mapping[str, Any], subject: str, need: st
             need=f"{need} ({first['msg'].removeprefix('Value error, ').lower()})",
             do="write it again",
         ) from error
+
+
+def _strict_json(text: str) -> Any:
+    """JSON without the numbers that it does not have."""
+    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not abs(number) < float("inf"):
+        raise ValueError(f"{text}, which is no JSON")
+    return number
 
 
 def _table(path: Path, kind: str, need: str, parse: Any) -> dict[str, Any]:

@@ -181,7 +181,7 @@ def static_noise(
     """The noise of each channel from a record at rest.
 
     Raises:
-        TiltcalError: it lacks a sensor.
+        TiltcalError: it lacks a sensor, or readings of it.
     """
     found = []
     for channel in observations.channels:
@@ -198,6 +198,12 @@ def static_noise(
             else np.linalg.norm(samples.values, axis=1)
         )
         values = values[~np.isnan(values)]
+        if len(values) < FEWEST_AT_REST:
+            raise undetermined(
+                static.source,
+                f"the noise of {channel.sensor} {channel.axis}",
+                f"{len(values)} readings, need at least {FEWEST_AT_REST}",
+            )
         level = cosines(np.ones(len(values)))[:, None]
         found.append(estimate_noise(cosines(values - values.mean()), level, law))
     return tuple(found)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tiltcal.core.numerical import undetermined
 from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
@@ -40,6 +41,8 @@ from tiltcal.statistics.noise_spectrum import (
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 PASSES = 5  # of putting missing bits back
+
+FEWEST_AT_REST = 16  # readings that noise is told from
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from scenario_files import EFFECTS, HEAD, SEQUENCE
+from scenario_files import BENCH_SCENARIO, EFFECTS, HEAD, SEQUENCE
+
+from tiltcal.cli import main
 
 METHOD = '''
 """Six faces, slowly; or a method that its own option loses."""
@@ -257,3 +259,15 @@ def _runs(pid: int) -> bool:
         return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
         return False
+
+
+def test_a_damaged_part_leaves_no_half_merged_campaign(here, capsys):
+    (here / "bench.toml").write_text(BENCH_SCENARIO)
+    words = ["sweep", "bench.toml", "--effect", "acc_bias.bias_x_ug=0:1:2", "--seeds", "1"]
+    assert main([*words, "-o", "part"]) == 0
+    whole = (here / "part" / "results.journal").read_bytes()
+    for content in (whole[:100], whole[: len(whole) // 2], b"nothing at all"):
+        (here / "part" / "results.journal").write_bytes(content)
+        assert main(["merge", "part", "-o", "whole"]) == 2
+        assert "journal" in capsys.readouterr().err
+        assert list((here / "whole").iterdir()) == []

@@ -34,7 +34,7 @@ def here(here):
         (["calibrate", "run.csv", "--scenario", "bench.toml"], "no --method"),
         (["init", "--latitude", "123"], "123 deg"),
         (["segments", "run.csv", "--window", "0"], "--window: found 0 s"),
-        (["segments", "run.csv", "--window", "nan"], "--window: found nan s"),
+        (["segments", "run.csv", "--window", "nan"], "nan is no number of at most 1e+30"),
         (["effects", "acc_bais"], "'acc_bais'"),
         (["simulate", "bench.toml", "-o", "run.xlsx"], "the ending '.xlsx'"),
         (

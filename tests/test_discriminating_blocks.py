@@ -248,7 +248,7 @@ def test_design_split_names_what_it_lacks(
         [*split, "--scenario", tmp_path / "bench.toml"], tmp_path, capsys
     )
     words = ["design", "--split", tmp_path / "other.json", "--scenario", tmp_path / "bench.toml"]
-    assert "no verdict and findings" in refusal(words, tmp_path, capsys)
+    assert "need a diagnosis.json" in refusal(words, tmp_path, capsys)
     (tmp_path / "other.json").write_text("not json")
     assert "diagnosis other.json" in refusal(words, tmp_path, capsys)
 

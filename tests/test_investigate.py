@@ -17,7 +17,7 @@ from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
 from tiltcal.diagnosis.investigation.investigate import InvestigationSetup, investigate
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock
-from tiltcal.diagnosis.investigation.progress_log import Investigation
+from tiltcal.diagnosis.investigation.stored import read_investigation
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import write_recording
@@ -123,9 +123,7 @@ def test_it_stops_when_explained_and_the_log_tells_the_story(tmp_path: Path) -> 
         "It is explained.",
     ):
         assert words in log
-    assert (
-        Investigation.from_json(json.loads((tmp_path / "investigation.json").read_text())) == state
-    )
+    assert read_investigation(tmp_path / "investigation.json") == state
 
 
 def test_what_is_explained_at_once_costs_no_table_time(tmp_path: Path) -> None:
@@ -210,7 +208,7 @@ def test_another_investigation_in_the_folder_is_not_overwritten(tmp_path: Path) 
             bench_of(tmp_path, Doctor("match"), Recorder()), ["other.csv"], silent, resume=True
         )
     (tmp_path / "investigation.json").write_text("{}")
-    with pytest.raises(TiltcalError, match="no investigation"):
+    with pytest.raises(TiltcalError, match="no key"):
         investigate(bench_of(tmp_path, Doctor("match"), Recorder()), [], silent, resume=True)
 
 

@@ -16,6 +16,7 @@ from tiltcal.core.units import COLUMN_UNITS, DEG
 LOOKUPS = ("interpolated", "rounded", "smooth")
 PASSES = 2  # a bias b of the other axis shifts the angle by b/g: the second pass leaves (b/g)^2
 STEEP = sin(5 * DEG)  # of g across an axis: below it the placing angle is mostly noise
+MOST = 1 << 20  # steps of a table: a third of a millidegree over a whole turn
 BLOCK = 8192  # samples that stay in a core's cache
 
 
@@ -118,6 +119,8 @@ def _table(entries: Sequence[Mapping[str, Any]], wave: tuple[float, ...]) -> Bia
         or np.abs(angles - angles[0] - whole * step).max() > 1e-6
     ):
         raise ValueError(f"{len(angles)} entries at uneven or descending angles")
+    if whole[-1] > MOST:
+        raise ValueError(f"a table over {whole[-1]:.4g} steps of {step:g} deg")
     for e in entries:
         if e["unit"] not in COLUMN_UNITS or COLUMN_UNITS[e["unit"]].quantity != "acceleration":
             raise ValueError(f"unit {e['unit']}")

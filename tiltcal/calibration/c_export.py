@@ -14,6 +14,7 @@ from tiltcal.calibration.linear_export import TEMPLATE as LINEAR
 from tiltcal.calibration.linear_export import linear_numbers
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.plain_text import plain
 from tiltcal.core.units import DEG
 from tiltcal.setup.setup import Setup
 
@@ -49,11 +50,7 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
     text = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    source = (
-        str(calibration.provenance.get("recording", "a calibration"))
-        .replace("*/", "* /")
-        .replace("\n", " ")
-    )
+    source = in_comment(str(calibration.provenance.get("recording", "a calibration")))
     if not calibration.bias_tables:
         linear = text.from_string(LINEAR.read_text(encoding="utf-8"))
         return linear.render(
@@ -76,6 +73,12 @@ def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str
         passes=PASSES,
         **_numbers(corrector, name),
     )
+
+
+def in_comment(text: str) -> str:
+    """A text from a file, on one line and without what ends or begins a comment in C."""
+    line = plain(" ".join(text.split()))
+    return line.replace("*/", "* /").replace("/*", "/ *")
 
 
 def _corrector(calibration: Calibration, setup: Setup) -> PlacingCorrector:

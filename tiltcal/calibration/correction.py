@@ -66,7 +66,7 @@ class Force:
             TiltcalError: it has no triad.
         """
         triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3]
-        there = [s for s in triads if recording.has(s)]
+        there = [s for s in triads if recording.has_columns(s)]
         if not there:
             raise _no_triad(recording, gyro)
         samples = recording.sensor(there[0])

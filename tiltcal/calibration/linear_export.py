@@ -1,5 +1,6 @@
 """The C header of bias, scale, axes and their temperature."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,13 @@ def _sensor(
 ) -> dict[str, Any]:
     """The numbers of one sensor."""
     M = calibration.sensitivity(sensor)[:, list(sensor.axis_indices)]
+    if not re.fullmatch(r"[A-Za-z0-9_]+", sensor.name):
+        raise TiltcalError(
+            f"sensor '{sensor.name}'",
+            found="a name that C does not allow",
+            need="letters, digits and _",
+            do="rename it in the scenario and calibrate again",
+        )
     found: dict[str, Any] = {
         "name": sensor.name,
         "k": len(sensor.axes),

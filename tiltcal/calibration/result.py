@@ -2,7 +2,6 @@
 applied.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +11,14 @@ import numpy as np
 
 from tiltcal.calibration.bias_table import PlacingCorrector, tables_of
 from tiltcal.calibration.inversion import force_of_reading, higher_order_terms
+from tiltcal.calibration.stored import StoredCalibration
 from tiltcal.calibration.validity import VERDICTS, Test, Verdict
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, one_of
-from tiltcal.core.files import require_file, write_json
+from tiltcal.core.files import write_json
 from tiltcal.core.frames import tilt_of_force
+from tiltcal.core.numerical import undetermined
+from tiltcal.core.read_back import checked, read_json
 from tiltcal.core.units import G0, PARAMETER_UNITS
 from tiltcal.recordings.static_poses import PoseSpan
 from tiltcal.setup.sensor import Sensor
@@ -25,6 +27,8 @@ FRAMES = (
     "world x East, y North, z Up; f = a - gravity, level at rest (0, 0, +g); body axes as the"
     " table's at zero angles"
 )
+
+WRITTEN = "a CAL.json as `tiltcal calibrate` writes it"
 
 
 NO_SENSORS = ("base", "temperature")  # owners of parameters that belong to no sensor
@@ -184,59 +188,64 @@ class Calibration:
         write_json(Path(path), self.to_json())
 
 
+def require_finite(found: Calibration, source: str) -> None:
+    """Refuse the result of a method that is not in numbers.
+
+    Args:
+        source: the recording that it comes from.
+
+    Raises:
+        TiltcalError: naming what is none.
+    """
+    numbers: dict[str, Sequence[float]] = {
+        name: (e.value, e.sigma) for name, e in found.parameters.items()
+    }
+    numbers |= {f"test {t.name}": (t.statistic, t.p_value) for t in found.tests}
+    numbers |= {f"residual of {name}": (rms,) for name, rms in found.heldout_rms.items()}
+    numbers["covariance"] = np.ravel(found.covariance).tolist()
+    numbers["chi2_per_dof"] = (found.chi2_per_dof,)
+    for name, values in numbers.items():
+        if not np.all(np.isfinite(values)):
+            raise undetermined(source, f"the parameters of {found.method}", f"{name} is no number")
+
+
 def load_calibration(path: Path | str) -> Calibration:
     """Read CAL.json.
 
     Raises:
         TiltcalError: it is no calibration.
     """
-    path = require_file(Path(path), "calibration")
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        return calibration_from(table)
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-        what = f"no key {error}" if isinstance(error, KeyError) else str(error).splitlines()[0]
-        raise TiltcalError(
-            f"calibration {path.name}",
-            found=what,
-            need="a CAL.json as `tiltcal calibrate` writes it",
-            do="write it again",
-        ) from error
+    path = Path(path)
+    return calibration_from(
+        read_json(path, "calibration", WRITTEN), subject=f"calibration {path.name}"
+    )
 
 
-def calibration_from(table: Mapping[str, Any]) -> Calibration:
+def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> Calibration:
     """A calibration from the table of CAL.json; only method, verdict and parameters with values are
     required.
+
+    Raises:
+        TiltcalError: naming the first key that does not fit.
     """
-    parameters = {
-        name: Estimate(float(e["value"]), float(e.get("sigma", 0.0)), str(e.get("unit", "")))
-        for name, e in table["parameters"].items()
-    }
-    covariance = np.diag([e.sigma**2 for e in parameters.values()])
-    stated = table.get("covariance")
-    if stated:
-        names = stated["names"]
-        order = [names.index(name) for name in parameters]
-        matrix = np.array(stated["matrix"], dtype=float).reshape(len(names), len(names))
-        covariance = matrix[np.ix_(order, order)]
-    fit = table.get("fit", {})
+    c = checked(StoredCalibration, table, subject, WRITTEN)
     return Calibration(
-        table["method"],
-        table["verdict"],
-        parameters,
-        covariance,
-        table.get("equation", ""),
-        table.get("inverse", ""),
-        table.get("frames", FRAMES),
-        [PoseSpan(**p) for p in table.get("poses", ())],
-        [Test(**t) for t in table.get("tests", ())],
-        float(fit.get("chi2_per_dof", 0.0)),
-        int(fit.get("dof", 0)),
-        fit.get("heldout_rms", {}),
-        list(table.get("warnings", ())),
-        table.get("bias_tables", {}),
-        table.get("lookup", "interpolated"),
-        table.get("provenance", {}),
+        c.method,
+        one_of(c.verdict, VERDICTS, subject, "verdict"),  # type: ignore[arg-type]
+        {name: Estimate(e.value, e.sigma, e.unit) for name, e in c.parameters.items()},
+        c.matrix,
+        c.equation,
+        c.inverse,
+        FRAMES if c.frames is None else c.frames,
+        [PoseSpan(p.start_s, p.end_s, p.label) for p in c.poses],
+        [Test(t.name, t.statistic, t.dof, t.p_value, t.passed, t.statement) for t in c.tests],
+        c.fit.chi2_per_dof,
+        c.fit.dof,
+        c.fit.heldout_rms,
+        c.warnings,
+        {name: [e.model_dump() for e in entries] for name, entries in c.bias_tables.items()},
+        c.lookup,
+        c.provenance,
     )
 
 

@@ -1,28 +1,57 @@
 """The command line. Exit status: 0 done and accepted, 1 judged and not accepted, 2 unusable input,
-130 interrupted.
+130 interrupted, 143 ended by SIGTERM.
 """
 
+import os
 import sys
 from collections.abc import Sequence
 
+TRACEBACK = "TILTCAL_TRACEBACK"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status, never with a traceback."""
-    import os
+    """Run one command and return its exit status, never with a traceback.
 
-    from tiltcal.cli.app import run
+    Args:
+        arguments: None: those of the program.
+    """
+    from tiltcal.cli.signals import ignore, unwinding
+
+    status = 0
+    try:
+        if arguments is None:
+            _quiet()
+        with unwinding():
+            status = _ended(sys.argv[1:] if arguments is None else arguments)
+    finally:
+        if arguments is None:
+            ignore()  # nothing is left to be interrupted
+    return status
+
+
+def _quiet() -> None:
+    """No warnings of libraries between the lines of a command, unless Python is asked for them."""
+    import warnings
+
+    if not sys.warnoptions and not os.environ.get(TRACEBACK):
+        warnings.simplefilter("ignore")
+
+
+def _ended(arguments: Sequence[str]) -> int:
+    """Run a command; the one place through which no exception passes without the one message."""
+    from tiltcal.cli.signals import received
     from tiltcal.core.errors import TiltcalError
 
     try:
-        status = run(sys.argv[1:] if arguments is None else arguments)
+        from tiltcal.cli.app import run
+        from tiltcal.core.budget import restoring
+
+        with restoring():
+            status = run(arguments)
         sys.stdout.flush()  # a closed pipe is noticed here, not at exit
         return status
-    except TiltcalError as error:
-        print(f"tiltcal: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt:
-        print("tiltcal: interrupted; no partial output is left", file=sys.stderr)
-        return 130
+        return _interrupted()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -31,15 +60,55 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         raise
     except Exception as error:
-        if os.environ.get("TILTCAL_TRACEBACK"):
+        if received:  # what an interrupt has become on its way
+            return _interrupted()
+        if isinstance(error, TiltcalError):
+            return _refused(str(error))
+        if isinstance(error, OSError):
+            return _refused(_from_system(error))
+        if os.environ.get(TRACEBACK):
             raise
-        name = type(error).__name__
-        print(
-            f"tiltcal: found an internal error ({name}: {error}), need a bug report; "
-            "run again with TILTCAL_TRACEBACK=1 and report what it prints",
-            file=sys.stderr,
-        )
-        return 2
+        return _refused(_unexpected(error))
+
+
+def _interrupted() -> int:
+    """One line, and the exit status of the signal that came."""
+    from tiltcal.cli.signals import INTERRUPTED, TERMINATED, terminated
+    from tiltcal.core.files import remove_temporary
+
+    remove_temporary()
+    words = "ended by SIGTERM" if terminated() else "interrupted"
+    print(f"tiltcal: {words}; no partial output is left", file=sys.stderr)
+    return TERMINATED if terminated() else INTERRUPTED
+
+
+def _refused(message: str) -> int:
+    """The one message, and the exit status of unusable input."""
+    from tiltcal.core.plain_text import plain
+
+    print(plain(f"tiltcal: {message}"), file=sys.stderr)
+    return 2
+
+
+def _from_system(error: OSError) -> str:
+    """The message for what the operating system refuses."""
+    name = "" if error.filename is None else f" {error.filename}"
+    reason = (error.strerror or str(error)).lower()
+    return (
+        f"file or device{name}: found {reason}, need one that can be read and written; choose"
+        " another, or make room"
+    )
+
+
+def _unexpected(error: Exception) -> str:
+    """The message for what should not have happened."""
+    again = f"run again with {TRACEBACK}=1 and report what it prints"
+    if isinstance(error, MemoryError):
+        return f"memory: found none left, need more of it; use shorter recordings, or {again}"
+    if isinstance(error, RecursionError):
+        return f"input: found tables nested too deeply, need flat ones; write them flat, or {again}"
+    name = type(error).__name__
+    return f"found an internal error ({name}: {error}), need a bug report; {again}"
 
 
 if __name__ == "__main__":

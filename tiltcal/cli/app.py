@@ -16,6 +16,7 @@ from cyclopts import (
 
 from tiltcal import __version__
 from tiltcal.cli.commands import COMMANDS, GROUPS
+from tiltcal.cli.options import finite
 from tiltcal.core.errors import TiltcalError, nearest
 
 ABOUT = """\
@@ -46,7 +47,11 @@ def make_app() -> App:
         version=f"tiltcal {__version__}",
         group_commands=Group("Options", sort_key=len(GROUPS)),
         default_parameter=Parameter(
-            negative=(), allow_repeating=True, show_default=_shown, json_list=False
+            negative=(),
+            allow_repeating=True,
+            show_default=_shown,
+            json_list=False,
+            validator=finite,
         ),
         suppress_keyboard_interrupt=False,
     )

@@ -4,6 +4,8 @@ from collections.abc import Collection, Sequence
 
 from tiltcal.core.errors import TiltcalError
 
+LARGEST_DEG = 3600.0
+
 
 def axis_limits(
     texts: Sequence[str], axes: Collection[str] | None = None
@@ -27,7 +29,7 @@ def _limit(text: str, axes: Collection[str] | None) -> tuple[str, tuple[float, f
         limit = (float(low), float(high))
     except ValueError:
         limit = (1.0, 0.0)
-    if not axis or not limit[0] <= limit[1]:
+    if not axis or not -LARGEST_DEG <= limit[0] <= limit[1] <= LARGEST_DEG:
         raise TiltcalError(
             f"--angles {text}",
             found="no AXIS=LOW:HIGH",

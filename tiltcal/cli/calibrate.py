@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from tiltcal.calibration.methods.registry import calibrate as run_method
 from tiltcal.calibration.result import Calibration
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
-from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.output import print_json, print_table, say
 from tiltcal.cli.segments import read_segments
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.scenario import Scenario, load_scenario
@@ -140,10 +140,10 @@ def print_calibration(c: Calibration) -> None:
         [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests],
     )
     for name, rms in c.heldout_rms.items():
-        print(f"held-out residual of {name}: {rms:.4g} (SI; whole directions held out)")
+        say(f"held-out residual of {name}: {rms:.4g} (SI; whole directions held out)")
     for w in c.warnings:
-        print(f"note: {w}")
-    print(
+        say(f"note: {w}")
+    say(
         f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of"
         f" freedom; verdict: {c.verdict}{'' if c.tests else ' (no test of its own)'}"
     )

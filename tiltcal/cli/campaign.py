@@ -8,17 +8,20 @@ from cyclopts import Parameter
 from tiltcal.cli.campaign_output import print_summary
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import (
+    DEFAULT_BUDGET,
     SEVERAL,
     WHOLE,
     AllowCommands,
     EngineName,
     Jobs,
     Json,
+    MoreBudget,
     ScenarioFile,
 )
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json
+from tiltcal.core.read_back import checked
 from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.tasks.outcome import Limits
 from tiltcal.validation.campaign.campaign_file import (
@@ -36,7 +39,7 @@ from tiltcal.validation.campaign.folder import (
     merged,
     write_campaign,
 )
-from tiltcal.validation.campaign.points import check_levels, require_allowed
+from tiltcal.validation.campaign.points import check_levels, require_allowed, require_countable
 from tiltcal.validation.campaign.results import Results, known_summary, write_results
 
 Output = Annotated[
@@ -68,6 +71,7 @@ def campaign(
     memory_limit: MemoryLimit = 4096,
     again: Again = False,
     allow_commands: AllowCommands = False,
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Run a scenario over seeds, grids and distributions of its fields.
@@ -81,6 +85,7 @@ def campaign(
 
     Exit status: 0 all runs are made, those without a result are named; 2 unusable input.
     """
+    budget.apply()
     limits = Limits(time_limit, memory_limit)
     found = load_campaign(file)
     return _made(
@@ -110,6 +115,7 @@ def sweep(
     memory_limit: MemoryLimit = 4096,
     again: Again = False,
     allow_commands: AllowCommands = False,
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Run a scenario over sizes of an effect.
@@ -118,6 +124,7 @@ def sweep(
 
     Exit status: 0 all runs are made, those without a result are named; 2 unusable input.
     """
+    budget.apply()
     factors = [_range(words, "effect.") for words in effect] + [_range(words) for words in field]
     if not factors:
         raise TiltcalError(
@@ -126,14 +133,17 @@ def sweep(
             need="--effect or --field",
             do="add --effect acc_K2.k2_x_ug_g2=0:3000:5",
         )
-    table = CampaignTable.model_validate(
+    table = checked(
+        CampaignTable,
         {
             "schema": 1,
             "scenario": str(scenario),
             "name": f"sweep of {scenario.name}",
             "runs": seeds,
             "factor": factors,
-        }
+        },
+        "command line of `tiltcal sweep`",
+        "a campaign",
     )
     return _made(
         campaign_of(table, scenario),
@@ -162,8 +172,9 @@ def merge(
     Exit status: 0 merged, and runs that are missing are counted; 2 unusable input.
     """
     place = Place.of(output)
-    found = merged([Place.of(part) for part in parts], place)
-    return _finished(found, place, as_json)
+    with place.claimed(), place.whole_or_not_at_all():
+        found = merged([Place.of(part) for part in parts], place)
+        return _finished(found, place, as_json)
 
 
 def _made(
@@ -177,17 +188,19 @@ def _made(
     allow_commands: bool,
     as_json: bool,
 ) -> int:
+    require_countable(found)
     require_allowed(found, allow_commands)
     check_levels(found)
     place = Place.of(output)
-    write_campaign(found, place)
-    with place.journal() as journal:
-        if again:
-            forget_faults(found, journal)
-        with progress_line() as progress, open_engine(engine, jobs) as opened:
-            made = make_runs(found, shard, journal, opened, limits, simulator, progress)
-    known = None if made or again else known_summary(found, place)
-    return _shown(known, place, as_json) if known else _finished(found, place, as_json)
+    with place.claimed():
+        with place.journal() as journal:
+            write_campaign(found, place)
+            if again:
+                forget_faults(found, journal)
+            with progress_line() as progress, open_engine(engine, jobs) as opened:
+                made = make_runs(found, shard, journal, opened, limits, simulator, progress)
+        known = None if made or again else known_summary(found, place)
+        return _shown(known, place, as_json) if known else _finished(found, place, as_json)
 
 
 def _finished(found: Campaign, place: Place, as_json: bool) -> int:
@@ -211,7 +224,7 @@ def _shown(summary: dict[str, Any], place: Place, as_json: bool) -> int:
         return 0
     print_summary(summary)
     for name in (place.results, place.beside(".summary.json"), place.beside(".html")):
-        print(f"written: {name}")
+        say(f"written: {name}")
     return 0
 
 

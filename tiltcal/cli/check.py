@@ -7,8 +7,9 @@ from cyclopts import Parameter
 
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, say
 from tiltcal.cli.segments import read_segments
+from tiltcal.core.numerical import determining
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
@@ -37,9 +38,9 @@ def check(
     recording = read_recording(recording_file).require_increasing()
     dwells = read_segments(segments, recording) if segments else None
     limit = None if limit_arcsec is None else limit_arcsec * ARCSEC
-    result = cross_check(
-        load_calibration(calibration), recording, load_scenario(scenario), limit, dwells
-    )
+    known, described = load_calibration(calibration), load_scenario(scenario)
+    with determining(recording.source, "whether this calibration is good on it"):
+        result = cross_check(known, recording, described, limit, dwells)
     if as_json:
         print_json(to_json(result))
     else:
@@ -48,13 +49,13 @@ def check(
 
 
 def _print_result(result: Check) -> None:
-    print(result.statement)
+    say(result.statement)
     for t in result.tests:
-        print(
+        say(
             f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g}, {t.dof} degrees"
             f" of freedom, p {t.p_value:.2g})"
         )
-    print("accepted" if result.accepted else "not accepted")
+    say("accepted" if result.accepted else "not accepted")
 
 
 def to_json(result: Check) -> dict[str, object]:

@@ -1,12 +1,11 @@
 """``tiltcal completion``."""
 
-import sys
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, say, tell
 
 
 def completion(
@@ -34,11 +33,11 @@ def completion(
         if as_json:
             print_json({"shell": shell, "file": str(place)})
         else:
-            print(f"{place}: written; it applies to new shells", file=sys.stderr)
+            tell(f"{place}: written; it applies to new shells")
         return 0
     script = app.generate_completion(shell=shell)
     if as_json:
         print_json({"shell": shell, "script": script})
     else:
-        sys.stdout.write(script)
+        say(script.rstrip("\n"))
     return 0

@@ -7,9 +7,11 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Grade, Json, ScenarioFile
-from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.core.numerical import determining
 from tiltcal.design.identifiability import Confusion, ParameterVisibility, classes, tie_breaker
 from tiltcal.design.identifiability import confuse as compare_effects
+from tiltcal.laboratory.long_recordings import require_recordable
 from tiltcal.laboratory.scenario import load_scenario
 
 HEADER = ("parameter", "absorbed", "detectable", "plausible", "unique", "not separable from")
@@ -33,7 +35,9 @@ def confuse(
     effects it cannot be separated from and what to record to separate them.
     """
     scenario = load_scenario(scenario_file)
-    found = compare_effects(scenario, grade)
+    require_recordable(scenario)
+    with determining(f"scenario {scenario.name}", "which effects it can separate"):
+        found = compare_effects(scenario, grade)
     groups = classes(found)
     if as_json:
         print_json(to_json(found, groups, scenario.name, grade))
@@ -45,12 +49,12 @@ def confuse(
 def _print(found: Confusion, groups: Sequence[Sequence[str]]) -> None:
     sights = sorted(found.sights, key=lambda s: (s.column.effect, s.column.label))
     print_table(HEADER, [_row(s) for s in sights])
-    print(
+    say(
         f"{found.visible} signatures are visible, {found.rank} of them independent, in"
         f" {found.samples:.0f} samples of each sensor"
     )
     for group in groups[:SHOWN_CLASSES]:
-        print(
+        say(
             f"one class: {', '.join(group)}; to separate {group[0]} from {group[1]}:"
             f" {tie_breaker(group[0], group[1])}"
         )

@@ -1,6 +1,5 @@
 """``tiltcal correct``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ from cyclopts import Parameter
 from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, require_output
+from tiltcal.cli.output import print_json, require_output, stdout_bytes, tell
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.recordings.csv_files import csv_writer
 from tiltcal.recordings.pieces import read_pieces, writing
@@ -39,7 +38,7 @@ def correct(
     print_verdict(calibration)
     pieces = read_pieces(recording)
     if output is None:
-        with csv_writer(sys.stdout.buffer) as write:
+        with stdout_bytes() as out, csv_writer(out) as write:
             _print_notes(correct_pieces(pieces, calibration, write).notes)
         return 0
     with writing(output) as write:
@@ -48,10 +47,10 @@ def correct(
     if as_json:
         print_json({"output": str(output), "rows": done.rows, "notes": done.notes})
     else:
-        print(f"{output}: {done.rows} rows corrected", file=sys.stderr)
+        tell(f"{output}: {done.rows} rows corrected")
     return 0
 
 
 def _print_notes(notes: list[str]) -> None:
     for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+        tell(f"note: {note}")

@@ -1,13 +1,12 @@
 """``tiltcal datasets``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.output import print_json, print_table, tell
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings import datasets as catalogue
@@ -84,8 +83,8 @@ def _words(dataset: Dataset) -> tuple[Path, Path]:
 def _tell(dataset: Dataset, paths: list[Path]) -> None:
     mapping, scenario = _words(dataset)
     for path in paths:
-        print(f"{path}: the published file", file=sys.stderr)
+        tell(f"{path}: the published file")
     here = paths[0].parent / dataset.import_file
-    print(f"licence: {dataset.licence}, {dataset.repository}", file=sys.stderr)
-    print(f"next: tiltcal import {here} --map {mapping} -o run.csv", file=sys.stderr)
-    print(f"scenario: {scenario}", file=sys.stderr)
+    tell(f"licence: {dataset.licence}, {dataset.repository}")
+    tell(f"next: tiltcal import {here} --map {mapping} -o run.csv")
+    tell(f"scenario: {scenario}")

@@ -15,8 +15,8 @@ from cyclopts import Parameter
 from tiltcal.cli.demo_case import bench, concealed, ordinary
 from tiltcal.cli.diagnose import diagnose
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import WHOLE, Json
-from tiltcal.cli.output import print_table, progress_line
+from tiltcal.cli.options import SEED, Json
+from tiltcal.cli.output import print_table, progress_line, say, tell
 from tiltcal.cli.verify import finish
 from tiltcal.core.assets import folder
 from tiltcal.core.files import make_folder, write_text
@@ -37,7 +37,7 @@ SHOWN = (
 def demo(
     *,
     seed: Annotated[
-        int | None, WHOLE, Parameter(help="Seed of the concealed effect; random if not given.")
+        int | None, SEED, Parameter(help="Seed of the concealed effect; random if not given.")
     ] = None,
     output: Annotated[Path, Parameter(alias="-o", help="Folder for the reports.")] = Path(
         "demo-output"
@@ -63,10 +63,7 @@ def demo(
 def tour() -> Verification:
     """Run built-in scenarios and judge them against the injected errors."""
     start = time.perf_counter()
-    print(
-        "Simulating tables in MuJoCo, calibrating, judging against the injected errors.\n",
-        file=sys.stderr,
-    )
+    tell("Simulating tables in MuJoCo, calibrating, judging against the injected errors.\n")
     with progress_line() as progress:
         laboratory = simulator(progress)
         results = []
@@ -84,10 +81,7 @@ def find(out: Path, seed: int) -> tuple[dict[str, Any], dict[str, Any]]:
 
     The scenario with the truth is written after the diagnosis.
     """
-    print(
-        f"Concealing an effect in a simulated recording (seed {seed}), then diagnosing it.\n",
-        file=sys.stderr,
-    )
+    tell(f"Concealing an effect in a simulated recording (seed {seed}), then diagnosing it.\n")
     rng = np.random.default_rng(seed)
     hidden = concealed(rng)
     truth = {**bench(), "role": "concealed", "effect": [*ordinary(rng), hidden]}
@@ -131,8 +125,8 @@ def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> 
         ["fit", "before", "after"],
         [[words, _figure(before[k]), _figure(after[k])] for k, words in names.items()],
     )
-    print(f"{answer['verdict']}: {answer['statement']}")
-    print(f"report of the diagnosis: {out / 'diagnosis' / 'report.html'}")
+    say(f"{answer['verdict']}: {answer['statement']}")
+    say(f"report of the diagnosis: {out / 'diagnosis' / 'report.html'}")
 
 
 def _figure(value: float | None) -> str:

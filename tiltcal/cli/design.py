@@ -8,10 +8,11 @@ from cyclopts import Group, Parameter
 
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
-from tiltcal.cli.options import WHOLE, EngineName, Jobs, Json
-from tiltcal.cli.output import print_json, print_table, progress_line
+from tiltcal.cli.options import SEED, EngineName, Jobs, Json
+from tiltcal.cli.output import print_json, print_table, progress_line, say
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, write_json, write_text
+from tiltcal.core.files import write_json, write_text
 from tiltcal.core.tasks.engines import shared_engine
 from tiltcal.core.units import DEG, G0
 from tiltcal.design.feasibility import check_possible
@@ -58,7 +59,7 @@ def design(
     ] = None,
     /,
     *,
-    seed: Annotated[int, WHOLE, Parameter(help="Seed of the search.")] = 0,
+    seed: Annotated[int, SEED, Parameter(help="Seed of the search.")] = 0,
     aim: Annotated[Aim, AIM] = DEFAULT_AIM,
     table: Annotated[TableTime, TABLE_TIME] = DEFAULT_TABLE_TIME,
     blind_to_nothing: Annotated[BlindToNothing, Parameter(group=OTHER_DESIGN)] = None,
@@ -99,17 +100,18 @@ def design(
     still = Still(scenario, clock.budget)
     problem, unseen = problem_of(aim, table, scenario, clock)
     untold = check_possible(problem, still.axes, everything="all" in aim.terms)
-    with progress_line() as notice, shared_engine(engine, jobs) as opened:
-        plan = find_plan(problem, scenario.rig.kind, seed, notice=notice, engine=opened)
-    up = still.up(plan.angles)
-    if output:
-        write_plan(plan, scenario, up, make_folder(output))
+    with claimed(output):
+        with progress_line() as notice, shared_engine(engine, jobs) as opened:
+            plan = find_plan(problem, scenario.rig.kind, seed, notice=notice, engine=opened)
+        up = still.up(plan.angles)
+        if output:
+            write_plan(plan, scenario, up, output)
     if as_json:
         print_json(plan.to_json() | {"unseen": list(unseen), "untold": list(untold)})
     else:
         show(plan, up, unseen)
         if untold:
-            print("not separable from the other terms by these poses: " + ", ".join(untold))
+            say("not separable from the other terms by these poses: " + ", ".join(untold))
     return 0
 
 
@@ -209,7 +211,7 @@ def show(
     plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", unseen: tuple[str, ...]
 ) -> None:
     """Print the steps, and the forecasts of this design and of classic sequences."""
-    print(printable(plan, up))
+    say(printable(plan, up))
     forecast = plan.forecast
     rows = [
         ["this design", f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
@@ -220,9 +222,9 @@ def show(
     ]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
     if not plan.problem.model.interest.all():
-        print(
+        say(
             "the sigmas hold for a fit of all these terms including nuisances: calibrate with terms"
             " that include the drift"
         )
     if unseen:
-        print("not visible in any pose: " + ", ".join(unseen))
+        say("not visible in any pose: " + ", ".join(unseen))

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade
+from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade, between
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,17 @@ class Aim:
     grade: Annotated[Grade, Parameter(help="Instrument grade: sets the prior sizes.")] = "mid_mems"
     prior: Annotated[
         float | None,
-        Parameter(help="One relative size for all priors instead: g, or g per power of g."),
+        Parameter(
+            validator=between(1e-9, 1e3),
+            help="One relative size for all priors instead: g, or g per power of g.",
+        ),
     ] = None
     range_deg: Annotated[
-        float, Parameter(help="Working range about level for the tilt error; 180 is everywhere.")
+        float,
+        Parameter(
+            validator=between(0.01, 180),
+            help="Working range about level for the tilt error; 180 is everywhere.",
+        ),
     ] = 180.0
     sensor: Annotated[
         str | None, Parameter(help="Name of the sensor, if the scenario has several.")
@@ -50,18 +57,29 @@ class Aim:
 class TableTime:
     """What the table and the readings allow."""
 
-    budget_s: Annotated[float, Parameter(help="Table time.")] = 300.0
-    rate_deg_s: Annotated[float, Parameter(help="Rate of moves, all axes at once.")] = 20.0
+    budget_s: Annotated[float, Parameter(validator=between(1e-3, 1e6), help="Table time.")] = 300.0
+    rate_deg_s: Annotated[
+        float,
+        Parameter(validator=between(1e-6, 1e6), help="Rate of moves, all axes at once."),
+    ] = 20.0
     settle_s: Annotated[float, Parameter(help="Settling time after each move.")] = 5.0
     dwell_s: Annotated[
         tuple[float, float], Parameter(help="Shortest and longest time of a reading.")
     ] = (5.0, 60.0)
     angles: AxisLimits = ()
     step_deg: Annotated[
-        float, Parameter(help="Angles are multiples of this step; 0 allows any angle.")
+        float,
+        Parameter(
+            validator=between(1e-3, 360, or_zero=True),
+            help="Angles are multiples of this step; 0 allows any angle.",
+        ),
     ] = 0.0
     floor_ug: Annotated[
-        float, Parameter(help="Error of a pose mean that averaging does not reduce.")
+        float,
+        Parameter(
+            validator=between(0, 1e9),
+            help="Error of a pose mean that averaging does not reduce.",
+        ),
     ] = 20.0
 
 

@@ -8,7 +8,8 @@ from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import DescribedBy, Json
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
@@ -46,16 +47,16 @@ def diagnose(
     honest = honest_scenario(scenario)
     data = [read_recording(path) for path in recordings]
     at_rest = read_recording(static) if static else None
-    with progress_line() as progress:
-        found = explain(
-            honest, data, static=at_rest, laboratory=simulator(progress), progress=progress
-        )
-    if output:
-        write_results(found, output, recordings)
+    with claimed(output):
+        with progress_line() as progress:
+            laboratory = simulator(progress)
+            found = explain(honest, data, static=at_rest, laboratory=laboratory, progress=progress)
+        if output:
+            write_results(found, output, recordings)
     if as_json:
         print_json(_as_json(found, recordings))
     else:
-        print(f"{found.verdict}: {found.statement}")
+        say(f"{found.verdict}: {found.statement}")
     return 1 if check and found.verdict != "match" else 0
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.output import print_json, print_table, say
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.design.identifiability import nearest_rivals
 from tiltcal.effects import CATALOGUE, Effect
@@ -88,17 +88,17 @@ def explain(cls: type[Effect], as_json: bool) -> None:
     if as_json:
         print_json(_as_json(cls))
         return
-    print(f"{cls.id} ({cls.stage}): {cls.title}\n\n{cls.physics}\n")
+    say(f"{cls.id} ({cls.stage}): {cls.title}\n\n{cls.physics}\n")
     for name, text in (
         ("equation", cls.equation),
         ("excited by", cls.excited_by),
         ("look", cls.look),
         ("source", cls.source),
     ):
-        print(f"{name + ':':12s}{text}")
+        say(f"{name + ':':12s}{text}")
     rivals = nearest_rivals(cls.id)
     if rivals:
-        print(f"{'similar:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
+        say(f"{'similar:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
     rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(
         ["parameter", "precision laboratory", "mid MEMS", "consumer"],

@@ -1,6 +1,5 @@
 """``tiltcal estimate``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ from cyclopts import Parameter
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.calibrate import parse_options
 from tiltcal.cli.options import DescribedBy, Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, say, tell
 from tiltcal.core.units import DEG
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording, require_suffix, write_recording
@@ -59,6 +58,6 @@ def estimate(
         print_json({"output": str(output), "last": last, "answered": answered, "sample_s": seconds})
     else:
         words = ", ".join(f"{name} {value:.6g}" for name, value in last.items())
-        print(f"{output}: {len(recording)} samples, answered {answered:.1%}", file=sys.stderr)
-        print(f"last answer: {words}")
+        tell(f"{output}: {len(recording)} samples, answered {answered:.1%}")
+        say(f"last answer: {words}")
     return 0

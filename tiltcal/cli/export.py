@@ -1,6 +1,5 @@
 """``tiltcal export``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -8,7 +7,7 @@ from cyclopts import Parameter
 
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, require_output
+from tiltcal.cli.output import print_json, require_output, say, tell
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
@@ -59,13 +58,13 @@ def export(
     else:
         text = _of_noise(chosen, file, topic, calibration)
     if output is None:
-        sys.stdout.write(text)
+        say(text.rstrip("\n"))
         return 0
     write_text(output, text)
     if as_json:
         print_json({"output": str(output), "name": name, "format": chosen, "bytes": len(text)})
     else:
-        print(f"{output}: {len(text.splitlines())} lines, {chosen}", file=sys.stderr)
+        tell(f"{output}: {len(text.splitlines())} lines, {chosen}")
     return 0
 
 
@@ -133,7 +132,7 @@ def _recording(file: Path, output: Path | None, as_json: bool) -> int:
     if as_json:
         print_json({"output": str(output), "rows": len(recording)})
     else:
-        print(f"{output}: {len(recording)} rows", file=sys.stderr)
+        tell(f"{output}: {len(recording)} rows")
     return 0
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, tell
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
 from tiltcal.recordings.foreign_files import Imported, import_file
@@ -119,7 +119,7 @@ def _propose(file: Path, budget: Budget, output: Path | None, as_json: bool) -> 
         sys.stdout.write(text)
     else:
         doubts = len(proposal.doubts)
-        print(f"{output}: proposed; {doubts} things it cannot know, see there", file=sys.stderr)
+        tell(f"{output}: proposed; {doubts} things it cannot know, see there")
     return 0
 
 
@@ -138,11 +138,11 @@ def _summary(imported: Imported, output: Path) -> dict[str, Any]:
 def _tell(imported: Imported, output: Path) -> None:
     recording = imported.recording
     channels = len(recording.column_names)
-    print(f"{output}: {len(recording)} rows, {channels} channels", file=sys.stderr)
+    tell(f"{output}: {len(recording)} rows, {channels} channels")
     for words in imported.repairs:
-        print(f"repaired: {words}", file=sys.stderr)
+        tell(f"repaired: {words}")
     for finding in imported.findings:
-        print(f"found: {_words(finding, imported.repairs)}", file=sys.stderr)
+        tell(f"found: {_words(finding, imported.repairs)}")
 
 
 def _words(finding: Finding, repairs: Sequence[str]) -> str:

@@ -1,6 +1,5 @@
 """``tiltcal init``."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +7,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_text
 from tiltcal.core.frames import normal_gravity
@@ -120,15 +119,14 @@ def init(
     text = scenario_text(recording_file, LATITUDE if latitude is None else latitude, height)
     if output:
         write_text(output, text)
-        print(
+        tell(
             f"{output}: written; edit it, then use it with `tiltcal simulate` or `calibrate"
-            " --scenario`",
-            file=sys.stderr,
+            " --scenario`"
         )
     if as_json:
         print_json({"output": str(output) if output else None, "scenario": text})
     elif not output:
-        print(text)
+        say(text)
     return 0
 
 
@@ -203,7 +201,9 @@ def _default_sensor() -> list[str]:
 
 def _sensors(recording: Recording) -> list[str]:
     """Sensor tables from the columns: one for each prefix, its kind from the unit."""
-    rate = 1 / float(np.median(np.diff(recording.time))) if len(recording) > 1 else 1.0
+    steps = np.diff(recording.time)
+    onward = steps[steps > 0]
+    rate = 1 / float(np.median(onward)) if len(onward) else 1.0
     found = _axes_and_units(recording).items()
     return [line for name, (axes, unit) in found for line in _sensor(name, axes, unit, rate)]
 

@@ -1,6 +1,5 @@
 """``tiltcal investigate``."""
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +11,10 @@ from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.diagnose import honest_scenario, write_results
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say, tell
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, require_file
+from tiltcal.core.files import require_file
 from tiltcal.core.progress import Progress
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
@@ -82,11 +82,10 @@ def investigate(
     honest = honest_scenario(scenario)
     laboratory = CommandLaboratory.parse(lab)
     given = [str(require_file(path, "recording").absolute()) for path in recordings]
-    folder = make_folder(output)
-    with progress_line() as progress:
+    with claimed(output), progress_line() as progress:
         bench = InvestigationSetup(
             honest,
-            folder,
+            output,
             _explainer(honest, progress),
             laboratory,
             block_limits(limits),
@@ -114,9 +113,9 @@ def _show(state: Investigation, output: Path, as_json: bool) -> None:
         print_json(state.to_json())
         return
     for entry in state.entries:
-        print(f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time")
-    print(f"{state.verdicts[-1]}: {state.statement}")
-    print(f"{output}/log.md", file=sys.stderr)
+        say(f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time")
+    say(f"{state.verdicts[-1]}: {state.statement}")
+    tell(f"{output}/log.md")
 
 
 def block_limits(given: BlockLimits) -> Limits:

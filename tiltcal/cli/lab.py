@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import WHOLE, Json
+from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.effects import to_file
 from tiltcal.laboratory.scenario import Scenario, fresh, load_scenario
@@ -25,8 +25,9 @@ def lab(
     /,
     *,
     seed: Annotated[
-        int | None, WHOLE, Parameter(help="Seed in place of the scenario's own.")
+        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
     ] = None,
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Record a sequence file in a simulated laboratory.
@@ -35,6 +36,7 @@ def lab(
     scenario (steps, slips) happened before this recording. The seed follows from
     the sequence and the scenario's seed.
     """
+    budget.apply()
     scenario = load_scenario(scenario_file)
     steps = read_sequence(sequence)
     used = zlib.crc32(sequence.read_bytes()) ^ (scenario.seed if seed is None else seed)

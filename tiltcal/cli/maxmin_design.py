@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.cli.design import clock_of, problem_of, sensor_of, write_plan
 from tiltcal.cli.design_options import Aim, TableTime
-from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.output import print_json, print_table, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.core.tasks.engines import Engine
@@ -56,7 +56,7 @@ def design_visible_poses(
     if as_json:
         print_json(plan.to_json() | summary(found))
     else:
-        print(printable(plan, up))
+        say(printable(plan, up))
         show(found)
     return 0
 
@@ -70,19 +70,19 @@ def show(found: MaxMin) -> None:
     ]
     rows += [[name, f"{share:.3f}", "order"] for name, share in found.in_order.items()]
     print_table(["effect", "share of the best possible", "shown by"], rows)
-    print(
+    say(
         f"least share {found.shares.min():.4f}; no design exceeds {found.bounds[0]:.4f}, none that"
         f" keeps {100 * REQUIRED:g} % of the linear D-efficiency {found.bounds[1]:.4f} (convex"
         f" bounds over all poses of a grid; references within {100 * found.reference_gap:.2f} %);"
         f" D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
     )
-    print("absorbed by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
-    print("not visible in any sequence of dwells here:")
+    say("absorbed by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
+    say("not visible in any sequence of dwells here:")
     excited: dict[str, list[str]] = {}
     for name in unseen(found):
         excited.setdefault(CATALOGUE[name.split()[0]].excited_by, []).append(name)
     for needs, names in excited.items():
-        print(f"  {', '.join(names)}: needs {needs}")
+        say(f"  {', '.join(names)}: needs {needs}")
 
 
 def unseen(found: MaxMin) -> list[str]:

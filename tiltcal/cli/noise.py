@@ -8,8 +8,9 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, print_table
+from tiltcal.cli.output import print_json, print_table, say
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.numerical import determining
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
 from tiltcal.effects import Effect
 from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
@@ -42,12 +43,12 @@ def noise(
     rows = [[n, *(_cell(m, t, split_unit(n)[1] or "") for t in TERMS)] for n, m in models.items()]
     print_table(["channel", *TERMS], rows)
     for t in TERMS:
-        print(f"{t}: {NAMES[t]}")
-    print(
+        say(f"{t}: {NAMES[t]}")
+    say(
         "N is per root hertz of a two-sided density: the standard deviation of a sample is"
         " N sqrt(rate); data sheets often give sqrt(2) N."
     )
-    print("\n" + "\n".join(effect_tables(models)))
+    say("\n" + "\n".join(effect_tables(models)))
     return 0
 
 
@@ -62,7 +63,8 @@ def noise_models(recording: Recording) -> dict[str, NoiseModel]:
         unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
         if unit.quantity in ("acceleration", "angle", "rate", "raw") and axis_of(name) is None:
             values, rate = longest_rest(recording, name)
-            models[name] = fit_noise(allan_deviation(values, rate))
+            with determining(f"{recording.source}, column {name}", "its noise"):
+                models[name] = fit_noise(allan_deviation(values, rate))
     if not models:
         raise TiltcalError(
             recording.source,

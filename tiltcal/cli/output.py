@@ -1,21 +1,63 @@
-"""Printing: tables and JSON on stdout, progress on stderr."""
+"""Printing: tables and JSON on stdout, progress on stderr. Only this module writes to a terminal:
+what comes from files and arguments cannot command it.
+"""
 
+import io
 import json
 import sys
+import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.plain_text import plain
 from tiltcal.core.progress import Progress
+
+SILENCE_S = 2.5  # after which progress says again what is being done
+
+
+def say(text: str) -> None:
+    """Print a line on stdout."""
+    sys.stdout.write(plain(text) + "\n")
+
+
+def tell(text: str) -> None:
+    """Print a line on stderr."""
+    sys.stderr.write(plain(text) + "\n")
+
+
+@contextmanager
+def stdout_bytes() -> Iterator[IO[bytes]]:
+    """Stdout for a file's content: into a pipe or a file as it is, on a terminal as plain text."""
+    if not sys.stdout.isatty():
+        sys.stdout.flush()
+        yield sys.stdout.buffer
+        return
+    with io.BytesIO() as content:
+        yield content
+        sys.stdout.write(plain(content.getvalue().decode(errors="replace")))
 
 
 def print_json(value: Any) -> None:
-    """Print JSON on stdout."""
-    json.dump(value, sys.stdout, indent=1, default=float)
+    """Print JSON on stdout; what is no finite number is null."""
+    json.dump(finite(value), sys.stdout, indent=1, allow_nan=False)
     sys.stdout.write("\n")
+
+
+def finite(value: Any) -> Any:
+    """Plain values, with null for numbers that JSON does not have."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    number = float(value)
+    return number if isfinite(number) else None
 
 
 def require_output(command: str, output: Path | None, as_json: bool, what: str) -> None:
@@ -41,9 +83,12 @@ def print_table(
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(*header, title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    shown = None if title is None else plain(title)
+    table = Table(
+        *map(plain, header), title=shown, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
+    )
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(plain(cell) for cell in row))
     console = Console(file=sys.stdout, highlight=False, markup=False)
     if not sys.stdout.isatty():
         console.width = 160
@@ -52,27 +97,51 @@ def print_table(
     sys.stdout.write(text.get())
 
 
-def _once_per_second() -> Progress:
-    """Progress in a pipe: at most one line per second."""
-    last = [0.0]
+class _Lines:
+    """Progress in a pipe: at most one line per second, and one after some seconds of silence."""
 
-    def show(text: str) -> None:
-        now = time.monotonic()
-        if now - last[0] >= 1.0:
-            last[0] = now
-            print(text, file=sys.stderr, flush=True)
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._last = 0.0
+        self._text = "working"
+        self._over = threading.Event()
+        threading.Thread(target=self._remind, daemon=True).start()
 
-    return show
+    def show(self, text: str) -> None:
+        """Something new."""
+        self._text = text
+        if time.monotonic() - self._last >= 1.0:
+            self._write(text)
+
+    def close(self) -> None:
+        """No more lines."""
+        self._over.set()
+
+    def _write(self, text: str) -> None:
+        self._last = time.monotonic()
+        tell(text)
+        sys.stderr.flush()
+
+    def _remind(self) -> None:
+        while not self._over.wait(1.0):
+            now = time.monotonic()
+            if now - max(self._last, self._start) >= SILENCE_S:
+                self._write(f"{self._text} ... {now - self._start:.0f} s")
 
 
 @contextmanager
 def progress_line() -> Iterator[Progress]:
     """Progress on stderr: one changing line on a terminal, else at most one line per second."""
     if not sys.stderr.isatty():
-        yield _once_per_second()
+        lines = _Lines()
+        try:
+            yield lines.show
+        finally:
+            lines.close()
         return
     from rich.console import Console
+    from rich.text import Text
 
     console = Console(stderr=True)
     with console.status("working ...") as status:
-        yield lambda text: status.update(text)
+        yield lambda text: status.update(Text(plain(text)))

@@ -10,7 +10,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEVERAL, WHOLE, Json
+from tiltcal.cli.options import SEED, SEVERAL, WHOLE, Json
+from tiltcal.cli.signals import INTERRUPTED, Terminated
 from tiltcal.core.assets import beside
 from tiltcal.core.errors import TiltcalError
 
@@ -42,7 +43,7 @@ def prove(
         str | None,
         Parameter(help="Command that is judged; this program by default. See the guide."),
     ] = None,
-    seed: Annotated[int, WHOLE, Parameter(help="Seed of the trials.")] = 0,
+    seed: Annotated[int, SEED, Parameter(help="Seed of the trials.")] = 0,
     jobs: Annotated[int, WHOLE, Parameter(alias="-j", help="Trials at the same time.")] = 1,
     shard: Annotated[
         str,
@@ -80,7 +81,7 @@ def prove(
             need="the folder tests/blind of the source",
             do="run in a source checkout, or name its tests folder with --trials",
         )
-    command = [sys.executable, "-m", "blind", "--n", f"{n}", "--seed", f"{seed}"]
+    command = [sys.executable, "-P", "-m", "blind", "--n", f"{n}", "--seed", f"{seed}"]
     command += ["--jobs", f"{jobs}", "--shard", shard]
     command += ["--kinds", *kinds] if kinds else []
     command += ["--types", *types] if types else []
@@ -92,5 +93,7 @@ def prove(
     environment = os.environ | {"PYTHONPATH": str(tests)}
     try:
         return subprocess.run(command, env=environment, check=False).returncode
+    except Terminated:
+        raise
     except KeyboardInterrupt:  # the trials have printed how to continue
-        return 130
+        return INTERRUPTED

@@ -1,7 +1,7 @@
 """``tiltcal segments``, and the file of segments."""
 
 import csv
-import sys
+import io
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, TextIO
@@ -10,7 +10,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, stdout_bytes, tell
+from tiltcal.core.csv_cells import cell_of, text_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing, require_file
 from tiltcal.recordings.recording import Recording
@@ -51,15 +52,18 @@ def segments(
         print_json([vars(s) for s in found])
     elif output:
         still = len(dwells(found))
-        print(f"{output}: {still} dwells, {len(found) - still} moves", file=sys.stderr)
+        tell(f"{output}: {still} dwells, {len(found) - still} moves")
     else:
-        write_segments(found, sys.stdout)
+        with stdout_bytes() as out:
+            text = io.StringIO()
+            write_segments(found, text)
+            out.write(text.getvalue().encode(errors="replace"))
     return 0
 
 
 def write_segments(found: list[Segment], out: TextIO) -> None:
     """Segments as CSV: start_s, end_s, kind, label."""
-    rows = [[repr(s.start), repr(s.end), s.kind, s.label or ""] for s in found]
+    rows = [[repr(s.start), repr(s.end), s.kind, cell_of(s.label or "")] for s in found]
     csv.writer(out, lineterminator="\n").writerows([["start_s", "end_s", "kind", "label"], *rows])
 
 
@@ -69,22 +73,18 @@ def read_segments(path: Path, recording: Recording) -> list[Segment]:
     Raises:
         TiltcalError: a column is missing, a cell is wrong, or two dwells overlap.
     """
-    with require_file(path, "segments").open(
-        newline="", encoding="utf-8-sig", errors="replace"
-    ) as lines:
-        reader = csv.DictReader(lines)
-        missing = {"start_s", "end_s"} - set(reader.fieldnames or ())
-        if missing:
-            raise TiltcalError(
-                f"segments {path.name}",
-                found="no column " + ", ".join(sorted(missing)),
-                need="start_s, end_s, kind, label",
-                do="start from `tiltcal segments -o`",
-            )
-        found = [
-            _segment(row, number, path.name, recording)
-            for number, row in enumerate(reader, start=2)
-        ]
+    names, rows = _rows(require_file(path, "segments"))
+    missing = {"start_s", "end_s"} - set(names)
+    if missing:
+        raise TiltcalError(
+            f"segments {path.name}",
+            found="no column " + ", ".join(sorted(missing)),
+            need="start_s, end_s, kind, label",
+            do="start from `tiltcal segments -o`",
+        )
+    found = [
+        _segment(row, number, path.name, recording) for number, row in enumerate(rows, start=2)
+    ]
     for before, after in pairwise(sorted(dwells(found), key=lambda s: s.start)):
         if after.first < before.last:
             raise TiltcalError(
@@ -94,6 +94,18 @@ def read_segments(path: Path, recording: Recording) -> list[Segment]:
                 do="correct their times",
             )
     return found
+
+
+def _rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
+    """Column names and rows of a CSV file."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
+            reader = csv.DictReader(lines)
+            return list(reader.fieldnames or ()), list(reader)
+    except csv.Error as error:
+        raise TiltcalError(
+            f"segments {path.name}", found=str(error), need="a CSV table", do="check the file"
+        ) from error
 
 
 def _segment(row: dict[str, str], line: int, source: str, recording: Recording) -> Segment:
@@ -124,5 +136,5 @@ def _segment(row: dict[str, str], line: int, source: str, recording: Recording) 
             need=f"times within the recording, {recording.time[0]:g} to {recording.time[-1]:g} s",
             do="correct that line",
         )
-    label = (row.get("label") or "").strip() or majority(recording, first, last)
+    label = text_of((row.get("label") or "").strip()) or majority(recording, first, last)
     return Segment(start, end, first, last, kind, label)

@@ -1,8 +1,5 @@
 """``tiltcal design --split``: the block that separates the alternatives of a diagnosis."""
 
-import json
-import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +7,13 @@ from typing import Any
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Separation, TableTime
 from tiltcal.cli.diagnose import honest_scenario
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.output import print_json, progress_line, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, require_file, write_json, write_text
+from tiltcal.core.read_back import read_toml
+from tiltcal.diagnosis.investigation.investigate import AMENDED
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
+from tiltcal.diagnosis.investigation.stored import read_diagnosis
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.setup.sequence_files import sequence_text
 from tiltcal.setup.setup import Rig
@@ -41,14 +41,14 @@ def design_separating_block(
             do="add --scenario TOML",
         )
     scenario = honest_scenario(described)
-    diagnosis = _load_diagnosis(require_file(split, "diagnosis"))
+    diagnosis = read_diagnosis(split)
     amended = require_file(split.with_name("amended.toml"), "amended scenario")
     data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]
     limits = Limits(
         table.budget_s / 60, table.rate_deg_s, table.dwell_s[0], axis_limits(table.angles)
     )
     with progress_line() as progress:
-        amended_table = tomllib.loads(amended.read_text(encoding="utf-8"))
+        amended_table = read_toml(amended, "amended scenario", AMENDED)
         plan = next_block(scenario, data, diagnosis, amended_table, limits, progress)
     if output:
         _write(plan, scenario.rig, make_folder(output))
@@ -66,25 +66,9 @@ def _show(plan: NextBlock, rig: Rig, output: Path | None, as_json: bool) -> None
     if as_json:
         print_json(plan.to_json())
         return
-    print(plan.statement, file=sys.stdout if output else sys.stderr)
+    (say if output else tell)(plan.statement)
     if plan.proposal is not None and not output:
-        print(sequence_text(plan.proposal.block.steps, rig), end="")
-
-
-def _load_diagnosis(path: Path) -> dict[str, Any]:
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        if {"verdict", "findings"} <= set(table):
-            return dict(table)
-        found = "no verdict and findings"
-    except (ValueError, TypeError) as error:
-        found = str(error)
-    raise TiltcalError(
-        f"diagnosis {path.name}",
-        found=found,
-        need="what `tiltcal diagnose -o` wrote",
-        do="name that file",
-    )
+        say(sequence_text(plan.proposal.block.steps, rig).rstrip("\n"))
 
 
 def _recordings_of(diagnosis: dict[str, Any], path: Path, given: Sequence[Path]) -> list[Path]:

@@ -1,6 +1,5 @@
 """``tiltcal simulate``."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -10,8 +9,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import WHOLE, Json, ScenarioFile
-from tiltcal.cli.output import print_json, progress_line, require_output
+from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget, ScenarioFile
+from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
 from tiltcal.core.files import replacing, write_json
 from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
@@ -43,12 +42,13 @@ def simulate(
     ] = "on",
     seed: Annotated[
         int | None,
-        WHOLE,
+        SEED,
         Parameter(help="Seed of the random effects; the scenario's if not given."),
     ] = None,
     truth: Annotated[
         Path | None, Parameter(help="File for the injected values and true attitudes, JSON.")
     ] = None,
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Simulate a recording of a scenario in MuJoCo.
@@ -60,6 +60,7 @@ def simulate(
       tiltcal simulate bench.toml -o run.csv --seed 7 --truth truth.json
       tiltcal simulate model.toml --motion real.csv --noise off -o predicted.csv
     """
+    budget.apply()
     require_output("simulate", output, as_json, "the recording")
     scenario = load_scenario(scenario_file)
     used = None if noise == "off" else scenario.seed if seed is None else seed
@@ -81,7 +82,7 @@ def simulate(
 def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> None:
     """Write the pieces of a recording to its file or to stdout."""
     if output is None:
-        with csv_writer(sys.stdout.buffer) as write:
+        with stdout_bytes() as out, csv_writer(out) as write:
             for piece in pieces:
                 write(piece)
         return
@@ -94,7 +95,7 @@ def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> N
     if as_json:
         print_json({"recording": str(output), "rows": rows, "duration_s": float(last - first)})
     else:
-        print(f"{output}: {rows} rows, {last - first:.6g} s", file=sys.stderr)
+        tell(f"{output}: {rows} rows, {last - first:.6g} s")
 
 
 def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:

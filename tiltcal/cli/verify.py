@@ -7,16 +7,18 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.laboratory import simulator
-from tiltcal.cli.options import AllowCommands, EngineName, Jobs, Json
-from tiltcal.cli.output import print_json, progress_line
+from tiltcal.cli.options import DEFAULT_BUDGET, AllowCommands, EngineName, Jobs, Json, MoreBudget
+from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.cli.verify_output import print_runs, print_verification, to_json
 from tiltcal.core.assets import folder as assets
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.report import write_report
 from tiltcal.validation.acceptance import Verification, run_scenario, verify_folder
 from tiltcal.validation.junit import write_junit
+from tiltcal.validation.kept_runs import kept_runs
 from tiltcal.validation.run_files import write_runs
 from tiltcal.validation.runs import worker_processes
 
@@ -38,6 +40,7 @@ def run(
     allow_commands: AllowCommands = False,
     jobs: Jobs = 1,
     engine: EngineName = "processes",
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Simulate, calibrate and judge scenarios.
@@ -50,21 +53,23 @@ def run(
     Exit status: 0 accepted; 1 not accepted; 2 unusable input.
     """
     start = time.perf_counter()
+    budget.apply()
     _check_output(output)
-    with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
-        laboratory = simulator(progress)
-        results = tuple(
-            run_scenario(
-                load_scenario(path),
-                laboratory,
-                source=path.name,
-                allow_commands=allow_commands,
-                progress=progress,
-                workers=workers,
+    with claimed(output):
+        with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
+            laboratory = simulator(progress)
+            results = tuple(
+                run_scenario(
+                    load_scenario(path),
+                    laboratory,
+                    source=path.name,
+                    allow_commands=allow_commands,
+                    progress=progress,
+                    workers=workers,
+                )
+                for path in scenarios
             )
-            for path in scenarios
-        )
-    return finish(Verification(results, time.perf_counter() - start), output, as_json)
+        return finish(Verification(results, time.perf_counter() - start), output, as_json)
 
 
 def verify(
@@ -78,27 +83,33 @@ def verify(
     allow_commands: AllowCommands = False,
     jobs: Jobs = 1,
     engine: EngineName = "processes",
+    budget: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Run a folder of scenarios and write CI reports.
 
-    Of a single scenario every run is shown.
+    Of a single scenario every run is shown. With -o every finished run is kept
+    until the reports are written: the same command after an interruption makes
+    only the runs that are missing.
 
       tiltcal verify scenarios -o out -j 4
       tiltcal verify bench.toml
 
     Exit status: 0 all accepted; 1 not all accepted; 2 unusable input.
     """
+    budget.apply()
     _check_output(output)
-    with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
-        verification = verify_folder(
-            folder or assets("scenarios"),
-            simulator(progress),
-            allow_commands=allow_commands,
-            progress=progress,
-            workers=workers,
-        )
-    return finish(verification, output, as_json, each_run=True)
+    with claimed(output), kept_runs(output) as kept:
+        with progress_line() as progress, worker_processes(jobs, simulator, engine) as workers:
+            verification = verify_folder(
+                folder or assets("scenarios"),
+                simulator(progress),
+                allow_commands=allow_commands,
+                progress=progress,
+                workers=workers,
+                kept=kept,
+            )
+        return finish(verification, output, as_json, each_run=True)
 
 
 def _check_output(output: Path | None) -> None:
@@ -134,6 +145,6 @@ def finish(
             print_runs(verification.results[0])
         print_verification(verification)
         if output:
-            print(f"runs: {output / 'runs.parquet'} and runs.csv")
-            print(f"report: {output / 'report.html'}")
+            say(f"runs: {output / 'runs.parquet'} and runs.csv")
+            say(f"report: {output / 'report.html'}")
     return 0 if verification.accepted else 1

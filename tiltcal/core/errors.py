@@ -1,6 +1,7 @@
 """The one error that users see: what was found, what is needed, what to do."""
 
 from collections.abc import Callable, Collection
+from typing import Any
 
 
 class TiltcalError(Exception):
@@ -15,7 +16,7 @@ class TiltcalError(Exception):
 
     def __init__(self, subject: str, *, found: str, need: str, do: str) -> None:
         self.subject, self.found, self.need, self.do = subject, found, need, do
-        super().__init__(f"{subject}: found {found}, need {need}; {do}")
+        super().__init__(f"{subject}: found {found or 'nothing'}, need {need}; {do}")
 
     def __reduce__(self) -> "tuple[Callable[..., TiltcalError], tuple[str, str, str, str]]":
         """So that the error of another process arrives whole."""
@@ -24,6 +25,17 @@ class TiltcalError(Exception):
 
 def _rebuilt(subject: str, found: str, need: str, do: str) -> TiltcalError:
     return TiltcalError(subject, found=found, need=need, do=do)
+
+
+def shown(value: Any) -> str:
+    """A value in a message, shortened; ``repr`` alone refuses whole numbers of thousands of
+    digits.
+    """
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a whole number of thousands of digits"
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def one_of(word: str, valid: Collection[str], subject: str, what: str = "") -> str:

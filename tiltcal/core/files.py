@@ -2,13 +2,18 @@
 
 import json
 import os
-import tempfile
+import secrets
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
+
+TEMPORARY = ".part-"
+"""Beginning of the names of temporary files."""
+_unfinished: set[Path] = set()
 
 
 def require_file(path: Path, kind: str) -> Path:
@@ -17,13 +22,21 @@ def require_file(path: Path, kind: str) -> Path:
     Raises:
         TiltcalError: it is missing, a folder, or may not be read.
     """
-    if path.is_dir():
+    mode = _mode(path, f"{kind} {path}")
+    if mode is None:
+        raise TiltcalError(
+            f"{kind} {path}", found="no such file", need="an existing file", do="check the path"
+        )
+    if stat.S_ISDIR(mode):
         raise TiltcalError(
             f"{kind} {path}", found="a folder", need="a file", do="name the file itself"
         )
-    if not path.exists():
+    if not stat.S_ISREG(mode):
         raise TiltcalError(
-            f"{kind} {path}", found="no such file", need="an existing file", do="check the path"
+            f"{kind} {path}",
+            found="a device or pipe",
+            need="a file, which can be read more than once",
+            do="write it to a file first",
         )
     if not os.access(path, os.R_OK):
         raise TiltcalError(
@@ -43,41 +56,96 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         TiltcalError: the place cannot be written.
     """
-    path = Path(path)
-    if path.is_dir():
+    path = require_writable(Path(path))
+    # of a name of its own length: one that is as long as names may be has no room for more; and
+    # absolute: libraries take `x:y` for an address
+    temporary = path.absolute().with_name(f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix[:20]}")
+    _unfinished.add(temporary)
+    try:
+        with _explained(path, "a folder that can be written"):
+            temporary.touch(exist_ok=False)
+        with _explained(path, "room and permission to write"):
+            yield temporary
+            os.replace(temporary, path)
+    finally:
+        _discard(temporary)
+        _unfinished.discard(temporary)
+
+
+def require_writable(path: Path) -> Path:
+    """``path`` when a file of that name can be there.
+
+    Raises:
+        TiltcalError: it is a folder, a device or a pipe, or no name for a file.
+    """
+    mode = _mode(path, f"output {path}")
+    if mode is None or stat.S_ISREG(mode):
+        return path
+    if stat.S_ISDIR(mode):
         raise TiltcalError(
             f"output {path}", found="a folder", need="a file name", do="name the file to write"
         )
+    raise TiltcalError(
+        f"output {path}",
+        found="a device or pipe",
+        need="the name of a file",
+        do="name a file, or leave the option out where a command can print",
+    )
+
+
+def remove_temporary() -> None:
+    """Remove every temporary file that is still there, after an interrupt."""
+    while _unfinished:
+        _discard(_unfinished.pop())
+
+
+def _discard(temporary: Path) -> None:
+    """Remove a temporary file, where it is."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        temporary.unlink()
+
+
+@contextmanager
+def _explained(path: Path, need: str) -> Iterator[None]:
+    """One error for what the operating system refuses."""
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent
-        )
+        yield
     except OSError as error:
-        reason = error.strerror or str(error)
+        reason = (error.strerror or str(error)).lower()
         raise TiltcalError(
-            f"output {path}",
-            found=reason.lower(),
-            need="a folder that can be written",
-            do="choose another place",
+            f"output {path}", found=reason, need=need, do="choose another place"
         ) from error
-    os.close(handle)
-    temporary = Path(name)
+
+
+def _require_text(path: Path, subject: str) -> None:
+    """Refuse a name that is no text: libraries cannot be handed it."""
     try:
-        yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        os.replace(temporary, path)
-    except OSError as error:
-        reason = error.strerror or str(error)
+        str(path).encode()
+    except UnicodeEncodeError as error:
         raise TiltcalError(
-            f"output {path}",
-            found=reason.lower(),
-            need="room and permission to write",
-            do="choose another place",
+            subject, found="a name that is no text", need="a name in UTF-8", do="rename it"
         ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+
+
+def _mode(path: Path, subject: str) -> int | None:
+    """Type and permissions of what has that name; None where nothing has.
+
+    Raises:
+        TiltcalError: nothing can have it.
+    """
+    _require_text(path, subject)
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise TiltcalError(
+            subject,
+            found=(reason or str(error)).lower(),
+            need="the name of a file",
+            do="correct the name",
+        ) from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -97,6 +165,7 @@ def make_folder(path: Path) -> Path:
     Raises:
         TiltcalError: it is a file or cannot be made.
     """
+    _require_text(path, f"output {path}")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -5,6 +5,7 @@ conclusions.
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from tiltcal.core.numerical import determining
 from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
@@ -84,23 +85,24 @@ def diagnose(
     Raises:
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
-    progress("reading")
-    prepared = prepare(scenario, recordings, noise)
-    if not testable(prepared):
-        return untested(prepared)
-    progress("computing the signature of every effect")
-    lines = spectral_lines_of(prepared.observations, prepared.start)
-    whole = prepared.observations
-    prepared = averaged_blocks(prepared, block_of(whole, lines))
-    at_rest = None if static is None else static_noise(prepared.observations, static, noise)
-    build_dictionary(prepared.whitened.columns, prepared.start, lines, prepared.blurred)
-    if search is not None:
-        said = search(prepared)
-    else:
-        said = _explained(prepared, lines, at_rest, progress)
-    progress("re-simulating")
-    answer, amended = answered(prepared, said)
-    return answer if laboratory is None else simulated(answer, laboratory, whole, amended)
+    with determining(", ".join(r.source for r in recordings), "how it differs"):
+        progress("reading")
+        prepared = prepare(scenario, recordings, noise)
+        if not testable(prepared):
+            return untested(prepared)
+        progress("computing the signature of every effect")
+        lines = spectral_lines_of(prepared.observations, prepared.start)
+        whole = prepared.observations
+        prepared = averaged_blocks(prepared, block_of(whole, lines))
+        at_rest = None if static is None else static_noise(prepared.observations, static, noise)
+        build_dictionary(prepared.whitened.columns, prepared.start, lines, prepared.blurred)
+        if search is not None:
+            said = search(prepared)
+        else:
+            said = _explained(prepared, lines, at_rest, progress)
+        progress("re-simulating")
+        answer, amended = answered(prepared, said)
+        return answer if laboratory is None else simulated(answer, laboratory, whole, amended)
 
 
 def _explained(

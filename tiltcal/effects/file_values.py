@@ -1,12 +1,13 @@
 """Values of an effect's parameters as a file states them."""
 
 from collections.abc import Mapping
-from math import isfinite
 from typing import Any
 
-from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.errors import TiltcalError, nearest, shown
 from tiltcal.core.units import PARAMETER_UNITS, split_unit
 from tiltcal.effects.parameter import Parameter
+
+LARGEST = 1e30  # of a size: its powers are still numbers
 
 
 def check_allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
@@ -51,8 +52,11 @@ def parameter_of(key: str, known: Mapping[str, Parameter], subject: str) -> tupl
 
 
 def number_of(value: Any, subject: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         raise TiltcalError(
-            subject, found=repr(value), need="a number", do="write it without quotes"
+            subject,
+            found=shown(value),
+            need="a number" if isinstance(value, str) else f"a number of at most {LARGEST:g}",
+            do="write it without quotes" if isinstance(value, str) else "correct it",
         )
     return float(value)

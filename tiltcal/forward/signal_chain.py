@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError, shown
 from tiltcal.core.frames import tilt_of_force
 from tiltcal.effects.base import (
     DelayEffect,
@@ -35,7 +36,14 @@ CONVERSION = (
 def stream(seed: int, *names: str | None) -> np.random.Generator:
     """The random stream of one effect on one sensor: adding an effect does not change the others'
     numbers.
+
+    Raises:
+        TiltcalError: the seed is negative.
     """
+    if seed < 0:
+        raise TiltcalError(
+            "seed", found=shown(seed), need="a whole number from 0 on", do="correct it"
+        )
     return np.random.default_rng([seed, *(zlib.crc32((name or "").encode()) for name in names)])
 
 

@@ -25,6 +25,7 @@ from tiltcal.laboratory.long_recordings import (
     goes_in_pieces,
     in_pieces,
     piece_stamps,
+    require_recordable,
     whole,
 )
 from tiltcal.laboratory.scenario import Scenario
@@ -89,21 +90,24 @@ class SimulatedLaboratory:
         """The same recording piece by piece where it is long and its effects allow it, otherwise
         in one piece.
         """
-        course, stamps = self._sampled(scenario, seed)
+        course, stamps = self._sampled(scenario, seed, in_parts=True)
         effects = as_met(scenario.effects, NEW)
         changes = first_stamps(scenario, stamps)
         if not goes_in_pieces(scenario, stamps):
+            require_recordable(scenario)
             yield self._recorded(scenario, course, whole(stamps), effects, seed, changes)
             return
         going = in_pieces(scenario, effects, stamps, seed)
         for own in piece_stamps(stamps):
             yield self._recorded(scenario, course, own, going, seed, changes)
 
-    def _sampled(self, scenario: Scenario, seed: int | None) -> tuple[Course, dict[str, Stamps]]:
+    def _sampled(
+        self, scenario: Scenario, seed: int | None, in_parts: bool = False
+    ) -> tuple[Course, dict[str, Stamps]]:
         """What the table does, and when each sensor is sampled.
 
         Raises:
-            TiltcalError: there is no sensor.
+            TiltcalError: there is no sensor, or the recording is over the budget.
         """
         if not scenario.sensor:
             raise TiltcalError(
@@ -112,6 +116,7 @@ class SimulatedLaboratory:
                 need="at least one [[sensor]]",
                 do="add one",
             )
+        require_recordable(scenario, in_one_go=not in_parts)
         course = self.course(scenario, seed)
         return course, {s.name: Stamps.between(*course.times, s.rate_hz) for s in scenario.sensor}
 

@@ -10,11 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.budget import require_within
 from tiltcal.effects.base import Effect
 from tiltcal.effects.sensor.noise import Noise, NoiseDraw
 from tiltcal.forward.signal_chain import stream
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.parquet_files import PIECE
+
+CELL = 64  # bytes of working memory for a cell of a recording made in one go, measured
+BESIDE = 3  # columns beside those of sensors and table axes: time, temperature, label
+ROW_S, STEP_S = 1e-6, 3e-5  # of computing for a row, and for a time step, measured
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,30 @@ class Stamps:
         about = int((time - self.start) * self.rate_hz)
         near = self.part(max(about - 2, 0), about + 3)
         return min(max(about - 2, 0) + int(np.searchsorted(near, time)), self.n)
+
+
+def require_recordable(scenario: Scenario, in_one_go: bool = True) -> None:
+    """Refuse a recording that is over the budget, before anything of it is allocated.
+
+    Args:
+        in_one_go: whether all of it is in memory at the same time.
+
+    Raises:
+        TiltcalError: stating its rows and bytes.
+    """
+    start, end = scenario.schedule.times
+    rows = [(end - start) * s.rate_hz + 1 for s in scenario.sensor]
+    cells = sum(n * len(s.axes) for n, s in zip(rows, scenario.sensor, strict=True))
+    beside = BESIDE + len(scenario.rig.axis_names)
+    total = max(rows, default=0.0) if len({s.rate_hz for s in scenario.sensor}) < 2 else sum(rows)
+    steps = (end - start) / scenario.dynamics.timestep_s if scenario.dynamics else 0.0
+    require_within(
+        f"scenario {scenario.name}",
+        rows=total,
+        size=CELL * (cells + total * beside) if in_one_go else 0.0,
+        seconds=STEP_S * steps + ROW_S * total,
+        less="shorten the sequence or lower rate_hz",
+    )
 
 
 def whole(stamps: dict[str, Stamps]) -> dict[str, Array]:

@@ -1,6 +1,7 @@
 """Recordings as CSV files, with metadata lines before the header."""
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -10,14 +11,32 @@ from typing import IO, Any
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.csv_cells import cell_of, comment_of, text_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.recording import Labels, Recording
+
+MOST_COLUMNS = 4096
 
 
 def is_number(name: str) -> bool:
     """Whether a column of that name holds numbers (its name ends in a unit)."""
     return name != "label" and split_unit(name)[1] is not None
+
+
+def require_few(columns: int, path: Path) -> None:
+    """Refuse a file with more columns than any instrument has.
+
+    Raises:
+        TiltcalError: stating how many.
+    """
+    if columns > MOST_COLUMNS:
+        raise TiltcalError(
+            f"recording {path.name}",
+            found=f"{columns} columns",
+            need=f"at most {MOST_COLUMNS}",
+            do="leave out those that are no channel",
+        )
 
 
 def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
@@ -34,8 +53,9 @@ def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
                 if colon:
                     metadata[key.strip()] = value.strip()
             elif line.strip():
-                names = [name.strip() for name in next(csv.reader([line]))]
-                twice = sorted({name for name in names if names.count(name) > 1})
+                names = _names(line, path, number)
+                require_few(len(names), path)
+                twice = sorted(name for name, count in Counter(names).items() if count > 1)
                 if twice:
                     raise TiltcalError(
                         f"recording {path.name}, line {number}",
@@ -49,6 +69,19 @@ def csv_head(path: Path) -> tuple[dict[str, str], list[str], int]:
     )
 
 
+def _names(line: str, path: Path, number: int) -> list[str]:
+    """The column names of a header."""
+    try:
+        return [text_of(name.strip()) for name in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise TiltcalError(
+            f"recording {path.name}, line {number}",
+            found=str(error),
+            need="column names",
+            do="check the file",
+        ) from error
+
+
 def read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
     import pyarrow as pa
     from pyarrow import csv as pacsv
@@ -60,9 +93,7 @@ def read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
         if "Empty CSV" in str(error) or "skip initial" in str(error):
             return {name: np.zeros(0) for name in names}, metadata
         raise _bad_cell(path, names, skip, str(error)) from error
-    return {
-        name: to_numpy(table.column(i), is_number(name)) for i, name in enumerate(names)
-    }, metadata
+    return {name: _column(table.column(i), name) for i, name in enumerate(names)}, metadata
 
 
 def csv_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:
@@ -79,7 +110,7 @@ def csv_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:
     try:
         with pacsv.open_csv(path, **options) as reader:
             for batch in reader:
-                yield {n: to_numpy(batch.column(i), is_number(n)) for i, n in enumerate(names)}
+                yield {n: _column(batch.column(i), n) for i, n in enumerate(names)}
     except pa.ArrowInvalid as error:
         if not ("Empty CSV" in str(error) or "skip initial" in str(error)):
             raise _bad_cell(path, names, skip, str(error)) from error
@@ -104,6 +135,15 @@ def _options(names: list[str], skip: int, use_threads: bool = True) -> dict[str,
     }
 
 
+def _column(cells: Any, name: str) -> Array | Labels:
+    """A column of cells as floats or text."""
+    if is_number(name):
+        return to_numpy(cells, number=True)
+    texts = to_numpy(cells, number=False)
+    words = {text: text if text is None else text_of(text) for text in set(texts)}
+    return np.array([words[text] for text in texts], dtype=object)
+
+
 def to_numpy(column: Any, number: bool) -> Array | Labels:
     """An Arrow column as floats, NaN for null, or as text, (n,); each word is made only once."""
     if number:
@@ -116,6 +156,15 @@ def to_numpy(column: Any, number: bool) -> Array | Labels:
 
 def _bad_cell(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:
     """The first line that does not read, found slowly because it is only needed once."""
+    try:
+        return _first_bad_line(path, names, skip, reason)
+    except csv.Error as error:
+        return TiltcalError(
+            f"recording {path.name}", found=str(error), need="a CSV table", do="check the file"
+        )
+
+
+def _first_bad_line(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
         for number, row in enumerate(csv.reader(islice(lines, skip, None)), start=skip + 1):
             if row and len(row) != len(names):
@@ -170,7 +219,8 @@ def csv_writer(out: IO[bytes]) -> Iterator[Callable[[Recording], None]]:
         if not names:
             names.extend(piece.written_names)
             write_head(out, piece.metadata, names)
-        pacsv.write_csv(arrow_table(piece, names), out, pacsv.WriteOptions(include_header=False))
+        table = arrow_table(piece, names, cell_of)
+        pacsv.write_csv(table, out, pacsv.WriteOptions(include_header=False))
 
     yield write
 
@@ -178,8 +228,8 @@ def csv_writer(out: IO[bytes]) -> Iterator[Callable[[Recording], None]]:
 def write_head(out: IO[bytes], metadata: Mapping[str, str], names: Sequence[str]) -> None:
     """Metadata, one line each, and the line of column names."""
     for key, value in metadata.items():
-        out.write(f"# {key}: {' '.join(value.splitlines())}\n".encode())
-    out.write((",".join(_quoted(name) for name in names) + "\n").encode())
+        out.write(f"# {comment_of(key)}: {comment_of(value)}\n".encode())
+    out.write((",".join(_quoted(cell_of(name)) for name in names) + "\n").encode())
 
 
 def _quoted(name: str) -> str:
@@ -189,14 +239,24 @@ def _quoted(name: str) -> str:
 EMPTY = [" " * k for k in range(9)]  # cells that hold nothing
 
 
-def arrow_table(recording: Recording, names: Sequence[str]) -> Any:
-    """These columns of a recording as an Arrow table: numbers, null for NaN, and text."""
+def arrow_table(
+    recording: Recording, names: Sequence[str], written: Callable[[str], str] = str
+) -> Any:
+    """These columns of a recording as an Arrow table: numbers, null for NaN, and text.
+
+    Args:
+        written: a text as the file has it.
+    """
     import pyarrow as pa
+
+    def array_of(texts: Labels) -> Any:
+        words = {t: written(t) if t else None for t in set(texts)}
+        return pa.array([words[t] for t in texts], pa.string())
 
     texts = recording.texts
     return pa.table(
         [
-            pa.array([t if t else None for t in texts[name]], pa.string())
+            array_of(texts[name])
             if name in texts
             else pa.array(
                 recording.time if name == "time_s" else recording.column(name),

@@ -67,13 +67,14 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
         return zero, zero
     dt = float(np.median(np.diff(time)))
     n = round(float(time[-1] - time[0]) / dt) + 1
-    if n > 4 * len(time):  # a log of dwells with nothing between them
+    if n < FEWEST or n > 4 * len(time):  # a log of dwells with nothing between them
         return zero, zero
     grid = np.linspace(time[0], time[-1], n)
     step, uniform = float(grid[1] - grid[0]), CubicSpline(time, angle)(grid)
     noise = told or _noise_of_motion(uniform)
     beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
-    wanted = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside), mode="same") > 0.5
+    reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
+    wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
     v, a, variance = np.zeros((3, n))
     if wanted.sum() >= WIDTHS[0]:
         v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)

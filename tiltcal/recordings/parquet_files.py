@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.csv_files import arrow_table, is_number, to_numpy
+from tiltcal.recordings.csv_files import arrow_table, is_number, require_few, to_numpy
 from tiltcal.recordings.recording import Labels, Recording
 
 METADATA = "tiltcal.metadata"
@@ -26,8 +27,9 @@ def read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]
 
     metadata, _ = parquet_head(path)
     try:
+        _require_within_budget(path, whole=True)
         return _columns(parquet.read_table(path), path), metadata
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowException, OSError) as error:
         raise _unreadable(path, error) from error
 
 
@@ -42,8 +44,9 @@ def parquet_head(path: Path) -> tuple[dict[str, str], list[str]]:
 
     try:
         schema = parquet.read_schema(path)
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowException, OSError) as error:
         raise _unreadable(path, error) from error
+    require_few(len(schema.names), path)
     return stored_metadata(schema.metadata, path), list(schema.names)
 
 
@@ -57,12 +60,32 @@ def parquet_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:
     from pyarrow import parquet
 
     try:
+        _require_within_budget(path, whole=False)
         # neither whole row groups in memory nor, of a column's bytes, more than a buffer
         with parquet.ParquetFile(path, pre_buffer=False, buffer_size=PIECE) as file:
             for batch in file.iter_batches(batch_size=PIECE):
                 yield _columns(batch, path)
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowException, OSError) as error:
         raise _unreadable(path, error) from error
+
+
+def _require_within_budget(path: Path, whole: bool) -> None:
+    """Refuse a file that unpacks to more than may be in memory, or to more rows than are allowed.
+
+    Args:
+        whole: all of it at the same time, or its row groups one after another.
+    """
+    from pyarrow import parquet
+
+    stated = parquet.read_metadata(path)
+    groups = [stated.row_group(k).total_byte_size for k in range(stated.num_row_groups)]
+    cells = stated.num_rows * stated.num_columns if whole else 0
+    require_within(
+        f"recording {path.name}",
+        rows=stated.num_rows,
+        size=max(sum(groups) if whole else max(groups, default=0), 8 * cells),
+        less="cut it into shorter recordings",
+    )
 
 
 def _unreadable(path: Path, error: Exception) -> TiltcalError:
@@ -93,7 +116,7 @@ def _columns(table: Any, path: Path) -> dict[str, Array | Labels]:
             columns[name] = to_numpy(
                 table.column(i).cast(pa.float64() if number else pa.string()), number
             )
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        except pa.ArrowException as error:
             raise TiltcalError(
                 f"recording {path.name}, column {name}",
                 found=str(error).splitlines()[0],
@@ -109,9 +132,21 @@ def stored_metadata(schema: Mapping[bytes, bytes] | None, path: Path) -> dict[st
     Raises:
         TiltcalError: it is not what we write.
     """
+    return metadata_of((schema or {}).get(METADATA.encode(), b"{}"), path)
+
+
+def metadata_of(text: str | bytes, path: Path) -> dict[str, str]:
+    """Metadata as a file of ours stores it: JSON of texts by key.
+
+    Raises:
+        TiltcalError: it is not what we write.
+    """
     try:
-        return dict(json.loads((schema or {}).get(METADATA.encode(), b"{}")))
-    except ValueError as error:
+        found = json.loads(text)
+        if not isinstance(found, dict) or not all(isinstance(v, str) for v in found.values()):
+            raise ValueError("something else than texts by key")
+        return found
+    except (ValueError, RecursionError) as error:
         raise TiltcalError(
             f"recording {path.name}, metadata",
             found=str(error),

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.recordings.stamps import require_onward
+from tiltcal.recordings.stamps import require_measurable, require_onward
 from tiltcal.recordings.temperature import smooth_temperature
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import angle_channel, axis_of
@@ -163,9 +163,14 @@ class Recording:
             )
         return names[0] if names else None
 
-    def has(self, sensor: Sensor) -> bool:
+    def has_columns(self, sensor: Sensor) -> bool:
         """Whether every axis of ``sensor`` has a column."""
         return all(self.channel(f"{sensor.name}_{axis}") is not None for axis in sensor.axes)
+
+    def has(self, sensor: Sensor) -> bool:
+        """Whether every axis of ``sensor`` has a column, and a reading in it."""
+        names = [self.channel(f"{sensor.name}_{axis}") for axis in sensor.axes]
+        return all(n is not None and not np.isnan(self.column(n)).all() for n in names)
 
     def sensor(self, sensor: Sensor) -> Samples:
         """The readings of one sensor in SI, on the rows where any of its channels was sampled.
@@ -194,6 +199,8 @@ class Recording:
         rows = np.flatnonzero(~missing)
         raw = np.column_stack(columns if len(rows) == len(self) else [c[rows] for c in columns])
         units = tuple(str(split_unit(name)[1]) for name in names)
+        for name, values in zip(names, raw.T, strict=True):
+            require_measurable(values, self.time[rows], name, self.source)
         return Samples(self.time[rows], self._si(sensor, names, raw), sensor.axes, units, rows)
 
     def _si(self, sensor: Sensor, names: list[str], raw: Array) -> Array:
@@ -243,6 +250,7 @@ class Recording:
         name = self.channel(channel)
         if name is None:
             return None
+        require_measurable(self.column(name), self.time, name, self.source)
         return np.asarray(self.column(name) * COLUMN_UNITS[str(split_unit(name)[1])].factor)
 
     @property

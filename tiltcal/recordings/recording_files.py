@@ -1,6 +1,5 @@
 """Recordings as files: CSV, Parquet, NPZ. What is written reads back exactly."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,8 +8,9 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing, require_file
-from tiltcal.recordings.csv_files import is_number, read_csv, write_csv_file
-from tiltcal.recordings.parquet_files import METADATA, read_parquet, write_parquet
+from tiltcal.recordings.csv_files import read_csv, write_csv_file
+from tiltcal.recordings.npz_files import read_npz, write_npz
+from tiltcal.recordings.parquet_files import read_parquet, write_parquet
 from tiltcal.recordings.recording import Labels, Recording
 
 SUFFIXES = (".csv", ".parquet", ".npz")
@@ -35,7 +35,7 @@ def read_recording(path: Path | str) -> Recording:
     elif path.suffix == ".parquet":
         columns, metadata = read_parquet(path)
     elif path.suffix == ".npz":
-        columns, metadata = _read_npz(path)
+        columns, metadata = read_npz(path)
     else:
         raise TiltcalError(
             f"recording {path.name}",
@@ -53,7 +53,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
         TiltcalError: the ending is unknown or the place cannot be written.
     """
     path = require_suffix(Path(path))
-    writers = {".csv": write_csv_file, ".parquet": write_parquet, ".npz": _write_npz}
+    writers = {".csv": write_csv_file, ".parquet": write_parquet, ".npz": write_npz}
     with replacing(path) as temporary:
         writers[path.suffix](recording, temporary)
 
@@ -124,57 +124,3 @@ def assemble(
 def _without_blanks(texts: Array | Labels) -> Labels:
     """The texts of a column; spaces only are an empty cell, as they are among numbers."""
     return np.array([t if t and t.strip(" ") else None for t in texts], dtype=object)
-
-
-# --------------------------------------------------------------------------------------------------
-# ---- NPZ
-
-
-def _read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
-    import zipfile
-
-    columns: dict[str, Array | Labels] = {}
-    metadata: dict[str, str] = {}
-    try:
-        with path.open("rb") as file:
-            archive = np.load(file, allow_pickle=False)
-            for name in archive.files:
-                values = archive[name]
-                if name == METADATA:
-                    metadata = json.loads(str(values))
-                elif np.ndim(values) != 1:
-                    raise ValueError(f"array {name} of shape {np.shape(values)}")
-                elif is_number(name):
-                    columns[name] = np.asarray(values, dtype=float)
-                else:
-                    columns[name] = np.array([str(v) or None for v in values], dtype=object)
-    except (ValueError, OSError, AttributeError, zipfile.BadZipFile) as error:
-        raise TiltcalError(
-            f"recording {path.name}",
-            found=str(error).splitlines()[0],
-            need="an NPZ archive, one array a column",
-            do="check the file",
-        ) from error
-    lengths = {name: len(values) for name, values in columns.items()}
-    if len(set(lengths.values())) > 1:
-        odd = max(lengths, key=lambda name: abs(lengths[name] - lengths.get("time_s", 0)))
-        raise TiltcalError(
-            f"recording {path.name}, array {odd}",
-            found=f"{lengths[odd]} values",
-            need=f"as many as time_s, {lengths.get('time_s', 0)}",
-            do="write all arrays at one length, NaN for gaps",
-        )
-    return columns, metadata
-
-
-def _write_npz(recording: Recording, path: Path) -> None:
-    arrays = {"time_s": recording.time} | {
-        name: recording.column(name) for name in recording.column_names
-    }
-    texts = dict(recording.extra) | (
-        {} if recording.labels is None else {"label": recording.labels}
-    )
-    words = {name: np.array([t or "" for t in values], dtype=str) for name, values in texts.items()}
-    metadata = {METADATA: np.array(json.dumps(dict(recording.metadata)))}
-    with path.open("wb") as out:
-        np.savez(out, allow_pickle=False, **arrays, **words, **metadata)

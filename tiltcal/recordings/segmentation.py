@@ -19,6 +19,7 @@ from tiltcal.core.quantisation import code_width
 from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.stamps import require_measurable
 from tiltcal.setup.pauses import breaks
 
 WINDOW = 0.5  # s
@@ -124,6 +125,8 @@ def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Ar
         for name, values in block.columns.items():
             unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
             if unit.quantity in _MOVING:
+                stamps = recording.time if block.rows is None else recording.time[block.rows]
+                require_measurable(values, stamps, name, recording.source)
                 columns.append(values)
             if unit.quantity == "rate":
                 rates.append(values * unit.factor)
@@ -138,7 +141,7 @@ def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
     (n,).
     """
     turning = np.zeros(len(time), bool)
-    if not quiet.any():
+    if not quiet.any() or len(time) < 2:
         return turning
     width = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
     first = np.clip(np.arange(len(time)) - width // 2, 0, max(len(time) - width, 0))
@@ -157,7 +160,7 @@ def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     if n < 4:
         return np.ones(n, bool)
     dt = float(np.median(np.diff(time)))
-    width = max(round(window / dt), 6)
+    width = max(round(min(window / dt, n)), 6)
     if n <= width:
         raise TiltcalError(
             source,

@@ -5,6 +5,8 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 
+LARGEST = 1e30  # of a reading or a stamp: its eighth power is still a number
+
 
 def require_onward(time: Array, source: str, before: int = 0, last: float = -np.inf) -> None:
     """Refuse stamps that do not increase.
@@ -35,3 +37,23 @@ def require_onward(time: Array, source: str, before: int = 0, last: float = -np.
             need="time stamps that increase",
             do="sort it or split it there; `tiltcal diagnose` reads it as it is",
         )
+
+
+def require_measurable(values: Array, time: Array, name: str, source: str) -> None:
+    """Refuse numbers that no instrument gives, and whose powers are no numbers.
+
+    Args:
+        values: of a column, (n,), NaN where it was not sampled. time: their stamps, s, (n,).
+
+    Raises:
+        TiltcalError: naming the first stamp or reading that is one.
+    """
+    for column, of in ((time, "time_s"), (values, name)):
+        if len(column) and np.fmax.reduce(np.abs(column)) > LARGEST:
+            first = int(np.argmax(np.abs(np.nan_to_num(column)) > LARGEST))
+            raise TiltcalError(
+                f"{source}, column {of}, at {time[first]:.10g} s",
+                found=f"{column[first]:g}",
+                need=f"a number of at most {LARGEST:g}",
+                do="correct that cell, or leave it empty",
+            )

@@ -1,6 +1,7 @@
 """The report as one offline HTML file that contains plotly and all data."""
 
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ def write_report(verification: Verification, path: Path) -> None:
     """Write the report of some scenarios."""
     sections = [_section(r) for r in verification.results]
     tilts = [
-        (f"{r.scenario.name}: {m.title}", m.tilt)
+        (escape(f"{r.scenario.name}: {m.title}", quote=False), m.tilt)  # plotly reads markup
         for r in verification.results
         for m in r.methods
         if m.tilt is not None

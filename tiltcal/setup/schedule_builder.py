@@ -16,6 +16,8 @@ from tiltcal.setup.schedule import RAMP, Leg, Schedule, rotations
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Rig
 
+MOST_LEGS = 100_000
+
 
 def build_schedule(steps: Sequence[Step], rig: Rig, climate: Climate | None = None) -> Schedule:
     """The schedule of a sequence on a rig.
@@ -105,10 +107,22 @@ class _Builder:
 
     def _sweep(self, step: Step) -> None:
         start, end = self.q.copy(), self._target(step)
-        n = max(1, ceil(float(np.abs(end - start).max()) / (step.step_deg * DEG) - 1e-9))
+        steps = float(np.abs(end - start).max()) / (step.step_deg * DEG) - 1e-9
+        self._require_room(steps)
+        n = max(1, ceil(steps))
         for k in range(0 if not self.legs else 1, n + 1):
             self._go(start + (end - start) * k / n, step.rate_deg_s)
             self._dwell(step.dwell_s)
+
+    def _require_room(self, more: float) -> None:
+        """Refuse more legs than a sequence may have."""
+        if not len(self.legs) + more <= MOST_LEGS:
+            raise TiltcalError(
+                self.subject,
+                found=f"{more:.4g} stops",
+                need=f"at most {MOST_LEGS} legs in a sequence",
+                do="give it a larger step_deg",
+            )
 
     def _scheme(self, number: int, step: Step) -> None:
         """All positions of a scheme, each with its direction as the label."""

@@ -22,7 +22,9 @@ DEFAULT_UNIT = {"accelerometer": "m_s2", "inclinometer": "deg", "gyro": "deg_s",
 class Part(BaseModel):
     """A frozen part of a scenario; unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, ignored_types=(cached_property,))
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, ignored_types=(cached_property,)
+    )
 
     @classmethod
     def keys(cls) -> list[str]:

@@ -69,7 +69,7 @@ class Step(Part):
     each. Angles are keys ``<axis>_deg``, of any axis of any table; those left out stay as they are.
     """
 
-    model_config = ConfigDict(extra="allow", json_schema_extra=_list_angles)
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False, json_schema_extra=_list_angles)
     __pydantic_extra__: dict[Annotated[str, AfterValidator(_is_angle_key)], float | None]
 
     action: Literal["rest", "move", "turn", "sweep", "oscillate", "remount", "scheme"]

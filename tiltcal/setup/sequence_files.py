@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tiltcal.core.csv_cells import cell_of, text_of
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.frames import parse_mount
@@ -66,7 +67,11 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
             rows[-1]["dwell_s"] = _number(leg.t1 - leg.t0)
         else:
             rows.append(
-                {"action": "rest", "dwell_s": _number(leg.t1 - leg.t0), "label": leg.label or ""}
+                {
+                    "action": "rest",
+                    "dwell_s": _number(leg.t1 - leg.t0),
+                    "label": cell_of(leg.label or ""),
+                }
             )
     text = StringIO()
     writer = csv.DictWriter(text, sequence_columns(rig.axis_names), restval="", lineterminator="\n")
@@ -87,7 +92,12 @@ def _going(
         for k, name in enumerate(rig.axis_names)
         if target[k] != here[k]
     }
-    return {"action": action, **angles, "rate_deg_s": _number(rate), "label": leg.label or ""}
+    return {
+        "action": action,
+        **angles,
+        "rate_deg_s": _number(rate),
+        "label": cell_of(leg.label or ""),
+    }
 
 
 def _number(value: float) -> str:
@@ -166,7 +176,7 @@ def _step(row: Mapping[str, str | None], subject: str) -> Step:
             "action": "move" if action in GOING else action,
             **known,
             "mount": mount,
-            "label": row.get("label") or None,
+            "label": text_of(row.get("label") or "") or None,
         }
     )
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.calibration.result import Calibration
+from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import Progress, silent
+from tiltcal.core.tasks.run_tasks import Rate
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable
@@ -21,9 +23,12 @@ from tiltcal.validation.limit import Limit
 from tiltcal.validation.limits import limits_of
 from tiltcal.validation.online.judging import run_estimator
 from tiltcal.validation.online.online_result import OnlineResult
-from tiltcal.validation.runs import Row, Run, Workers, results_by_seed
+from tiltcal.validation.runs import Keeper, Row, Run, Workers, results_by_seed
 from tiltcal.validation.tilt_limits import dof_of_mean, tilts
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
+
+RUN_BYTES = 20_000  # of memory for a run and its calibration, measured
+RUN_S = 0.02  # of a short run
 
 
 @dataclass(frozen=True)
@@ -117,11 +122,13 @@ def run_scenario(
     allow_commands: bool = False,
     progress: Progress = silent,
     workers: Workers | None = None,
+    kept: Keeper | None = None,
 ) -> ScenarioResult:
     """Simulate, calibrate, judge.
 
     Args:
         laboratory: of this process; workers: other processes, which make the same runs.
+        kept: runs that were made before, and takes those that are made.
 
     Raises:
         TiltcalError: the scenario holds no method, or a command that is not allowed.
@@ -129,10 +136,16 @@ def run_scenario(
     _require_runnable(scenario, source, allow_commands)
     runs = max((m.runs for m in scenario.method), default=1)
     seeds = []
-    progress(f"{scenario.name}: run 1 of {runs}")
-    for result in results_by_seed(scenario, laboratory, workers):
+    require_within(
+        f"scenario {source or scenario.name}, {runs} runs",
+        size=RUN_BYTES * runs,
+        seconds=RUN_S * runs,
+        less="ask for fewer runs, or use `tiltcal campaign`, which keeps them on disk",
+    )
+    rate = Rate(runs)
+    for result in results_by_seed(scenario, laboratory, workers, kept):
         seeds.append(result)
-        progress(f"{scenario.name}: {len(seeds)} of {runs} runs done")
+        progress(f"{scenario.name}: {rate.after_one(0)}")
     recording = seeds[0].recording
     assert recording is not None
     results = []
@@ -222,6 +235,7 @@ def verify_folder(
     allow_commands: bool = False,
     progress: Progress = silent,
     workers: Workers | None = None,
+    kept: Keeper | None = None,
 ) -> Verification:
     """Run every scenario of a folder that holds methods, or one file.
 
@@ -250,6 +264,7 @@ def verify_folder(
                     allow_commands=allow_commands,
                     progress=progress,
                     workers=workers,
+                    kept=kept,
                 )
             )
     if not results:

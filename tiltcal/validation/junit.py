@@ -15,7 +15,7 @@ def write_junit(verification: Verification, path: Path) -> None:
     seconds = f"{verification.seconds:.3f}"
     root = ElementTree.Element("testsuites", name="tiltcal verify", time=seconds)
     for result in verification.results:
-        suite = ElementTree.SubElement(root, "testsuite", name=result.scenario.name)
+        suite = ElementTree.SubElement(root, "testsuite", name=_printable(result.scenario.name))
         for method in result.methods:
             _add_cases(suite, result, method)
         suite.set("tests", str(len(suite)))
@@ -29,7 +29,7 @@ def _add_cases(suite: ElementTree.Element, result: ScenarioResult, method: Metho
     """One case a limit; one for the calibration where there is none."""
     name, seconds = f"{result.source}.{method.title}", f"{method.seconds:.3f}"
     for limit in method.limits or (Limit("calibration", np.nan, method.error or "", False),):
-        words = {"classname": name, "name": limit.name, "time": seconds}
+        words = {"classname": _printable(name), "name": _printable(limit.name), "time": seconds}
         case = ElementTree.SubElement(suite, "testcase", words)
         if not limit.passed or method.error:
             where = f" ({limit.where})" if limit.where else ""

@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tiltcal.core.csv_cells import cell_of
 from tiltcal.core.files import replacing
 from tiltcal.core.units import ARCSEC
 from tiltcal.validation.runs import Row
@@ -78,11 +79,13 @@ def write_runs(rows: Sequence[Row], folder: Path) -> None:
     """
     from pyarrow import csv, parquet
 
-    table = table_of([record_of(row) for row in rows])
+    records = [record_of(row) for row in rows]
+    table = table_of(records)
     with replacing(folder / "runs.parquet") as temporary:
         parquet.write_table(table, temporary)
+    shown = [{k: cell_of(v) if isinstance(v, str) else v for k, v in r.items()} for r in records]
     with replacing(folder / "runs.csv") as temporary:
-        csv.write_csv(table, temporary)
+        csv.write_csv(table_of(shown), temporary)
 
 
 def _arcsec(angle: float | None) -> float | None:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Protocol
 
 from tiltcal.calibration.methods.registry import calibrate, run_command
 from tiltcal.calibration.result import Calibration
@@ -125,8 +126,21 @@ def worker_processes(
         yield None if opened is None else Workers(opened, make_laboratory, Limits())
 
 
+class Keeper(Protocol):
+    """Whoever keeps runs that are made."""
+
+    def result(self, scenario: Scenario, k: int) -> SeedResult | None:
+        """Run k of a scenario, without its recording; None where it is not kept."""
+
+    def keep(self, scenario: Scenario, k: int, result: SeedResult) -> None:
+        """Keep run k of a scenario."""
+
+
 def results_by_seed(
-    scenario: Scenario, laboratory: Laboratory, workers: Workers | None = None
+    scenario: Scenario,
+    laboratory: Laboratory,
+    workers: Workers | None = None,
+    kept: Keeper | None = None,
 ) -> Iterator[SeedResult]:
     """The runs of a scenario, in the order of their seeds: ``seed``, ``seed + 1``, ...
 
@@ -139,19 +153,56 @@ def results_by_seed(
     count = max((m.runs for m in scenario.method), default=1)
     if workers is None or count == 1:
         for k in range(count):
-            yield run_seed(scenario, laboratory, k)
+            yield _kept_result(scenario, laboratory, k, kept) or _made(
+                scenario, laboratory, k, kept
+            )
         return
     bare = fresh(scenario)
-    tasks = [Task(f"{k}", _run_apart, (workers.make_laboratory, bare, k)) for k in range(count)]
-    early: dict[int, SeedResult] = {}
+    early = {
+        k: result
+        for k in range(count)
+        if (result := _kept_result(scenario, laboratory, k, kept)) is not None
+    }
+    missing = [k for k in range(count) if k not in early]
+    tasks = [Task(f"{k}", _run_apart, (workers.make_laboratory, bare, k)) for k in missing]
     following = 0
+    while following in early:
+        yield early.pop(following)
+        following += 1
     for task, outcome in outcomes(tasks, workers.engine, workers.limits):
         k = int(task.key)
         outcome.require(f"scenario {scenario.name}, run {k + 1}", workers.limits)
         early[k] = outcome.value
+        if kept is not None:
+            kept.keep(scenario, k, outcome.value)
         while following in early:
             yield early.pop(following)
             following += 1
+
+
+def _made(scenario: Scenario, laboratory: Laboratory, k: int, kept: Keeper | None) -> SeedResult:
+    """Run k, kept as soon as it is made."""
+    result = run_seed(scenario, laboratory, k)
+    if kept is not None:
+        kept.keep(scenario, k, result)
+    return result
+
+
+def _kept_result(
+    scenario: Scenario, laboratory: Laboratory, k: int, kept: Keeper | None
+) -> SeedResult | None:
+    """Run k as it was kept; the first one with its recording, which is made again."""
+    result = None if kept is None else kept.result(scenario, k)
+    if result is None or k > 0:
+        return result
+    return replace(result, recording=_recorded(scenario, laboratory, result.seed))
+
+
+def _recorded(scenario: Scenario, laboratory: Laboratory, seed: int) -> Recording:
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        return laboratory.record(scenario, seed)
 
 
 def _run_apart(make_laboratory: Callable[[], Laboratory], scenario: Scenario, k: int) -> SeedResult:

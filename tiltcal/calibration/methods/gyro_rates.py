@@ -17,6 +17,7 @@ from tiltcal.calibration.validity import Test, chi2_test, threshold_test, verdic
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import AXES
+from tiltcal.core.numerical import undetermined
 from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import make_sense
@@ -163,6 +164,9 @@ def _blocks(
     sense = make_sense(gyro, setup, closed_form(setup, drive), drive)
     names, units, design = columns_under(terms, gyro, sense)
     size = max(round(BLOCK * gyro.rate_hz), 2)
+    if len(drive.time) < size:
+        words = f"{len(drive.time)} rows, less than one block of {BLOCK:g} s at {gyro.rate_hz:g} Hz"
+        raise undetermined(recording.source, "the parameters of gyro_rates", words)
     error = samples.values[complete] - sense.true_input()
     blocks = Blocks(
         names,

@@ -31,6 +31,7 @@ from tiltcal.calibration.validity import SIGNIFICANCE, Test, chi2_test, verdict_
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import tangents
+from tiltcal.core.numerical import undetermined
 from tiltcal.core.units import DEG, G0
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment, find_segments
@@ -143,6 +144,9 @@ def _turns_and_rests(
     """The turns and the static rates, with forces corrected by the norm calibration."""
     g = setup.site.gravity
     poses = find_poses(recording, setup, accel, segments)
+    if len(rests) != len(poses):
+        words = f"{len(rests)} rests seen by {gyro.name}, {len(poses)} by {accel.name}"
+        raise undetermined(recording.source, "the parameters of gyro_turns", words)
     static = StaticRates(rests, by_norm.correct(accel, poses.means, g))
     sensed = recording.sensor(accel)
     force = Series(sensed.time, by_norm.correct(accel, sensed.values, g) / G0)

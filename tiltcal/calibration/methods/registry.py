@@ -3,14 +3,13 @@ or a command.
 """
 
 import importlib
-import inspect
 import json
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -21,14 +20,16 @@ from tiltcal.calibration.methods.gyro_rates import gyro_rates
 from tiltcal.calibration.methods.gyro_turns import gyro_turns
 from tiltcal.calibration.methods.norm import norm
 from tiltcal.calibration.methods.north_seeking import north
+from tiltcal.calibration.methods.options import check_options
 from tiltcal.calibration.methods.placing_table import placing_table
 from tiltcal.calibration.methods.six_position import six_position
 from tiltcal.calibration.methods.thermal import thermal
 from tiltcal.calibration.methods.two_position import two_position
 from tiltcal.calibration.parameter_units import in_our_units
-from tiltcal.calibration.result import Calibration, load_calibration
+from tiltcal.calibration.result import Calibration, load_calibration, require_finite
 from tiltcal.calibration.screen.channels import channel_tests
 from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.numerical import determining
 from tiltcal.recordings.means_table import MeansTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import write_recording
@@ -71,6 +72,9 @@ def find_method(name: str) -> Method:
     )
 
 
+_NOT_THERE = (ImportError, AttributeError, ValueError, TypeError)
+
+
 def import_named(name: str) -> Callable[..., Any]:
     """The function a user names as ``package.module:function``.
 
@@ -78,16 +82,19 @@ def import_named(name: str) -> Callable[..., Any]:
         TiltcalError: it does not import, or cannot be called.
     """
     module, _, attribute = name.partition(":")
-    if "" not in sys.path:
-        sys.path.insert(0, "")  # a user's own file lies in the folder they stand in
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # last: a file there cannot take the place of an installed package
     try:
         target: Any = importlib.import_module(module)
         for part in attribute.split("."):
             target = getattr(target, part)
-    except (ImportError, AttributeError, ValueError) as error:
+    except Exception as error:
+        if os.environ.get("TILTCAL_TRACEBACK") and not isinstance(error, _NOT_THERE):
+            raise
         raise TiltcalError(
             f"method '{name}'",
-            found=str(error),
+            found=str(error) or type(error).__name__,
             need="an importable package.module:function",
             do="check the name and the folder",
         ) from error
@@ -113,32 +120,19 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             unit of another dimension.
     """
     method = find_method(name)
-    accepted = inspect.signature(method).parameters
-    takes_any = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
-    given = list(accepted)[:2]  # the recording and the set-up are not the user's to name
-    unknown = [key for key in options if key in given or (key not in accepted and not takes_any)]
-    if unknown:
-        valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
-        raise TiltcalError(
-            f"method {name}",
-            found=f"option '{unknown[0]}'",
-            need="an option of it",
-            do=nearest(unknown[0], valid or ["none"]),
-        )
+    check_options(method, name, options)
     _require_log(name, recording)
     bare = (
         setup
         if type(setup) is Setup
         else Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
     )
-    try:
+    with _explained(recording, bare), determining(recording.source, f"the parameters of {name}"):
         result = (
             method(recording, bare, **options)
             if name in METHODS
             else _foreign(method, name, recording, bare, options)
         )
-    except TiltcalError as error:
-        raise _with_channels(error, recording, bare) from error
     if not isinstance(result, Calibration):
         raise TiltcalError(
             f"method {name}",
@@ -146,6 +140,7 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             need="a tiltcal.calibration.result.Calibration",
             do="return one",
         )
+    require_finite(result, recording.source)
     ours = name in METHODS
     return _with_setup(result if ours else in_our_units(result, bare), bare)
 
@@ -161,18 +156,22 @@ def _require_log(name: str, recording: Recording) -> None:
         )
 
 
-def _with_channels(error: TiltcalError, recording: Recording, setup: Setup) -> TiltcalError:
-    """The refusal of a recording with what is wrong with its channels: that may be its cause."""
-    faults: list[str] = []
-    if error.subject != recording.source:
-        return error
-    for sensor in setup.sensor:
-        with suppress(TiltcalError):
-            faults += [t.statement for t in channel_tests(recording, sensor) if not t.passed]
-    if not faults:
-        return error
-    found = f"{error.found}; {'; '.join(faults)}"
-    return TiltcalError(error.subject, found=found, need=error.need, do=error.do)
+@contextmanager
+def _explained(recording: Recording, setup: Setup) -> Iterator[None]:
+    """A refusal of the recording says what is wrong with its channels: that may be its cause."""
+    try:
+        yield
+    except TiltcalError as error:
+        if error.subject != recording.source:
+            raise
+        faults: list[str] = []
+        for sensor in setup.sensor:
+            with suppress(TiltcalError):
+                faults += [t.statement for t in channel_tests(recording, sensor) if not t.passed]
+        if not faults:
+            raise
+        found = f"{error.found}; {'; '.join(faults)}"
+        raise TiltcalError(error.subject, found=found, need=error.need, do=error.do) from error
 
 
 def _foreign(

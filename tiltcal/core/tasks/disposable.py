@@ -66,7 +66,7 @@ class DisposableProcess:
         if self._process is None:
             # a session of its own, so that what a task started goes with it
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tiltcal.core.tasks.serve"],
+                [sys.executable, "-P", "-m", "tiltcal.core.tasks.serve"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

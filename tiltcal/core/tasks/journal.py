@@ -12,6 +12,7 @@ from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
 
+DAMAGED = ("not a database", "malformed", "no such column", "encrypted", "corrupt", "datatype")
 FAST = 1  # level of compression
 TABLES = """
 CREATE TABLE IF NOT EXISTS finished (key TEXT PRIMARY KEY, record BLOB NOT NULL) WITHOUT ROWID;
@@ -32,7 +33,7 @@ class Journal:
             connection.execute("PRAGMA journal_mode=WAL")
             connection.execute("PRAGMA synchronous=NORMAL")
             connection.executescript(TABLES)
-        self._done = {key for (key,) in connection.execute("SELECT key FROM finished")}
+            self._done = {key for (key,) in connection.execute("SELECT key FROM finished")}
 
     def __contains__(self, key: str) -> bool:
         return key in self._done
@@ -62,7 +63,7 @@ class Journal:
         with self._explained():
             found = self._connection.execute("SELECT record FROM finished WHERE key = ?", (key,))
             row = found.fetchone()
-        return None if row is None else zlib.decompress(row[0]).decode()
+            return None if row is None else zlib.decompress(row[0]).decode()
 
     def take_over(self, other: "Journal") -> None:
         """Copy all finished tasks of another journal that this one does not have."""
@@ -79,13 +80,13 @@ class Journal:
         """One clear error for what SQLite refuses."""
         try:
             yield
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.Error, zlib.error, UnicodeDecodeError, TypeError) as error:
             words = str(error)
             need, do = "room for it", "make room and run the same command again"
             if "locked" in words:
                 need, do = "one that no other process writes to", "wait for that process, or end it"
-            elif "not a database" in words:
-                need, do = "a journal", "choose another output"
+            elif not isinstance(error, sqlite3.Error) or any(w in words for w in DAMAGED):
+                need, do = "a journal", "choose another output, or remove it and begin anew"
             raise TiltcalError(f"journal {self.path}", found=words, need=need, do=do) from error
 
 

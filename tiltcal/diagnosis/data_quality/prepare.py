@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tiltcal.core.numerical import undetermined
 from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
@@ -40,6 +41,8 @@ from tiltcal.statistics.noise_spectrum import (
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 PASSES = 5  # of putting missing bits back
+
+FEWEST_AT_REST = 16  # readings that noise is told from
 
 
 @dataclass(frozen=True)
@@ -181,7 +184,7 @@ def static_noise(
     """The noise of each channel from a record at rest.
 
     Raises:
-        TiltcalError: it lacks a sensor.
+        TiltcalError: it lacks a sensor, or readings of it.
     """
     found = []
     for channel in observations.channels:
@@ -198,6 +201,12 @@ def static_noise(
             else np.linalg.norm(samples.values, axis=1)
         )
         values = values[~np.isnan(values)]
+        if len(values) < FEWEST_AT_REST:
+            raise undetermined(
+                static.source,
+                f"the noise of {channel.sensor} {channel.axis}",
+                f"{len(values)} readings, need at least {FEWEST_AT_REST}",
+            )
         level = cosines(np.ones(len(values)))[:, None]
         found.append(estimate_noise(cosines(values - values.mean()), level, law))
     return tuple(found)

@@ -24,6 +24,7 @@ from tiltcal.recordings.replay import Replay
 from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA
 from tiltcal.statistics.noise_spectrum import robust_white
 
+SHORTEST = 8  # rows that a jump is told from
 GROSS = 8.0  # sigma of the readout's own noise
 # relative: how equal the jumps there and back are; the end of a move adds its own bend to one of
 # them
@@ -81,6 +82,8 @@ def jump_of(axis: str, angle: Array, known: Mask) -> Jump | None:
     """The two sharpest bends of a readout (rad, (n,)) where it was read, if it jumped there, as far
     there as back.
     """
+    if len(angle) < SHORTEST:
+        return None
     step, read = np.diff(angle), known[1:] & known[:-1]
     bent = np.zeros(len(step))  # a table gathers speed, and loses it, over several samples
     bent[1:-1] = np.where(

@@ -2,8 +2,6 @@
 together, until explained.
 """
 
-import json
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +10,10 @@ from typing import Any, Protocol
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json, write_text
 from tiltcal.core.progress import Progress
+from tiltcal.core.read_back import read_toml
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
 from tiltcal.diagnosis.investigation.progress_log import Entry, Investigation, log_of
+from tiltcal.diagnosis.investigation.stored import read_diagnosis, read_investigation
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
@@ -23,6 +23,8 @@ from tiltcal.setup.sequence_files import sequence_text
 
 Diagnose = Callable[[Sequence[Path], Path], None]
 """Diagnoses the recordings in some files and leaves diagnosis.json and amended.toml in a folder."""
+
+AMENDED = "an amended.toml as `tiltcal diagnose -o` writes it"
 
 
 class Recorder(Protocol):
@@ -98,15 +100,7 @@ def _begun(at: InvestigationSetup, given: tuple[str, ...], resume: bool) -> Inve
             need="an empty folder",
             do="choose another, or go on with --resume",
         )
-    try:
-        state = Investigation.from_json(json.loads(file.read_text(encoding="utf-8")))
-    except (ValueError, KeyError, TypeError) as error:
-        raise TiltcalError(
-            f"{file}",
-            found=f"no investigation ({error})",
-            need="the file it wrote",
-            do="begin anew",
-        ) from error
+    state = read_investigation(file)
     if given and given != state.given:
         raise TiltcalError(
             f"output {at.folder}",
@@ -194,8 +188,7 @@ def _files(at: InvestigationSetup, state: Investigation) -> list[Path]:
 
 
 def _answer(at: InvestigationSetup, number: int) -> dict[str, Any]:
-    path = at.folder / f"diagnosis_{number}" / "diagnosis.json"
-    return dict(json.loads(path.read_text(encoding="utf-8")))
+    return read_diagnosis(at.folder / f"diagnosis_{number}" / "diagnosis.json")
 
 
 def _plan(
@@ -203,7 +196,7 @@ def _plan(
 ) -> NextBlock:
     """What to record next, kept beside the diagnosis."""
     folder = at.folder / f"diagnosis_{len(state.entries)}"
-    amended = tomllib.loads((folder / "amended.toml").read_text(encoding="utf-8"))
+    amended = read_toml(folder / "amended.toml", "amended scenario", AMENDED)
     recordings = [read_recording(path) for path in _files(at, state)]
     plan = next_block(at.scenario, recordings, answer, amended, at.limits, progress)
     write_json(folder / "next_block.json", plan.to_json())

@@ -1,6 +1,5 @@
 """How far an investigation is, and its log."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -64,12 +63,6 @@ class Investigation:
             "blocks": [asdict(e) for e in self.entries],
             "table_minutes": self.minutes,
         }
-
-    @classmethod
-    def from_json(cls, table: Mapping[str, Any]) -> "Investigation":
-        """From the file."""
-        entries = tuple(Entry(**e) for e in table["blocks"])
-        return cls(tuple(table["given"]), entries, tuple(table["verdicts"]), table["statement"])
 
 
 def log_of(state: Investigation) -> str:

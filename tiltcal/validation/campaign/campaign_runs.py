@@ -7,6 +7,8 @@ from functools import lru_cache
 from typing import Any
 
 from tiltcal import __version__
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.read_back import Finite, Stored, checked
 from tiltcal.core.tasks.outcome import Limits, Outcome
 from tiltcal.core.tasks.run_tasks import Task
 from tiltcal.laboratory.laboratory import Laboratory
@@ -14,8 +16,10 @@ from tiltcal.laboratory.scenario import Scenario, fresh, parse_scenario
 from tiltcal.validation.campaign.campaign_file import Campaign, hash_of
 from tiltcal.validation.campaign.fields import Document
 from tiltcal.validation.campaign.points import Point, points_of
-from tiltcal.validation.runs import ParameterRow, Row, laboratory_of, run_seed
+from tiltcal.validation.runs import Row, laboratory_of, run_seed
+from tiltcal.validation.stored_rows import row_of
 
+RECORDS = "the runs of `tiltcal campaign`"
 KEPT = 4096
 JUDGING = ("accept", "expect", "runs")  # keys of a method that change no run
 
@@ -45,6 +49,14 @@ class Recorded:
     rows: tuple[Row, ...]
     fault: str | None
     seconds: float
+
+
+class StoredRecord(Stored):
+    """A run in the journal."""
+
+    rows: list[dict[str, Any]]
+    fault: str | None
+    seconds: Finite
 
 
 def runs_of(campaign: Campaign) -> Iterator[PointRun]:
@@ -102,12 +114,17 @@ def recorded_of(text: str) -> Recorded:
     """What a record of the journal says; the last ones are kept, as results are read several
     times.
     """
-    found = json.loads(text)
-    rows = tuple(
-        Row(**(row | {"parameters": tuple(ParameterRow(**p) for p in row["parameters"])}))
-        for row in found["rows"]
-    )
-    return Recorded(rows, found["fault"], found["seconds"])
+    try:
+        found = checked(StoredRecord, json.loads(text), "journal", RECORDS)
+        rows = tuple(row_of(row) for row in found.rows)
+    except ValueError as error:
+        raise TiltcalError(
+            "journal",
+            found=str(error).splitlines()[0],
+            need=RECORDS,
+            do="remove it, so that all runs are made again",
+        ) from error
+    return Recorded(rows, found.fault, found.seconds)
 
 
 def _titles(run: PointRun) -> list[str]:

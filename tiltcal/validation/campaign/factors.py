@@ -82,6 +82,13 @@ class Factor(Part):
         """Whether it has a distribution."""
         return self.distribution is not None
 
+    @property
+    def level_count(self) -> int:
+        """How many levels a grid has, without making them."""
+        if self.level is not None:
+            return len(self.level)
+        return len(self.values or ()) if self.start is None else self.count or 0
+
     def levels(self) -> list[tuple[Any, dict[str, Any]]]:
         """What results call each level of a grid, and the fields that it sets."""
         if self.level is not None:

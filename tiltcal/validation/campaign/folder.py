@@ -2,14 +2,17 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
+from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, require_file, write_json
+from tiltcal.core.files import make_folder, write_json
 from tiltcal.core.progress import Progress
+from tiltcal.core.read_back import Stored, checked, read_json
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.tasks.journal import Journal, open_journal
 from tiltcal.core.tasks.outcome import Limits, Outcome
@@ -24,6 +27,20 @@ from tiltcal.validation.campaign.campaign_runs import (
     task_of,
 )
 from tiltcal.validation.campaign.points import count_of
+
+RESULTS = "results.parquet"
+ENDINGS = (
+    *(".journal", ".journal-wal", ".journal-shm", ".campaign.json", ".summary.json"),
+    *(".html", ".parquet"),
+)
+WRITTEN = "a campaign.json as `tiltcal campaign` writes it"
+
+
+class StoredCampaign(Stored):
+    """What is kept of a campaign beside its journal."""
+
+    campaign: dict[str, Any]
+    scenario: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -42,11 +59,29 @@ class Place:
         if output.suffix == ".parquet":
             make_folder(output.parent)
             return cls(output)
-        return cls(make_folder(output) / "results.parquet")
+        return cls(make_folder(output) / RESULTS)
 
     def beside(self, suffix: str) -> Path:
         """Another file of the campaign."""
         return self.results.with_suffix(suffix)
+
+    def claimed(self) -> AbstractContextManager[None]:
+        """The folder held for one run; files beside those of other campaigns are held by their
+        journal alone.
+        """
+        return claimed(self.results.parent if self.results.name == RESULTS else None)
+
+    @contextmanager
+    def whole_or_not_at_all(self) -> Iterator[None]:
+        """Where nothing was before, an error leaves nothing."""
+        made = [p for ending in ENDINGS if not (p := self.beside(ending)).exists()]
+        done = self.beside(".journal") not in made
+        try:
+            yield
+            done = True
+        finally:
+            for path in () if done else made:
+                path.unlink(missing_ok=True)
 
     @contextmanager
     def journal(self) -> Iterator[Journal]:
@@ -136,9 +171,11 @@ def read_campaign(place: Place) -> Campaign:
     Raises:
         TiltcalError: there is none.
     """
-    path = require_file(place.beside(".campaign.json"), "campaign")
-    found = json.loads(path.read_text(encoding="utf-8"))
-    return Campaign(CampaignTable.model_validate(found["campaign"]), found["scenario"])
+    path = place.beside(".campaign.json")
+    subject = f"campaign {path.name}"
+    table = read_json(path, "campaign", WRITTEN)
+    found = checked(StoredCampaign, table, subject, WRITTEN)
+    return Campaign(checked(CampaignTable, found.campaign, subject, WRITTEN), found.scenario)
 
 
 def merged(places: Sequence[Place], into: Place) -> Campaign:

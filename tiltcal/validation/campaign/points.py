@@ -5,17 +5,21 @@ first-order and total sensitivity indices follow (Saltelli et al., Comput. Phys.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.validation.campaign.campaign_file import Campaign
 from tiltcal.validation.campaign.fields import Document, with_fields
 
 MIDDLE = 0.5
+RUN_BYTES = 200  # of memory for what is known of a run: its key
+RUN_S = 0.02  # of a short run
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,23 @@ def cells_of(campaign: Campaign) -> Iterator[tuple[dict[str, Any], dict[str, Any
 def count_of(campaign: Campaign) -> int:
     """How many points there are."""
     d = len(campaign.distributions)
-    cells = int(np.prod([len(f.levels()) for f in campaign.grids], dtype=int))
+    cells = prod(f.level_count for f in campaign.grids)
     return cells * (campaign.table.samples * (d + 2) if d else 1)
+
+
+def require_countable(campaign: Campaign) -> None:
+    """Refuse more runs than the budget allows, before any of them is named.
+
+    Raises:
+        TiltcalError: stating how many, and what they would take.
+    """
+    runs = count_of(campaign) * campaign.table.runs
+    require_within(
+        f"campaign {campaign.table.name}, {runs} runs",
+        size=RUN_BYTES * runs,
+        seconds=RUN_S * runs,
+        less="ask for fewer levels, samples or runs",
+    )
 
 
 def check_levels(campaign: Campaign) -> None:

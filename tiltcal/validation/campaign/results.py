@@ -15,6 +15,7 @@ from typing import Any
 
 from tiltcal import __version__
 from tiltcal.core.files import replacing
+from tiltcal.core.read_back import read_json
 from tiltcal.core.tasks.journal import Journal
 from tiltcal.validation.campaign.campaign_file import Campaign, hash_of
 from tiltcal.validation.campaign.campaign_runs import PointRun, Recorded, recorded_of, runs_of
@@ -74,8 +75,8 @@ def known_summary(campaign: Campaign, place: Place) -> dict[str, Any] | None:
     files = [place.results, place.beside(".html"), summary := place.beside(".summary.json")]
     if not all(path.exists() for path in files):
         return None
-    found: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
-    return found if found["provenance"] == provenance_of(campaign) else None
+    found = read_json(summary, "summary", "a summary.json as `tiltcal campaign` writes it")
+    return found if found.get("provenance") == provenance_of(campaign) else None
 
 
 def write_results(results: Results, path: Path) -> None:

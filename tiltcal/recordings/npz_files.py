@@ -1,0 +1,137 @@
+"""Recordings as NPZ archives. What an archive claims is checked before any of it is loaded."""
+
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.budget import require_within
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.csv_files import is_number, require_few
+from tiltcal.recordings.parquet_files import METADATA, metadata_of
+from tiltcal.recordings.recording import Labels, Recording
+
+NUMBERS = "fiu"  # kinds of arrays that a column of numbers may be
+TEXTS = "UOSfiub"  # and those that another column may be; objects are refused on loading
+LARGEST = 8  # bytes of a number
+
+
+def read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
+    """All columns, (n,) each, and the metadata.
+
+    Raises:
+        TiltcalError: it is no archive, claims more than it holds, or an array is no column.
+    """
+    columns: dict[str, Array | Labels] = {}
+    metadata: dict[str, str] = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {m.filename.removesuffix(".npy"): m for m in archive.infolist()}
+            _require_within_budget(path, members)
+            require_few(len(members), path)
+            shapes = {name: _shape(archive, member) for name, member in members.items()}
+            _require_one_length(path, shapes)
+            for name, member in members.items():
+                with archive.open(member) as stream:
+                    values = npy.read_array(stream, allow_pickle=False)
+                if name == METADATA:
+                    metadata = metadata_of(str(values), path)
+                else:
+                    columns[name] = _column(name, values)
+    except _UNREADABLE as error:
+        raise TiltcalError(
+            f"recording {path.name}",
+            found=(str(error) or type(error).__name__).splitlines()[0],
+            need="an NPZ archive, one array a column",
+            do="check the file",
+        ) from error
+    return columns, metadata
+
+
+_UNREADABLE = (
+    ValueError,
+    OSError,
+    EOFError,
+    AttributeError,
+    NotImplementedError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zipfile.zlib.error,  # type: ignore[attr-defined]
+)
+
+
+def _require_within_budget(path: Path, members: Mapping[str, zipfile.ZipInfo]) -> None:
+    """Refuse an archive that unpacks to more than may be in memory."""
+    size = sum(m.file_size for m in members.values())
+    require_within(
+        f"recording {path.name}",
+        rows=max((m.file_size for m in members.values()), default=0) / LARGEST,
+        size=2 * size,
+        less="write it as Parquet, which is read piece by piece",
+    )
+
+
+def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, ...]:
+    """The shape of an array whose header claims exactly what the archive holds."""
+    with archive.open(member) as stream:
+        version = npy.read_magic(stream)
+        read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, dtype = read_head(stream)
+        held = member.file_size - stream.tell()
+    if dtype.kind not in TEXTS or dtype.hasobject:
+        raise ValueError(f"array {member.filename} of type {dtype}")
+    count = 1
+    for length in shape:
+        count *= length
+    if min(shape, default=0) < 0 or count * dtype.itemsize != held:
+        raise ValueError(f"array {member.filename} that claims {count} values in {held} bytes")
+    return shape
+
+
+def _column(name: str, values: Any) -> Array | Labels:
+    """A column as floats or as text.
+
+    Raises:
+        ValueError: numbers are of another type.
+    """
+    if not is_number(name):
+        return np.array([str(v) or None for v in values], dtype=object)
+    if values.dtype.kind not in NUMBERS:
+        raise ValueError(f"array {name} of type {values.dtype}")
+    return np.asarray(values, dtype=float)
+
+
+def _require_one_length(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuse arrays that are no columns, or columns of different lengths."""
+    columns = {name: shape for name, shape in shapes.items() if name != METADATA}
+    for name, shape in columns.items():
+        if len(shape) != 1:
+            raise ValueError(f"array {name} of shape {shape}")
+    lengths = {name: shape[0] for name, shape in columns.items()}
+    if len(set(lengths.values())) > 1:
+        odd = max(lengths, key=lambda name: abs(lengths[name] - lengths.get("time_s", 0)))
+        raise TiltcalError(
+            f"recording {path.name}, array {odd}",
+            found=f"{lengths[odd]} values",
+            need=f"as many as time_s, {lengths.get('time_s', 0)}",
+            do="write all arrays at one length, NaN for gaps",
+        )
+
+
+def write_npz(recording: Recording, path: Path) -> None:
+    """Write a recording as an NPZ archive."""
+    arrays = {"time_s": recording.time} | {
+        name: recording.column(name) for name in recording.column_names
+    }
+    words = {
+        name: np.array([t or "" for t in values], dtype=str)
+        for name, values in recording.texts.items()
+    }
+    metadata = {METADATA: np.array(json.dumps(dict(recording.metadata)))}
+    with path.open("wb") as out:
+        np.savez(out, allow_pickle=False, **arrays, **words, **metadata)

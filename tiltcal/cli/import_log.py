@@ -1,6 +1,5 @@
 """``tiltcal import``."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, Json
-from tiltcal.cli.output import print_json, tell
+from tiltcal.cli.output import print_json, say, tell
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
 from tiltcal.recordings.foreign_files import Imported, import_file
@@ -116,7 +115,7 @@ def _propose(file: Path, budget: Budget, output: Path | None, as_json: bool) -> 
             }
         )
     elif output is None:
-        sys.stdout.write(text)
+        say(text.rstrip("\n"))
     else:
         doubts = len(proposal.doubts)
         tell(f"{output}: proposed; {doubts} things it cannot know, see there")

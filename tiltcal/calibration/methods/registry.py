@@ -133,14 +133,14 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             if name in METHODS
             else _foreign(method, name, recording, bare, options)
         )
-    if not isinstance(result, Calibration):
-        raise TiltcalError(
-            f"method {name}",
-            found=f"a {type(result).__name__}",
-            need="a tiltcal.calibration.result.Calibration",
-            do="return one",
-        )
-    require_finite(result, recording.source)
+        if not isinstance(result, Calibration):
+            raise TiltcalError(
+                f"method {name}",
+                found=f"a {type(result).__name__}",
+                need="a tiltcal.calibration.result.Calibration",
+                do="return one",
+            )
+        require_finite(result, recording.source)
     ours = name in METHODS
     return _with_setup(result if ours else in_our_units(result, bare), bare)
 

@@ -129,8 +129,11 @@ class _Runner:
 
     def __init__(self, rig: Rig, n: int) -> None:
         self.size = min(BLOCK, max(n, 1))
-        self.batch = mujoco.batch.Batch(rig.model, self.size)
-        self.fields = {name: self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied")}
+        try:
+            self.batch = mujoco.batch.Batch(rig.model, self.size)
+            self.fields = {name: self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied")}
+        except mujoco.FatalError as error:  # MuJoCo's only fatal error here: no memory
+            raise MemoryError(str(error)) from error
 
     def blocks(
         self, q: Array, v: Array, a: Array, correction: Array | None, output: str

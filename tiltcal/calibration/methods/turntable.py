@@ -70,6 +70,8 @@ def start_of(table: Turntable) -> tuple[float, float, float, list[float]]:
     axes = table.input_axes(roll, pitch)
     cost = _profile(table, axes, GRID)
     lowest = np.flatnonzero((cost <= np.roll(cost, 1)) & (cost < np.roll(cost, -1)))
+    if not len(lowest):  # the same at every heading: the FOG's axis is vertical, or sees nothing
+        lowest = np.array([int(np.argmin(cost))])
     headings = [_refined(table, axes, float(GRID[k])) for k in lowest]
     cost = _profile(table, axes, np.array(headings))
     best = headings[int(np.argmin(cost))]

@@ -23,11 +23,19 @@ NO_STANDARD = "No standard states this procedure; the documentation of the metho
 
 @dataclass(frozen=True)
 class Covered:
-    """What a result holds: its method, kinds of terms, and whether it has placing-angle tables."""
+    """What a result holds: its method, kinds of terms and names of tests, and whether it has
+    placing-angle tables.
+    """
 
     method: str
     terms: frozenset[str]
+    tests: frozenset[str]
     tables: bool
+
+    @property
+    def linear(self) -> bool:
+        """Whether the model has no coefficient of a higher power of its input."""
+        return not self.tables and not any(t.startswith("K") for t in self.terms)
 
 
 Rule = tuple[str, Callable[[Covered], bool]]
@@ -39,7 +47,11 @@ RULES: tuple[Rule, ...] = (
     ),
     (
         "Non-linearity: coefficients of second and third order are taken as zero.",
-        lambda c: not any(t.startswith("K") for t in c.terms) and not c.tables,
+        lambda c: c.linear and "second order" not in c.tests,
+    ),
+    (
+        "Non-linearity of third order: taken as zero; second order was tested, not determined.",
+        lambda c: c.linear and "second order" in c.tests,
     ),
     (
         "Scale factor: not determined, taken as stated.",
@@ -73,7 +85,9 @@ def procedure(calibration: Calibration) -> str:
 def not_tested(calibration: Calibration) -> list[str]:
     """What this calibration did not test, one sentence each."""
     terms = {name.partition(".")[2].split("_")[0] for name in calibration.parameters}
-    covered = Covered(calibration.method, frozenset(terms), bool(calibration.bias_tables))
+    tests = frozenset(t.name for t in calibration.tests)
+    tables = bool(calibration.bias_tables)
+    covered = Covered(calibration.method, frozenset(terms), tests, tables)
     return [text for text, missing in RULES if missing(covered)] + list(NEVER)
 
 

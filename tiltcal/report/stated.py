@@ -59,9 +59,6 @@ class Stated:
         return clean(getattr(self, name) or "") or NOT_STATED
 
 
-NOTHING_STATED = Stated()
-
-
 def clean(text: str) -> str:
     """Text without the characters that XML forbids and without space at its ends."""
     return _CONTROL.sub("\ufffd", text).strip()
@@ -83,3 +80,6 @@ def _is_day(text: str) -> bool:
         return Date.fromisoformat(text).isoformat() == text
     except ValueError:
         return False
+
+
+NOTHING_STATED = Stated()

@@ -15,8 +15,8 @@ PROCEDURES = {
     "thermal": TUMBLE + " Its temperature sensitivities are fitted together with it.",
     "gyro_rates": "Implements the procedure of IEEE 952 for scale factor and bias from input rates,"
     " for each axis of a triad.",
-    "fog_scale": "Follows IEEE 952 in the scale factor test series, with a second gyro in place of"
-    " the rate table.",
+    "fog_scale": "Implements the procedure of IEEE 952 for the scale factor, with a second gyro in"
+    " place of the rate table.",
 }
 NO_STANDARD = "No standard states this procedure; the documentation of the method describes it."
 

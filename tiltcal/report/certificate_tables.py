@@ -18,13 +18,16 @@ POSES_SHOWN = 12  # of more, the largest residuals
 ENTRIES_SHOWN = 72  # of a placing-angle table
 PER_ROW = 6
 _SHOWN = {"rad": (1 / ARCSEC, "arcsec"), "1": (1e6, "ppm"), "rad_s": (1 / DEG_H, "deg/h")}
-_NAMES = {"m_s2": "m/s²", "degC": "°C"}
+_NAMES = (("m_s2", "m/s²"), ("_degC1", "/°C"), ("_degC", "/°C^"), ("degC", "°C"))
 _LINEAR = ("bias", "scale", "cross")
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
     """Factor and name of the unit that a parameter is shown in."""
-    return _SHOWN.get(unit, (1.0, _NAMES.get(unit, unit)))
+    name = unit
+    for ours, shown in _NAMES:
+        name = name.replace(ours, shown)
+    return _SHOWN.get(unit, (1.0, name))
 
 
 def rounded(value: float, uncertainty: float) -> tuple[str, str]:

@@ -204,7 +204,7 @@ def _parameters(parent: ET.Element, c: Certificate) -> None:
     _text(parent, "name", "parameters")
     data = _add(parent, "data")
     for name, e in c.calibration.parameters.items():
-        _real(data, name, e.value, e.unit, c.expanded[name])
+        _real(data, name, e.value, e.unit, c.expanded[name] or None)
 
 
 def _real(parent: ET.Element, name: str, value: float, unit: str, U: float | None) -> None:

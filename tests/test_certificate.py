@@ -261,6 +261,33 @@ def test_without_the_recording_the_page_says_what_it_lacks(good, here, plain):
     assert tilt.after < 0.05 * tilt.before
 
 
+MEANS = """\
+label,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,accel_sigma_m_s2
++x,9.9,0.01,0.02,0.0001
+-x,-9.7,0.011,0.021,0.0001
++y,0.1,9.81,0.02,0.0001
+-y,0.1,-9.79,0.02,0.0001
++z,0.1,0.01,9.83,0.0001
+-z,0.1,0.01,-9.78,0.0001
+"""
+
+
+def test_where_no_budget_can_be_evaluated_the_page_says_why(good, here, capsys):
+    # a table's errors have no meaning for means without its readout
+    (here / "means.csv").write_text(MEANS)
+    words = ["calibrate", "means.csv", "--scenario", str(good / "bench.toml")]
+    words += ["--method", "six_position"]
+    assert main([*words, "--report", "o.html"]) in (0, 1)
+    page = text_of((here / "o.html").read_text(encoding="utf-8"))
+    assert "Not evaluated: a note below says why." in page
+    assert "could not be evaluated: recording means.csv: found no column table_outer" in page
+    assert "noise of the record only (type A)" in page
+    capsys.readouterr()
+    assert main([*words, "--budget"]) == 2  # who asks for the budget itself is refused
+    assert main([*words, "--method", "nosuch", "--report", "p.html"]) == 2
+    assert not (here / "p.html").exists()
+
+
 def test_the_tilt_error_before_is_the_injected_one(plain):
     (tilt,) = make_certificate(plain).tilts
     # bias 3000 and -1500 ug, scale_z 1200 ppm: rms over the sphere

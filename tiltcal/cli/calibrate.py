@@ -14,6 +14,7 @@ from tiltcal.cli.certificate import (
     ReportFile,
     Statements,
     require_statements,
+    without_budget,
     write_reports,
 )
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
@@ -83,8 +84,14 @@ def calibrate(
     options = parse_options(option)
     if segments:
         options["segments"] = read_segments(segments, recording)
-    with_budget = budget or report is not None or dcc is not None
-    calibration, found = _estimate(method, recording, described, options, with_budget)
+    try:
+        with_budget = budget or report is not None or dcc is not None
+        calibration, found = _estimate(method, recording, described, options, with_budget)
+    except TiltcalError as error:
+        if budget or not with_budget:
+            raise
+        calibration, found = _estimate(method, recording, described, options, False)
+        calibration = without_budget(calibration, error)
     if output:
         calibration.save(output)
     dwells = options.get("segments")

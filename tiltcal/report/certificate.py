@@ -83,7 +83,7 @@ class Certificate:
         if self.budget is not None:
             return "U includes the noise of the record (type A) and the stated sources (type B)."
         return (
-            "U holds the noise of the record only (type A): this file has no budget of the table,"
+            "U holds the noise of the record only (type A): there is no budget of the table,"
             " gravity and other references (type B)."
         )
 

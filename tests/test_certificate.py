@@ -288,6 +288,18 @@ def test_where_no_budget_can_be_evaluated_the_page_says_why(good, here, capsys):
     assert not (here / "p.html").exists()
 
 
+def test_sources_that_nobody_stated_are_called_assumed(good, here, written):
+    assert "sizes are assumed" in text_of((written / "out.html").read_text(encoding="utf-8"))
+    stated = '[[budget]]\nid = "gravity"\ngravity_ppm = 10\n'
+    bench = (good / "bench.toml").read_text(encoding="utf-8")
+    (here / "b.toml").write_text(bench + stated, encoding="utf-8")
+    words = ["calibrate", str(good / "run.csv"), "--scenario", "b.toml", "--report", "o.html"]
+    assert main([*words, "--method", "six_position"]) == 0
+    page = text_of((here / "o.html").read_text(encoding="utf-8"))
+    assert "assumed" not in page
+    assert "the stated sources (type B)" in page
+
+
 def test_the_tilt_error_before_is_the_injected_one(plain):
     (tilt,) = make_certificate(plain).tilts
     # bias 3000 and -1500 ug, scale_z 1200 ppm: rms over the sphere

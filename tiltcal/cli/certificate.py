@@ -13,6 +13,7 @@ from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError
+from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.report.certificate import Certificate, make_certificate, write_certificate
@@ -102,6 +103,7 @@ def without_budget(calibration: Calibration, error: TiltcalError) -> Calibration
 def write_reports(
     calibration: Calibration,
     recording: Recording,
+    scenario: Scenario,
     budget: Budget | None,
     segments: Sequence[Segment] | None,
     stated: Stated,
@@ -110,5 +112,7 @@ def write_reports(
 ) -> None:
     """What ``tiltcal calibrate`` writes for --report and --dcc."""
     if page is not None or dcc is not None:
-        made = make_certificate(calibration, stated, recording, budget, segments)
+        made = make_certificate(
+            calibration, stated, recording, budget, segments, assumed=not scenario.budget
+        )
         write_files(made, page, dcc)

@@ -47,6 +47,7 @@ class Certificate:
         calibration: the result; setup: site, table and sensors it belongs to.
         stated: by the laboratory.
         budget: GUM budget; None where only the noise of the record is known.
+        assumed: whether nobody stated the budget's sources: they are those of a usual laboratory.
         poses: residuals by pose; None where no recording is at hand.
         temperature: lowest and highest of the recording, degC; None where it is not known.
     """
@@ -57,6 +58,7 @@ class Certificate:
     budget: Budget | None = None
     poses: Sequence[PoseRow] | None = None
     temperature: tuple[float, float] | None = None
+    assumed: bool = False
 
     @cached_property
     def digest(self) -> str:
@@ -80,6 +82,11 @@ class Certificate:
     @property
     def basis(self) -> str:
         """What U rests on, in words."""
+        if self.budget is not None and self.assumed:
+            return (
+                "U includes the noise of the record (type A) and sources (type B) whose sizes are"
+                " assumed, those of a usual laboratory: the scenario states none."
+            )
         if self.budget is not None:
             return "U includes the noise of the record (type A) and the stated sources (type B)."
         return (
@@ -117,6 +124,7 @@ def make_certificate(
     recording: Recording | None = None,
     budget: Budget | None = None,
     segments: Sequence[Segment] | None = None,
+    assumed: bool = False,
 ) -> Certificate:
     """A certificate of a calibration.
 
@@ -126,15 +134,16 @@ def make_certificate(
         recording: of the fit, for residuals, tilt errors and the temperature.
         budget: of the calibration.
         segments: dwells of the recording; found in it if not given.
+        assumed: whether the sources of the budget are assumed, not stated.
 
     Raises:
         TiltcalError: the calibration carries no set-up.
     """
     setup = setup_of(calibration)
     if recording is None:
-        return Certificate(calibration, setup, stated, budget)
+        return Certificate(calibration, setup, stated, budget, assumed=assumed)
     poses = pose_rows(calibration, recording, setup, segments)
-    return Certificate(calibration, setup, stated, budget, poses, _temperature(recording))
+    return Certificate(calibration, setup, stated, budget, poses, _temperature(recording), assumed)
 
 
 def _temperature(recording: Recording) -> tuple[float, float] | None:

@@ -19,6 +19,7 @@ PARTS = (
     "tiltcal/scenarios/real/mpu9150_map.toml",
     "tiltcal/recordings/datasets.toml",
     "tiltcal/report/report.html.jinja",
+    "tiltcal/report/certificate.html.jinja",
 )
 
 pytestmark = pytest.mark.slow

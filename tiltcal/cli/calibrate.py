@@ -9,6 +9,14 @@ from cyclopts import Parameter
 
 from tiltcal.calibration.methods.registry import calibrate as run_method
 from tiltcal.calibration.result import Calibration
+from tiltcal.cli.certificate import (
+    DccFile,
+    ReportFile,
+    Statements,
+    require_statements,
+    without_budget,
+    write_reports,
+)
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
 from tiltcal.cli.output import print_json, print_table, say
 from tiltcal.cli.segments import read_segments
@@ -19,6 +27,7 @@ from tiltcal.recordings.means_table import read_log_or_means
 from tiltcal.recordings.recording import Recording
 from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
 from tiltcal.report.html import parameter_rows
+from tiltcal.report.stated import NOTHING_STATED
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
 
 BUDGET_HEADER = ("parameter", "source", "type", *BUDGET_COLUMNS[3:])
@@ -47,6 +56,9 @@ def calibrate(
     output: Annotated[
         Path | None, Parameter(alias="-o", help="File of the calibration, JSON.")
     ] = None,
+    report: ReportFile = None,
+    dcc: DccFile = None,
+    stated: Statements = NOTHING_STATED,
     as_json: Json = False,
 ) -> int:
     """Estimate parameters with covariance, tests and a verdict.
@@ -61,22 +73,34 @@ def calibrate(
     A table of means has one row a pose: label or table angles, the sensor's
     columns, and their standard deviations as accel_sigma_m_s2.
 
+    --report and --dcc write a certificate, with the uncertainty budget.
+
     Exit status: 0 good; 1 suspect or cannot_tell; 2 unusable input.
     """
+    require_statements(stated, dcc)
     described = load_scenario(scenario)
     read = [read_log_or_means(file).require_increasing() for file in (recording_file, *more)]
     recording = joined(read, described.rig.mount)
     options = parse_options(option)
     if segments:
         options["segments"] = read_segments(segments, recording)
-    calibration, found = _estimate(method, recording, described, options, budget)
+    try:
+        with_budget = budget or report is not None or dcc is not None
+        calibration, found = _estimate(method, recording, described, options, with_budget)
+    except TiltcalError as error:
+        if budget or not with_budget:
+            raise
+        calibration, found = _estimate(method, recording, described, options, False)
+        calibration = without_budget(calibration, error)
     if output:
         calibration.save(output)
+    dwells = options.get("segments")
+    write_reports(calibration, recording, described, found, dwells, stated, report, dcc)
     if as_json:
         print_json(calibration.to_json() | ({"budget": found.to_json()} if found else {}))
     else:
         print_calibration(calibration)
-        if found is not None:
+        if found is not None and budget:
             print_budget(found)
     return 0 if calibration.verdict == "good" else 1
 

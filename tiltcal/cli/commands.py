@@ -35,6 +35,7 @@ CALIBRATION = {
         "estimate:estimate", "Feed a recorded file to an estimator, sample by sample."
     ),
     "check": Command("check:check", "Check a calibration against another recording."),
+    "certificate": Command("certificate:certificate", "Write the certificate of a calibration."),
     "export": Command(
         "export:export", "Export a calibration, a noise model or a recording for other programs."
     ),

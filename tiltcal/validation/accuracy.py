@@ -199,6 +199,24 @@ def estimated_up(f: Array, g: float) -> Array:
     return np.asarray(f / np.linalg.norm(f, axis=1)[:, None])
 
 
+def predicted_tilt(
+    setup: Setup, sensor: Sensor, calibration: Calibration
+) -> tuple[float, float, str]:
+    """What a calibration says of itself, without a truth, over the directions of ``tilt_error``.
+
+    Returns:
+        Root mean square angle between the uncorrected and the corrected reading, and the tilt error
+        that the covariance predicts after correction, rad; the directions in words.
+    """
+    up, over = _directions(sensor)
+    g = setup.site.gravity
+    reading = g * up[:, list(sensor.axis_indices)]
+    free = calibration.method == "norm"
+    before = _rms(calibration.correct(sensor, reading, g), up, setup, free)
+    after, _ = _bound(setup, sensor, reading, calibration, free)
+    return before, after, over + (", after the best common rotation" if free else "")
+
+
 def _rms(f: Array, up: Array, setup: Setup, free: bool) -> float:
     estimate = estimated_up(f, setup.site.gravity)
     if free:

@@ -1,0 +1,118 @@
+"""``tiltcal certificate``, and the options of ``tiltcal calibrate`` that write one."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter
+
+from tiltcal.calibration.result import Calibration, load_calibration
+from tiltcal.cli.options import Json
+from tiltcal.cli.output import print_json
+from tiltcal.cli.verdict import print_verdict
+from tiltcal.core.errors import TiltcalError
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.report.certificate import Certificate, make_certificate, write_certificate
+from tiltcal.report.dcc import require_date, write_dcc
+from tiltcal.report.stated import NOTHING_STATED, Stated
+from tiltcal.validation.uncertainty_budget import Budget
+
+Statements = Annotated[
+    Stated, Parameter(name="*", group=Group("Statements of the laboratory", sort_key=1))
+]
+DccFile = Annotated[
+    Path | None,
+    Parameter("--dcc", help="Digital calibration certificate (DCC 3.2.1) to write, XML."),
+]
+ReportFile = Annotated[
+    Path | None, Parameter("--report", help="Calibration certificate to write, HTML.")
+]
+
+
+def certificate(
+    calibration_file: Annotated[Path, Parameter("CAL", help="Calibration, JSON.")],
+    /,
+    *,
+    output: Annotated[
+        Path | None, Parameter(alias="-o", help="Certificate to write, HTML.")
+    ] = None,
+    dcc: DccFile = None,
+    stated: Statements = NOTHING_STATED,
+    as_json: Json = False,
+) -> int:
+    """Write the certificate of a calibration.
+
+    A page of two printed sides, and with --dcc the digital calibration certificate
+    of PTB. Residuals by pose, the measured tilt error and the uncertainty budget
+    need the recording: `tiltcal calibrate ... --report out.html` has them.
+
+      tiltcal certificate CAL.json -o out.html --serial 1234 --laboratory "Lab, City"
+      tiltcal certificate CAL.json --dcc out.xml --date 2026-11-23
+
+    Exit status: 0 written; 2 unusable input.
+    """
+    if output is None and dcc is None:
+        raise TiltcalError(
+            "command line of `tiltcal certificate`",
+            found="neither -o nor --dcc",
+            need="a file to write",
+            do="add -o out.html",
+        )
+    require_statements(stated, dcc)
+    calibration = load_calibration(calibration_file)
+    print_verdict(calibration)
+    made = make_certificate(calibration, stated)
+    written = write_files(made, output, dcc)
+    if as_json:
+        print_json({"number": made.number, "verdict": calibration.verdict, "written": written})
+    return 0
+
+
+def require_statements(stated: Stated, dcc: Path | None) -> None:
+    """Before anything is done, refuse a DCC without what its schema requires.
+
+    Raises:
+        TiltcalError: the day of measurement is missing.
+    """
+    if dcc is not None:
+        require_date(stated)
+
+
+def write_files(made: Certificate, page: Path | None, dcc: Path | None) -> list[str]:
+    """Write the page and the DCC, whichever is wanted, and say so on stderr."""
+    if page is not None:
+        write_certificate(made, page)
+    if dcc is not None:
+        write_dcc(made, dcc)
+    written = [str(path) for path in (page, dcc) if path is not None]
+    for path in written:
+        print(f"{path}: certificate {made.number}", file=sys.stderr)
+    return written
+
+
+def without_budget(calibration: Calibration, error: TiltcalError) -> Calibration:
+    """A calibration for whose certificate the budget could not be evaluated: a warning says why."""
+    note = f"the uncertainty budget could not be evaluated: {error}"
+    return replace(calibration, warnings=[*calibration.warnings, note])
+
+
+def write_reports(
+    calibration: Calibration,
+    recording: Recording,
+    scenario: Scenario,
+    budget: Budget | None,
+    segments: Sequence[Segment] | None,
+    stated: Stated,
+    page: Path | None,
+    dcc: Path | None,
+) -> None:
+    """What ``tiltcal calibrate`` writes for --report and --dcc."""
+    if page is not None or dcc is not None:
+        made = make_certificate(
+            calibration, stated, recording, budget, segments, assumed=not scenario.budget
+        )
+        write_files(made, page, dcc)

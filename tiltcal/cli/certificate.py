@@ -1,6 +1,5 @@
 """``tiltcal certificate``, and the options of ``tiltcal calibrate`` that write one."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from cyclopts import Group, Parameter
 
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json
+from tiltcal.cli.output import print_json, tell
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.scenario import Scenario
@@ -90,7 +89,7 @@ def write_files(made: Certificate, page: Path | None, dcc: Path | None) -> list[
         write_dcc(made, dcc)
     written = [str(path) for path in (page, dcc) if path is not None]
     for path in written:
-        print(f"{path}: certificate {made.number}", file=sys.stderr)
+        tell(f"{path}: certificate {made.number}")
     return written
 
 

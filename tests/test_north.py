@@ -167,7 +167,7 @@ def drawn(azimuth, roll, pitch, angles, rng):
             np.eye(3),
             np.array([1.0, 0, 0]),
             fog + rng.normal(size=m) * sigma,
-            sigma,
+            np.diag(1 / sigma),
             (force + rng.normal(size=(m, 2)) * ACCEL_SIGMA / n, whiten),
             G,
             40 * DEG,

@@ -12,6 +12,7 @@ from scipy.stats import binom, chi2
 from statistics_helpers import rng_of
 
 from tiltcal.calibration.correction import corrected_columns
+from tiltcal.calibration.methods import placing_table as placing_table_module
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC, DEG
@@ -277,8 +278,10 @@ def test_a_dwell_that_spans_a_remount_is_cut_there():
 @pytest.mark.slow
 def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
     """Tables and smooth fits of both axes: one family of variances and NEES at 0.1 %, and 95 %
-    intervals.
+    intervals. An entry's sigma also holds what straight lines beside it miss: left out here, where
+    entries are compared at their own angles.
     """
+    monkeypatch.setattr(placing_table_module, "interpolation_error", lambda _: 0.0)
     draws, angles = 10_000, UP[::3]
     sweep = np.concatenate([angles, angles[-2::-1]])
     clean = log((0, sweep), (90, sweep))

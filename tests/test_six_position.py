@@ -62,7 +62,7 @@ def test_the_sigmas_are_those_worked_out_by_hand():
 def test_ten_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
     # these two cost most and change no parameter
     monkeypatch.setattr(six_position, "leave_directions_out", lambda *_: {})
-    monkeypatch.setattr(six_position, "_fit_tests", lambda *_: [])
+    monkeypatch.setattr(six_position, "known_attitude_tests", lambda *_: [])
     draws, names = 10_000, list(truth())
     clean = noiseless()
     segments = find_segments(clean)

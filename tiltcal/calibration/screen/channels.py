@@ -82,15 +82,18 @@ def _require_unsaturated(recording: Recording, sensor: Sensor, name: str, known:
 
 
 def _stopped_at_an_extreme(values: Array) -> Mask:
-    """Samples exactly at the channel's extreme, where there are more than noise of a code or more
-    leaves there: of a normal distribution the outermost code holds a few.
+    """Samples exactly at an extreme of the channel, where they pile up: more than stand at the next
+    value inside, though the noise is a code or more. The tail of a normal distribution thins out.
     """
-    ends = [np.asarray(values == extreme) for extreme in (values.max(), values.min())]
-    inside = values[~(ends[0] | ends[1])]
+    none = np.zeros(len(values), bool)
+    inside = values[(values > values.min()) & (values < values.max())]
     if len(inside) < BLOCK or _noise(inside) < max(code_width(inside), TINY):
-        return np.zeros(len(values), bool)
-    full = [end for end in ends if end.sum() >= BLOCK]
-    return np.any(full, axis=0) if full else np.zeros(len(values), bool)
+        return none
+    for end, beside in ((values.max(), inside.max()), (values.min(), inside.min())):
+        at_end = np.asarray(values == end)
+        if at_end.sum() >= max(BLOCK, 2 * np.sum(values == beside)):
+            none |= at_end
+    return none
 
 
 def _noise(values: Array) -> float:

@@ -153,6 +153,11 @@ def test_days_of_a_field_calibration_share_the_scale_and_keep_their_bias():
         day = alone[1].value(f"gyro.bias_{axis}")
         assert both.value(f"gyro.bias_{axis}") == pytest.approx(day, rel=1e-9)
     assert sum("bias of recording" in w for w in both.warnings) == 2
+    # an axis error is common to all days: 0.1 deg across (1, 1, 1) is 0.1 deg sqrt 2 of scale
+    stated = calibrate("fog_scale", joined(parts, "identity"), setup, axis_error_deg=0.1)
+    own = both.parameters["gyro.scale_x"].sigma
+    expected = np.hypot(own, np.radians(0.1) * np.sqrt(2))
+    assert stated.parameters["gyro.scale_x"].sigma == pytest.approx(expected)
 
 
 def test_correct_names_a_channel_that_is_dead(tmp_path, capsys):

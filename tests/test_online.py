@@ -257,7 +257,7 @@ def test_an_estimator_of_the_user_s_is_judged_from_the_command_line(module, here
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("{}:own", {"gian": 1}, "found option 'gian', need one of it; did you mean 'gain'"),
+        ("{}:own", {"gian": 1}, "found option 'gian', need an option of it; did you mean 'gain'"),
         ("{}:nothing", {}, "found a object, need an object with update"),
         ("kalmn", {}, "did you mean 'kalman'"),
         ("{}:missing", {}, "has no attribute 'missing'"),

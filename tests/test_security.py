@@ -1,6 +1,7 @@
 """What a file from somebody else may do: nothing but be read. Each test fails without its guard."""
 
 import csv
+import errno
 import io
 import json
 import os
@@ -86,6 +87,12 @@ def test_only_one_module_of_the_command_line_writes_to_a_terminal():
     assert writing <= {"__init__.py", "output.py"}
 
 
+def read_into(shown, terminal):
+    """Read until the other end is closed, which is an error of the operating system."""
+    while True:
+        shown += terminal.read(1 << 16) or b""
+
+
 def test_a_recording_on_a_terminal_cannot_command_it_and_into_a_pipe_it_is_exact(here):
     (here / "s.toml").write_text(SMALL.replace('"+z"', '"\\u001b[2J"'))
     words = [sys.executable, "-m", "tiltcal", "simulate", "s.toml"]
@@ -94,14 +101,10 @@ def test_a_recording_on_a_terminal_cannot_command_it_and_into_a_pipe_it_is_exact
     ours, theirs = pty.openpty()
     done = subprocess.Popen(words, stdout=theirs, stderr=subprocess.DEVNULL)
     os.close(theirs)
-    shown = b""
-    try:
-        while part := os.read(ours, 1 << 16):
-            shown += part
-    except OSError:  # the other end is closed
-        pass
-    finally:
-        os.close(ours)
+    shown = bytearray()
+    with os.fdopen(ours, "rb", buffering=0) as terminal, pytest.raises(OSError) as closed:
+        read_into(shown, terminal)
+    assert closed.value.errno == errno.EIO  # the other end is closed
     assert done.wait() == 0
     assert b"accel_x_m_s2" in shown
     assert b"\x1b" not in shown

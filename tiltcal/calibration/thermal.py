@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.effects.hysteresis_and_lag import recursion
+from tiltcal.effects.hysteresis_and_lag import recursion, rounded_play
 from tiltcal.setup.sensor import Sensor
 
 OWNER = "temperature"  # of the parameters that all sensors share
@@ -68,15 +68,13 @@ class Course:
         start = temperature[0] if before is None else before.level[-1]
         step = np.diff(time, prepend=past_time)
         level = _low_pass(step, temperature, smoothing, float(start))
-        change = np.diff(level, prepend=level[0] if before is None else before.level[-1])
         if memory.kind == "lag":
             lagged = level[0] if before is None else before.level[-1] - before.memory[-1]
             state = level - _low_pass(step, level, memory.size, float(lagged))
         elif memory.kind == "hysteresis":
-            decay = np.exp(-np.abs(change) / memory.size)
-            past = 0.0 if before is None else float(before.memory[-1])
-            forcing = np.sign(change) * (1 - decay)
-            state = recursion(decay, np.concatenate([[past], forcing]))[1:]
+            past = (level[0], 0.0) if before is None else (before.level[-1], before.memory[-1])
+            course = np.concatenate([[past[0]], level])
+            state = rounded_play(course, memory.size, float(past[1]))[1:]
         else:
             state = np.zeros_like(level)
         return cls(time, level, state)

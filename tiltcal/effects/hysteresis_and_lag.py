@@ -34,15 +34,15 @@ def play(u: Array, width: float) -> Array:
     return state
 
 
-def rounded_play(u: Array, width: float) -> Array:
+def rounded_play(u: Array, width: float, start: float = 0.0) -> Array:
     """State of a memory that gives way gradually, in [-1, 1], (n,): dz = (sign(du) - z) |du| /
-    width (Dahl 1968), 0 at first.
+    width (Dahl 1968), ``start`` at first.
     """
     if width <= 0 or len(u) == 0:
         return play(u, width)
     step = np.diff(u)
     decay = np.exp(-np.abs(step) / width)
-    return recursion(decay, np.concatenate([np.zeros(1), np.sign(step) * (1 - decay)]))
+    return recursion(decay, np.concatenate([[start], np.sign(step) * (1 - decay)]))
 
 
 def _turning_points(u: Array) -> list[int]:

@@ -11,6 +11,7 @@ from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.validity import Test, Verdict
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import AXES
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses
 from tiltcal.setup.sensor import Sensor
@@ -145,6 +146,17 @@ def provenance(recording: Recording) -> dict[str, str]:
         "made by": f"tiltcal {__version__}",
         **dict(recording.metadata),
     }
+
+
+def fitted_sensitivity(fit: Fit, sensor: str) -> Array:
+    """M of ``reading = bias + M f`` of a triad: 1 plus its scale and cross-axis terms, (3, 3)."""
+    M = np.eye(3)
+    for i, a in enumerate(AXES):
+        M[i] += [
+            fit.value(f"{sensor}.scale_{a}" if i == j else f"{sensor}.cross_{a}{b}")
+            for j, b in enumerate(AXES)
+        ]
+    return M
 
 
 def leave_out_rms(residuals: Sequence[Array]) -> float:

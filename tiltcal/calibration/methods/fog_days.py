@@ -7,17 +7,31 @@ import numpy as np
 
 from tiltcal.calibration.result import Calibration, Estimate
 from tiltcal.calibration.validity import VERDICTS, chi2_test
+from tiltcal.core.arrays import Array
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import DEG_H
 
 
-def combined(days: Sequence[Calibration], gyro: str) -> Calibration:
+def axis_covariance(axis: Array, error: float) -> Array:
+    """Covariance of the scale factors by an error of the FOG's axis: ``-du_i / u_i``, du across u.
+
+    Args:
+        axis: input axis of the FOG, (3,).
+        error: its standard uncertainty in each direction across it, rad.
+    """
+    u = np.where(axis == 0, np.inf, axis)
+    across = np.eye(3) - np.outer(axis, axis)
+    return np.asarray(error**2 * across / np.outer(u, u))
+
+
+def combined(days: Sequence[Calibration], gyro: str, common: Array) -> Calibration:
     """The weighted mean of the scale factors, with a test that the days agree; the bias is that of
     the last day.
 
     Args:
         days: calibrations by ``fog_scale``, in order.
         gyro: name of the triad.
+        common: covariance of the scale factors that all days share: it does not average, (3, 3).
     """
     scale = [f"{gyro}.scale_{a}" for a in AXES]
     values, weights = [], []
@@ -33,8 +47,8 @@ def combined(days: Sequence[Calibration], gyro: str) -> Calibration:
     last = days[-1]
     place = [list(last.parameters).index(n) for n in scale]
     whole = np.array(last.covariance)
-    whole[np.ix_(place, place)] = covariance
-    sigmas = np.sqrt(np.diag(covariance))
+    whole[np.ix_(place, place)] = covariance + common
+    sigmas = np.sqrt(np.diag(covariance + common))
     found = {
         n: Estimate(float(v), float(s), "1") for n, v, s in zip(scale, mean, sigmas, strict=True)
     }

@@ -4,7 +4,6 @@ fibre-optic gyro.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from tiltcal.calibration.methods.fog_checks import (
     log_tests,
     still_test,
 )
-from tiltcal.calibration.methods.fog_days import combined
+from tiltcal.calibration.methods.fog_days import axis_covariance, combined
 from tiltcal.calibration.methods.fog_filter import Filtered, augmented_problem, batch, kalman
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
@@ -78,9 +77,9 @@ def fog_scale(
     """
     gyro = pick_sensor(setup, recording, ("gyro",), sensor, NAME)
     if len(recording.joins):
-        alike = partial(fog_scale, setup=setup, sensor=sensor, fog=fog)
-        days = [alike(p, axis_error_deg=axis_error_deg) for p in parts_of(recording)]
-        return combined(days, gyro.name)
+        days = [fog_scale(p, setup, sensor=sensor, fog=fog) for p in parts_of(recording)]
+        axis = pick_sensor(setup, recording, ("fog",), fog, NAME).input_vector
+        return combined(days, gyro.name, axis_covariance(axis, axis_error_deg * DEG))
     require_triad(gyro, NAME, "add the others")
     reference = pick_sensor(setup, recording, ("fog",), fog, NAME)
     live = [t for each in (gyro, reference) for t in channel_tests(recording, each)]
@@ -122,12 +121,10 @@ def _scale_and_bias(
     gyro: str, log: FieldLog, state: Filtered, poses: Poses, residuals: Array, axis_error: float
 ) -> Fit:
     """Scale factors by the filter and biases by the first rest, as one fit. axis_error: of the
-    FOG's axis, rad; it becomes scale, -du_i / u_i, with du across u.
+    FOG's axis, rad.
     """
-    u = np.where(log.axis == 0, np.inf, log.axis)
-    across = np.eye(3) - np.outer(log.axis, log.axis)
     covariance = np.zeros((6, 6))
-    covariance[:3, :3] = state.scale_covariance + axis_error**2 * across / np.outer(u, u)
+    covariance[:3, :3] = state.scale_covariance + axis_covariance(log.axis, axis_error)
     # the rest mean includes the Earth's rate, whose direction is unknown
     covariance[3:, 3:] = poses.covariance(0) + np.eye(3) * EARTH_RATE**2 / 3
     names = [f"{gyro}.{term}_{a}" for term in ("scale", "bias") for a in AXES]

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.calibration.methods.common import leave_out_rms, pick_sensor, whitening, wrap_up
+from tiltcal.calibration.methods.common import (
+    fitted_sensitivity,
+    leave_out_rms,
+    pick_sensor,
+    whitening,
+    wrap_up,
+)
 from tiltcal.calibration.methods.terms import columns_under
 from tiltcal.calibration.result import Calibration
 from tiltcal.calibration.screen.channels import channel_tests
@@ -89,7 +95,7 @@ def gyro_rates(
         fit = blocks.fit(used)
     tests = [_fit_test(fit, used), *_turn_tests(blocks, used, gyro.name), *live]
     if len(gyro.axes) == 3:
-        M = _sensitivity(fit, gyro)
+        M = fitted_sensitivity(fit, gyro.name)
         tests += [order_test(M), unit_test(gyro, np.diag(M), recording.sensor(gyro).units[0])]
     uncertain = [
         n.split(".")[1]
@@ -187,17 +193,6 @@ def _require_turning(speed: Array, recording: Recording) -> None:
             need="turns of the table about every axis",
             do="turn at several steady rates, both ways",
         )
-
-
-def _sensitivity(fit: Fit, gyro: Sensor) -> Array:
-    """I + scale + cross, (3, 3)."""
-    M = np.eye(3)
-    for i, a in enumerate(AXES):
-        M[i] += [
-            fit.value(f"{gyro.name}.scale_{a}" if i == j else f"{gyro.name}.cross_{a}{b}")
-            for j, b in enumerate(AXES)
-        ]
-    return M
 
 
 def _require_readout(recording: Recording, setup: Setup) -> None:

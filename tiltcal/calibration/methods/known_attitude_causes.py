@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from tiltcal.calibration.methods.common import fitted_sensitivity
 from tiltcal.calibration.methods.known_attitude_model import DRIFT, Model, solve
 from tiltcal.calibration.screen.columns import column_orders, columns_in_words
 from tiltcal.calibration.screen.explanations import Explanation, explanation
@@ -21,17 +22,6 @@ PLAUSIBLE = 0.5  # a sensitivity matrix further from its gain times 1 is that of
 FACES = {
     f"{'+' if s > 0 else '-'}{a}": s * np.eye(3)[i] for i, a in enumerate(AXES) for s in (1, -1)
 }
-
-
-def sensitivity(fit: Fit, sensor: str) -> Array:
-    """M of ``reading = bias + M f`` of a triad, (3, 3)."""
-    M = np.eye(3)
-    for i, a in enumerate(AXES):
-        M[i, i] += fit.value(f"{sensor}.scale_{a}")
-        for j, b in enumerate(AXES):
-            if i != j:
-                M[i, j] += fit.value(f"{sensor}.cross_{a}{b}")
-    return M
 
 
 def gain(M: Array) -> float:
@@ -50,7 +40,7 @@ def causes(poses: Poses, model: Model, fit: Fit) -> list[Explanation]:
     Those that leave an implausible sensitivity are left out.
     """
     tried = [*_attitudes(poses, model, fit), *_columns(poses, model), *_terms(poses, model)]
-    return [e for e, part in tried if is_plausible(sensitivity(part, poses.sensor.name))]
+    return [e for e, part in tried if is_plausible(fitted_sensitivity(part, poses.sensor.name))]
 
 
 def _attitudes(poses: Poses, model: Model, fit: Fit) -> Iterator[tuple[Explanation, Fit]]:

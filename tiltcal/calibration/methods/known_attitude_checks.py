@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from tiltcal.calibration.methods.common import fitted_sensitivity
 from tiltcal.calibration.methods.known_attitude_causes import (
     FACES,
     causes,
     gain,
     is_plausible,
-    sensitivity,
 )
 from tiltcal.calibration.methods.known_attitude_model import DRIFT, Model, solve
 from tiltcal.calibration.screen.columns import order_test
@@ -40,7 +40,7 @@ def known_attitude_tests(poses: Poses, model: Model, fit: Fit, unit: str) -> lis
         tests.append(slope_test(poses))
     if len(poses.sensor.axes) < 3:
         return tests
-    M = sensitivity(fit, poses.sensor.name)
+    M = fitted_sensitivity(fit, poses.sensor.name)
     linear = {"scale", "cross_axis"} <= set(model.terms) and not fit.dropped
     if linear:
         tests += [unit_test(poses.sensor, np.diag(M), unit), _order_test(M)]

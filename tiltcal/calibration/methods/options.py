@@ -13,34 +13,42 @@ from tiltcal.core.errors import TiltcalError, nearest, shown
 CONFIG = ConfigDict(allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
-def check_options(method: Callable[..., Any], name: str, options: Mapping[str, Any]) -> None:
-    """Refuse an option that a method does not have, or a value of another type than it asks for.
+def check_options(
+    function: Callable[..., Any], subject: str, options: Mapping[str, Any], handed: int
+) -> None:
+    """Refuse an option that a function does not have, or a value of another type than it asks for.
+
+    Args:
+        function: a method, or the factory of an estimator.
+        subject: what it is, for messages: ``method norm``.
+        options: as the user states them.
+        handed: leading arguments that are not the user's to name.
 
     Raises:
         TiltcalError: naming the option.
     """
-    accepted = inspect.signature(method).parameters
+    accepted = inspect.signature(function).parameters
     takes_any = any(p.kind is p.VAR_KEYWORD for p in accepted.values())
-    given = list(accepted)[:2]  # the recording and the set-up are not the user's to name
+    given = list(accepted)[:handed]
     unknown = [key for key in options if key in given or (key not in accepted and not takes_any)]
     if unknown:
         valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
         raise TiltcalError(
-            f"method {name}",
+            subject,
             found=f"option '{unknown[0]}'",
             need="an option of it",
             do=nearest(unknown[0], valid or ["none"]),
         )
-    hints = _hints(method)
+    hints = _hints(function)
     for key, value in options.items():
         if key != "segments" and key in hints:
-            _check(value, hints[key], f"method {name}, option {key}")
+            _check(value, hints[key], f"{subject}, option {key}")
 
 
-def _hints(method: Callable[..., Any]) -> dict[str, Any]:
-    """The types that a method states; none where they cannot be found."""
+def _hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """The types that a function states; none where they cannot be found."""
     try:
-        return get_type_hints(method)
+        return get_type_hints(function)
     except (NameError, TypeError):
         return {}
 

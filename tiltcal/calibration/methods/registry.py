@@ -120,7 +120,7 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
             unit of another dimension.
     """
     method = find_method(name)
-    check_options(method, name, options)
+    check_options(method, f"method {name}", options, handed=2)  # the recording and the set-up
     _require_log(name, recording)
     bare = (
         setup

@@ -1,10 +1,10 @@
 """Estimators of tilt that are fed sample by sample, and how one is found by its name."""
 
-import inspect
 from collections.abc import Callable, Mapping
 from math import sin
 from typing import Any, Protocol
 
+from tiltcal.calibration.methods.options import check_options
 from tiltcal.calibration.methods.registry import import_named
 from tiltcal.calibration.result import Calibration, tilt_angles
 from tiltcal.core.errors import TiltcalError, nearest
@@ -149,21 +149,8 @@ def make_estimator(
             do=nearest(name, list(ESTIMATORS)),
         )
     factory: Factory = ESTIMATORS[name] if name in ESTIMATORS else import_named(name)
-    accepted = inspect.signature(factory).parameters
     given = dict(options) | ({} if calibration is None else {"calibration": calibration})
-    unknown = [
-        k
-        for k in given
-        if k not in accepted and not any(p.kind is p.VAR_KEYWORD for p in accepted.values())
-    ]
-    if unknown:
-        valid = [k for k, p in accepted.items() if p.kind is p.KEYWORD_ONLY]
-        raise TiltcalError(
-            f"estimator {name}",
-            found=f"option '{unknown[0]}'",
-            need="one of it",
-            do=nearest(unknown[0], valid or ["none"]),
-        )
+    check_options(factory, f"estimator {name}", given, handed=1)  # the set-up
     bare = Setup(site=setup.site, rig=setup.rig, sensor=setup.sensor)
     made = factory(bare, **given)
     if not callable(getattr(made, "update", None)):

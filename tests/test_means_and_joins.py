@@ -74,6 +74,15 @@ def test_means_without_a_sigma_are_refused_in_words(tmp_path):
         calibrate("six_position", read_log_or_means(path), SETUP)
 
 
+def test_a_row_with_an_empty_cell_is_left_out(tmp_path):
+    path = table_of(tmp_path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, "+x,,0.1,0.2,0.0001"]) + "\n")
+    found = calibrate("six_position", read_log_or_means(path), SETUP)
+    assert len(found.poses) == 6
+    assert found.value("accel.bias_x") == pytest.approx(BIAS[0], abs=1e-12)
+
+
 def part(faces, rng):
     clean = triad_readings(UP[faces], G, BIAS, M)
     rows = len(log_of(clean, ACCEL))

@@ -141,12 +141,13 @@ def find_poses(
 
 
 def _stated_means(table: MeansTable, setup: Setup, sensor: Sensor) -> Poses:
-    """The poses of a table of means: every row, with the standard deviations that it states."""
+    """The poses of a table of means: its complete rows, with the standard deviations stated."""
     found = find_segments(table)
     samples = table.sensor(sensor)
-    sigma = table.sigma_of(sensor)[samples.rows]
-    kept = [found[row] for row in samples.rows]
-    means = samples.values
+    complete = ~np.isnan(samples.values).any(axis=1)
+    rows, means = samples.rows[complete], samples.values[complete]
+    sigma = table.sigma_of(sensor)[rows]
+    kept = [found[row] for row in rows]
     if sensor.kind == "inclinometer":
         means = force_of_tilt(means, setup.site.gravity)
         sigma = sigma * setup.site.gravity * _spread_of(sensor, means, setup.site.gravity)

@@ -60,19 +60,17 @@ def axis_test(log: FieldLog, state: Filtered) -> Test:
 
 def _turns(log: FieldLog) -> list[tuple[int, int]]:
     """Numbers of the rests before and after each turn."""
-    rests = range(int(log.rest.max()) + 1)
     found = []
-    for k in rests[:-1]:
+    for k in range(int(log.rest.max())):
         rows = _between(log, k)
-        if len(rows) and np.any(log.rest == k) and np.any(log.rest == k + 1):
-            angle = np.abs(log.turned[rows] * log.span[rows, None]).sum(axis=0).max()
-            if angle > LEAST_TURN:
-                found.append((k, k + 1))
+        angle = np.abs(log.turned[rows] * log.span[rows, None]).sum(axis=0).max(initial=0.0)
+        if angle > LEAST_TURN:
+            found.append((k, k + 1))
     return found
 
 
 def _between(log: FieldLog, k: int) -> Array:
-    """Rows from the end of a rest to the beginning of the next."""
+    """Rows from the end of a rest to the beginning of the next; none where either is missing."""
     before, after = np.flatnonzero(log.rest == k), np.flatnonzero(log.rest == k + 1)
     if not len(before) or not len(after):
         return np.zeros(0, dtype=np.intp)

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from tiltcal.calibration.methods.field_log import BLOCK
+from tiltcal.calibration.methods.fog_filter import SCALE_PRIOR
 from tiltcal.core.errors import TiltcalError
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
-
-BLOCK = 0.1  # s, averaged before each update: the noise in the regressor is then negligible
-SCALE_PRIOR = 0.5  # standard deviation of X = S / (1 + S): uninformative
 
 
 class FieldScale:

@@ -24,6 +24,7 @@ from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
+from tiltsim.chain_model import mjcf_of
 
 # kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
 ARMATURE = 1e15
@@ -75,6 +76,8 @@ def open_model(table: Table) -> "mujoco.MjSpec":
     """
     instrument = folder("models") / "instrument.xml"
     included = {instrument.name: instrument.read_bytes()}
+    if table.chain is not None:
+        return mujoco.MjSpec.from_string(mjcf_of(table.chain), include=included)
     try:
         spec = mujoco.MjSpec.from_file(str(table.mjcf), include=included)
     except ValueError as error:
@@ -165,7 +168,7 @@ class RigBuilder:
         for name in self.setup.rig.axis_names:
             r = link_offset(self.setup, effects, bearing(name))
             if np.any(r):
-                self.spec.body(bearing(name)).pos = r
+                self.spec.body(bearing(name)).pos = r  # of a bearing it is zero before
                 self.displaced = True
 
     def install_shakes(self, drive: Drive) -> None:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.setup.setup import Rig
-from tiltcal.setup.tables import Table, tables
+from tiltcal.setup.tables import Table, find_table, tables
 
 Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
 
@@ -107,13 +107,13 @@ class PerTable:
     order: Callable[[], Sequence[str]] = tuple
 
     def __get__(self, effect: object, cls: type) -> tuple[Parameter, ...]:
-        return _on_all_tables(self)
+        return _on_all_tables(self, tuple(tables()))
 
 
 @cache
-def _on_all_tables(each: PerTable) -> tuple[Parameter, ...]:
+def _on_all_tables(each: PerTable, names: tuple[str, ...]) -> tuple[Parameter, ...]:
     found: dict[str, set[str]] = {name: set() for name in each.order()}
-    for table in tables().values():
+    for table in (find_table(name) for name in names):
         for name in each.names(table):
             found.setdefault(name, set()).add(table.name)
     return tuple(

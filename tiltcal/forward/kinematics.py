@@ -26,6 +26,7 @@ from tiltcal.effects.base import (
     no_streams,
 )
 from tiltcal.effects.mechanisms import Context, Ring, Turn, World
+from tiltcal.setup.chain import Place
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Drive, Jet, Motion
@@ -97,7 +98,7 @@ def force_and_rate(
 
 def _displaced(setup: Setup, world: World, effects: Sequence[Effect]) -> bool:
     """Whether the sensors are off the axes' common point, or that point is shaken."""
-    off_axis = any(
+    off_axis = setup.rig.kind.chain is not None or any(
         np.any(link_offset(setup, effects, bearing(name))) for name in setup.rig.axis_names
     )
     return bool(np.any(world.lever)) or bool(world.shakes) or off_axis
@@ -119,12 +120,17 @@ def _carried(
                 link.turn(turn)
 
     slot("base")
-    for name, axis in setup.rig.axes:
+    chain = setup.rig.kind.chain
+    for name, axis in setup.rig.kind.moving:
+        if chain is not None:
+            link.fixed(chain.links[name])
         link.offset(link_offset(setup, effects, bearing(name)))
         slot(bearing(name))
         link.turn(Turn(axis, angles[name]))
     if drive.attitude is not None:
         link.take(drive.attitude.R_wb, drive.attitude.rate, drive.attitude.acceleration)
+    if chain is not None:
+        link.fixed(chain.instrument)
     link.mount(drive)
     slot("mount")
     return link
@@ -205,6 +211,12 @@ class _Link:
             (self.place, np.broadcast_to(r, rate.shape)),
         ):
             target[:] = [component + change[:, i] for i, component in enumerate(target)]
+
+    def fixed(self, place: Place) -> None:
+        """Pass to a frame that is fixed on this link."""
+        self.offset(place.offset)
+        for u in self.carried:
+            u[:] = list(place.R.T @ np.array(u))
 
     def turn(self, turn: Turn) -> None:
         """Pass a hinge: all vectors into the frame behind it."""

@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.effects import CATALOGUE, Effect, make_effect
+from tiltcal.laboratory.model_words import ModelWords, links_of
 from tiltcal.laboratory.random_instrument import draw_instrument
 from tiltcal.laboratory.scenario_tables import (
     Dynamics,
@@ -122,7 +123,30 @@ def load_scenario(path: Path | str) -> Scenario:
         raise TiltcalError(
             f"scenario {path.name}", found=str(error), need="valid TOML", do="correct that line"
         ) from error
-    return parse_scenario(table, path.name)
+    return parse_scenario(_with_links(table, path), path.name)
+
+
+def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """A scenario's table with the links of its own model, where it names one.
+
+    Raises:
+        TiltcalError: the words for the model are wrong, or it cannot be read.
+    """
+    rig = table.get("rig")
+    if not isinstance(rig, dict) or "mjcf" not in rig:
+        return table
+    try:
+        words = ModelWords.model_validate(
+            {k: rig[k] for k in tuple(ModelWords.model_fields) if k in rig}
+        )
+    except ValidationError as error:
+        raise TiltcalError(
+            f"scenario {path.name}, rig",
+            found="; ".join(_problem(e) for e in error.errors()),
+            need="mjcf, axes and site",
+            do="see the guide's page on own models",
+        ) from error
+    return {**table, "rig": links_of(rig, words, path.parent)}
 
 
 def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:

@@ -6,15 +6,16 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import earth_rate, parse_mount
 from tiltcal.core.units import DEG
+from tiltcal.setup.chain import Chain, Link, Place
 from tiltcal.setup.sensor import Part, Sensor
-from tiltcal.setup.tables import BUILT_IN, Axis, Table, find_table, tables
+from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, find_table, tables
 
 
 class Site(Part):
@@ -63,12 +64,33 @@ def _list_tables(schema: dict[str, Any]) -> None:
 
 
 class Rig(Part):
-    """The table and how the instrument sits on it."""
+    """The table and how the instrument sits on it.
+
+    A user's own model stands as ``link`` and ``instrument``; ``model`` is the file that they were
+    read from, and ``table`` follows from them.
+    """
 
     table: Annotated[str, AfterValidator(known_table), Field(json_schema_extra=_list_tables)]
+    model: str = ""
+    link: tuple[Link, ...] = ()
+    instrument: Place = Place()
     readout: Literal["encoder", "command"] = "encoder"
     mount: str = "identity"
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _table_of_links(cls, words: Any) -> Any:
+        """The links of a user's own model are a table of their own."""
+        if not isinstance(words, dict) or not words.get("link"):
+            return words
+        chain = Chain.model_validate({k: words[k] for k in ("link", "instrument") if k in words})
+        if (problem := chain.problem()) is not None:
+            raise ValueError(problem)
+        name = add_model(chain).name
+        if words.get("table", name) != name:
+            raise ValueError(f"table '{words['table']}' beside links; leave it out")
+        return {**words, "table": name}
 
     @field_validator("mount")
     @classmethod

@@ -5,6 +5,7 @@ turn a direction up, the axis that gravity loads, where axes may be out of squar
 package adds tables through the entry point group ``tiltcal.tables``.
 """
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -15,6 +16,7 @@ from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.extensions import members
 from tiltcal.core.frames import AXES
+from tiltcal.setup.chain import Chain
 
 GROUP = "tiltcal.tables"
 CHANNEL = "table_"
@@ -30,11 +32,20 @@ class Table:
         name: as ``rig.table`` states it.
         axes: outermost first; empty: the instrument is turned by hand.
         model: its MJCF; None: ``<name>.xml`` among the models of this installation.
+        chain: where the axes stand to each other, of a user's own model; None: all angles zero, the
+            axes meet in one point along coordinate axes.
     """
 
     name: str
     axes: tuple[Axis, ...]
     model: Path | None = None
+    chain: Chain | None = None
+
+    @classmethod
+    def of_model(cls, chain: Chain) -> "Table":
+        """The table that a user's own model is; its name is a digest of its links."""
+        digest = hashlib.sha256(chain.model_dump_json().encode()).hexdigest()[:8]
+        return cls(f"model-{digest}", tuple((a, "z") for a in chain.links), None, chain)
 
     @property
     def mjcf(self) -> Path:
@@ -57,25 +68,44 @@ class Table:
         return ("base", *(bearing(name) for name in self.axis_names), "mount")
 
     @cached_property
+    def moving(self) -> tuple[Axis, ...]:
+        """The axes that move the instrument, outermost first."""
+        if self.chain is None:
+            return self.axes
+        return tuple(axis for axis in self.axes if axis[0] in self.chain.path)
+
+    @cached_property
     def tilting(self) -> tuple[str, ...]:
         """Names of the axes that change the direction of gravity in the body frame."""
+        if self.chain is not None:
+            return tuple(n for n in self.chain.path if n not in self.chain.upright)
         upright = self.directions[:1] == ("z",)
         return self.axis_names[1:] if upright else self.axis_names
 
     @cached_property
     def loaded(self) -> str | None:
         """Name of the outermost axis that does not turn about the vertical: gravity loads it."""
+        if self.chain is not None:
+            return next(iter(self.tilting), None)
         return next((name for name, direction in self.axes if direction != "z"), None)
 
     @cached_property
     def pointing(self) -> tuple[Axis, Axis] | None:
-        """The two axes that turn any body direction up: the loaded one, and the next across it."""
+        """The two axes that turn any body direction up: the loaded one, and the next across it;
+        None where there are no such two, or they do not meet.
+        """
+        if self.chain is not None:
+            return None
         inward = [pair for pair in pairwise(self.axes) if pair[0][0] == self.loaded]
         return next((pair for pair in inward if pair[0][1] != pair[1][1]), None)
 
     @cached_property
     def joints(self) -> tuple[tuple[str, str, str], ...]:
-        """(outer axis, next axis, coordinate axis perpendicular to both) of successive axes."""
+        """(outer axis, next axis, coordinate axis perpendicular to both) of successive axes that
+        should be square to each other.
+        """
+        if self.chain is not None:
+            return ()
         return tuple(
             (a, b, ("xyz".replace(i, "").replace(j, "")))
             for (a, i), (b, j) in pairwise(self.axes)
@@ -94,9 +124,28 @@ FILE_AXES = THREE.axis_names
 """Axes that every sequence file has a column for, whether its table has them or not."""
 
 
-@cache
+_OF_MODELS: dict[str, Table] = {}
+
+
+def add_model(chain: Chain) -> Table:
+    """The table of a user's own model, known by its name from now on."""
+    table = Table.of_model(chain)
+    return _OF_MODELS.setdefault(table.name, table)
+
+
 def tables() -> Mapping[str, Table]:
-    """All tables by name: the built-in ones, then those of installed packages.
+    """All tables by name: the built-in ones, those of installed packages, then those of the models
+    that scenarios brought.
+
+    Raises:
+        TiltcalError: an entry point names no table, or a table whose name is taken.
+    """
+    return {**_installed(), **_OF_MODELS}
+
+
+@cache
+def _installed() -> Mapping[str, Table]:
+    """The built-in tables, then those of installed packages.
 
     Raises:
         TiltcalError: an entry point names no table, or a table whose name is taken.

@@ -1,0 +1,252 @@
+"""A user's own MJCF or URDF as links: joint axes, fixed frames, masses, and the instrument's place.
+
+MuJoCo compiles the file, so that whatever it loads is read. Joints that no readout is mapped to
+stay at the model's reference.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.frames import rotation
+from tiltcal.laboratory.model_words import ModelAxis, ModelWords
+from tiltcal.setup.chain import BASE, Chain, Link, Place
+
+LARGEST_FILE = 64 * 2**20  # bytes
+MOST_BODIES = 2000
+FILES = ("file", "content_type")
+FOLDERS = ("meshdir", "texturedir", "assetdir")
+
+
+def read_model(words: ModelWords, folder: Path) -> Chain:
+    """The links of a model whose joints a scenario maps to table axes.
+
+    Args:
+        words: the file, the axes and the site, as the scenario states them.
+        folder: of the scenario; the model and all that it includes lie in it.
+
+    Raises:
+        TiltcalError: a file outside the folder, a model that MuJoCo does not load or that is far
+            too large, or a joint or site that it does not have.
+    """
+    path = _inside(folder, folder / words.mjcf, words.mjcf)
+    _check_files(path, folder)
+    subject = f"model {words.mjcf}"
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise TiltcalError(
+            subject,
+            found=str(error).splitlines()[0],
+            need="a model that MuJoCo loads",
+            do="correct the file; `python -m mujoco.viewer` shows it",
+        ) from error
+    if model.nbody > MOST_BODIES:
+        raise TiltcalError(
+            subject,
+            found=f"{model.nbody} bodies",
+            need=f"at most {MOST_BODIES}",
+            do="leave out what does not carry the instrument",
+        )
+    return _Reader(model, words, subject).chain()
+
+
+def _inside(folder: Path, path: Path, words: str) -> Path:
+    """A path that exists inside a folder.
+
+    Raises:
+        TiltcalError: it lies elsewhere, is no file, or is too large.
+    """
+    found = path.resolve()
+    if not found.is_relative_to(folder.resolve()):
+        raise TiltcalError(
+            f"model file {words}",
+            found="a path outside the scenario's folder",
+            need="files inside it",
+            do="copy the model beside the scenario",
+        )
+    if not found.is_file():
+        raise TiltcalError(
+            f"model file {words}",
+            found="no such file",
+            need="a file in the scenario's folder",
+            do="correct the path",
+        )
+    if found.stat().st_size > LARGEST_FILE:
+        raise TiltcalError(
+            f"model file {words}",
+            found=f"{found.stat().st_size} bytes",
+            need=f"at most {LARGEST_FILE}",
+            do="leave out what does not carry the instrument",
+        )
+    return found
+
+
+def _check_files(path: Path, folder: Path) -> None:
+    """Every file that a model names lies in the folder; a mesh that is missing is MuJoCo's to say.
+
+    Raises:
+        TiltcalError: one does not, or the file is no XML.
+    """
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError as error:
+        raise TiltcalError(
+            f"model file {path.name}",
+            found=f"no XML: {error}",
+            need="MJCF or URDF",
+            do="correct the file",
+        ) from error
+    places = {e.get(key) or "" for e in root.iter("compiler") for key in FOLDERS} | {""}
+    for element in root.iter():
+        named = element.get("file") or element.get("filename")
+        if not named:
+            continue
+        name = named.removeprefix("file://").removeprefix("package://")
+        for place in places:
+            target = (path.parent / place / name).resolve()
+            if not target.is_relative_to(folder.resolve()):
+                _inside(folder, target, named)
+        if element.tag == "include":
+            _check_files(_inside(folder, path.parent / name, named), folder)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """A mapped joint at the model's reference: its frame in the world, origin on the axis, z along
+    it.
+    """
+
+    name: str
+    joint: int
+    body: int
+    origin: Array
+    R: Array
+    zero: float  # rad: angle of the link when the readout says zero, from the reference
+
+
+class _Reader:
+    """The links of one compiled model."""
+
+    def __init__(self, model: "mujoco.MjModel", words: ModelWords, subject: str) -> None:
+        self.model, self.words, self.subject = model, words, subject
+        self.data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self.data)
+        mapped = {self._joint(name, axis): (name, axis) for name, axis in words.axes.items()}
+        if len(mapped) < len(words.axes):
+            raise self._error("one joint mapped to two axes", "a joint for each axis")
+        self.axes = [self._axis(joint, *mapped[joint]) for joint in sorted(mapped)]
+
+    def chain(self) -> Chain:
+        """The links, and the instrument among them."""
+        links = [self._link(k) for k in range(len(self.axes))]
+        body, origin, R = self._site()
+        return Chain(link=tuple(links), instrument=Place(**self._placed(self._on(body), origin, R)))
+
+    def _joint(self, name: str, axis: ModelAxis) -> int:
+        model = self.model
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, axis.joint)
+        names = [model.joint(k).name for k in range(model.njnt)]
+        if number < 0:
+            raise self._error(
+                f"no joint '{axis.joint}' for axis {name}",
+                "the name of a joint",
+                nearest(axis.joint, [n for n in names if n] or ["no joint has a name"]),
+            )
+        if model.jnt_type[number] != mujoco.mjtJoint.mjJNT_HINGE:
+            raise self._error(
+                f"joint '{axis.joint}', which is no hinge", "joints that turn about one axis"
+            )
+        return int(number)
+
+    def _axis(self, joint: int, name: str, axis: ModelAxis) -> _Axis:
+        along = axis.sign * self.data.xaxis[joint]
+        body = int(self.model.jnt_bodyid[joint])
+        R = _frame_along(along, self.data.xmat[body].reshape(3, 3))
+        reference = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
+        zero = axis.sign * (np.radians(axis.offset_deg) - reference)
+        return _Axis(name, joint, body, np.array(self.data.xanchor[joint]), R, zero)
+
+    def _link(self, k: int) -> Link:
+        axis = self.axes[k]
+        on = self._before(k)
+        place = self._placed(on, axis.origin, axis.R @ rotation("z", axis.zero))
+        mass, centre = self._mass(k)
+        joint = self.model.joint(axis.joint).name
+        return Link(axis=axis.name, joint=joint, mass_kg=mass, centre_m=centre, **place)
+
+    def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
+        """A frame of the world as a ``Place`` on a link, by its number; -1: the base."""
+        if on >= 0:
+            link = self.axes[on]
+            origin, R = link.R.T @ (origin - link.origin), link.R.T @ R
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R).ravel())
+        return {
+            "on": self.axes[on].name if on >= 0 else BASE,
+            "offset_m": tuple(map(float, origin)),
+            "rotation": tuple(map(float, quaternion)),
+        }
+
+    def _on(self, body: int) -> int:
+        """Number of the innermost axis that carries a body; -1: the base does."""
+        while body > 0:
+            own = [k for k, axis in enumerate(self.axes) if axis.body == body]
+            if own:
+                return own[-1]
+            body = int(self.model.body_parentid[body])
+        return -1
+
+    def _before(self, k: int) -> int:
+        """Number of the axis that carries one."""
+        if k and self.axes[k - 1].body == self.axes[k].body:
+            return k - 1
+        return self._on(int(self.model.body_parentid[self.axes[k].body]))
+
+    def _mass(self, k: int) -> tuple[float, tuple[float, float, float]]:
+        """Mass, kg, and its centre in the link's frame, m, of all bodies that turn with an axis and
+        with no axis inside it.
+        """
+        own = [b for b in range(1, self.model.nbody) if self._on(b) == k]
+        masses = self.model.body_mass[own]
+        total, axis = float(masses.sum()), self.axes[k]
+        if total == 0:
+            return 0.0, (0.0, 0.0, 0.0)
+        centre = axis.R.T @ (masses @ self.data.xipos[own] / total - axis.origin)
+        return total, (float(centre[0]), float(centre[1]), float(centre[2]))
+
+    def _site(self) -> tuple[int, Array, Array]:
+        """Body, origin and frame of the instrument: a site of that name, or a body."""
+        kinds = ((mujoco.mjtObj.mjOBJ_SITE, "site"), (mujoco.mjtObj.mjOBJ_BODY, "body"))
+        name, model, data = self.words.site, self.model, self.data
+        site, body = (mujoco.mj_name2id(model, kind, name) for kind, _ in kinds)
+        if site >= 0:
+            R = data.site_xmat[site].reshape(3, 3)
+            return int(model.site_bodyid[site]), np.array(data.site_xpos[site]), R
+        if body >= 0:
+            return int(body), np.array(data.xpos[body]), data.xmat[body].reshape(3, 3)
+        sites = [model.site(k).name for k in range(model.nsite)]
+        bodies = [model.body(k).name for k in range(1, model.nbody)]
+        raise self._error(
+            f"no site or body '{name}'",
+            "where the instrument sits",
+            nearest(name, [n for n in (*sites, *bodies) if n] or ["nothing has a name"]),
+        )
+
+    def _error(self, found: str, need: str, do: str = "correct the scenario") -> TiltcalError:
+        return TiltcalError(self.subject, found=found, need=need, do=do)
+
+
+def _frame_along(axis: Array, body: Array) -> Array:
+    """A frame whose z is an axis, and whose x is as near as can be to one of a body's, (3, 3)."""
+    z = axis / np.linalg.norm(axis)
+    across = body[:, int(np.argmin(np.abs(body.T @ z)))]
+    x = across - z * (z @ across)
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

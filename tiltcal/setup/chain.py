@@ -1,0 +1,155 @@
+"""The mechanics of a user's own model: links that turn about one axis each, and where the
+instrument sits among them.
+
+Link frames have their origin on the axis and z along it. At angle zero a link stands in its
+parent's frame as its ``Place`` says; the base's frame is the world's: East, North, Up.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from tiltcal.core.arrays import Array
+from tiltcal.setup.sensor import Part
+
+BASE = ""
+"""Parent of what stands on the base itself."""
+
+
+class Place(Part):
+    """A frame that is fixed on a link.
+
+    Args:
+        on: axis of the link; empty: the base.
+        offset_m: of its origin, in the link's frame.
+        rotation: quaternion w, x, y, z: its components to the link's.
+    """
+
+    on: str = BASE
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+    @cached_property
+    def offset(self) -> Array:
+        """m, (3,)."""
+        return np.array(self.offset_m)
+
+    @cached_property
+    def R(self) -> Array:
+        """Components in the frame to components in the link's, (3, 3)."""
+        w, x, y, z = np.array(self.rotation) / np.linalg.norm(self.rotation)
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+
+class Link(Place):
+    """A link behind an axis.
+
+    Args:
+        axis: name of the axis; its readout is the column ``table_<axis>_<unit>``.
+        joint: of the model that it was read from.
+        mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
+    """
+
+    axis: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+    joint: str = ""
+    mass_kg: Annotated[float, Field(ge=0)] = 0.0
+    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Chain(Part):
+    """The links, each after its parent, and the instrument's place."""
+
+    link: tuple[Link, ...]
+    instrument: Place = Place()
+
+    @cached_property
+    def links(self) -> Mapping[str, Link]:
+        """Each link by its axis."""
+        return {link.axis: link for link in self.link}
+
+    @cached_property
+    def path(self) -> tuple[str, ...]:
+        """Axes that move the instrument, outermost first."""
+        found: list[str] = []
+        on = self.instrument.on
+        while on != BASE:
+            found.append(on)
+            on = self.links[on].on
+        return tuple(reversed(found))
+
+    @cached_property
+    def upright(self) -> frozenset[str]:
+        """Axes that stand upright when all angles are zero and no axis inside them tilts: they do
+        not change the direction of gravity.
+        """
+        found: set[str] = set()
+        R = np.eye(3)
+        for name in self.path:
+            R = R @ self.links[name].R
+            if abs(R[2, 2]) < 1 - 1e-12:
+                break
+            found.add(name)
+        return frozenset(found)
+
+    def problem(self) -> str | None:
+        """What is wrong with it; None where nothing is."""
+        seen = {BASE}
+        for link in self.link:
+            if link.axis in seen:
+                return f"two links of the axis '{link.axis}'"
+            if link.on not in seen:
+                return f"link '{link.axis}' on '{link.on}', which is no link before it"
+            seen.add(link.axis)
+        if self.instrument.on not in seen:
+            return f"the instrument on '{self.instrument.on}', which is no link"
+        return None
+
+    def moments(self, angles: Mapping[str, Array], gravity: float) -> dict[str, Array]:
+        """Moment of the weight of all that an axis carries, about the origin of its link, in the
+        link's frame, N m, (n, 3) each; that of everything about the base's origin under ``BASE``.
+
+        Args:
+            angles: of the axes, rad, (n,) each.
+            gravity: m/s2; the base is taken as level.
+        """
+        R, origin = self._frames(angles)
+        n = len(next(iter(angles.values())))
+        moment = {name: np.zeros((n, 3)) for name in (BASE, *self.links)}
+        for link in self.link:
+            centre = origin[link.axis] + R[link.axis] @ np.array(link.centre_m)
+            for name in self._carriers(link.axis):
+                arm = centre - origin[name]
+                weight = link.mass_kg * gravity
+                # r x (0, 0, -weight)
+                moment[name] += weight * np.column_stack([-arm[:, 1], arm[:, 0], np.zeros(n)])
+        return {name: np.einsum("nji,nj->ni", R[name], m) for name, m in moment.items()}
+
+    def _carriers(self, axis: str) -> Sequence[str]:
+        """The axis, all that carry it, and the base."""
+        found = [axis]
+        while found[-1] != BASE:
+            found.append(self.links[found[-1]].on)
+        return found
+
+    def _frames(self, angles: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Of each link components to the base's, (n, 3, 3), and its origin there, m, (n, 3)."""
+        n = len(next(iter(angles.values())))
+        R = {BASE: np.broadcast_to(np.eye(3), (n, 3, 3))}
+        origin = {BASE: np.zeros((n, 3))}
+        for link in self.link:
+            origin[link.axis] = origin[link.on] + R[link.on] @ link.offset
+            c, s = np.cos(angles[link.axis]), np.sin(angles[link.axis])
+            turn = np.zeros((n, 3, 3))
+            turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = c, -s, s, c
+            turn[:, 2, 2] = 1
+            R[link.axis] = R[link.on] @ link.R @ turn
+        return R, origin

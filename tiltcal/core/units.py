@@ -51,6 +51,7 @@ def _parameter_units() -> dict[str, Unit]:
     units |= _table("rate/g", deg_h_g=DEG_H, deg_s_g=DEG, rad_s_g=1.0)
     units |= _table("rate/g2", deg_h_g2=DEG_H, deg_s_g2=DEG)
     units |= _table("angle/rad", arcsec_rad=ARCSEC)
+    units |= _table("angle/moment", arcsec_N_m=ARCSEC)
     units |= _table("ratio/(rad/s)2", ppm_rad2_s2=1e-6)
     units |= _table("acceleration/(rad/s2)", ug_s2_rad=1e-6 * G0)
     # Allan coefficients: N such that sigma = N sqrt(sample rate) (two-sided density N^2), K per

@@ -24,6 +24,7 @@ FAMILIES = (
     "table.readout",
     "table.geometry",
     "table.drive",
+    "table.load",
     "mount.mounting",
     "mount.lever",
     "mount.triad",

@@ -135,10 +135,9 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
     rig = table.get("rig")
     if not isinstance(rig, dict) or "mjcf" not in rig:
         return table
+    known = ModelWords.keys()
     try:
-        words = ModelWords.model_validate(
-            {k: rig[k] for k in tuple(ModelWords.model_fields) if k in rig}
-        )
+        words = ModelWords.model_validate({k: v for k, v in rig.items() if k in known})
     except ValidationError as error:
         raise TiltcalError(
             f"scenario {path.name}, rig",

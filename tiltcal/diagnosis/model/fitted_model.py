@@ -156,17 +156,18 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
     columns = whitened_of(whitened, terms, effects)
     design = BlockDesignMatrix(columns, lengths)
     gram = design.gram()
-    size = np.sqrt(np.diag(gram))
-    size[size == 0] = 1.0
+    size = _lengths(gram)
     prior = np.array(
         [1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names]
     )
-    inverse = _pseudo_inverse(gram / np.outer(size, size) + np.diag(prior / size**2))
+    relative = prior / size**2
+    inverse, open_ = _pseudo_inverse(gram / np.outer(size, size) + np.diag(relative))
     terms, residual = _descended(
         fitted.known, terms, whitened, design, inverse, prior, size, rounds
     )
     basis = design.basis()
-    covariance = inverse / np.outer(size, size) * np.outer(units, units)
+    covariance = inverse + _by_prior(open_, relative)
+    covariance = covariance / np.outer(size, size) * np.outer(units, units)
     return replace(
         fitted,
         nuisance=tuple(terms[:split]),
@@ -201,10 +202,10 @@ def refit_linearly(
         columns += owned.get(id(term)) or stored_of(whitened, [term])
     design = BlockDesignMatrix(columns, [len(r) for r in residual])
     basis, gram = design.basis(), design.gram()
-    size = np.sqrt(np.diag(gram))
-    size[size == 0] = 1.0
+    size = _lengths(gram)
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
-    step = _pseudo_inverse(gram / np.outer(size, size)) @ (design.along(residual) / size) / size
+    inverse, _ = _pseudo_inverse(gram / np.outer(size, size))
+    step = inverse @ (design.along(residual) / size) / size
     moved = _moved([t if id(t) in owned else _at_nothing(t) for t in terms], step * units)
     return replace(
         fitted,
@@ -269,13 +270,28 @@ def _descended(
     return terms, residual
 
 
-def _pseudo_inverse(gram: Array) -> Array:
+def _lengths(gram: Array) -> Array:
+    """Lengths of columns, (p,). One that hardly shows at a plausible size is not scaled up: what is
+    left of it may be rounding.
+    """
+    return np.asarray(np.sqrt(np.maximum(np.diag(gram), 1.0)))
+
+
+def _pseudo_inverse(gram: Array) -> tuple[Array, Array]:
     """Of the inner products of columns of unit length; what is left undetermined stays where it
-    is.
+    is. Returns the inverse, and the undetermined directions, (p, q).
     """
     values, vectors = np.linalg.eigh(gram)
     keep = values > DISTINCT * len(values)
-    return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T)
+    return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T), vectors[:, ~keep]
+
+
+def _by_prior(directions: Array, prior: Array) -> Array:
+    """Covariance along directions that the readings leave undetermined, (p, p): that of the prior,
+    whose inverse variances these are, (p,).
+    """
+    known = directions.T * prior @ directions
+    return np.asarray(directions @ np.linalg.pinv(known, hermitian=True) @ directions.T)
 
 
 def _moved(terms: Sequence[FittedTerm], step: Array) -> list[FittedTerm]:

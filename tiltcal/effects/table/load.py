@@ -1,0 +1,114 @@
+"""What gives way under the load that a user's own model carries: its joints, and its base."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.effects.base import FrameEffect
+from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.parameter import Parameter
+from tiltcal.setup.chain import BASE
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import bearing
+from tiltcal.setup.trajectory import Jet, sampled_jet
+
+SPRING = (0.05, 2.0, 20.0)  # arcsec per N m: 4 to 0.01 MN m/rad
+
+
+class _OfModel(FrameEffect):
+    """Needs the links of a model."""
+
+    stage = "table"
+    linear = True
+
+    @classmethod
+    def shows_on(cls, rig: Rig) -> bool:
+        """Only where the rig is a model of the user's own."""
+        return super().shows_on(rig) and rig.kind.chain is not None
+
+
+class JointAxisTilt(_OfModel):
+    row_wise = True
+    id = "joint_axis_tilt"
+    title = "axis of a joint not where the model has it"
+    parameters = (
+        Parameter("tilt_x", "arcsec", (5, 60, 1800)),
+        Parameter("tilt_y", "arcsec", (5, 60, 1800)),
+    )
+    axis_wise = True
+    physics = "Two joints are not at the angle to each other that the model says."
+    equation = "Rx(tilt_x) Ry(tilt_y) between a link and the next joint, in the joint's frame"
+    source = "Hayati and Mirmirani 1985, J. Robotic Systems 2, 397"
+    excited_by = "that joint and the next one turning"
+    look = "a tilt that turns with the joint before"
+    follows = "pose"
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != bearing(self.axis or context.rig.axis_names[0]):
+            return ()
+        return Turn("x", Jet(self.value("tilt_x"))), Turn("y", Jet(self.value("tilt_y")))
+
+
+class JointCompliance(_OfModel):
+    id = "joint_compliance"
+    title = "a joint bends under its load"
+    parameters = tuple(Parameter(f"bend_{a}", "arcsec_N_m", SPRING) for a in "xyz")
+    axis_wise = True
+    physics = "Gearbox and bearing of a joint give way to the moment of all that they carry."
+    equation = (
+        "rotation bend_i M_i about the axes of the joint's frame before it turns; z is its axis"
+    )
+    source = "Dumas et al. 2011, Robotics and CIM 27, 881: joint stiffness from deflection and load"
+    excited_by = "poses in which the load on the joint differs"
+    look = "a rotation that follows the load moment of the joint, whatever the angles"
+    follows = "load moment"
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        axis = self.axis or context.rig.axis_names[0]
+        if slot != bearing(axis) or self.is_identity:
+            return ()
+        moment = _moment(axis, context)
+        c, s = context.axes[axis].cos_sin
+        x, y = moment[:, 0], moment[:, 1]
+        fixed = np.column_stack([c * x - s * y, s * x + c * y, moment[:, 2]])
+        return _bends([self.value(f"bend_{a}") for a in "xyz"], fixed, context)
+
+
+class BaseLoadCompliance(_OfModel):
+    id = "base_load_compliance"
+    title = "the base tilts under the load moment"
+    parameters = (
+        Parameter("bend_east", "arcsec_N_m", SPRING),
+        Parameter("bend_north", "arcsec_N_m", SPRING),
+    )
+    physics = "The base and what it stands on give way to the moment of all that moves on it."
+    equation = "R_base gains Rx(bend_east M_east) Ry(bend_north M_north), M about the base's origin"
+    source = "elastic foundation: tilt in proportion to the moment"
+    excited_by = "poses in which the moment on the base differs"
+    look = "a tilt of the base that follows the load moment, whatever the angles"
+    follows = "load moment"
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        if slot != "base" or self.is_identity:
+            return ()
+        moment = _moment(BASE, context)[:, :2]
+        return _bends([self.value("bend_east"), self.value("bend_north")], moment, context)
+
+
+def _moment(axis: str, context: Context) -> Array:
+    """Moment of the weight of all that an axis carries, in its link's frame, N m, (n, 3)."""
+    chain = context.rig.kind.chain
+    assert chain is not None
+    n = len(context.drive.time)
+    angles = {name: np.broadcast_to(jet.x, n) for name, jet in context.axes.items()}
+    return chain.moments(angles, context.gravity)[axis]
+
+
+def _bends(sizes: Sequence[float], moment: Array, context: Context) -> Sequence[Turn]:
+    """Turns about coordinate axes in proportion to a moment, N m, (n, k)."""
+    return tuple(
+        Turn(axis, sampled_jet(context.drive.time, size * m))
+        for axis, size, m in zip("xyz", sizes, moment.T, strict=False)
+        if size
+    )

@@ -1,0 +1,203 @@
+"""A user's own model by plain MuJoCo, with nothing of the product: poses, moves and readings, and
+springs in its joints and under its base.
+"""
+
+import warnings
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+RATE = 50.0  # Hz
+GRAVITY = 9.80123
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A joint with the sense and the zero of its readout."""
+
+    joint: str
+    sign: int = 1
+    offset: float = 0.0  # rad
+
+
+class PlainModel:
+    """A model file with springs built into it.
+
+    Args:
+        path: MJCF or URDF.
+        axes: the readouts, by name.
+        site: where the sensors sit: a site, or a body.
+        joint_stiffness: N m/rad of a spring in series with a joint, by joint.
+        base_stiffness: N m/rad under the root body about East and North, whose origin is the
+            world's.
+        axis_tilt: rad, of a joint's axis about the two axes across it, by joint.
+    """
+
+    def __init__(self, path, axes, site, joint_stiffness=(), base_stiffness=None, axis_tilt=()):
+        self.axes, self.springs = axes, {}
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.option.gravity = [0, 0, -GRAVITY]
+        for name, stiffness in dict(joint_stiffness).items():
+            joint = spec.joint(name)
+            joint.parent.add_joint(
+                name=f"{name}_spring", type=joint.type, axis=joint.axis, pos=joint.pos
+            )
+            self.springs[f"{name}_spring"] = stiffness
+        if base_stiffness is not None:
+            root = spec.worldbody.first_body()
+            for name, axis, stiffness in zip("xy", np.eye(3)[:2], base_stiffness, strict=True):
+                R = _matrix(root.quat)
+                root.add_joint(
+                    name=f"base_{name}",
+                    type=mujoco.mjtJoint.mjJNT_HINGE,
+                    axis=R.T @ axis,
+                    pos=R.T @ -np.array(root.pos),
+                )
+                self.springs[f"base_{name}"] = stiffness
+        for name, (a, b) in dict(axis_tilt).items():
+            joint = spec.joint(name)
+            axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+            x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+            x /= np.linalg.norm(x)
+            tilted = axis + a * np.cross(x, axis) + b * np.cross(np.cross(axis, x), axis)
+            joint.axis = tilted / np.linalg.norm(tilted)
+        if spec.site(site) is None:
+            spec.body(site).add_site(name=site)
+        for kind in (mujoco.mjtSensor.mjSENS_ACCELEROMETER, mujoco.mjtSensor.mjSENS_GYRO):
+            spec.add_sensor(
+                name=f"out_{int(kind)}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site
+            )
+        for sensor in list(spec.sensors):
+            if not sensor.name.startswith("out_"):
+                spec.delete(sensor)
+        with warnings.catch_warnings():  # springs in series share their inertia
+            warnings.simplefilter("ignore")
+            self.model = spec.compile()
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self.data = mujoco.MjData(self.model)
+        self._zero = self.data.qpos.copy()
+
+    def dof(self, name):
+        return int(self.model.joint(name).dofadr[0])
+
+    def position(self, name):
+        return int(self.model.joint(name).qposadr[0])
+
+    def readings(self, time, angles):
+        """Force and rate at the site, (n, 3) each, for readouts of the axes: rad, rad/s, rad/s2,
+        (3, n) each.
+        """
+        rates = {a: jet[1] for a, jet in angles.items()}
+        accelerations = {a: jet[2] for a, jet in angles.items()}
+        angles = {a: jet[0] for a, jet in angles.items()}
+        bends = self._bends(len(time), angles)
+        bend_rates = np.gradient(bends, time, axis=0)
+        found = np.zeros((len(time), 6))
+        names = list(self.springs)
+        model, data = self.model, self.data
+        for k in range(len(time)):
+            data.qpos[:], data.qvel[:], data.qacc[:] = self._zero, 0, 0
+            for axis, mapped in self.axes.items():
+                i = self.dof(mapped.joint)
+                data.qpos[self.position(mapped.joint)] = (
+                    mapped.sign * angles[axis][k] + mapped.offset
+                )
+                data.qvel[i] = mapped.sign * rates[axis][k]
+                data.qacc[i] = mapped.sign * accelerations[axis][k]
+            for j, name in enumerate(names):
+                data.qpos[self.position(name)] = bends[k, j]
+                data.qvel[self.dof(name)] = bend_rates[k, j]
+            wanted = data.qacc.copy()
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mj_sensorPos(model, data)
+            mujoco.mj_fwdVelocity(model, data)
+            mujoco.mj_sensorVel(model, data)
+            data.qacc[:] = wanted
+            mujoco.mj_rnePostConstraint(model, data)
+            mujoco.mj_sensorAcc(model, data)
+            found[k] = data.sensordata
+        return found[:, :3], found[:, 3:]
+
+    def load(self, angles, name):
+        """Torque of gravity about a joint, N m, (n,), at readouts of the axes, rad, (n,) each."""
+        self._set_still()
+        found = np.zeros(len(next(iter(angles.values()))))
+        for k in range(len(found)):
+            self._pose(angles, k)
+            found[k] = -self.data.qfrc_bias[self.dof(name)]
+        return found
+
+    def _bends(self, n, angles):
+        """Deflections of the springs in equilibrium, rad, (n, springs)."""
+        found = np.zeros((n, len(self.springs)))
+        self._set_still()
+        for k in range(n if self.springs else 0):
+            for _ in range(4):  # contracts by m g l / k
+                self._pose(angles, k)
+                for j, name in enumerate(self.springs):
+                    self.data.qpos[self.position(name)] = found[k, j]
+                mujoco.mj_forward(self.model, self.data)
+                for j, (name, stiffness) in enumerate(self.springs.items()):
+                    found[k, j] = -self.data.qfrc_bias[self.dof(name)] / stiffness
+        return found
+
+    def _set_still(self):
+        self.data.qvel[:], self.data.qacc[:] = 0, 0
+
+    def _pose(self, angles, k):
+        self.data.qpos[:] = self._zero
+        for axis, mapped in self.axes.items():
+            self.data.qpos[self.position(mapped.joint)] = (
+                mapped.sign * angles[axis][k] + mapped.offset
+            )
+        mujoco.mj_forward(self.model, self.data)
+
+
+def poses_and_moves(rng, axes, poses, dwell=1.5, move=2.5, reach=2.0):
+    """Stamps, s, (n,), and readouts with their derivatives, (3, n) each: quintic moves between
+    random poses.
+    """
+    stops = rng.uniform(-reach, reach, (poses, len(axes)))
+    rest, steps = int(dwell * RATE), int(move * RATE)
+    s = np.linspace(0, 1, steps, endpoint=False)
+    smooth = np.array(
+        [
+            s**3 * (10 - 15 * s + 6 * s**2),
+            (30 * s**2 - 60 * s**3 + 30 * s**4) / move,
+            (60 * s - 180 * s**2 + 120 * s**3) / move**2,
+        ]
+    )
+    still = np.zeros((3, rest))
+    parts = []
+    for before, after in pairwise(stops):
+        for part in (still, smooth):
+            jets = part[:, :, None] * (after - before)
+            jets[0] += before
+            parts.append(jets)
+    path = np.concatenate(
+        [*parts, parts[0] * 0 + [[stops[-1]], [0 * stops[-1]], [0 * stops[-1]]]], 1
+    )
+    return np.arange(path.shape[1]) / RATE, {a: path[:, :, i] for i, a in enumerate(axes)}
+
+
+def scenario_text(path, axes, site, sensors=("accelerometer",), adjustable=("bias", "scale")):
+    """The scenario of an honest user of this model."""
+    lines = ["schema = 1", 'name = "own model"', "[site]", f"gravity_m_s2 = {GRAVITY}", "[rig]"]
+    lines += [f'mjcf = "{Path(path).name}"', f'site = "{site}"', "[rig.axes]"]
+    for name, m in axes.items():
+        offset = np.degrees(m.offset)
+        lines.append(f'{name} = {{joint = "{m.joint}", sign = {m.sign}, offset_deg = {offset}}}')
+    for kind in sensors:
+        terms = ", ".join(f'"{a}"' for a in adjustable)
+        lines += ["[[sensor]]", f'name = "{kind}"', f'kind = "{kind}"', f"rate_hz = {RATE}"]
+        lines.append(f"adjustable = [{terms}]")
+    return "\n".join(lines) + "\n"
+
+
+def _matrix(quaternion):
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, np.array(quaternion, float))
+    return R.reshape(3, 3)

@@ -1,0 +1,218 @@
+"""A user's own MJCF or URDF as the rig: against plain MuJoCo on the user's file."""
+
+import shutil
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import tomli_w
+from model_rig import GRAVITY, Mapped, PlainModel, poses_and_moves, scenario_text
+from statistics_helpers import rng_of
+
+from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.trajectory import Drive, Jet
+from tiltsim.laboratory import MujocoLaboratory
+from tiltsim.motion import mujoco_motion
+
+ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
+ARM = {
+    "pan": Mapped("pan"),
+    "lift": Mapped("lift", -1, np.radians(10)),
+    "elbow": Mapped("elbow"),
+    "wrist": Mapped("wrist", 1, -0.3),
+}
+PUSHER = {
+    f"j{k}": Mapped(name)
+    for k, name in enumerate(
+        (
+            "r_shoulder_pan_joint",
+            "r_shoulder_lift_joint",
+            "r_upper_arm_roll_joint",
+            "r_elbow_flex_joint",
+            "r_forearm_roll_joint",
+            "r_wrist_flex_joint",
+            "r_wrist_roll_joint",
+        )
+    )
+}
+URDF = """<robot name="head">
+  <link name="mast"><inertial><origin xyz="0 0 .5"/><mass value="3"/>
+    <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="fork"><inertial><mass value="2"/>
+    <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="head"><inertial><origin xyz=".1 0 0"/><mass value="1"/>
+    <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="pan" type="revolute"><parent link="mast"/><child link="fork"/>
+    <origin xyz="0 0 1" rpy="0 0 .4"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="tilt" type="revolute"><parent link="fork"/><child link="head"/>
+    <origin xyz=".1 .02 .2" rpy=".2 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+</robot>"""
+HEAD = {"pan": Mapped("pan"), "tilt": Mapped("tilt", -1)}
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory):
+    """(model, axes, site) by name, each in the folder of its scenario."""
+    place = tmp_path_factory.mktemp("models")
+    shutil.copy(folder("scenarios") / "arm" / "arm.xml", place / "arm.xml")
+    text = (ASSETS / "pusher_v5.xml").read_text()
+    site = '<body name="r_wrist_roll_link" pos="0 0 0">'
+    assert site in text
+    (place / "pusher.xml").write_text(
+        text.replace(site, f'{site}<site name="imu" pos=".02 0 .1"/>')
+    )
+    found = {"arm": (ARM, "tool"), "base": (ARM, "base_imu"), "pusher": (PUSHER, "imu")}
+    (place / "base.xml").write_text((place / "arm.xml").read_text())
+    for name, (axes, site) in found.items():
+        (place / f"{name}.toml").write_text(scenario_text(f"{name}.xml", axes, site))
+    return {n: (place / f"{n}.xml", axes, site) for n, (axes, site) in found.items()}
+
+
+def drive_of(time, jets):
+    n = len(time)
+    still = np.full(n, -1)
+    return Drive(time, jets, 0.0, np.zeros(n), 0.0, still, ((0, np.eye(3)),))
+
+
+@pytest.mark.parametrize("name", ["arm", "base", "pusher"])
+def test_closed_form_and_both_models_of_mujoco_agree(models, name):
+    path, axes, site = models[name]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    rng = rng_of(f"motion {name}")
+    time, angles = poses_and_moves(rng, list(axes), 4, dwell=0.2, move=1.0)
+    force, rate = PlainModel(path, axes, site).readings(time, angles)
+    jets = {axis: Jet(*jet) for axis, jet in angles.items()}
+    ours = closed_form(scenario, drive_of(time, jets))
+    theirs = mujoco_motion(scenario, drive_of(time, jets))
+    for mine in (ours, theirs):
+        np.testing.assert_allclose(mine.force, force, atol=1e-9)
+        np.testing.assert_allclose(mine.rate, rate, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["arm", "pusher"])
+def test_load_moments_are_the_torques_of_gravity_in_mujoco(models, name):
+    path, axes, site = models[name]
+    chain = load_scenario(path.with_suffix(".toml")).rig.kind.chain
+    rng = rng_of(f"loads {name}")
+    angles = {a: rng.uniform(-2, 2, 20) for a in axes}
+    plain, moments = PlainModel(path, axes, site), chain.moments(angles, GRAVITY)
+    for axis, mapped in axes.items():
+        torque = mapped.sign * plain.load(angles, mapped.joint)
+        np.testing.assert_allclose(moments[axis][:, 2], torque, atol=1e-9)
+
+
+def test_urdf_is_read_like_mjcf(tmp_path):
+    (tmp_path / "head.urdf").write_text(URDF)
+    (tmp_path / "s.toml").write_text(scenario_text("head.urdf", HEAD, "head"))
+    scenario = load_scenario(tmp_path / "s.toml")
+    angles = {"pan": np.array([0.3]), "tilt": np.array([-0.5])}
+    zero = np.zeros(1)
+    motion = closed_form(
+        scenario, drive_of(zero, {a: Jet(x, zero, zero) for a, x in angles.items()})
+    )
+    # up in the head, by hand: Ry(0.5) Rx(-0.2) of the mast's up, its pan about up
+    c, s, ct, st = np.cos(0.2), np.sin(0.2), np.cos(0.5), np.sin(0.5)
+    np.testing.assert_allclose(motion.up[0], [-st * c, s, ct * c], atol=1e-12)
+
+
+WRONG = {
+    "../out.xml": ({}, "outside the scenario's folder"),
+    "absent.xml": ({}, "no such file"),
+    "slide.xml": (
+        {
+            "slide.xml": "<mujoco><worldbody><body name='b'><joint name='pan' type='slide'/>"
+            "<geom size='.1'/></body></worldbody></mujoco>"
+        },
+        "no hinge",
+    ),
+    "broken.xml": ({"broken.xml": "<mujoco><worldbody>"}, "no XML"),
+    "unknown.xml": ({"unknown.xml": "<mujoco><nothing/></mujoco>"}, "a model that MuJoCo loads"),
+    "include.xml": (
+        {"include.xml": "<mujoco><include file='../../secret.xml'/></mujoco>"},
+        "outside the scenario's folder",
+    ),
+    "mesh.xml": (
+        {"mesh.xml": "<mujoco><asset><mesh file='/etc/hostname'/></asset></mujoco>"},
+        "outside the scenario's folder",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(WRONG))
+def test_models_that_cannot_be_used_are_refused_with_one_message(tmp_path, name):
+    files, words = WRONG[name]
+    place = tmp_path / "inner"
+    place.mkdir()
+    for file, text in files.items():
+        (place / file).write_text(text)
+    text = scenario_text("x.xml", {"pan": Mapped("pan")}, "b").replace("x.xml", name)
+    (place / "s.toml").write_text(text)
+    with pytest.raises(TiltcalError, match=words):
+        load_scenario(place / "s.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"tool"', '"toll"', "no site or body 'toll'"),
+        ('joint = "lift"', 'joint = "lifd"', "no joint 'lifd'"),
+        ('joint = "lift"', 'joint = "pan"', "one joint mapped to two axes"),
+        ("sign = -1", "sign = 2", "sign"),
+    ],
+)
+def test_words_that_do_not_fit_the_model_are_refused(models, tmp_path, old, new, words):
+    path, *_ = models["arm"]
+    shutil.copy(path, tmp_path / "arm.xml")
+    text = path.with_suffix(".toml").read_text()
+    assert old in text
+    (tmp_path / "s.toml").write_text(text.replace(old, new))
+    with pytest.raises(TiltcalError, match=words):
+        load_scenario(tmp_path / "s.toml")
+
+
+def recorded(models, name, seed, poses=24, **springs):
+    """A recording of a triad by plain MuJoCo, with 60 ug/rtHz of noise."""
+    path, axes, site = models[name]
+    rng = rng_of(f"recording {name} {seed}")
+    time, angles = poses_and_moves(rng, list(axes), poses)
+    force, _ = PlainModel(path, axes, site, **springs).readings(time, angles)
+    force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
+    columns = {f"table_{a}_deg": np.degrees(jet[0]) for a, jet in angles.items()}
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    return load_scenario(path.with_suffix(".toml")), Recording.from_columns(time, columns)
+
+
+@pytest.mark.parametrize("name", ["arm", "pusher"])
+def test_a_sound_model_matches(models, name):
+    scenario, recording = recorded(models, name, "null")
+    assert diagnose(scenario, [recording]).verdict == "match"
+
+
+def test_a_base_that_gives_way_is_named_and_its_amended_scenario_stands_alone(models, tmp_path):
+    stiffness = (3e5, 2e5)  # N m/rad
+    scenario, recording = recorded(models, "base", "base", base_stiffness=stiffness)
+    answer = diagnose(scenario, [recording], laboratory=MujocoLaboratory())
+    (finding,) = answer.findings
+    assert (answer.verdict, finding.effect) == ("explained", "base_load_compliance")
+    assert finding.where.coordinate == "load moment"
+    for name, k in zip(("east", "north"), stiffness, strict=True):
+        value, sigma = finding.parameters[f"bend_{name}_arcsec_N_m"]
+        assert abs(value - 1 / k / ARCSEC) < 4 * sigma
+        assert sigma < 0.15 / k / ARCSEC
+    (tmp_path / "amended.toml").write_text(tomli_w.dumps(answer.amended))
+    assert diagnose(load_scenario(tmp_path / "amended.toml"), [recording]).verdict == "match"
+
+
+def test_a_joint_that_gives_way_is_named(models):
+    scenario, recording = recorded(models, "arm", "lift", joint_stiffness={"lift": 5e4})
+    (finding,) = diagnose(scenario, [recording]).findings
+    assert "joint_compliance" in finding.names

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.cli.diagnose import write_results
+from tiltcal.api.diagnosing import write_results
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
 from tiltcal.diagnosis.diagnose import diagnose

@@ -1,7 +1,6 @@
 """``tiltcal certificate``, and the options of ``tiltcal calibrate`` that write one."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -91,12 +90,6 @@ def write_files(made: Certificate, page: Path | None, dcc: Path | None) -> list[
     for path in written:
         tell(f"{path}: certificate {made.number}")
     return written
-
-
-def without_budget(calibration: Calibration, error: TiltcalError) -> Calibration:
-    """A calibration for whose certificate the budget could not be evaluated: a warning says why."""
-    note = f"the uncertainty budget could not be evaluated: {error}"
-    return replace(calibration, warnings=[*calibration.warnings, note])
 
 
 def write_reports(

@@ -8,11 +8,11 @@ from cyclopts import Parameter
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
 from tiltcal.cli.output import print_json, say
-from tiltcal.cli.segments import read_segments
 from tiltcal.core.numerical import determining
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.segment_files import read_segments
 from tiltcal.validation.cross_check import Check
 from tiltcal.validation.cross_check import check as cross_check
 

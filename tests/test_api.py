@@ -1,7 +1,6 @@
 """The names at the top of the package, and that they do what the commands do."""
 
 import ast
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -96,14 +95,17 @@ def test_python_and_the_commands_give_the_same_files(bench, recording, tmp_path,
     assert Path("python.csv").read_text() == Path("corrected.csv").read_text()
 
 
-def test_a_function_is_a_method_too(bench, recording, calibration):
-    def bias_of_x(given, setup):
-        return tc.Calibration(
-            "mine", "good", {"accel.bias_x": tc.Estimate(0.01, 0.001, "m_s2")}, np.eye(1) * 1e-6
-        )
+def mean_of_x(given, setup):
+    (sensor,) = setup.sensor
+    mean = float(given.sensor(sensor).values[:, 0].mean())
+    return tc.Calibration(
+        "mine", "good", {"accel.bias_x": tc.Estimate(mean, 0.001, "m_s2")}, np.eye(1) * 1e-6
+    )
 
-    found = bench.calibrate(recording, bias_of_x)
-    assert found.value("accel.bias_x") == 0.01
+
+def test_a_function_is_a_method_too(bench, recording):
+    found = bench.calibrate(recording, mean_of_x)
+    assert found.value("accel.bias_x") == np.mean(recording.column("accel_x_m_s2"))
     assert "setup" in found.provenance
     with pytest.raises(tc.TiltcalError, match="need a function"):
         bench.calibrate(recording, 3)
@@ -199,6 +201,7 @@ def test_the_certificate_of_the_readme_in_a_dozen_lines(tmp_path, monkeypatch):
     assert certificate.budget is not None
     frame = certificate.to_pandas()
     calibration = certificate.calibration
-    assert all(frame.U >= [2 * e.sigma for e in calibration.parameters.values()])
-    with pytest.raises(tc.TiltcalError, match="one of .html, .xml"):
+    noise = np.array([2 * e.sigma for e in calibration.parameters.values()])
+    assert (frame.U >= noise).all()
+    with pytest.raises(tc.TiltcalError, match=r"one of \.html, \.xml"):
         certificate.save(tmp_path / "certificate.pdf")

@@ -11,7 +11,7 @@ from builders import ACCEL, GYRO, G, setup_of
 from scenario_files import HEAD
 
 from tiltcal.api.simulating import simulator
-from tiltcal.calibration.c_export import header
+from tiltcal.calibration.firmware.header import header
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration
 from tiltcal.cli import main

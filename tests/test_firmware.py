@@ -5,11 +5,12 @@ correct` in floating point to rounding and in integers within the error that the
 import json
 import re
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 from builders import ACCEL, FOG, GYRO, setup_of
-from firmware_vectors import Case
+from firmware_vectors import C99, Case
 from host import compiler
 from scenario_files import refusal
 from statistics_helpers import rng_of
@@ -31,6 +32,7 @@ from tiltcal.setup.sensor import Input
 needs_compiler = pytest.mark.skipif(
     compiler() is None, reason="no C compiler on this machine: cc, gcc or clang"
 )
+PAGE = Path(__file__).parents[1] / "docs" / "firmware.md"
 UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
 COUNTS = Input(unit="LSB", zero=[33000, 32500, 31900], per_m_s2=415)
 AXES = {"bias_x": 0.05, "bias_y": -0.02, "bias_z": 0.01, "scale_x": 2e-3, "scale_y": -1e-3}
@@ -188,6 +190,17 @@ def test_the_integers_need_no_floating_point_registers(name, tmp_path):
     assert not re.search(
         r"\b(float|double|imu_real|math\.h)\b|\d\.\d", re.sub(r"/\*.*?\*/", "", after)
     )
+
+
+@needs_compiler
+def test_the_program_of_the_page_compiles(tmp_path):
+    found = calibration(*CASES["lag"])
+    (tmp_path / "imu.h").write_text(header(found, stated_setup(found), "imu"))
+    (program,) = re.findall(r"^```c\n(.*?)^```$", PAGE.read_text(), re.M | re.S)
+    (tmp_path / "main.c").write_text(program)
+    words = [compiler(), *C99, "-DIMU_FIXED_ONLY", "-c", "main.c"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @needs_compiler

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+import tiltcal
 from tiltcal.design.identifiability import reference_scenario
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
@@ -118,6 +119,8 @@ def main() -> None:
     """Write docs/api."""
     import pdoc
 
+    for name in tiltcal.__all__:
+        getattr(tiltcal, name)  # loaded when asked for: pdoc lists what is there
     importlib.import_module("tiltsim.laboratory")  # before pdoc forbids what importing MuJoCo runs
     (OUT / "residuals").mkdir(parents=True, exist_ok=True)
     (OUT / "catalogue.md").write_text(catalogue_page(), encoding="utf-8")

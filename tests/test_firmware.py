@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import ACCEL, FOG, GYRO, setup_of
+from builders import ACCEL, FOG, GYRO, INCL, setup_of
 from firmware_vectors import C99, Case
 from host import compiler
 from scenario_files import refusal
@@ -19,7 +19,9 @@ from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.correction import setup_of as stated_setup
 from tiltcal.calibration.firmware.fixed_linear import fixed_sensors
 from tiltcal.calibration.firmware.header import header
+from tiltcal.calibration.firmware.inclinometer_export import readings_of
 from tiltcal.calibration.firmware.linear_terms import linear_terms
+from tiltcal.calibration.firmware.log_units import log_unit
 from tiltcal.calibration.firmware.vectors import firmware_vectors
 from tiltcal.calibration.methods.registry import _with_setup
 from tiltcal.calibration.result import calibration_from
@@ -144,6 +146,51 @@ def comment_of(case):
     return text.partition(f"imu_{case.sensor}_fixed(")[2].partition("_fixed(")[0]
 
 
+INCLINED = {
+    "deg": (INCL, {}),
+    "axes": (INCL, {"scale_x": 2e-3, "cross_xy": 3e-3, "cross_yz": -0.02, "cross_xz": 0.01}),
+    "arcsec, y first": (
+        INCL.model_copy(update={"unit": "arcsec", "axes": ("y", "x")}),
+        {"scale_y": -4e-3, "cross_yx": 2e-3, "cross_xz": 1e-3},
+    ),
+    "counts": (
+        INCL.model_copy(update={"input": Input(unit="LSB", zero=[32768, 32700], per_deg=350)}),
+        {"scale_y": 1e-3, "cross_xz": 2e-3},
+    ),
+    "one axis": (INCL.model_copy(update={"axes": ("x",)}), {"scale_x": 1e-3}),
+}
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", INCLINED)
+def test_the_header_of_an_inclinometer_corrects_as_correct_does(name, tmp_path):
+    sensor, terms = INCLINED[name]
+    biases = {f"bias_{a}": 0.02 for a in sensor.axes}
+    found = calibration([sensor], {"incl": biases | terms})
+    text = header(found, stated_setup(found), "imu")
+    (tmp_path / "imu.h").write_text(text)
+    vectors, unit = firmware_vectors(found), log_unit(sensor)
+    inputs = tuple(f"incl_{a}_{unit.written}" for a in sensor.axes)
+    outputs = tuple(f"incl_{a}_corrected_{unit.corrected}" for a in sensor.axes)
+    case = Case(tmp_path / "imu.h", "imu", "incl", inputs, outputs)
+    expected = np.column_stack([vectors.column(c) for c in outputs])
+    size = np.abs(expected).max()
+    assert np.abs(case.run(vectors, None, "-DIMU_DOUBLE") - expected).max() < 3e-11 * size
+    assert np.abs(case.run(vectors, None) - expected).max() < 3e-6 * size
+    places = int(re.search(r"f: (\d+) places", text)[1])
+    stated = float(re.search(r"up to an inclination of 80 deg: (\S+) ", text)[1])
+    whole = case.run(vectors, readings_of(sensor).places, *UNDEFINED)
+    error = np.abs(whole * 2.0**-places - expected).max()
+    assert error <= stated < 1e-6 * size  # 0.03 arcsec and less
+    rng = rng_of("steep and wild")
+    wild = {c: rng.choice([-(2**31), 2**31 - 1, 0, 10**6], 400).astype(float) for c in inputs}
+    right_angle = np.pi / 2 / unit.corrected_factor
+    steep = case.run(Recording.from_columns(vectors.time, wild), 0, *UNDEFINED) * 2.0**-places
+    assert np.abs(steep).max() <= right_angle * (1 + 1e-6)
+    code = re.sub(r"/\*.*?\*/", "", text.partition("#endif /* IMU_FIXED_ONLY */")[2])
+    assert not re.search(r"\b(float|double|imu_real|math\.h)\b|\d\.\d", code)
+
+
 @needs_compiler
 @pytest.mark.parametrize("name", ["counts", "g-sensitivity", "lag", "hysteresis", "two axes"])
 def test_no_integer_overflows_whatever_is_read(name, tmp_path):
@@ -251,6 +298,12 @@ def test_what_firmware_does_not_have_is_refused_in_words(tmp_path, capsys):
     crossed = calibration([accel(axes=("x", "y"))], {"accel": {"bias_x": 0.1, "cross_xz": 1e-3}})
     with pytest.raises(TiltcalError, match="found accel, need"):
         header(crossed, stated_setup(crossed))
+    lean = calibration([INCL], {"incl": {"cross_xz": 0.1}})
+    with pytest.raises(TiltcalError, match=r"a cross-axis term of 0\.1 from the axis that"):
+        header(lean, stated_setup(lean))
+    beside = calibration([INCL, GYRO], {"incl": {"bias_x": 0.1}, "gyro": {"bias_x": 0.1}})
+    with pytest.raises(TiltcalError, match="inclinometers alone"):
+        header(beside, stated_setup(beside))
     alone = calibration([GYRO], {"gyro": PULL})
     with pytest.raises(TiltcalError, match="no accelerometer triad"):
         header(alone, stated_setup(alone))

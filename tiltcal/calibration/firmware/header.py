@@ -13,6 +13,7 @@ from tiltcal.calibration.firmware.fixed_temperature import (
     RATE_PLACES,
     STATE_PLACES,
 )
+from tiltcal.calibration.firmware.inclinometer_export import inclinometer_numbers
 from tiltcal.calibration.firmware.linear_export import float_numbers
 from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
 from tiltcal.calibration.firmware.placing_export import placing_numbers
@@ -31,8 +32,8 @@ def header(
     """The text of a C header.
 
     Args:
-        calibration: with placing-angle tables of one sensor, or with bias, scale and axes, over
-            temperature too.
+        calibration: with placing-angle tables of one sensor, with bias, scale and axes of
+            inclinometers, or with those of other sensors, over temperature too.
         setup: it was made with.
         name: what every C name begins with.
         log: recording whose units are used; those that the scenario states if not given.
@@ -59,6 +60,9 @@ def header(
     )
     if calibration.bias_tables:
         template, numbers = "table.h.jinja", placing_numbers(calibration, setup, name, log)
+    elif any(setup.named(n).kind == "inclinometer" for n in calibration.sensors()):
+        template = "inclinometer.h.jinja"
+        numbers = inclinometer_numbers(calibration, setup, log)
     else:
         template, numbers = "linear.h.jinja", _linear_numbers(linear_terms(calibration, setup, log))
     return text.get_template(template).render(

@@ -123,10 +123,9 @@ def _require_linear(calibration: Calibration, sensors: list[Sensor]) -> None:
 
 
 def _bent(calibration: Calibration, sensor: Sensor) -> bool:
-    """Whether a correction of an accelerometer needs sines or the axis that it lacks."""
+    """Whether the correction of an accelerometer needs the axis that it lacks."""
     missing = sorted({0, 1, 2} - set(sensor.axis_indices))
-    crossed = bool(np.any(calibration.sensitivity(sensor)[:, missing]))
-    return sensor.kind == "inclinometer" or crossed
+    return bool(np.any(calibration.sensitivity(sensor)[:, missing]))
 
 
 def _sensor_terms(

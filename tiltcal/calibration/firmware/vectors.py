@@ -5,8 +5,9 @@ import numpy as np
 from tiltcal.calibration.correction import correct_pieces, setup_of
 from tiltcal.calibration.firmware.fixed_linear import FixedSensor, Range, fixed_sensors, range_of
 from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES
+from tiltcal.calibration.firmware.inclinometer_export import STEEPEST, readings_of
 from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
-from tiltcal.calibration.firmware.log_units import log_unit
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.recordings.recording import Recording
@@ -47,6 +48,9 @@ def _drawn(calibration: Calibration, setup: Setup) -> Recording:
     if calibration.bias_tables:
         (sensor,) = (setup.named(n) for n in calibration.sensors())
         columns |= _within_tables(calibration, sensor, setup.site.gravity, rng)
+    elif any(setup.named(n).kind == "inclinometer" for n in calibration.sensors()):
+        for name in calibration.sensors():
+            columns |= _inclined(setup.named(name), rng)
     else:
         terms = linear_terms(calibration, setup)
         for fixed in fixed_sensors(terms)[0]:
@@ -100,10 +104,20 @@ def _within_tables(
     force = np.column_stack([-np.tan(betas["y"]), np.tan(betas["x"]), np.ones(ROWS)])
     force *= gravity / np.linalg.norm(force, axis=1)[:, None]
     unit = log_unit(sensor)
-    readings = range_of(sensor, unit)
-    found = {}
-    for i, axis in enumerate(sensor.axes):
-        written = force[:, "xyz".index(axis)] / unit.factor + unit.zero[i]
-        whole = np.round(written * 2.0**readings.places)
-        found[f"{sensor.name}_{axis}_{unit.written}"] = whole * 2.0**-readings.places
-    return found
+    shown = force[:, ["xyz".index(axis) for axis in sensor.axes]]
+    return _written(sensor, shown, unit, range_of(sensor, unit))
+
+
+def _inclined(sensor: Sensor, rng: np.random.Generator) -> dict[str, Array]:
+    """Readings of an inclinometer at inclinations up to that for which its error is stated."""
+    steep, around = rng.uniform(0, STEEPEST - 0.02, ROWS), rng.uniform(0, 2 * np.pi, ROWS)
+    up = np.sin(steep)[:, None] * np.column_stack([np.cos(around), np.sin(around)])
+    shown = np.arcsin(up[:, ["xy".index(axis) for axis in sensor.axes]])
+    return _written(sensor, shown, log_unit(sensor), readings_of(sensor))
+
+
+def _written(sensor: Sensor, values: Array, unit: LogUnit, readings: Range) -> dict[str, Array]:
+    """Values in SI, (ROWS, k), as columns of whole integers with the places of the readings."""
+    whole = np.round((values / unit.factor + unit.zero) * 2.0**readings.places)
+    names = [f"{sensor.name}_{axis}_{unit.written}" for axis in sensor.axes]
+    return {n: np.asarray(c * 2.0**-readings.places) for n, c in zip(names, whole.T, strict=True)}

@@ -81,7 +81,7 @@ class Case:
         real = "int32_t" if fixed else f"{self.name}_real"
         step = "(uint32_t)(t - last)" if fixed else f"({real})(t - last)"
         if self.thermal:
-            state = f"{self.name}{end}_state s;"
+            state = f"{self.name}{end}_state s = {{0}};"
             temperature = (
                 f"if (first) {self.name}_start{end}(&s, ({real})c);"
                 f" else {self.name}_step{end}(&s, ({real})c, {step});"

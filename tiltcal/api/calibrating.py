@@ -1,4 +1,6 @@
-"""Calibrating: several recordings as one, the method with or without a budget, what is noted."""
+"""Calibrating and checking: several recordings as one, the method with or without a budget, what is
+noted, and whether the result holds on another recording.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,9 +10,13 @@ from tiltcal.calibration.methods.registry import Method
 from tiltcal.calibration.methods.registry import calibrate as run_method
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.numerical import determining
+from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.joining import joined
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.validation.cross_check import Check, check
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
 
 
@@ -62,3 +68,28 @@ def estimate_for_certificate(
         calibration, _ = estimate(method, recording, scenario, options)
         note = f"the uncertainty budget could not be evaluated: {error}"
         return replace(calibration, warnings=[*calibration.warnings, note]), None
+
+
+def judged(
+    calibration: Calibration,
+    recording: Recording,
+    scenario: Scenario,
+    limit_arcsec: float | None = None,
+    dwells: Sequence[Segment] | None = None,
+) -> Check:
+    """Whether a calibration is good on another recording.
+
+    Args:
+        calibration: to judge.
+        recording: that it has not seen.
+        scenario: the set-up of the recording.
+        limit_arcsec: largest accepted rms error; without it the error has to agree with its own
+            uncertainty.
+        dwells: of the recording; found in it if not given.
+
+    Raises:
+        TiltcalError: the recording lacks the calibrated sensor, or time runs back in it.
+    """
+    limit = None if limit_arcsec is None else limit_arcsec * ARCSEC
+    with determining(recording.source, "whether this calibration is good on it"):
+        return check(calibration, recording.require_increasing(), scenario, limit, dwells)

@@ -9,8 +9,13 @@ from typing import Any
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tabular import Tabular
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment
 from tiltcal.report import certificate
 from tiltcal.report.dcc import write_dcc
+from tiltcal.report.stated import Stated
+from tiltcal.validation.uncertainty_budget import Budget
 
 ENDINGS = (".html", ".xml")
 
@@ -68,6 +73,25 @@ class Certificate(certificate.Certificate, Tabular):
         return f'<iframe srcdoc="{escape(self.page())}" width="100%" height="600"></iframe>'
 
 
-def certificate_of(calibration: Calibration, *arguments: Any, **more: Any) -> Certificate:
-    """``tiltcal.report.certificate.make_certificate`` with what this class adds."""
-    return Certificate.of(certificate.make_certificate(calibration, *arguments, **more))
+def certificate_of(
+    calibration: Calibration,
+    stated: Stated,
+    recording: Recording,
+    scenario: Scenario,
+    budget: Budget | None,
+    dwells: Sequence[Segment] | None = None,
+) -> Certificate:
+    """The certificate of a calibration with its recording.
+
+    Args:
+        calibration: the result.
+        stated: by the laboratory.
+        recording: of the fit.
+        scenario: whose sources the budget has; assumed where it states none.
+        budget: of the calibration; None where it could not be evaluated.
+        dwells: of the recording; found in it if not given.
+    """
+    made = certificate.make_certificate(
+        calibration, stated, recording, budget, dwells, assumed=not scenario.budget
+    )
+    return Certificate.of(made)

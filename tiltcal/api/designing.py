@@ -7,16 +7,15 @@ from typing import Any
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.files import make_folder
-from tiltcal.core.progress import Progress
+from tiltcal.core.progress import Progress, silent
 from tiltcal.core.tabular import Tabular
+from tiltcal.core.tasks.engines import Engine
 from tiltcal.design.feasibility import check_possible
+from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import Plan
 from tiltcal.design.plan import design as find_plan
-from tiltcal.design.scenario_problem import scenario_problem, sensor_of
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.steps import designed_table, printable, steps_of, write_plan
-from tiltcal.design.terms import Wanted
-from tiltcal.design.time_budget import Clock
 from tiltcal.laboratory.scenario import Scenario
 
 
@@ -66,22 +65,27 @@ class DesignedSequence(Tabular):
 
 def designed(
     scenario: Scenario,
-    sensor: str | None,
-    wanted: Wanted,
-    clock: Clock,
-    criterion: str,
+    problem: Problem,
+    unseen: tuple[str, ...],
+    everything: bool,
     seed: int,
-    progress: Progress,
+    progress: Progress = silent,
+    engine: Engine | None = None,
 ) -> DesignedSequence:
-    """The sequence for one sensor of a scenario.
+    """The sequence of a design problem.
+
+    Args:
+        scenario: whose table moves.
+        problem: terms, clock and criterion; unseen: effects that it leaves out.
+        everything: whether terms that no poses tell are reported instead of refused.
+        seed: of the search.
+        progress: is told what is being done.
+        engine: where drafts are improved; this process if not given.
 
     Raises:
         TiltcalError: no set of poses within the limits tells a wanted term.
     """
-    problem, unseen = scenario_problem(
-        scenario, sensor_of(scenario, sensor), wanted, clock, criterion
-    )
-    still = Still(scenario, clock.budget)
-    untold = check_possible(problem, still.axes, everything="all" in wanted.interest)
-    plan = find_plan(problem, scenario.rig.kind, seed, notice=progress)
+    still = Still(scenario, problem.clock.budget)
+    untold = check_possible(problem, still.axes, everything)
+    plan = find_plan(problem, scenario.rig.kind, seed, notice=progress, engine=engine)
     return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, untold)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tiltcal.api.calibrating import estimate, estimate_for_certificate, one_recording
+from tiltcal.api.calibrating import estimate, estimate_for_certificate, judged, one_recording
 from tiltcal.api.certifying import Certificate, certificate_of
 from tiltcal.api.designing import DesignedSequence, designed
 from tiltcal.api.diagnosing import Diagnosis, explain, require_honest
@@ -14,10 +14,9 @@ from tiltcal.api.simulating import seed_used, simulator, truth_table
 from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.methods.registry import Method
 from tiltcal.calibration.result import Calibration
-from tiltcal.core.numerical import determining
 from tiltcal.core.progress import Progress, silent
-from tiltcal.core.units import ARCSEC, DEG, G0
-from tiltcal.design.scenario_problem import clock_of
+from tiltcal.core.units import DEG, G0
+from tiltcal.design.scenario_problem import clock_of, scenario_problem, sensor_of
 from tiltcal.design.terms import Wanted
 from tiltcal.laboratory import scenario as laboratory
 from tiltcal.laboratory.scenario import load_as, parse_as
@@ -26,7 +25,6 @@ from tiltcal.recordings.segment_files import read_segments
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.report.stated import Stated
 from tiltcal.validation.cross_check import Check
-from tiltcal.validation.cross_check import check as cross_check
 
 Recordings = Recording | Sequence[Recording]
 Dwells = Sequence[Segment] | Path | str
@@ -109,14 +107,8 @@ class Scenario(laboratory.Scenario):
         recording = one_recording(self, _several(recordings))
         options |= _dwells(segments, recording)
         calibration, budget = estimate_for_certificate(method, recording, self, options)
-        return certificate_of(
-            calibration,
-            stated or Stated(),
-            recording,
-            budget,
-            options.get("segments"),
-            assumed=not self.budget,
-        )
+        dwells = options.get("segments")
+        return certificate_of(calibration, stated or Stated(), recording, self, budget, dwells)
 
     def check(
         self,
@@ -138,11 +130,8 @@ class Scenario(laboratory.Scenario):
         Raises:
             TiltcalError: the recording lacks the calibrated sensor.
         """
-        recording.require_increasing()
         dwells = _dwells(segments, recording).get("segments")
-        limit = None if limit_arcsec is None else limit_arcsec * ARCSEC
-        with determining(recording.source, "whether this calibration is good on it"):
-            return cross_check(calibration, recording, self, limit, dwells)
+        return judged(calibration, recording, self, limit_arcsec, dwells)
 
     def diagnose(
         self,
@@ -208,7 +197,8 @@ class Scenario(laboratory.Scenario):
         wanted = Wanted(
             tuple(terms), tuple(nuisance), grade, prior, floor_ug * 1e-6 * G0, range_deg * DEG
         )
-        return designed(self, sensor, wanted, clock, criterion, seed, progress)
+        problem = scenario_problem(self, sensor_of(self, sensor), wanted, clock, criterion)
+        return designed(self, *problem, "all" in terms, seed, progress)
 
 
 def load_scenario(path: Path | str) -> Scenario:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
+from tiltcal.api.certifying import certificate_of
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, tell
@@ -104,7 +105,5 @@ def write_reports(
 ) -> None:
     """What ``tiltcal calibrate`` writes for --report and --dcc."""
     if page is not None or dcc is not None:
-        made = make_certificate(
-            calibration, stated, recording, budget, segments, assumed=not scenario.budget
-        )
+        made = certificate_of(calibration, stated, recording, scenario, budget, segments)
         write_files(made, page, dcc)

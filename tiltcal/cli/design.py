@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Group, Parameter
 
+from tiltcal.api.designing import DesignedSequence, designed
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
@@ -14,14 +14,10 @@ from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tasks.engines import shared_engine
 from tiltcal.core.units import DEG, G0
-from tiltcal.design.feasibility import check_possible
 from tiltcal.design.gradient_search import Problem
-from tiltcal.design.plan import Plan
-from tiltcal.design.plan import design as find_plan
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.scenario_problem import clock_of, scenario_problem, sensor_of
 from tiltcal.design.static_instrument import Still
-from tiltcal.design.steps import printable, write_plan
 from tiltcal.design.terms import Wanted
 from tiltcal.design.time_budget import Clock
 from tiltcal.effects.sensor.noise import AccNoise
@@ -95,22 +91,18 @@ def design(
         wanted = (blind_to_nothing, aim, table, seed)
         with shared_engine(engine, jobs) as opened:
             return design_visible_poses(scenario, *wanted, opened, output, as_json)
-    clock = clock_given(table, scenario)
-    still = Still(scenario, clock.budget)
-    problem, unseen = problem_of(aim, table, scenario, clock)
-    untold = check_possible(problem, still.axes, everything="all" in aim.terms)
+    problem, unseen = problem_of(aim, table, scenario, clock_given(table, scenario))
     with claimed(output):
         with progress_line() as notice, shared_engine(engine, jobs) as opened:
-            plan = find_plan(problem, scenario.rig.kind, seed, notice=notice, engine=opened)
-        up = still.up(plan.angles)
+            everything = "all" in aim.terms
+            found = designed(scenario, problem, unseen, everything, seed, notice, opened)
         if output:
-            write_plan(plan, scenario, up, output)
+            found.save(output)
     if as_json:
-        print_json(plan.to_json() | {"unseen": list(unseen), "untold": list(untold)})
+        untold = list(found.inseparable)
+        print_json(found.plan.to_json() | {"unseen": list(unseen), "untold": untold})
     else:
-        show(plan, up, unseen)
-        if untold:
-            say("not separable from the other terms by these poses: " + ", ".join(untold))
+        show(found)
     return 0
 
 
@@ -160,24 +152,25 @@ def problem_of(
     return scenario_problem(scenario, sensor_of(scenario, aim.sensor), wanted, clock, aim.criterion)
 
 
-def show(
-    plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", unseen: tuple[str, ...]
-) -> None:
+def show(found: DesignedSequence) -> None:
     """Print the steps, and the forecasts of this design and of classic sequences."""
-    say(printable(plan, up))
-    forecast = plan.forecast
+    say(str(found))
+    forecast = found.plan.forecast
     rows = [
         ["this design", f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
     ]
     rows += [
         [name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)]
-        for name, f in plan.baselines.items()
+        for name, f in found.plan.baselines.items()
     ]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
-    if not plan.problem.model.interest.all():
+    if not found.plan.problem.model.interest.all():
         say(
             "the sigmas hold for a fit of all these terms including nuisances: calibrate with terms"
             " that include the drift"
         )
-    if unseen:
-        say("not visible in any pose: " + ", ".join(unseen))
+    if found.unseen:
+        say("not visible in any pose: " + ", ".join(found.unseen))
+    if found.inseparable:
+        names = ", ".join(found.inseparable)
+        say(f"not separable from the other terms by these poses: {names}")

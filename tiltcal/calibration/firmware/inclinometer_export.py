@@ -14,7 +14,7 @@ import numpy as np
 from tiltcal.calibration.firmware.fixed_linear import Range
 from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers, places_for
 from tiltcal.calibration.firmware.linear_export import row_of
-from tiltcal.calibration.firmware.log_units import log_unit
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
 from tiltcal.calibration.inversion import ROUNDS
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
@@ -86,7 +86,13 @@ def _sensor(
         "inverse": [row_of(row) for row in inverse],
         "third": row_of(third) if third.any() else [],
     }
-    readings = readings_of(sensor, log)
+    return found | _fixed(sensor, unit, readings_of(sensor, log), inverse, third, bias)
+
+
+def _fixed(
+    sensor: Sensor, unit: LogUnit, readings: Range, inverse: Array, third: Array, bias: Array
+) -> dict[str, Any]:
+    """The numbers of the integers."""
     right_angle = 2 * unit.factor / pi
     inward = FixedMatrix.of(
         np.array([[right_angle]]),
@@ -101,7 +107,7 @@ def _sensor(
     )
     angle = pi / 2 * inward.error  # rad
     error = sines(angle + 2.0**-31 + 1e-10) / cos(STEEPEST) + 2.0**-30
-    return found | {
+    return {
         "places": readings.places,
         "limit": f"{readings.limit:.6g}",
         "whole": readings.whole,

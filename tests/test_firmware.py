@@ -322,3 +322,5 @@ def test_what_firmware_does_not_have_is_refused_in_words(tmp_path, capsys):
     table["covariance"] = {"names": ["base.azimuth"], "matrix": [[0.0]]}
     (tmp_path / "north.json").write_text(json.dumps(table))
     assert "no sensor" in refusal(["export", tmp_path / "north.json"], tmp_path, capsys)
+    words = ["export", tmp_path / "CAL.json", "--format", "px4", "--vectors", "v.csv"]
+    assert "found --vectors, need --format c" in refusal(words, tmp_path, capsys)

@@ -58,6 +58,13 @@ def export(
       tiltcal export run.csv -o run.mcap            # PlotJuggler, Foxglove, ROS 2
     """
     chosen = format or ("c" if file.suffix == ".json" else "recording")
+    if chosen != "c" and (log or vectors):
+        raise TiltcalError(
+            f"command line of `tiltcal export --format {chosen}`",
+            found="--log" if log else "--vectors",
+            need="--format c: they belong to a header",
+            do="leave it out",
+        )
     if chosen == "recording":
         return _recording(file, output, as_json)
     require_output("export", output, as_json, "the text")
@@ -101,7 +108,9 @@ def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | N
     recording = None if log is None else read_recording(log).require_increasing()
     text = header(found, setup_of(found), name, recording)
     if vectors is not None:
-        write_recording(firmware_vectors(found, recording), vectors)
+        written = firmware_vectors(found, recording)
+        write_recording(written, vectors)
+        tell(f"{vectors}: {len(written)} rows, readings and their correction")
     return text
 
 

@@ -23,9 +23,11 @@ def _():
 
 @app.cell
 def _(mo):
-    budget = mo.ui.slider(40, 600, step=20, value=120, label="table time, s")
-    settle = mo.ui.slider(0, 20, step=1, value=5, label="settling after a move, s")
-    reach = mo.ui.slider(45, 180, step=15, value=180, label="tilt of the outer axis up to, deg")
+    budget = mo.ui.slider(40, 600, step=20, value=120, label="table time, s", show_value=True)
+    settle = mo.ui.slider(0, 20, step=1, value=5, label="settling after a move, s", show_value=True)
+    reach = mo.ui.slider(
+        45, 180, step=15, value=180, label="tilt of the outer axis up to, deg", show_value=True
+    )
     criterion = mo.ui.dropdown(["both", "tilt", "D", "A"], value="both", label="criterion")
     mo.vstack([budget, settle, reach, criterion])
     return budget, criterion, reach, settle
@@ -55,7 +57,8 @@ def _(bench, mo, settings, tc):
 @app.cell
 def _(design, mo):
     mo.stop(design is None)
-    mo.ui.table(design.to_arrow().to_pylist(), selection=None, pagination=False)
+    poses = [{n: round(v, 2) for n, v in pose.items()} for pose in design.to_arrow().to_pylist()]
+    mo.ui.table(poses, selection=None, pagination=False)
     return
 
 
@@ -63,7 +66,12 @@ def _(design, mo):
 def _(design, mo):
     mo.stop(design is None)
     expected = [
-        {"parameter": p["name"], "before": p["prior"], "expected": p["sigma"], "unit": p["unit"]}
+        {
+            "parameter": p["name"],
+            "before": p["prior"],
+            "expected": float(f"{p['sigma']:.3g}"),
+            "unit": p["unit"],
+        }
         for p in design.plan.to_json()["parameters"]
     ]
     mo.ui.table(expected, selection=None, pagination=False)

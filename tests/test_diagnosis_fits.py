@@ -14,6 +14,7 @@ from tiltcal.diagnosis.data_quality.quantisation_limit import drop_below_code
 from tiltcal.diagnosis.data_quality.setting_errors import lawful_part
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
+from tiltcal.diagnosis.hypotheses.instants import Instant
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.dictionary import build_dictionary
@@ -140,7 +141,7 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
 
 
 def test_a_loss_is_weighed_by_one_sample():
-    (drop,) = (s for s in step_hypotheses(honest(bench()), [50.0]) if s.id == "data_drop")
+    (drop,) = (s for s in step_hypotheses(honest(bench()), [Instant(50.0)]) if s.id == "data_drop")
     assert drop.effect.values["samples"] == 1.0
 
 

@@ -14,6 +14,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import (
     step_hypotheses,
     steps_at,
 )
+from tiltcal.diagnosis.hypotheses.instants import Instant
 from tiltcal.diagnosis.model.channel_noise import noise_under
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
@@ -25,7 +26,7 @@ SPAN = CoordinateRanges(
 
 
 def test_every_step_may_set_in_at_once_or_creep():
-    found = [s for s in steps_at(honest(bench()), 50.0, 60) if s.id == "acc_bias_step"]
+    found = [s for s in steps_at(honest(bench()), Instant(50.0), 60) if s.id == "acc_bias_step"]
     assert sorted(s.effect.values.get("creep", 0.0) for s in found) == [0.0, *CREEPS]
     assert all(s.effect.values["time"] == 50.0 for s in found)
 
@@ -88,7 +89,7 @@ def test_a_step_has_to_show_without_the_samples_next_to_it(rows, ends, good):
     at = 1000
     x[at : at + rows if rows else None] += 10 * np.median(np.abs(np.diff(x)))
     found = prepare(honest(truth), [rewritten(sound, accel_x_m_s2=x)])
-    times = [float(sound.time[at + end] - sound.time[0]) - 0.05 for end in ends]
+    times = [Instant(float(sound.time[at + end] - sound.time[0]) - 0.05) for end in ends]
     steps = [
         s for s in step_hypotheses(found.observations.scenario, times) if s.id == "acc_bias_step"
     ]

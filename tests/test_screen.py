@@ -18,7 +18,7 @@ from tiltcal.calibration.screen.explanations import Explanation, alike, in_words
 from tiltcal.calibration.screen.units import unit_test
 from tiltcal.core.frames import sphere
 from tiltcal.recordings.static_poses import find_poses
-from tiltcal.statistics.dither import left_by_rounding
+from tiltcal.statistics.dither import left_by_rounding, noise_posterior, rounding_variance
 
 SETUP = setup_of("handheld", ACCEL)
 CASES = [(name, fault) for name in MAKERS for fault in FAULTS[name]]
@@ -51,7 +51,34 @@ def test_what_rounding_leaves_in_a_long_mean_is_what_is_stated(codes):
     rounded = np.round((true + rng.normal(size=(400, 4000))) / codes) * codes
     left = np.mean((rounded.mean(axis=1) - true[:, 0]) ** 2)
     variance = float(rounded.var(axis=1).mean())
-    assert left == pytest.approx(left_by_rounding(variance, codes) + variance / 4000, rel=0.2)
+    stated = float(left_by_rounding(np.array([1 / codes]))[0]) * codes**2
+    assert left == pytest.approx(stated + variance / 4000, rel=0.2)
+
+
+@pytest.mark.parametrize("codes", [2.0, 4.0, 6.0])
+@pytest.mark.parametrize("place", ["anywhere", "half near edges"])
+def test_few_dwells_tell_the_noise_before_rounding(codes, place):
+    """Six dwells of 200 readings; near an edge their spread is that of two codes."""
+    rng = rng_of(f"few dwells {codes} {place}")
+    ratio = []
+    for _ in range(60):
+        edge = rng.uniform(-0.5, 0.5, 6)
+        edge[: 0 if place == "anywhere" else 3] = rng.uniform(0.45, 0.5)
+        true = codes * (np.arange(6) * 7 + edge)
+        rounded = np.round((true[:, None] + rng.normal(size=(6, 200))) / codes) * codes
+        means = rounded.mean(axis=1)
+        residuals = [(r - m)[:, None] for r, m in zip(rounded, means, strict=True)]
+        stated = rounding_variance(np.array([codes]), residuals, means[:, None])
+        ratio.append(
+            float(stated[0, 0]) / float(left_by_rounding(np.array([1 / codes]))[0]) / codes**2
+        )
+    assert 0.7 < np.median(ratio) < 1.6
+    assert np.quantile(ratio, 0.05) > 0.4
+
+
+def test_readings_without_codes_in_common_leave_the_noise_open():
+    chances = noise_posterior([np.zeros(5)])
+    assert chances.max() < 0.2
 
 
 def test_a_frozen_stretch_is_found_and_a_quiet_sensor_with_coarse_codes_is_not_frozen():

@@ -26,7 +26,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
 from tiltcal.effects.parameter import Need, Parameter, Stage
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
@@ -57,6 +57,7 @@ class Effect(Traits, ABC):
         fit: whether a diagnosis may re-fit it.
         seen_in: fingerprint of the recording that an event happened in; other recordings come after
             it.
+        earlier: fingerprints of recordings that were made before the event.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -66,6 +67,7 @@ class Effect(Traits, ABC):
     sigmas: Mapping[str, float] = field(default_factory=dict)
     fit: bool = False
     seen_in: str | None = None
+    earlier: tuple[str, ...] = ()
 
     id: ClassVar[str] = ""
     stage: ClassVar[Stage]
@@ -221,6 +223,10 @@ class WritingEffect(Effect):
     def restored(self, axis: str, time: Array, written: Array) -> Array:
         """The readout behind a written one, as far as it can be told, rad, (n,)."""
         return written
+
+    def untold(self, axis: str, time: Array, written: Array) -> Mask | None:
+        """Rows, (n,), whose motion the written readout does not tell; None: it tells all."""
+        return None
 
     def stamps(self, time: Array) -> Array:
         """The stamps as written, s, (n,)."""

@@ -2,7 +2,7 @@
 
 import importlib
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from types import ModuleType
@@ -37,6 +37,7 @@ FAMILIES = (
     "electronics.mains",
     "electronics.supply",
     "timing.delays",
+    "timing.readout_timing",
     "data.faults",
     "data.labelling_faults",
 )
@@ -137,6 +138,7 @@ def make_effect(
     role: str | None = None,
     fit: bool = False,
     seen_in: str | None = None,
+    earlier: Sequence[str] = (),
     subject: str = "effect",
 ) -> Effect:
     """An effect from a file's words: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup,
@@ -150,6 +152,7 @@ def make_effect(
         return replace(
             make_learned(values, setup, sensor=sensor, axis=axis, role=role, subject=subject),
             seen_in=seen_in,
+            earlier=tuple(earlier),
         )
     if id not in CATALOGUE:
         raise TiltcalError(
@@ -172,7 +175,8 @@ def make_effect(
         target[name] = number_of(value, f"{subject}, key {key}") * factor
         if target is numbers:
             check_allowed(known[name], numbers[name], value, f"{subject}, key {key}")
-    return cls(numbers, bound.name if bound else None, axis, role, sigmas, fit, seen_in)
+    where = bound.name if bound else None
+    return cls(numbers, where, axis, role, sigmas, fit, seen_in, tuple(earlier))
 
 
 def _bound_to(
@@ -244,6 +248,8 @@ def to_file(effect: Effect) -> dict[str, Any]:
     for key in ("sensor", "axis", "role", "seen_in"):
         if getattr(effect, key) is not None:
             table[key] = getattr(effect, key)
+    if effect.earlier:
+        table["earlier"] = list(effect.earlier)
     if effect.fit:
         table["fit"] = True
     parameters = {

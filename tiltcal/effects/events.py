@@ -1,4 +1,6 @@
-"""Events happen in one recording; the next one finds their after-state."""
+"""Events happen in one recording: those before it do not meet them, the next ones find what they
+leave.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,14 +12,25 @@ AGO = 1e9  # s: long before any recording's first stamp
 
 
 def as_met(effects: Sequence[Effect], recording: str) -> list[Effect]:
-    """The effects as a recording of this fingerprint meets them: events of other recordings are
-    over.
+    """The effects as a recording of this fingerprint meets them: events of earlier recordings are
+    over, those of later ones are still to come.
     """
-    return [
-        met
-        for e in effects
-        if (met := e if e.seen_in in (None, recording) else afterwards(e)) is not None
-    ]
+    return [met for e in effects if (met := _met(e, recording)) is not None]
+
+
+def _met(effect: Effect, recording: str) -> Effect | None:
+    if effect.seen_in is None or same_recording(effect.seen_in, recording):
+        return effect
+    if any(same_recording(r, recording) for r in effect.earlier):
+        return None
+    return afterwards(effect)
+
+
+def same_recording(one: str, other: str) -> bool:
+    """Whether two fingerprints are of one recording; without readings it is told by its stamps."""
+    stamps, _, readings = one.partition("-")
+    others, _, read = other.partition("-")
+    return stamps == others and (not readings or not read or readings == read)
 
 
 def afterwards(effect: Effect) -> Effect | None:

@@ -213,6 +213,8 @@ def learned_table(effect: Learned) -> dict[str, Any]:
         for key in ("sensor", "axis", "role", "seen_in", "slot", "turn")
         if (value := getattr(effect, key))
     }
+    if effect.earlier:
+        table["earlier"] = list(effect.earlier)
     if effect.knots:
         table["knots"] = list(effect.knots)
     shape = (

@@ -64,6 +64,8 @@ class Traits:
     """Its parameter is a level at which it begins to act: readings are not in proportion to it."""
     acts_from_an_instant: ClassVar[bool] = False
     """It begins at its parameter ``time``."""
+    like_event: ClassVar[str] = ""
+    """Id of the event that looks the same between two recordings: it is drawn anew for each."""
     spectral_line: ClassVar[Literal["", "time", "angle"]] = ""
     """It is a narrow line in the spectrum over time, or over the angle of an axis."""
     wander: ClassVar[float] = 0.0

@@ -249,7 +249,10 @@ def restored(course: Replay, effects: Sequence[Effect]) -> Replay:
             angles = {
                 n: effect.restored(n, course.time, angle) for n, angle in course.angles.items()
             }
-            course = replace(course, angles=angles)
+            untold = [effect.untold(n, course.time, a) for n, a in course.angles.items()]
+            course = course.with_angles(angles)
+            for rows in untold:
+                course = course if rows is None else replace(course, known=course.known & ~rows)
     return course
 
 

@@ -82,6 +82,7 @@ class Scenario(Setup):
                 role=t.role,
                 fit=t.fit,
                 seen_in=t.seen_in,
+                earlier=t.earlier,
                 subject=f"effect {k}",
             )
             for k, t in enumerate(self.effect, start=1)

@@ -22,6 +22,7 @@ class EffectTable(BaseModel):
     finding: Annotated[int, Field(ge=1)] | None = None
     fit: bool = False
     seen_in: str | None = None
+    earlier: tuple[str, ...] = ()
 
 
 class SourceTable(BaseModel):

@@ -80,7 +80,7 @@ def read_log_or_means(path: Path | str) -> Recording:
         plain.extra,
         plain.metadata,
         plain.source,
-        {split_unit(n)[0]: _si(n, columns[n], path.name) for n in sorted(sigmas)},
+        sigma={split_unit(n)[0]: _si(n, columns[n], path.name) for n in sorted(sigmas)},
     )
 
 

@@ -24,6 +24,7 @@ from tiltcal.setup.tables import angle_channel, axis_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
+FINGERPRINT_ROWS = 4096  # of each column of readings
 JOINS = "joined at s"  # metadata: stamps at which another recording begins
 
 
@@ -38,6 +39,7 @@ class Recording(Tabular):
         extra: columns that are no channel (no unit in their name), kept as text.
         metadata: ``# key: value`` lines.
         source: where it came from, for messages.
+        origin: fingerprint of the recording that this one was made from; None: of none.
     """
 
     time: Array
@@ -46,6 +48,7 @@ class Recording(Tabular):
     extra: Mapping[str, Labels] = field(default_factory=dict)
     metadata: Mapping[str, str] = field(default_factory=dict)
     source: str = "recording"
+    origin: str | None = None
 
     @classmethod
     def from_columns(
@@ -57,6 +60,7 @@ class Recording(Tabular):
         extra: Mapping[str, Labels] | None = None,
         metadata: Mapping[str, str] | None = None,
         source: str = "recording",
+        origin: str | None = None,
     ) -> "Recording":
         """Group columns of full length, (n,) each with NaN for 'not sampled', into blocks."""
         groups: dict[bytes, dict[str, Array]] = {}
@@ -71,14 +75,23 @@ class Recording(Tabular):
                 continue
             rows = np.flatnonzero(~np.isnan(next(iter(group.values()))))
             blocks.append(Block(rows, {name: values[rows] for name, values in group.items()}))
-        return cls(time, tuple(blocks), labels, dict(extra or {}), dict(metadata or {}), source)
+        return cls(
+            time, tuple(blocks), labels, dict(extra or {}), dict(metadata or {}), source, origin
+        )
 
     @cached_property
     def fingerprint(self) -> str:
-        """What tells this recording from another: a digest of its stamps."""
-        return hashlib.sha256(np.ascontiguousarray(np.round(self.time, 6)).tobytes()).hexdigest()[
-            :16
-        ]
+        """What tells this recording from another, also after samples of it were repaired or left
+        out: a digest of its stamps and, where it has any, one of its readings.
+        """
+        if self.origin is not None:
+            return self.origin
+        readings = [n for n in self.column_names if _is_reading(n)]
+        stamps = _digest([np.round(self.time, 6)], 16)
+        if not readings:
+            return stamps
+        first = [self.column(n)[:FINGERPRINT_ROWS] for n in sorted(readings)]
+        return f"{stamps}-{_digest(first, 8)}"
 
     def __len__(self) -> int:
         return len(self.time)
@@ -286,6 +299,19 @@ class Recording(Tabular):
         from tiltcal.recordings.recording_files import write_recording
 
         write_recording(self, path)
+
+
+def _is_reading(name: str) -> bool:
+    """Whether a column is what a sensor read, not where the table stood or how warm it was."""
+    channel = split_unit(name)[0]
+    return axis_of(channel) is None and channel != "temperature"
+
+
+def _digest(columns: Iterable[Array], digits: int) -> str:
+    digest = hashlib.sha256()
+    for column in columns:
+        digest.update(np.ascontiguousarray(column).tobytes())
+    return digest.hexdigest()[:digits]
 
 
 def stem(source: str) -> str:

@@ -1,6 +1,6 @@
 """A recorded readout replayed: the Course that a model needs to predict a recording."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -42,6 +42,10 @@ class Replay:
     def times(self) -> tuple[float, float]:
         """First and last instant, s."""
         return float(self.time[0]), float(self.time[-1])
+
+    def with_angles(self, angles: dict[str, Array]) -> "Replay":
+        """The same with other angles, its stops told from them."""
+        return replace(self, angles=angles, stop=numbered_stops(self.time, angles))
 
     def drive(self, time: Array) -> Drive:
         """The drive at these times; between the stamps by interpolation."""
@@ -100,6 +104,17 @@ class Replay:
         )
 
 
+def numbered_stops(time: Array, angles: dict[str, Array]) -> Index:
+    """Number of the stop of each row of a readout (rad, (n,) each), -1 while moving, (n,)."""
+    resting, parted = np.ones(len(time), bool), NOWHERE
+    if angles:
+        resting, parted = at_rest(time, np.column_stack(list(angles.values())))
+    begins = np.diff(resting.astype(int), prepend=0) == 1
+    begins[parted] = resting[parted]
+    starts = np.flatnonzero(begins)
+    return np.where(resting, np.searchsorted(starts, np.arange(len(time)), side="right") - 1, -1)
+
+
 def replay(
     recording: Recording, setup: Setup, reference_temperature: float | None = None
 ) -> Replay:
@@ -130,15 +145,7 @@ def replay(
         float(np.mean(temperature)) if reference_temperature is None else reference_temperature
     )
     mounts = tuple(parse_mounts(recording.metadata.get("mount", setup.rig.mount)))
-    resting, parted = np.ones(len(recording), bool), NOWHERE
-    if angles:
-        resting, parted = at_rest(recording.time, np.column_stack(list(angles.values())))
-    begins = np.diff(resting.astype(int), prepend=0) == 1
-    begins[parted] = resting[parted]
-    starts = np.flatnonzero(begins)
-    stop = np.where(
-        resting, np.searchsorted(starts, np.arange(len(recording)), side="right") - 1, -1
-    )
+    stop = numbered_stops(recording.time, angles)
     return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from tiltcal.design.identifiability import POWER
 from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
+from tiltcal.diagnosis.conclusions.events import beside_drawn_anew, place_of
 from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where
 from tiltcal.diagnosis.conclusions.parts import fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
@@ -68,6 +69,7 @@ def _finding(
     observations = whitened.observations
     term = fitted.terms[places[0]]
     effect = term.effect
+    names = beside_drawn_anew(names, effect)
     removed = remove_finding(fitted, whitened, places)
     law = whole_law(fitted, whitened, places, removed)
     sensors, axes = strongest(removed.signal, observations)
@@ -84,6 +86,7 @@ def _finding(
             coordinate_of_effect(effect, scenario),
             harmonic_of(effect, scenario.rig),
             _interval(effect),
+            recording=place_of(effect, observations.recordings),
         ),
         parts=parts_of(fitted, places, law, observations),
         p_value=float(np.exp(log_p)),
@@ -139,6 +142,7 @@ def _statement(
     other = f" (or {others}: this recording cannot tell)" if others else ""
     size = shown(parameters) if parameters else f"as a curve over {finding.where.coordinate}"
     place = f"{', '.join(finding.sensors)} {', '.join(finding.axes)}"
+    place += f" {finding.where.recording}" if finding.where.recording else ""
     return f"{title[:1].upper()}{title[1:]} ({id}) on {place}{other}: {size}."
 
 
@@ -224,4 +228,5 @@ def _dated(fitted: FittedModel, k: int, recording: Recording) -> Effect:
         for e in (effect, *([term.host.effect] if term.host else []))
     )
     sigmas = dict(zip(term.names, (float(s) for s in fitted.sigmas(k)), strict=True))
-    return replace(effect, sigmas=sigmas, seen_in=recording.fingerprint if event else None)
+    first = recording.fingerprint if event else None
+    return replace(effect, sigmas=sigmas, seen_in=effect.seen_in or first)

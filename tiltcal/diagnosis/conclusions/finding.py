@@ -22,12 +22,15 @@ class Where:
     Args:
         coordinate: what it follows; harmonic: orders over the outer and inner angle; interval: s
             from the first stamp; seen: range of the coordinate over which a curve was learned.
+        recording: of several, the one that an event happened in, or the two that it happened
+            between.
     """
 
     coordinate: str
     harmonic: tuple[int, int] | None = None
     interval: tuple[float, float | None] | None = None
     seen: SeenRange | None = None
+    recording: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -36,6 +39,7 @@ class Where:
             "harmonic": list(self.harmonic) if self.harmonic else None,
             "interval_s": None if self.interval is None else list(self.interval),
             "seen": None if self.seen is None else self.seen.to_json(),
+            **({} if self.recording is None else {"recording": self.recording}),
         }
 
 

@@ -38,6 +38,7 @@ def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
         extra=recording.extra,
         metadata=recording.metadata,
         source=recording.source,
+        origin=recording.fingerprint,
     )
 
 

@@ -147,7 +147,12 @@ def condensed(recording: Recording) -> Recording:
     first = np.concatenate([[0], np.flatnonzero(np.diff(which)) + 1])
     rests = np.array([str(k) for k in stop[first]])
     return Recording.from_columns(
-        time, columns, extra={REST: rests}, metadata=recording.metadata, source=recording.source
+        time,
+        columns,
+        extra={REST: rests},
+        metadata=recording.metadata,
+        source=recording.source,
+        origin=recording.fingerprint,
     )
 
 

@@ -219,7 +219,9 @@ class TableObservations(Observations):
                 i: self._mean(column) for i, column in self._whole.changes(effect, around).items()
             }
         for number, watch in enumerate(self.watches(around)):
-            changes = watch.changes(effect)
+            changes: dict[str, Array] = {}
+            for met in as_met([effect], self.recordings[number].fingerprint):
+                changes = watch.changes(met)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
                     column = changes[c.sensor][self._blocks_of[i], c.column]

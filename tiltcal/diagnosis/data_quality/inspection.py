@@ -13,6 +13,7 @@ from tiltcal.diagnosis.data_quality.flat_and_repeated import (
     repeated_samples,
     stuck_values,
 )
+from tiltcal.diagnosis.data_quality.held_readout import held_readout
 from tiltcal.effects.electronics.converter import AdcStuckBit
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -44,9 +45,8 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
     for recording in recordings:
         recording, words = in_order(recording)
         notes += words
-        faults += [
-            f for f in truncated_angles(recording, scenario) if (f.effect.id, None) not in known
-        ]
+        of_readout = (*truncated_angles(recording, scenario), *held_readout(recording, scenario))
+        faults += [f for f in of_readout if (f.effect.id, None) not in known]
         for sensor in scenario.sensor:
             if not recording.has(sensor):
                 continue
@@ -100,5 +100,10 @@ def in_order(recording: Recording) -> tuple[Recording, list[str]]:
     columns = {name: recording.column(name)[keep] for name in recording.column_names}
     labels = None if recording.labels is None else recording.labels[keep]
     return Recording.from_columns(
-        time[keep], columns, labels=labels, metadata=recording.metadata, source=recording.source
+        time[keep],
+        columns,
+        labels=labels,
+        metadata=recording.metadata,
+        source=recording.source,
+        origin=recording.fingerprint,
     ), [words]

@@ -111,7 +111,8 @@ def _loss(own: Sequence[tuple[Channel, Array]]) -> tuple[float, int] | None:
         )
         if lost >= 2 and (best is None or agree > best[0]):
             best = (agree, k, lost)
-    if best is None or best[0] < 0.9:
+    alike = float(np.mean(np.abs(early - np.median(early)) <= 1))
+    if best is None or best[0] < 0.9 or best[0] <= alike:  # as early from the first move on
         return None
     _, k, lost = best
     return _instant(own, lags[k - 1][0], lags[k][1], lost), lost

@@ -26,8 +26,8 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     if curve.listed:
         return _same_law(curve, host)
     assert isinstance(effect, Learned)
-    if effect.is_step:
-        return False
+    if effect.is_step or (host.effect.seen_in is not None and effect.coordinate == "time"):
+        return False  # a curve over time is the same in every recording
     family = host.law.family
     if isinstance(effect, LearnedReading):
         if effect.sensor != host.effect.sensor or (
@@ -56,7 +56,7 @@ def _same_law(listed: Hypothesis, host: Hypothesis) -> bool:
         return False
     law, mine, other = listed.law, listed.effect.values, host.effect.values
     if law.acts_from_an_instant:  # what creeps on after it
-        return mine["time"] == other["time"] and mine.get("creep", 0) > 0
+        return listed.instant == host.instant and mine.get("creep", 0) > 0
     if law.wander:
         return abs(mine["frequency"] - other["frequency"]) < law.wander
     return law.alike_on_axes or (law.superposes and listed.effect.axis == host.effect.axis)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
+from tiltcal.diagnosis.hypotheses.instants import Instant
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import DelayEffect, Effect
 from tiltcal.effects.calibration_terms import calibration_effect
@@ -61,6 +62,11 @@ class Hypothesis:
     def has_instant(self) -> bool:
         """Whether it begins at an instant."""
         return self.law.acts_from_an_instant
+
+    @property
+    def instant(self) -> Instant | None:
+        """When it begins; None where that is no instant."""
+        return Instant.of(self.effect) if self.has_instant else None
 
     @property
     def is_step(self) -> bool:
@@ -175,22 +181,21 @@ def _told_on(cls: type[Effect], scenario: Scenario) -> bool:
     return bool(scenario.rig.axes) or not of_table
 
 
-def step_hypotheses(scenario: Scenario, times: Sequence[float]) -> Iterator[Hypothesis]:
-    """Effects that begin at an instant, at these times (s from the first stamp)."""
+def step_hypotheses(scenario: Scenario, times: Sequence[Instant]) -> Iterator[Hypothesis]:
+    """Effects that begin at an instant, at these."""
     for cls in CATALOGUE.values():
         if not (cls.acts_from_an_instant and _told_on(cls, scenario)):
             continue
         for sensor in scenario.sensors(*cls.kinds) if cls.kinds else (None,):
             for time in times:
-                yield _hypothesis(
-                    cls, scenario, sensor, None, {"time": float(time)}, max(len(times), 1)
-                )
+                step = _hypothesis(cls, scenario, sensor, None, {}, max(len(times), 1))
+                yield replace(step, effect=time.date(step.effect))
 
 
 CREEPS = (0.5, 1.5, 4.0, 10.0, 25.0, 60.0)  # s
 
 
-def steps_at(scenario: Scenario, time: float, tried: int) -> Iterator[Hypothesis]:
+def steps_at(scenario: Scenario, time: Instant, tried: int) -> Iterator[Hypothesis]:
     """Every effect that may have begun at an instant, at once or creeping on; tried: how many
     instants were looked at.
     """

@@ -15,12 +15,12 @@ from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypotheses, step_hypotheses
+from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.dictionary import instants
 from tiltcal.diagnosis.search.explanation import Explanation, explain
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.effects import CATALOGUE
@@ -114,7 +114,7 @@ def _term(effect: Effect) -> FittedTerm:
     }
     names = tuple(n for n, v in effect.sizes.items() if v)
     plausible = {n: CURVE if isinstance(effect, Learned) else sizes[n] for n in names}
-    plain = replace(effect, values={**effect.values, **plausible}, sigmas={}, seen_in=None)
+    plain = replace(effect, values={**effect.values, **plausible}, sigmas={})
     return FittedTerm(Hypothesis(plain, names), names, tuple(effect.values[n] for n in names))
 
 
@@ -184,10 +184,8 @@ def _hypotheses_of(
     """
     scenario = observations.scenario
     span = ranges_of(observations, lines)
-    times = (
-        sorted({s.effect.values["time"] for s in own if "time" in s.effect.values})
-        or instants(observations)[::4]
-    )
+    own_instants = dict.fromkeys(s.instant for s in own if s.instant is not None)
+    times = list(own_instants) or instants(observations)[::4]
     every = chain(
         own,
         listed_hypotheses(scenario, span),

@@ -7,6 +7,7 @@ import numpy as np
 
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.instants import recording_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
 from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
@@ -120,11 +121,11 @@ def _next_to_the_instant(term: FittedTerm, observations: Observations) -> Iterat
     """Each sample next to the instant of a step, one column for each."""
     if not term.hypothesis.is_step:
         return
+    number = recording_of(term.effect, observations.recordings)
+    instant = observations.recordings[number].time[0] + term.effect.values["time"]
     for i, channel in enumerate(observations.channels):
-        if channel.derived or channel.recording or len(channel.time) < 2:
+        if channel.derived or channel.recording != number or len(channel.time) < 2:
             continue
-        away = np.abs(
-            channel.time - observations.recordings[0].time[0] - term.effect.values["time"]
-        )
+        away = np.abs(channel.time - instant)
         for row in np.flatnonzero(away < NEXT * np.median(np.diff(channel.time))):
             yield {i: (np.arange(len(away)) == row).astype(float)}

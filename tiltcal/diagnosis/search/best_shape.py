@@ -32,10 +32,9 @@ def best_shape(proposal: Proposal, fitted: FittedModel, whitened: WhitenedModel)
     terms = refined(own, fitted, whitened)
     changed = terms[0].hypothesis is not hypothesis
     near = [t.hypothesis for t in terms] if changed else []
-    if hypothesis.has_instant:
-        time = terms[0].hypothesis.effect.values["time"]
+    if (instant := terms[0].hypothesis.instant) is not None:
         scenario = whitened.observations.scenario
-        near += list(steps_at(scenario, time, hypothesis.variants))
+        near += list(steps_at(scenario, instant, hypothesis.variants))
     if not hypothesis.listed:
         near += list(resolutions([t.hypothesis for t in proposal.explanation.terms]))
     best = _best([proposal, *in_shapes(proposal, near, fitted, whitened)])

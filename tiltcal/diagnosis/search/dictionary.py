@@ -7,18 +7,16 @@ from itertools import chain
 
 import numpy as np
 
-from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses, step_hypotheses
+from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.effects.spans import SpectralLines
-
-MOST_STEPS = 120  # instants at which a step is looked for before the best one is moved row by row
 
 
 def build_dictionary(
@@ -66,18 +64,3 @@ def extend_dictionary(
         if hypothesis.law.spectral_line and (lines is None or lines in new.ripples):
             columns.add(hypothesis, fitted.effects)
     return len(columns.hypotheses) > before
-
-
-def instants(observations: Observations) -> list[float]:
-    """Instants at which a step is tried: the ends of moves, or an even grid, s from the first
-    stamp.
-    """
-    first = observations.recordings[0]
-    span = float(first.time[-1] - first.time[0])
-    channel = observations.channels[0]
-    edges = (
-        channel.time[np.flatnonzero(np.diff((channel.stop >= 0).astype(int)) != 0)] - first.time[0]
-    )
-    if not 8 <= len(edges) <= MOST_STEPS:
-        edges = np.linspace(0, span, 62)[1:-1]
-    return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]

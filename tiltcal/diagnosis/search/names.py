@@ -146,7 +146,7 @@ def _rows(state: State, k: int, scan: Scan) -> list[_Row]:
 
 def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Proposal]:
     """Other events at the instant of one, which is known to a sample."""
-    if not law.has_instant:
+    if (instant := law.instant) is None:
         return
     whitened, fitted = rest.whitened, rest.fitted
     odds = {
@@ -154,7 +154,7 @@ def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Propos
         for h, prior in zip(whitened.hypotheses, scan.log_odds, strict=True)
         if h.has_instant
     }
-    steps = list(steps_at(whitened.observations.scenario, law.effect.values["time"], law.variants))
+    steps = list(steps_at(whitened.observations.scenario, instant, law.variants))
     local = whitened.beside([h for h in steps if h.place in odds])
     for k in range(len(whitened.hypotheses), len(local.hypotheses)):
         place = local.hypotheses[k].place

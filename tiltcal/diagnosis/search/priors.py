@@ -1,5 +1,6 @@
 """Prior probabilities of hypotheses: equal for every place of a named effect, a quarter of all for
-curves; shared by the shapes of each.
+curves; shared by the shapes of each. An event of several recordings is as probable between two of
+them as within them.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,10 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
     found = np.zeros(len(hypotheses))
     for kind, which in members.items():
         share = UNLISTED / curves if kind[0] is None else (1 - UNLISTED) / named
-        found[which] = np.log(share / len(which))
+        pause = np.array([(i := hypotheses[k].instant) is not None and i.in_pause for k in which])
+        halves = [half for half in (pause, ~pause) if half.any()]
+        for half in halves:
+            found[np.array(which)[half]] = np.log(share / len(halves) / half.sum())
     return found
 
 

@@ -46,7 +46,10 @@ def refined(
     """
     first = terms[0].hypothesis
     duration = float(np.ptp(whitened.observations.recordings[0].time))
+    pause = first.instant is not None and first.instant.in_pause
     for name in _shapes_of(terms):
+        if pause and name == "time":
+            continue
         line = name == "frequency" and first.law.spectral_line == "time"
         step = LINE / duration if line else STEP[name]
         added = line or name in SHIFTED

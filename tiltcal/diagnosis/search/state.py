@@ -89,7 +89,7 @@ def one_cause(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two hypotheses are one cause at two shapes: an event is one at its own instant."""
     if not one.listed or one.place != other.place:
         return False
-    return not one.has_instant or one.effect.values["time"] == other.effect.values["time"]
+    return one.instant == other.instant
 
 
 def without(state: State, *which: int) -> State:

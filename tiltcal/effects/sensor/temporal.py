@@ -133,6 +133,8 @@ class AccTurnOn(SignalEffect):
     excited_by = "several recordings with power cycles between"
     look = "a constant in one recording, another in the next"
     random = True
+    like_event = "acc_bias_step"
+    told_apart_by = {"acc_bias_step": "record twice more, with the power switched off between"}
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         return (

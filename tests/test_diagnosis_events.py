@@ -1,0 +1,99 @@
+"""Events of several recordings: between two of them, in one of them, and what the others meet."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tiltcal.core.units import G0
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.effects.events import as_met, same_recording
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
+
+KNOWN = {
+    "schema": 1,
+    "name": "two recordings of one set-up",
+    "site": {"gravity_m_s2": 9.80123},
+    "rig": {"table": "dual"},
+    "sensor": [
+        {
+            "name": "accel",
+            "kind": "accelerometer",
+            "rate_hz": 10,
+            "adjustable": ["bias", "scale", "cross_axis"],
+        }
+    ],
+}
+SEQUENCE = [{"action": "scheme", "scheme": "tumble", "dwell_s": 2}]
+NOISE = {"id": "acc_noise", "white_ug_rthz": 25}
+LABORATORY = SimulatedLaboratory()
+
+
+def recorded(seed, *effects):
+    """One recording; all have the same stamps."""
+    text = KNOWN | {"seed": seed, "sequence": SEQUENCE, "effect": [NOISE, *effects]}
+    return LABORATORY.record(parse_scenario(text), seed)
+
+
+@pytest.fixture(scope="module")
+def before():
+    return recorded(1)
+
+
+def test_recordings_of_equal_stamps_are_told_apart_by_their_readings(before):
+    other = recorded(2)
+    assert np.array_equal(before.time, other.time)
+    assert not same_recording(before.fingerprint, other.fingerprint)
+    motion = replace(
+        before, blocks=tuple(b for b in before.blocks if "accel_x_m_s2" not in b.columns)
+    )
+    assert same_recording(motion.fingerprint, before.fingerprint)
+
+
+def test_step_between_two_recordings_is_a_class_with_the_run_to_run_bias(before):
+    after = recorded(2, {"id": "acc_bias", "bias_x_ug": 900})
+    answer = diagnose(parse_scenario(KNOWN), [before, after], laboratory=LABORATORY)
+    (finding,) = answer.findings
+    assert finding.names == ("acc_bias_step", "acc_turn_on")
+    assert answer.verdict == "ambiguous"
+    assert "between" in (finding.where.recording or "")
+    value, sigma = finding.parameters["bias_step_x_ug"]
+    assert abs(value - 900) < 4 * sigma
+    assert sigma < 20
+    assert sum(finding.name_probability.values()) == pytest.approx(1, abs=1e-3)
+
+
+def test_remount_between_two_recordings_is_a_class_with_a_slip(before):
+    after = recorded(
+        3, {"id": "mount_slip", "slip_x_arcsec": 80, "slip_y_arcsec": -50, "time_s": 0}
+    )
+    answer = diagnose(parse_scenario(KNOWN), [before, after])
+    assert answer.findings[0].names == ("mount_slip", "remount_repeatability")
+
+
+def test_step_in_the_second_recording_is_not_met_by_the_first(before):
+    after = recorded(4, {"id": "acc_bias_step", "bias_step_y_ug": 600, "time_s": 60})
+    answer = diagnose(parse_scenario(KNOWN), [before, after], laboratory=LABORATORY)
+    (finding,) = answer.findings
+    assert (answer.verdict, finding.effect) == ("explained", "acc_bias_step")
+    assert finding.where.interval[0] == pytest.approx(60, abs=2)
+    amended = parse_scenario(answer.amended)
+    (step,) = (e for e in amended.effects if e.id == "acc_bias_step")
+    assert as_met([step], before.fingerprint) == []
+    assert as_met([step], after.fingerprint) == [step]
+    later = recorded(5)
+    assert as_met([step], later.fingerprint)[0].value("time") < 0
+    sensor = amended.named("accel")
+    change = [
+        LABORATORY.predict(amended, r).sensor(sensor).values[-1, 1]
+        - LABORATORY.predict(amended, r).sensor(sensor).values[0, 1]
+        for r in (before, after, later)
+    ]
+    assert change[1] - change[0] == pytest.approx(600e-6 * G0, rel=0.1)
+    assert change[2] == pytest.approx(change[0], abs=1e-6 * G0)
+
+
+def test_two_recordings_without_an_event_match(before):
+    answer = diagnose(parse_scenario(KNOWN), [before, recorded(6)])
+    assert (answer.verdict, answer.findings) == ("match", ())

@@ -1,0 +1,60 @@
+"""A readout that is repeated while the table moves: it was sent less often than it was written."""
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.quantisation import code_grid
+from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.effects.timing.readout_timing import ReadoutRate
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+
+FEWEST = 16  # steps of a move that an interval is told from
+MOVING = 0.1  # of the largest steps: smaller ones are the ends of moves, or noise at rest
+CODES = 4.0  # a step of so many codes is no slow turn of a coarse readout
+ALIKE = 0.98  # of the intervals: they are whole numbers of rows next to their mean
+
+
+def held_readout(recording: Recording, scenario: Scenario) -> list[Fault]:
+    """A readout that stands still between updates while the table moves."""
+    found = [
+        interval
+        for axis in scenario.rig.axis_names
+        if (angle := recording.table(axis)) is not None
+        and (interval := update_interval(recording.time, angle)) is not None
+    ]
+    if not found:
+        return []
+    interval = float(np.mean(found))
+    step = float(np.median(np.diff(recording.time)))
+    words = (
+        f"The readout of the table is updated every {1e3 * interval:.4g} ms only; in between the"
+        " file repeats it. Rests and steady turns are compared, and no other moves."
+    )
+    first = scenario.sensor[0]
+    effect = ReadoutRate({"interval": interval}, None, None, "found")
+    return [
+        Fault(effect, (first.name,), tuple(first.axes), words, sigma={"interval": step / FEWEST})
+    ]
+
+
+def update_interval(time: Array, angle: Array) -> float | None:
+    """Time between the updates of a readout (rad, (n,), NaN where it was not read), s; None where
+    each row has its own.
+    """
+    read = np.flatnonzero(~np.isnan(angle))
+    new = np.flatnonzero(np.diff(angle[read], prepend=np.nan) != 0)
+    steps = np.abs(np.diff(angle[read][new]))
+    if len(steps) <= FEWEST:
+        return None
+    moving = steps > MOVING * np.partition(steps, -FEWEST)[-FEWEST]
+    code = code_grid(angle[read])
+    inside = np.flatnonzero(moving[1:] & moving[:-1]) + 1
+    if len(inside) < FEWEST or (code and np.median(steps[inside]) < CODES * code):
+        return None
+    rows = np.diff(new)[inside]
+    mean = float(np.mean(rows))
+    alike = np.abs(rows - mean) < 1
+    if mean < 2 - 1 / FEWEST or np.mean(alike) < ALIKE:
+        return None
+    return float(np.mean(np.diff(time[read][new])[inside][alike]))

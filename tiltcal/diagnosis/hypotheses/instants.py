@@ -1,0 +1,81 @@
+"""Instants at which an event may have happened: in a recording, or between two."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Channel, Observations
+from tiltcal.effects.base import Effect
+from tiltcal.recordings.recording import Recording
+
+FEW, MOST = 8, 120  # instants; of fewer or more moves an even grid stands for their ends
+GRID = 60  # instants
+
+
+@dataclass(frozen=True)
+class Instant:
+    """When an event may have happened.
+
+    Args:
+        time: s from the first stamp of its recording; 0: between the recording before and this one.
+        seen_in, earlier: fingerprints of its recording and of those before it; None and none where
+            there is one recording only.
+    """
+
+    time: float
+    seen_in: str | None = None
+    earlier: tuple[str, ...] = ()
+
+    @property
+    def in_pause(self) -> bool:
+        """Whether it lies between two recordings."""
+        return bool(self.earlier) and self.time <= 0
+
+    @classmethod
+    def of(cls, effect: Effect) -> "Instant":
+        """When an event happened."""
+        return cls(float(effect.values["time"]), effect.seen_in, effect.earlier)
+
+    def date(self, effect: Effect) -> Effect:
+        """An event at this instant."""
+        return replace(
+            effect,
+            values={**effect.values, "time": self.time},
+            seen_in=self.seen_in,
+            earlier=self.earlier,
+        )
+
+
+def instants(observations: Observations) -> list[Instant]:
+    """Instants at which a step is tried: the ends of moves, or an even grid; and the pauses between
+    recordings.
+    """
+    recordings = observations.recordings
+    names = [r.fingerprint for r in recordings]
+    several = len(recordings) > 1
+    found = []
+    for number, recording in enumerate(recordings):
+        own = next((c for c in observations.channels if c.recording == number), None)
+        times = [] if own is None else _within(own, recording, MOST // len(recordings))
+        if number:
+            times.append(0.0)
+        seen = (names[number], tuple(names[:number])) if several else (None, ())
+        found += [Instant(t, *seen) for t in times]
+    return found
+
+
+def _within(channel: Channel, recording: Recording, most: int) -> list[float]:
+    """Instants in one recording, s from its first stamp."""
+    elapsed = channel.time - recording.time[0]
+    span = float(np.ptp(recording.time))
+    edges: Array = elapsed[np.flatnonzero(np.diff((channel.stop >= 0).astype(int)) != 0)]
+    if not FEW <= len(edges) <= most:
+        edges = np.linspace(0, span, min(GRID, most) + 2)[1:-1]
+    return [float(t) for t in edges if 0.01 * span < t < 0.99 * span]
+
+
+def recording_of(effect: Effect, recordings: Sequence[Recording]) -> int:
+    """Number of the recording that an event happened in."""
+    return next((k for k, r in enumerate(recordings) if r.fingerprint == effect.seen_in), 0)

@@ -15,7 +15,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.recordings.samples import Block, Labels, Samples
+from tiltcal.recordings.samples import Block, Labels, Samples, si_values
 from tiltcal.recordings.stamps import require_measurable, require_onward
 from tiltcal.recordings.temperature import smooth_temperature
 from tiltcal.setup.sensor import Sensor
@@ -183,29 +183,9 @@ class Recording(Tabular):
         units = tuple(str(split_unit(name)[1]) for name in names)
         for name, values in zip(names, raw.T, strict=True):
             require_measurable(values, self.time[rows], name, self.source)
-        return Samples(self.time[rows], self._si(sensor, names, raw), sensor.axes, units, rows)
-
-    def _si(self, sensor: Sensor, names: list[str], raw: Array) -> Array:
-        units = [split_unit(name)[1] for name in names]
-        if sensor.input is not None and all(u == sensor.input.unit for u in units):
-            return sensor.input.to_si(raw)
-        factors = []
-        for name, unit in zip(names, units, strict=True):
-            known = COLUMN_UNITS[str(unit)]
-            if known.quantity != sensor.quantity:
-                fix = (
-                    "add input = {unit = ..., zero = ..., per_...} to the sensor"
-                    if known.quantity == "raw"
-                    else "rename it"
-                )
-                raise TiltcalError(
-                    f"{self.source}, column {name}",
-                    found=f"unit {unit}",
-                    need=f"a unit of {sensor.quantity}",
-                    do=fix,
-                )
-            factors.append(known.factor)
-        return np.asarray(raw * np.array(factors))
+        return Samples(
+            self.time[rows], si_values(sensor, names, raw, self.source), sensor.axes, units, rows
+        )
 
     def table(self, axis: str, suffix: str = "") -> Array | None:
         """Readout of a table axis, rad, (n,), NaN where it was not read; None without such a

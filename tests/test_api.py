@@ -1,6 +1,7 @@
 """The names at the top of the package, and that they do what the commands do."""
 
 import ast
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -185,6 +186,17 @@ def test_a_design_is_saved_and_simulated(bench, tmp_path):
     assert len(saved.sequence) == design.plan.forecast.poses
     with pytest.raises(tc.TiltcalError, match="axis 'uter', need one of outer, inner"):
         bench.design(60.0, angles_deg={"uter": (-10, 10)})
+
+
+def test_a_diagnosis_is_saved_without_files_that_nobody_named(recording, tmp_path):
+    found = tc.Diagnosis("match", "Nothing differs.", recordings=(recording,))
+    found.save(tmp_path / "out")
+    table = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert (table["verdict"], table["recordings"]) == ("match", [])
+    assert recording.source in (tmp_path / "out" / "report.html").read_text()
+    assert (tmp_path / "out" / "amended.toml").exists()
+    assert found.headline() == "match: Nothing differs."
+    assert len(found.to_arrow()) == 0
 
 
 def test_the_certificate_of_the_readme_in_a_dozen_lines(tmp_path, monkeypatch):

@@ -132,7 +132,7 @@ def main(arguments: Sequence[str]) -> int:
         [read_recording(given.recording)],
         search=lambda prepared: explained(prepared, SELECTIONS[method]),
     )
-    write_results(found, given.output, [given.recording])
+    write_results(found, given.output, [given.recording.name], [given.recording])
     return 0
 
 

@@ -11,7 +11,7 @@ from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions import finding
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.recordings.recording import Recording, stem
+from tiltcal.recordings.recording import Recording
 from tiltcal.report.diagnosis import write_diagnosis
 
 
@@ -20,18 +20,20 @@ class Diagnosis(finding.Diagnosis):
     """A diagnosis that can be saved.
 
     Args:
-        sources: names of the recordings; and see ``tiltcal.diagnosis``.
+        scenario: that was diagnosed; recordings: of it. The other fields are those of the answer.
     """
 
-    sources: tuple[str, ...] = ()
+    scenario: Scenario | None = None
+    recordings: tuple[Recording, ...] = ()
 
     def save(self, folder: Path | str) -> None:
-        """Write diagnosis.json, amended.toml and report.html to a folder.
+        """Write diagnosis.json, amended.toml and report.html to a folder. The first names no files
+        of recordings.
 
         Raises:
             TiltcalError: the folder cannot be written.
         """
-        write_results(self, Path(folder), [Path(stem(s)) for s in self.sources])
+        write_results(self, Path(folder), [r.source for r in self.recordings])
 
 
 def honest_scenario(path: Path | str) -> Scenario:
@@ -78,19 +80,27 @@ def explain(
     """
     laboratory = simulator(progress)
     found = diagnose(scenario, recordings, static=static, laboratory=laboratory, progress=progress)
-    return Diagnosis(**vars(found), sources=tuple(r.source for r in recordings))
+    return Diagnosis(**vars(found), scenario=scenario, recordings=tuple(recordings))
 
 
-def write_results(found: finding.Diagnosis, folder: Path, recordings: Sequence[Path]) -> None:
-    """Write the files of a diagnosis; diagnosis.json names the recordings, for `design --split`."""
+def write_results(
+    found: finding.Diagnosis, folder: Path, names: Sequence[str], files: Sequence[Path] = ()
+) -> None:
+    """Write the files of a diagnosis.
+
+    Args:
+        found: the answer; folder: where its files go.
+        names: of the recordings, for the report.
+        files: of the recordings, for `design --split`; none where they are not known.
+    """
     import tomli_w
 
     make_folder(folder)
     write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
-    write_diagnosis(found, folder / "report.html", ", ".join(path.name for path in recordings))
-    write_json(folder / "diagnosis.json", results_json(found, recordings))
+    write_diagnosis(found, folder / "report.html", ", ".join(names))
+    write_json(folder / "diagnosis.json", results_json(found, files))
 
 
-def results_json(found: finding.Diagnosis, recordings: Sequence[Path]) -> dict[str, object]:
+def results_json(found: finding.Diagnosis, files: Sequence[Path]) -> dict[str, object]:
     """The table of diagnosis.json."""
-    return found.to_json() | {"recordings": [str(path.absolute()) for path in recordings]}
+    return found.to_json() | {"recordings": [str(path.absolute()) for path in files]}

@@ -100,7 +100,8 @@ def _explainer(scenario: Scenario, progress: Progress) -> Callable[[Sequence[Pat
 
     def diagnose_files(files: Sequence[Path], place: Path) -> None:
         data = [read_recording(path) for path in files]
-        write_results(explain(scenario, data, progress=progress), place, files)
+        found = explain(scenario, data, progress=progress)
+        write_results(found, place, [path.name for path in files], files)
 
     return diagnose_files
 

@@ -3,6 +3,7 @@ of each residual.
 """
 
 import importlib
+import pkgutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+import tiltcal
 from tiltcal.design.identifiability import reference_scenario
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
@@ -118,6 +120,9 @@ def main() -> None:
     """Write docs/api."""
     import pdoc
 
+    for name in tiltcal.__all__:
+        getattr(tiltcal, name)  # loaded when asked for: pdoc shows what is there
+    tiltcal.__all__ += [room.name for room in pkgutil.iter_modules(tiltcal.__path__) if room.ispkg]
     importlib.import_module("tiltsim.laboratory")  # before pdoc forbids what importing MuJoCo runs
     (OUT / "residuals").mkdir(parents=True, exist_ok=True)
     (OUT / "catalogue.md").write_text(catalogue_page(), encoding="utf-8")

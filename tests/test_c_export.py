@@ -3,20 +3,28 @@ million inputs.
 """
 
 import json
+import re
+import subprocess
 
 import host
 import numpy as np
 import pytest
 from builders import ACCEL, G, setup_of
+from firmware_vectors import Case
 from scenario_files import refusal
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.c_export import header
+from tiltcal.calibration.firmware.fixed_linear import range_of
+from tiltcal.calibration.firmware.header import header
+from tiltcal.calibration.firmware.log_units import log_unit
+from tiltcal.calibration.firmware.vectors import firmware_vectors
 from tiltcal.calibration.methods.registry import _with_setup
 from tiltcal.calibration.result import calibration_from
 from tiltcal.cli import main
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.sensor import Input
 
 SETUP = setup_of("placing", ACCEL.model_copy(update={"axes": ("x", "y")}))
 N = 1_000_000
@@ -157,6 +165,51 @@ def test_look_ups_by_angle_agree_with_python(folder):
 
 
 @needs_compiler
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"axes": ("x", "y")},
+        {"axes": ("y", "x"), "unit": "mg"},
+        {"axes": ("x", "y", "z"), "input": Input(unit="LSB", zero=[33000, 32500, 100], per_g=4000)},
+    ],
+    ids=["m/s2", "mg", "counts and z"],
+)
+def test_readings_in_the_units_of_the_log_agree_with_correct(changes, tmp_path):
+    setup = setup_of("placing", ACCEL.model_copy(update=changes))
+    found = _with_setup(calibration(), setup)
+    (sensor,) = setup.sensor
+    unit = log_unit(sensor)
+    (tmp_path / "level.h").write_text(header(found, setup, "level"))
+    vectors = firmware_vectors(found)
+    inputs = tuple(f"accel_{a}_{unit.written}" for a in sensor.axes)
+    outputs = tuple(f"accel_{a}_corrected_{unit.corrected}" for a in "xy")
+    case = Case(tmp_path / "level.h", "level", "accel", inputs, outputs)
+    expected = np.column_stack([vectors.column(c) for c in outputs])
+    assert not np.isnan(expected).any()
+    assert np.abs(case.run(vectors, None, "-DLEVEL_DOUBLE") - expected).max() < 1e-10
+    assert np.abs(case.run(vectors, None) - expected).max() < 2e-6 * np.abs(expected).max()
+    text = (tmp_path / "level.h").read_text()
+    places = int(re.search(r"f: (\d+) places; worst error", text)[1])
+    stated = float(re.search(r"interpolated: (\S+) ", text)[1])
+    flags = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
+    whole = case.run(vectors, range_of(sensor, unit).places, *flags)
+    assert np.abs(whole * 2.0**-places - expected).max() < stated
+    wild = {c: rng_of(c).choice([-(2**31), 2**31 - 1, 0], 400).astype(float) for c in inputs}
+    assert len(case.run(Recording.from_columns(vectors.time, wild), 0, *flags)) == 400
+
+
+@needs_compiler
+def test_the_integers_need_no_floating_point_registers(folder):
+    (folder / "only.c").write_text('#include "level.h"\n')
+    words = [host.compiler(), "-std=c99", "-mgeneral-regs-only", "-DLEVEL_FIXED_ONLY", "-c"]
+    words += ["-fkeep-inline-functions", "only.c"]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    if "unrecognized" in done.stderr or "unknown argument" in done.stderr:
+        pytest.skip("this compiler cannot forbid floating-point registers")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@needs_compiler
 def test_one_axis_and_a_wide_table_compile_as_well(tmp_path, forces):
     (tmp_path / "level.h").write_text(
         header(calibration(axes="y", angles=range(-80, 81, 5)), SETUP, "level")
@@ -215,7 +268,7 @@ def test_the_command_writes_the_header_and_refuses_other_calibrations(tmp_path, 
     assert main(["export", str(tmp_path / "CAL.json")]) == 0
     assert "tiltcal_rounded" in capsys.readouterr().out
     assert main(["export", str(good / "CAL.json"), "--name", "bench"]) == 0
-    assert "static void bench_accel(const bench_real *reading" in capsys.readouterr().out
+    assert "static inline void bench_accel(const bench_real *reading" in capsys.readouterr().out
     tilt = json.loads((good / "CAL.json").read_text())
     tilt |= {"parameters": {"base.roll": {"value": 0.1, "sigma": 0.0, "unit": "rad"}}}
     tilt.pop("covariance")

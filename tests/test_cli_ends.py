@@ -157,7 +157,7 @@ def test_a_reader_that_has_gone_ends_a_command_in_silence(words):
 
 
 def test_without_a_simulator_the_message_says_what_to_install(here, monkeypatch, capsys):
-    monkeypatch.setattr("tiltcal.cli.laboratory.entry_points", lambda **_: ())
+    monkeypatch.setattr("tiltcal.api.simulating.entry_points", lambda **_: ())
     assert "need the package tiltsim" in refusal(
         ["simulate", "bench.toml", "-o", "run.csv"], here, capsys
     )

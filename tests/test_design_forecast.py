@@ -8,7 +8,6 @@ from scipy.stats import chi2
 from statistics_helpers import FALSE_ALARM, rng_of, seed_of
 
 from tiltcal.calibration.methods.registry import calibrate
-from tiltcal.cli.segments import read_segments
 from tiltcal.core.units import G0
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.plan import Plan, design
@@ -18,6 +17,7 @@ from tiltcal.design.steps import designed_table, segments_csv, steps_of
 from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.design.time_budget import Clock
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
+from tiltcal.recordings.segment_files import read_segments
 from tiltsim.laboratory import MujocoLaboratory
 
 TRIALS, WHITE = 40, 200.0

@@ -11,21 +11,21 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from statistics_helpers import rng_of
 
-import tiltcal.gym
+import tiltcal.design.gym
 from tiltcal.core.errors import TiltcalError
 from tiltcal.design.criteria import gain
 from tiltcal.design.gradient_search import Problem
+from tiltcal.design.gym.calibrations import Bench, Task
+from tiltcal.design.gym.policies import BASELINES, following, greedy, leaderboard, named, rollout
+from tiltcal.design.gym.spaces import DWELLS, action_of, menu, pose_of
+from tiltcal.design.gym.training import START, law, train
+from tiltcal.design.gym.wrappers import StepAngles, WithinAngles
 from tiltcal.design.polynomial import KINDS, textbook_model
-from tiltcal.gym.calibrations import Bench, Task
-from tiltcal.gym.policies import BASELINES, following, greedy, leaderboard, named, rollout
-from tiltcal.gym.spaces import DWELLS, action_of, menu, pose_of
-from tiltcal.gym.training import START, law, train
-from tiltcal.gym.wrappers import StepAngles, WithinAngles
 
-CONTINUOUS, DISCRETE = tiltcal.gym.IDS
+CONTINUOUS, DISCRETE = tiltcal.design.gym.IDS
 
 
-@pytest.mark.parametrize("id", tiltcal.gym.IDS)
+@pytest.mark.parametrize("id", tiltcal.design.gym.IDS)
 @pytest.mark.parametrize("model", KINDS)
 def test_the_checker_has_nothing_to_say(id, model):
     with warnings.catch_warnings():
@@ -42,8 +42,8 @@ def test_the_installed_entry_point_registers_the_environments():
         if p.value.startswith("tiltcal")
     ]
     point.load()()
-    assert set(tiltcal.gym.IDS) <= set(gymnasium.registry)
-    assert gymnasium.make(f"tiltcal.gym:{CONTINUOUS}").spec.id == CONTINUOUS
+    assert set(tiltcal.design.gym.IDS) <= set(gymnasium.registry)
+    assert gymnasium.make(f"tiltcal.design.gym:{CONTINUOUS}").spec.id == CONTINUOUS
 
 
 @pytest.mark.parametrize("model", KINDS)
@@ -78,7 +78,7 @@ def test_the_return_is_the_information_of_the_whole_sequence(model, drift):
     )
 
 
-@pytest.mark.parametrize("id", tiltcal.gym.IDS)
+@pytest.mark.parametrize("id", tiltcal.design.gym.IDS)
 def test_many_environments_are_as_many_single_ones(id):
     rng = rng_of(f"many {id}")
     many = gymnasium.make_vec(id, num_envs=3, model="K2K3")

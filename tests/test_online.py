@@ -10,11 +10,11 @@ import pytest
 from builders import ACCEL, GYRO, G, setup_of
 from scenario_files import HEAD
 
-from tiltcal.calibration.c_export import header
+from tiltcal.api.simulating import simulator
+from tiltcal.calibration.firmware.header import header
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import Calibration
 from tiltcal.cli import main
-from tiltcal.cli.laboratory import simulator
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import ARCSEC

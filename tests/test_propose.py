@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from foreign_logs import VARIANTS, Log, score
 
+from tiltcal.api.simulating import simulator
 from tiltcal.cli import main
-from tiltcal.cli.laboratory import simulator
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import split_unit

@@ -5,8 +5,8 @@ promised.
 import numpy as np
 import pytest
 
+from tiltcal.api.simulating import simulator
 from tiltcal.calibration.methods.registry import METHODS
-from tiltcal.cli.laboratory import simulator
 from tiltcal.core.assets import folder
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from scenario_files import BENCH_SCENARIO, refusal
 
-from tiltcal.calibration.c_export import header, in_comment
 from tiltcal.calibration.correction import setup_of
+from tiltcal.calibration.firmware.header import header, in_comment
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
 from tiltcal.core.csv_cells import cell_of, text_of

@@ -12,8 +12,8 @@ from builders import ACCEL, GYRO, G, setup_of
 from host import STRICT, compiler
 from statistics_helpers import rng_of
 
-from tiltcal.calibration.c_export import header
 from tiltcal.calibration.correction import correct_pieces, corrected_columns
+from tiltcal.calibration.firmware.header import header
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.calibration.result import calibration_from
 from tiltcal.cli import main

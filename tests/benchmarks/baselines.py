@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.cli.diagnose import write_results
+from tiltcal.api.diagnosing import write_results
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
 from tiltcal.diagnosis.diagnose import diagnose
@@ -132,7 +132,7 @@ def main(arguments: Sequence[str]) -> int:
         [read_recording(given.recording)],
         search=lambda prepared: explained(prepared, SELECTIONS[method]),
     )
-    write_results(found, given.output, [given.recording])
+    write_results(found, given.output, [given.recording.name], [given.recording])
     return 0
 
 

@@ -16,7 +16,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from tiltcal.cli.laboratory import simulator
+from tiltcal.api.simulating import simulator
 from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.tasks.journal import open_journal
 from tiltcal.core.tasks.outcome import Limits, Outcome

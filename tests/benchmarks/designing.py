@@ -11,16 +11,16 @@ import numpy as np
 
 from tiltcal.cli.design import TEXTBOOK
 from tiltcal.design.gradient_search import Problem
+from tiltcal.design.gym.calibrations import Task
+from tiltcal.design.gym.policies import leaderboard
+from tiltcal.design.gym.training import train
+from tiltcal.design.gym.vector import CalibrationVector
 from tiltcal.design.maxmin import blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
 from tiltcal.design.signatures import catalogue_signatures
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.time_budget import Clock
-from tiltcal.gym.calibrations import Task
-from tiltcal.gym.policies import leaderboard
-from tiltcal.gym.training import train
-from tiltcal.gym.vector import CalibrationVector
 from tiltcal.laboratory.scenario import parse_scenario
 
 BARS = {

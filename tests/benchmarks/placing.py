@@ -55,7 +55,7 @@ def exported() -> str:
     import host
     from test_firmware import SETUP, calibration
 
-    from tiltcal.calibration.c_export import header
+    from tiltcal.calibration.firmware.header import header
 
     if host.compiler() is None:
         return "no C compiler"

@@ -125,7 +125,7 @@ def corrected_columns(
         )
         shown = tilt_of_force(fixed, g) if sensor.kind == "inclinometer" else fixed
         for i, axis in enumerate(sensor.axes):
-            unit = _unit(samples.units[i], sensor)
+            unit = corrected_unit(samples.units[i], sensor)
             key = f"{name}_{axis}_corrected_{unit}"
             columns[key] = _full(
                 shown[:, i] / COLUMN_UNITS[unit].factor, samples.rows, len(recording)
@@ -191,7 +191,7 @@ def _no_triad(recording: Recording, gyro: str) -> TiltcalError:
     )
 
 
-def _unit(written: str, sensor: Sensor) -> str:
+def corrected_unit(written: str, sensor: Sensor) -> str:
     """The unit of the reading, or SI where it was raw."""
     known = COLUMN_UNITS[written].quantity
     return (

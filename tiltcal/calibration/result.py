@@ -19,6 +19,7 @@ from tiltcal.core.files import write_json
 from tiltcal.core.frames import tilt_of_force
 from tiltcal.core.numerical import undetermined
 from tiltcal.core.read_back import checked, read_json
+from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import G0, PARAMETER_UNITS
 from tiltcal.recordings.static_poses import PoseSpan
 from tiltcal.setup.sensor import Sensor
@@ -44,7 +45,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Tabular):
     """What a method found.
 
     Args:
@@ -183,7 +184,22 @@ class Calibration:
             table |= {"bias_tables": dict(self.bias_tables), "lookup": self.lookup}
         return table
 
-    def save(self, path: Path) -> None:
+    def as_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Parameter, value, sigma and unit, one row a parameter."""
+        rows = self.parameters.values()
+        return {
+            "parameter": list(self.parameters),
+            "value": [float(e.value) for e in rows],
+            "sigma": [float(e.sigma) for e in rows],
+            "unit": [e.unit for e in rows],
+        }
+
+    def headline(self) -> str:
+        """Method, verdict and the tests that failed."""
+        failed = [f"{t.name}: {t.statement}" for t in self.tests if not t.passed]
+        return "; ".join([f"calibration by {self.method}: {self.verdict}", *failed])
+
+    def save(self, path: Path | str) -> None:
         """Write CAL.json, whole or not at all."""
         write_json(Path(path), self.to_json())
 

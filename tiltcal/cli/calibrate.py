@@ -1,34 +1,30 @@
 """``tiltcal calibrate``."""
 
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from tiltcal.calibration.methods.registry import calibrate as run_method
+from tiltcal.api.calibrating import estimate, estimate_for_certificate, one_recording
 from tiltcal.calibration.result import Calibration
 from tiltcal.cli.certificate import (
     DccFile,
     ReportFile,
     Statements,
     require_statements,
-    without_budget,
     write_reports,
 )
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
 from tiltcal.cli.output import print_json, print_table, say
-from tiltcal.cli.segments import read_segments
 from tiltcal.core.errors import TiltcalError
-from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.recordings.joining import joined
+from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.means_table import read_log_or_means
-from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segment_files import read_segments
 from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
 from tiltcal.report.html import parameter_rows
 from tiltcal.report.stated import NOTHING_STATED
-from tiltcal.validation.uncertainty_budget import Budget, make_budget
+from tiltcal.validation.uncertainty_budget import Budget
 
 BUDGET_HEADER = ("parameter", "source", "type", *BUDGET_COLUMNS[3:])
 
@@ -79,19 +75,15 @@ def calibrate(
     """
     require_statements(stated, dcc)
     described = load_scenario(scenario)
-    read = [read_log_or_means(file).require_increasing() for file in (recording_file, *more)]
-    recording = joined(read, described.rig.mount)
+    read = [read_log_or_means(file) for file in (recording_file, *more)]
+    recording = one_recording(described, read)
     options = parse_options(option)
     if segments:
         options["segments"] = read_segments(segments, recording)
-    try:
-        with_budget = budget or report is not None or dcc is not None
-        calibration, found = _estimate(method, recording, described, options, with_budget)
-    except TiltcalError as error:
-        if budget or not with_budget:
-            raise
-        calibration, found = _estimate(method, recording, described, options, False)
-        calibration = without_budget(calibration, error)
+    if budget or (report is None and dcc is None):
+        calibration, found = estimate(method, recording, described, options, budget)
+    else:
+        calibration, found = estimate_for_certificate(method, recording, described, options)
     if output:
         calibration.save(output)
     dwells = options.get("segments")
@@ -103,25 +95,6 @@ def calibrate(
         if found is not None and budget:
             print_budget(found)
     return 0 if calibration.verdict == "good" else 1
-
-
-def _estimate(
-    method: str,
-    recording: Recording,
-    scenario: Scenario,
-    options: dict[str, Any],
-    with_budget: bool,
-) -> tuple[Calibration, Budget | None]:
-    budget: Budget | None = None
-    if with_budget:
-        calibration, budget = make_budget(method, recording, scenario, scenario.budget, **options)
-    else:
-        calibration = run_method(method, recording, scenario, **options)
-    unknown = recording.unknown(scenario.sensor)
-    if unknown:
-        note = "columns that belong to no sensor of the scenario are ignored: " + ", ".join(unknown)
-        calibration = replace(calibration, warnings=[*calibration.warnings, note])
-    return calibration, budget
 
 
 def parse_options(words: tuple[str, ...]) -> dict[str, Any]:

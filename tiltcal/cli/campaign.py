@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from tiltcal.api.simulating import simulator
 from tiltcal.cli.campaign_output import print_summary
-from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import (
     DEFAULT_BUDGET,
     SEVERAL,

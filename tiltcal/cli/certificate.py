@@ -1,12 +1,12 @@
 """``tiltcal certificate``, and the options of ``tiltcal calibrate`` that write one."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter
 
+from tiltcal.api.certifying import certificate_of
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, tell
@@ -93,12 +93,6 @@ def write_files(made: Certificate, page: Path | None, dcc: Path | None) -> list[
     return written
 
 
-def without_budget(calibration: Calibration, error: TiltcalError) -> Calibration:
-    """A calibration for whose certificate the budget could not be evaluated: a warning says why."""
-    note = f"the uncertainty budget could not be evaluated: {error}"
-    return replace(calibration, warnings=[*calibration.warnings, note])
-
-
 def write_reports(
     calibration: Calibration,
     recording: Recording,
@@ -111,7 +105,5 @@ def write_reports(
 ) -> None:
     """What ``tiltcal calibrate`` writes for --report and --dcc."""
     if page is not None or dcc is not None:
-        made = make_certificate(
-            calibration, stated, recording, budget, segments, assumed=not scenario.budget
-        )
+        made = certificate_of(calibration, stated, recording, scenario, budget, segments)
         write_files(made, page, dcc)

@@ -5,16 +5,15 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from tiltcal.api.calibrating import judged
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
 from tiltcal.cli.output import print_json, say
-from tiltcal.cli.segments import read_segments
-from tiltcal.core.numerical import determining
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.segment_files import read_segments
 from tiltcal.validation.cross_check import Check
-from tiltcal.validation.cross_check import check as cross_check
 
 
 def check(
@@ -37,10 +36,8 @@ def check(
     """
     recording = read_recording(recording_file).require_increasing()
     dwells = read_segments(segments, recording) if segments else None
-    limit = None if limit_arcsec is None else limit_arcsec * ARCSEC
     known, described = load_calibration(calibration), load_scenario(scenario)
-    with determining(recording.source, "whether this calibration is good on it"):
-        result = cross_check(known, recording, described, limit, dwells)
+    result = judged(known, recording, described, limit_arcsec, dwells)
     if as_json:
         print_json(to_json(result))
     else:

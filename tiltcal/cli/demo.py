@@ -12,9 +12,9 @@ import numpy as np
 import tomli_w
 from cyclopts import Parameter
 
+from tiltcal.api.simulating import simulator
 from tiltcal.cli.demo_case import bench, concealed, ordinary
 from tiltcal.cli.diagnose import diagnose
-from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import SEED, Json
 from tiltcal.cli.output import print_table, progress_line, say, tell
 from tiltcal.cli.verify import finish

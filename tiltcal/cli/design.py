@@ -3,30 +3,25 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Group, Parameter
 
+from tiltcal.api.designing import DesignedSequence, designed
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
 from tiltcal.cli.output import print_json, print_table, progress_line, say
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import write_json, write_text
 from tiltcal.core.tasks.engines import shared_engine
 from tiltcal.core.units import DEG, G0
-from tiltcal.design.feasibility import check_possible
 from tiltcal.design.gradient_search import Problem
-from tiltcal.design.plan import Plan
-from tiltcal.design.plan import design as find_plan
 from tiltcal.design.polynomial import textbook_model
+from tiltcal.design.scenario_problem import clock_of, scenario_problem, sensor_of
 from tiltcal.design.static_instrument import Still
-from tiltcal.design.steps import designed_table, printable, segments_csv, steps_csv, steps_of
-from tiltcal.design.terms import Wanted, scenario_model
+from tiltcal.design.terms import Wanted
 from tiltcal.design.time_budget import Clock
 from tiltcal.effects.sensor.noise import AccNoise
 from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
-from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import DUAL
 
 AIM = Parameter(name="*", group=Group("Aim", sort_key=1))
@@ -96,22 +91,18 @@ def design(
         wanted = (blind_to_nothing, aim, table, seed)
         with shared_engine(engine, jobs) as opened:
             return design_visible_poses(scenario, *wanted, opened, output, as_json)
-    clock = clock_of(table, scenario)
-    still = Still(scenario, clock.budget)
-    problem, unseen = problem_of(aim, table, scenario, clock)
-    untold = check_possible(problem, still.axes, everything="all" in aim.terms)
+    problem, unseen = problem_of(aim, table, scenario, clock_given(table, scenario))
     with claimed(output):
         with progress_line() as notice, shared_engine(engine, jobs) as opened:
-            plan = find_plan(problem, scenario.rig.kind, seed, notice=notice, engine=opened)
-        up = still.up(plan.angles)
+            everything = "all" in aim.terms
+            found = designed(scenario, problem, unseen, everything, seed, notice, opened)
         if output:
-            write_plan(plan, scenario, up, output)
+            found.save(output)
     if as_json:
-        print_json(plan.to_json() | {"unseen": list(unseen), "untold": list(untold)})
+        untold = list(found.inseparable)
+        print_json(found.plan.to_json() | {"unseen": list(unseen), "untold": untold})
     else:
-        show(plan, up, unseen)
-        if untold:
-            say("not separable from the other terms by these poses: " + ", ".join(untold))
+        show(found)
     return 0
 
 
@@ -128,20 +119,17 @@ def _scenario_of(path: Path | None, aim: Aim) -> Scenario:
     )
 
 
-def clock_of(table: TableTime, scenario: Scenario) -> Clock:
-    """Speed, times and limits of the table."""
+def clock_given(table: TableTime, scenario: Scenario) -> Clock:
+    """Speed, times and limits of the table, as the options state them."""
     axes = Still(scenario, table.budget_s).axes
-    limits = {
-        axis: (low * DEG, high * DEG)
-        for axis, (low, high) in axis_limits(table.angles, axes).items()
-    }
-    return Clock(
+    return clock_of(
+        scenario,
         table.budget_s,
-        table.rate_deg_s * DEG,
+        table.rate_deg_s,
         table.settle_s,
-        *table.dwell_s,
-        tuple(limits.get(name) for name in axes),
-        table.step_deg * DEG,
+        table.dwell_s,
+        axis_limits(table.angles, axes),
+        table.step_deg,
     )
 
 
@@ -153,78 +141,36 @@ def problem_of(
     if aim.textbook is not None:
         model = textbook_model(aim.textbook, "drift" in nuisance, clock.budget)
         return Problem(model, clock, aim.criterion), ()
-    sensor = sensor_of(scenario, aim.sensor)
-    terms = aim.terms or (
-        *sensor.adjustable,
-        *(t.id for t in scenario.effect if t.fit and t.sensor in (None, sensor.name)),
-    )
     wanted = Wanted(
-        terms or ("bias", "scale", "cross_axis"),
+        aim.terms,
         nuisance,
         aim.grade,
         aim.prior,
         table.floor_ug * 1e-6 * G0,
         aim.range_deg * DEG,
     )
-    model, unseen = scenario_model(scenario, sensor, wanted, clock.budget)
-    return Problem(model, clock, aim.criterion), unseen
+    return scenario_problem(scenario, sensor_of(scenario, aim.sensor), wanted, clock, aim.criterion)
 
 
-def sensor_of(scenario: Scenario, wanted: str | None) -> Sensor:
-    """The accelerometer or inclinometer to design for.
-
-    Raises:
-        TiltcalError: there is none.
-    """
-    fitting = [s for s in scenario.sensor if s.is_accelerometer and wanted in (None, s.name)]
-    if not fitting:
-        raise TiltcalError(
-            f"scenario {scenario.name}",
-            found=(f"no accelerometer or inclinometer{f' named {wanted}' if wanted else ''}"),
-            need="an accelerometer or inclinometer: dwells measure only gravity",
-            do="add one, or correct --sensor (a gyro is calibrated by turns)",
-        )
-    return fitting[0]
-
-
-def write_plan(
-    plan: Plan,
-    scenario: Scenario,
-    up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]",
-    folder: Path,
-) -> None:
-    """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder."""
-    import tomli_w
-
-    steps = steps_of(plan, up)
-    write_text(
-        folder / "design.toml",
-        tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),
-    )
-    write_text(folder / "steps.csv", steps_csv(steps))
-    write_text(folder / "steps.txt", printable(plan, up))
-    write_text(folder / "segments.csv", segments_csv(plan))
-    write_json(folder / "design.json", plan.to_json())
-
-
-def show(
-    plan: Plan, up: "np.ndarray[tuple[int, int], np.dtype[np.float64]]", unseen: tuple[str, ...]
-) -> None:
+def show(found: DesignedSequence) -> None:
     """Print the steps, and the forecasts of this design and of classic sequences."""
-    say(printable(plan, up))
-    forecast = plan.forecast
+    say(str(found))
+    forecast = found.plan.forecast
     rows = [
         ["this design", f"{forecast.nats:.2f}", f"{forecast.tilt_arcsec:.3f}", str(forecast.poses)]
     ]
     rows += [
         [name, f"{f.nats:.2f}", f"{f.tilt_arcsec:.3f}", str(f.poses)]
-        for name, f in plan.baselines.items()
+        for name, f in found.plan.baselines.items()
     ]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
-    if not plan.problem.model.interest.all():
+    if not found.plan.problem.model.interest.all():
         say(
             "the sigmas hold for a fit of all these terms including nuisances: calibrate with terms"
             " that include the drift"
         )
-    if unseen:
-        say("not visible in any pose: " + ", ".join(unseen))
+    if found.unseen:
+        say("not visible in any pose: " + ", ".join(found.unseen))
+    if found.inseparable:
+        names = ", ".join(found.inseparable)
+        say(f"not separable from the other terms by these poses: {names}")

@@ -1,22 +1,15 @@
 """``tiltcal diagnose``."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.laboratory import simulator
+from tiltcal.api.diagnosing import explain, honest_scenario, results_json, write_results
 from tiltcal.cli.options import DescribedBy, Json
 from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.core.claimed_folder import claimed
-from tiltcal.core.errors import TiltcalError
-from tiltcal.core.files import make_folder, write_json, write_text
-from tiltcal.diagnosis.conclusions.finding import Diagnosis
-from tiltcal.diagnosis.diagnose import diagnose as explain
-from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.report.diagnosis import write_diagnosis
 
 
 def diagnose(
@@ -49,43 +42,11 @@ def diagnose(
     at_rest = read_recording(static) if static else None
     with claimed(output):
         with progress_line() as progress:
-            laboratory = simulator(progress)
-            found = explain(honest, data, static=at_rest, laboratory=laboratory, progress=progress)
+            found = explain(honest, data, at_rest, progress)
         if output:
-            write_results(found, output, recordings)
+            write_results(found, output, [path.name for path in recordings], recordings)
     if as_json:
-        print_json(_as_json(found, recordings))
+        print_json(results_json(found, recordings))
     else:
-        say(f"{found.verdict}: {found.statement}")
+        say(found.headline())
     return 1 if check and found.verdict != "match" else 0
-
-
-def honest_scenario(path: Path) -> Scenario:
-    """Load a scenario without concealed truth.
-
-    Raises:
-        TiltcalError: its role is "concealed".
-    """
-    scenario = load_scenario(path)
-    if scenario.role == "concealed":
-        raise TiltcalError(
-            f"scenario {path}",
-            found='role = "concealed": it contains the truth',
-            need="a scenario without the truth",
-            do="give the scenario without its concealed effects",
-        )
-    return scenario
-
-
-def write_results(found: Diagnosis, folder: Path, recordings: Sequence[Path]) -> None:
-    """Write the files of a diagnosis; diagnosis.json names the recordings, for `design --split`."""
-    import tomli_w
-
-    make_folder(folder)
-    write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
-    write_diagnosis(found, folder / "report.html", ", ".join(path.name for path in recordings))
-    write_json(folder / "diagnosis.json", _as_json(found, recordings))
-
-
-def _as_json(found: Diagnosis, recordings: Sequence[Path]) -> dict[str, object]:
-    return found.to_json() | {"recordings": [str(path.absolute()) for path in recordings]}

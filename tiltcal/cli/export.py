@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from tiltcal.calibration.result import load_calibration
+from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, require_output, say, tell
 from tiltcal.cli.verdict import print_verdict
@@ -33,6 +33,14 @@ def export(
     calibration: Annotated[
         Path | None, Parameter(help="Calibration whose biases the SDF noise has as means.")
     ] = None,
+    log: Annotated[
+        Path | None,
+        Parameter(help="c: recording whose units are used; those of the scenario if not given."),
+    ] = None,
+    vectors: Annotated[
+        Path | None,
+        Parameter(help="c: recording to write for tests: readings and their correction."),
+    ] = None,
     output: Annotated[
         Path | None, Parameter(alias="-o", help="File to write; text goes to stdout if not given.")
     ] = None,
@@ -40,21 +48,28 @@ def export(
 ) -> int:
     """Export a calibration, a noise model or a recording for other programs.
 
-    C header of placing-angle tables: the 2-D array, look-up with rounding and
-    with interpolation, and the corrector, in floating point and in integers; of
-    triads: bias, scale and axes, over temperature too. It does not use malloc.
+    C99 header of bias, scale, axes, g-sensitivity and their temperature, or of
+    placing-angle tables, in floating point and in integers, in the units of the
+    log, without malloc.
 
-      tiltcal export CAL.json -o bias.h --name level
+      tiltcal export CAL.json -o imu.h --name imu --vectors vectors.csv
       tiltcal export CAL.json --format px4 -o imu.params
       tiltcal export rest.csv --format kalibr -o imu.yaml
       tiltcal export run.csv -o run.mcap            # PlotJuggler, Foxglove, ROS 2
     """
     chosen = format or ("c" if file.suffix == ".json" else "recording")
+    if chosen != "c" and (log or vectors):
+        raise TiltcalError(
+            f"command line of `tiltcal export --format {chosen}`",
+            found="--log" if log else "--vectors",
+            need="--format c: they belong to a header",
+            do="leave it out",
+        )
     if chosen == "recording":
         return _recording(file, output, as_json)
     require_output("export", output, as_json, "the text")
     if chosen in _OF_CALIBRATION:
-        text = _of_calibration(chosen, file, name)
+        text = _of_calibration(chosen, file, name, log, vectors)
     else:
         text = _of_noise(chosen, file, topic, calibration)
     if output is None:
@@ -68,20 +83,35 @@ def export(
     return 0
 
 
-def _of_calibration(chosen: str, file: Path, name: str) -> str:
+def _of_calibration(
+    chosen: str, file: Path, name: str, log: Path | None, vectors: Path | None
+) -> str:
     from tiltcal.calibration import parameter_exports
-    from tiltcal.calibration.c_export import header
-    from tiltcal.calibration.correction import setup_of
 
     if file.suffix in _RECORDINGS:
         raise _wrong(chosen, file, "a calibration, CAL.json", "make one with `tiltcal calibrate`")
     found = load_calibration(file)
     print_verdict(found)
     if chosen == "c":
-        return header(found, setup_of(found), name)
+        return _firmware(found, name, log, vectors)
     if chosen == "px4":
         return parameter_exports.px4_parameters(found)
     return parameter_exports.ardupilot_parameters(found)
+
+
+def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | None) -> str:
+    from tiltcal.calibration.correction import setup_of
+    from tiltcal.calibration.firmware.header import header
+    from tiltcal.calibration.firmware.vectors import firmware_vectors
+    from tiltcal.recordings.recording_files import read_recording, write_recording
+
+    recording = None if log is None else read_recording(log).require_increasing()
+    text = header(found, setup_of(found), name, recording)
+    if vectors is not None:
+        written = firmware_vectors(found, recording)
+        write_recording(written, vectors)
+        tell(f"{vectors}: {len(written)} rows, readings and their correction")
+    return text
 
 
 def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> str:

@@ -7,16 +7,14 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
+from tiltcal.api.diagnosing import explain, honest_scenario, write_results
 from tiltcal.cli.axis_limits import axis_limits
-from tiltcal.cli.diagnose import honest_scenario, write_results
-from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
 from tiltcal.cli.output import print_json, progress_line, say, tell
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.core.progress import Progress
-from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.investigate import InvestigationSetup
 from tiltcal.diagnosis.investigation.investigate import (
@@ -100,12 +98,12 @@ def investigate(
 def _explainer(scenario: Scenario, progress: Progress) -> Callable[[Sequence[Path], Path], None]:
     """A function that diagnoses recordings and writes the results to a folder."""
 
-    def explain(files: Sequence[Path], place: Path) -> None:
+    def diagnose_files(files: Sequence[Path], place: Path) -> None:
         data = [read_recording(path) for path in files]
-        found = diagnose(scenario, data, laboratory=simulator(progress), progress=progress)
-        write_results(found, place, files)
+        found = explain(scenario, data, progress=progress)
+        write_results(found, place, [path.name for path in files], files)
 
-    return explain
+    return diagnose_files
 
 
 def _show(state: Investigation, output: Path, as_json: bool) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.laboratory import simulator
+from tiltcal.api.simulating import simulator
 from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget
 from tiltcal.cli.output import print_json, progress_line
 from tiltcal.effects import to_file

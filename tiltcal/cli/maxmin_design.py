@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tiltcal.cli.design import clock_of, problem_of, sensor_of, write_plan
+from tiltcal.cli.design import clock_given, problem_of
 from tiltcal.cli.design_options import Aim, TableTime
 from tiltcal.cli.output import print_json, print_table, say
 from tiltcal.core.errors import TiltcalError
@@ -14,9 +14,10 @@ from tiltcal.core.tasks.engines import Engine
 from tiltcal.design.gradient_search import Problem
 from tiltcal.design.maxmin import REQUIRED, MaxMin, blind_to_nothing, grid_of_poses
 from tiltcal.design.plan import Plan
+from tiltcal.design.scenario_problem import sensor_of
 from tiltcal.design.signatures import catalogue_signatures
 from tiltcal.design.static_instrument import Still
-from tiltcal.design.steps import printable
+from tiltcal.design.steps import printable, write_plan
 from tiltcal.design.time_budget import Clock
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
@@ -35,7 +36,7 @@ def design_visible_poses(
     as_json: bool,
 ) -> int:
     """Find ``count`` poses for which the least visible effect is as visible as possible."""
-    clock = clock_of(table, scenario)
+    clock = clock_given(table, scenario)
     _check_budget(clock, count * (clock.settle + clock.shortest), count)
     still = Still(scenario, clock.budget)
     wanted = () if "all" in aim.terms else aim.terms

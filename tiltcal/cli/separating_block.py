@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from tiltcal.api.diagnosing import honest_scenario
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Separation, TableTime
-from tiltcal.cli.diagnose import honest_scenario
 from tiltcal.cli.output import print_json, progress_line, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, require_file, write_json, write_text

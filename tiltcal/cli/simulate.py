@@ -8,21 +8,15 @@ from typing import Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from tiltcal.cli.laboratory import simulator
+from tiltcal.api.simulating import pieces_of, seed_used, truth_table
 from tiltcal.cli.options import DEFAULT_BUDGET, SEED, Json, MoreBudget, ScenarioFile
 from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
 from tiltcal.core.files import replacing, write_json
-from tiltcal.core.units import DEG
-from tiltcal.effects import to_file
-from tiltcal.forward.kinematics import closed_form
-from tiltcal.laboratory.laboratory import SimulatedLaboratory
-from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.csv_files import csv_writer
 from tiltcal.recordings.pieces import writing
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
-
-STAGES = ("environment", "table", "mount")  # of the effects that change the true attitude
 
 
 def simulate(
@@ -63,15 +57,10 @@ def simulate(
     budget.apply()
     require_output("simulate", output, as_json, "the recording")
     scenario = load_scenario(scenario_file)
-    used = None if noise == "off" else scenario.seed if seed is None else seed
+    used = seed_used(scenario, noise == "on", seed)
+    replayed = read_recording(motion) if motion else None
     with progress_line() as progress:
-        laboratory = simulator(progress)
-        if motion:
-            pieces = iter([laboratory.predict(scenario, read_recording(motion), used)])
-        elif isinstance(laboratory, SimulatedLaboratory):
-            pieces = laboratory.record_pieces(scenario, used)
-        else:
-            pieces = iter([laboratory.record(scenario, used)])
+        pieces = pieces_of(scenario, replayed, used, progress)
         with replacing(truth) if truth else nullcontext() as truth_file:  # both files or none
             if truth_file is not None:
                 write_json(truth_file, truth_table(scenario, used))
@@ -96,33 +85,3 @@ def _write(pieces: Iterator[Recording], output: Path | None, as_json: bool) -> N
         print_json({"recording": str(output), "rows": rows, "duration_s": float(last - first)})
     else:
         tell(f"{output}: {rows} rows, {last - first:.6g} s")
-
-
-def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:
-    """The injected effects; for each stop the true table angles and the true up direction."""
-    truth: dict[str, object] = {
-        "schema": 1,
-        "scenario": scenario.name,
-        "seed": seed,
-        "effects": [to_file(e) for e in scenario.effects],
-    }
-    if scenario.sequence and scenario.dynamics is None:
-        truth["poses"] = _true_poses(scenario)
-    return truth
-
-
-def _true_poses(scenario: Scenario) -> list[dict[str, object]]:
-    legs = [leg for leg in scenario.schedule.legs if leg.stop >= 0]
-    drive = scenario.schedule.drive(np.array([(leg.t0 + leg.t1) / 2 for leg in legs]))
-    geometry = [e for e in scenario.effects if e.stage in STAGES and not e.random]
-    up = closed_form(scenario, drive, geometry).up
-    return [
-        {
-            "start_s": leg.t0,
-            "end_s": leg.t1,
-            "label": leg.label,
-            "up": up[k].tolist(),
-            "readout_deg": {n: float(np.asarray(jet.x)[k] / DEG) for n, jet in drive.axes.items()},
-        }
-        for k, leg in enumerate(legs)
-    ]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tiltcal.cli.laboratory import simulator
+from tiltcal.api.simulating import simulator
 from tiltcal.cli.options import DEFAULT_BUDGET, AllowCommands, EngineName, Jobs, Json, MoreBudget
 from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.cli.verify_output import print_runs, print_verification, to_json

@@ -5,11 +5,13 @@ from.
 import csv
 import io
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.files import write_json, write_text
 from tiltcal.core.units import DEG
 from tiltcal.design.plan import Plan
 from tiltcal.laboratory.scenario import Scenario
@@ -127,3 +129,30 @@ def printable(plan: Plan, up: Array) -> str:
         ),
     ]
     return "\n".join(lines) + "\n"
+
+
+def write_plan(
+    plan: Plan,
+    scenario: Scenario,
+    up: Array,
+    folder: Path,
+) -> None:
+    """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder.
+
+    Args:
+        plan: to write.
+        scenario: that it was designed for.
+        up: the up direction of each pose in the body frame, (n, 3).
+        folder: where.
+    """
+    import tomli_w
+
+    steps = steps_of(plan, up)
+    write_text(
+        folder / "design.toml",
+        tomli_w.dumps(designed_table(scenario, steps, f"{scenario.name}, designed")),
+    )
+    write_text(folder / "steps.csv", steps_csv(steps))
+    write_text(folder / "steps.txt", printable(plan, up))
+    write_text(folder / "segments.csv", segments_csv(plan))
+    write_json(folder / "design.json", plan.to_json())

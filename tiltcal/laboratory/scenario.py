@@ -5,7 +5,7 @@ its path.
 import tomllib
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, field_validator
 
@@ -103,12 +103,29 @@ class Scenario(Setup):
         return build_schedule(self.sequence, self.rig, self.climate)
 
 
+Kind = TypeVar("Kind", bound=Scenario)
+
+
 def load_scenario(path: Path | str) -> Scenario:
     """Read a scenario file.
 
     Raises:
         TiltcalError: naming every wrong key, with the nearest valid one, in one message.
     """
+    return load_as(Scenario, path)
+
+
+def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:
+    """A scenario from a table, with all errors at once.
+
+    Raises:
+        TiltcalError: naming every wrong key.
+    """
+    return parse_as(Scenario, table, source)
+
+
+def load_as(kind: type[Kind], path: Path | str) -> Kind:
+    """``load_scenario`` for a subclass of Scenario."""
     path = require_file(Path(path), "scenario")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -123,7 +140,7 @@ def load_scenario(path: Path | str) -> Scenario:
         raise TiltcalError(
             f"scenario {path.name}", found=str(error), need="valid TOML", do="correct that line"
         ) from error
-    return parse_scenario(_with_links(table, path), path.name)
+    return parse_as(kind, _with_links(table, path), path.name)
 
 
 def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -148,16 +165,12 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
     return {**table, "rig": links_of(rig, words, path.parent)}
 
 
-def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:
-    """A scenario from a table, with all errors at once.
-
-    Raises:
-        TiltcalError: naming every wrong key.
-    """
+def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
+    """``parse_scenario`` for a subclass of Scenario."""
     problems: list[str] = []
     scenario = None
     try:
-        scenario = Scenario.model_validate(table)
+        scenario = kind.model_validate(table)
     except ValidationError as error:
         problems = [_problem(e) for e in error.errors()]
     if scenario is not None:

@@ -14,7 +14,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.csv_cells import cell_of, comment_of, text_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import split_unit
-from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.samples import Labels
 
 MOST_COLUMNS = 4096
 

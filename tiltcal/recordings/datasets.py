@@ -12,7 +12,7 @@ from pydantic import Field
 
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import make_folder, replacing
-from tiltcal.recordings.formats.extras import library
+from tiltcal.core.optional_library import library
 from tiltcal.setup.sensor import Part
 
 LIST = Path(__file__).parent / "datasets.toml"

@@ -17,8 +17,9 @@ from tiltcal.recordings.formats.stamps_of_text import iso_stamps
 from tiltcal.recordings.formats.text import bad_cell
 from tiltcal.recordings.import_checks import Finding, find_bad_lines, find_faults
 from tiltcal.recordings.mapping import ColumnWords, Mapping, TimeWords
-from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.repairs import repair
+from tiltcal.recordings.samples import Labels
 
 _FINE = 1e-8  # s; stamps so large that they resolve less are counted from the first second
 

@@ -9,7 +9,8 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.means_table import MeansTable
-from tiltcal.recordings.recording import JOINS, Labels, Recording
+from tiltcal.recordings.recording import JOINS, Recording
+from tiltcal.recordings.samples import Labels
 
 GAP = 60.0  # s between them in the joined time: no dwell reaches over it
 

@@ -11,8 +11,9 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.csv_files import read_csv
-from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import assemble, read_recording
+from tiltcal.recordings.samples import Labels
 from tiltcal.setup.sensor import Sensor
 
 SIGMA = "sigma"

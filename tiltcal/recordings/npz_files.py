@@ -14,7 +14,8 @@ from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.csv_files import is_number, require_few
 from tiltcal.recordings.parquet_files import METADATA, metadata_of
-from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.samples import Labels
 
 NUMBERS = "fiu"  # kinds of arrays that a column of numbers may be
 TEXTS = "UOSfiub"  # and those that another column may be; objects are refused on loading

@@ -10,7 +10,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.csv_files import arrow_table, is_number, require_few, to_numpy
-from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.samples import Labels
 
 METADATA = "tiltcal.metadata"
 PIECE = 1 << 16  # rows of a piece of a long recording

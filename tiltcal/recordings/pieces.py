@@ -15,13 +15,14 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.files import replacing, require_file
 from tiltcal.recordings.csv_files import csv_head, csv_pieces, csv_writer
 from tiltcal.recordings.parquet_files import parquet_head, parquet_pieces, parquet_writer
-from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import (
     assemble,
     read_recording,
     require_suffix,
     write_recording,
 )
+from tiltcal.recordings.samples import Labels
 from tiltcal.recordings.stamps import require_onward
 
 Write = Callable[[Recording], None]

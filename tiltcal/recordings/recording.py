@@ -7,60 +7,29 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
+from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.recordings.samples import Block, Labels, Samples, si_values
 from tiltcal.recordings.stamps import require_measurable, require_onward
 from tiltcal.recordings.temperature import smooth_temperature
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import angle_channel, axis_of
 
-Rows = npt.NDArray[np.intp]
-Labels = npt.NDArray[np.object_]
-
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 FINGERPRINT_ROWS = 4096  # of each column of readings
 JOINS = "joined at s"  # metadata: stamps at which another recording begins
 
 
 @dataclass(frozen=True)
-class Block:
-    """Columns that were sampled together.
-
-    Args:
-        rows: indices into the recording's time axis, (m,), increasing; None for every row.
-        columns: name with unit -> values as written in the file, (m,) each.
-    """
-
-    rows: Rows | None
-    columns: Mapping[str, Array]
-
-
-@dataclass(frozen=True)
-class Samples:
-    """One sensor's readings in SI.
-
-    Args:
-        time: s, (m,).
-        values: (m, k), NaN where one channel was not sampled.
-        axes: names of the k channels.
-        units: the unit each column was written in.
-        rows: rows of the recording, (m,).
-    """
-
-    time: Array
-    values: Array
-    axes: tuple[str, ...]
-    units: tuple[str, ...]
-    rows: Rows
-
-
-@dataclass(frozen=True)
-class Recording:
+class Recording(Tabular):
     """A continuous log.
 
     Args:
@@ -214,29 +183,9 @@ class Recording:
         units = tuple(str(split_unit(name)[1]) for name in names)
         for name, values in zip(names, raw.T, strict=True):
             require_measurable(values, self.time[rows], name, self.source)
-        return Samples(self.time[rows], self._si(sensor, names, raw), sensor.axes, units, rows)
-
-    def _si(self, sensor: Sensor, names: list[str], raw: Array) -> Array:
-        units = [split_unit(name)[1] for name in names]
-        if sensor.input is not None and all(u == sensor.input.unit for u in units):
-            return sensor.input.to_si(raw)
-        factors = []
-        for name, unit in zip(names, units, strict=True):
-            known = COLUMN_UNITS[str(unit)]
-            if known.quantity != sensor.quantity:
-                fix = (
-                    "add input = {unit = ..., zero = ..., per_...} to the sensor"
-                    if known.quantity == "raw"
-                    else "rename it"
-                )
-                raise TiltcalError(
-                    f"{self.source}, column {name}",
-                    found=f"unit {unit}",
-                    need=f"a unit of {sensor.quantity}",
-                    do=fix,
-                )
-            factors.append(known.factor)
-        return np.asarray(raw * np.array(factors))
+        return Samples(
+            self.time[rows], si_values(sensor, names, raw, self.source), sensor.axes, units, rows
+        )
 
     def table(self, axis: str, suffix: str = "") -> Array | None:
         """Readout of a table axis, rad, (n,), NaN where it was not read; None without such a
@@ -305,6 +254,31 @@ class Recording:
             and c != "temperature"
         ]
         return strange + list(self.extra)
+
+    def as_columns(self) -> Mapping[str, Array | Labels]:
+        """The columns of its file, (n,) each; numbers as written, NaN where not sampled."""
+        numbers = {name: self.column(name) for name in self.column_names}
+        return {"time_s": self.time} | numbers | self.texts
+
+    def headline(self) -> str:
+        """Source, rows and duration."""
+        return f"{self.source}: {len(self)} rows, {np.ptp(self.time) if len(self) else 0:.6g} s"
+
+    def to_arrow(self) -> "pa.Table":
+        """The table for Arrow; null where a channel was not sampled."""
+        from tiltcal.recordings.csv_files import arrow_table
+
+        return arrow_table(self, self.written_names)
+
+    def save(self, path: Path | str) -> None:
+        """Write it as CSV, Parquet or NPZ, whole or not at all; the ending decides.
+
+        Raises:
+            TiltcalError: the ending is unknown or the place cannot be written.
+        """
+        from tiltcal.recordings.recording_files import write_recording
+
+        write_recording(self, path)
 
 
 def _is_reading(name: str) -> bool:

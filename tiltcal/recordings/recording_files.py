@@ -11,7 +11,8 @@ from tiltcal.core.files import replacing, require_file
 from tiltcal.recordings.csv_files import read_csv, write_csv_file
 from tiltcal.recordings.npz_files import read_npz, write_npz
 from tiltcal.recordings.parquet_files import read_parquet, write_parquet
-from tiltcal.recordings.recording import Labels, Recording
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.samples import Labels
 
 SUFFIXES = (".csv", ".parquet", ".npz")
 

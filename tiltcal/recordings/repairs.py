@@ -8,7 +8,7 @@ from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.import_checks import clipped, frozen, is_angle, wrap_mask
-from tiltcal.recordings.recording import Labels
+from tiltcal.recordings.samples import Labels
 
 Columns = dict[str, Array]
 State = tuple[Array, Columns, Labels | None]

@@ -12,8 +12,9 @@ from tiltcal.core.quantisation import code_grid
 from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.recordings.means_table import MeansTable
-from tiltcal.recordings.recording import Recording, Rows
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
+from tiltcal.recordings.samples import Rows
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup

@@ -1,6 +1,6 @@
 """Is this calibration good on that other recording?"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from tiltcal.calibration.validity import Test, chi2_test
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import best_rotation, tangents
+from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import ARCSEC, DEG
 from tiltcal.effects.sensor.dynamics import placing_angle
 from tiltcal.recordings.recording import Recording
@@ -23,7 +24,7 @@ AGREES = "agrees with its uncertainty"
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Tabular):
     """How well a calibration predicts another recording.
 
     Args:
@@ -46,6 +47,18 @@ class Check:
     spans: Sequence[tuple[float, float]]
     tests: Sequence[Test]
     statement: str
+
+    def as_columns(self) -> Mapping[str, Sequence[float]]:
+        """Beginning, end and error of each dwell."""
+        return {
+            "start_s": [a for a, _ in self.spans],
+            "end_s": [b for _, b in self.spans],
+            "error_arcsec": [float(e / ARCSEC) for e in self.poses],
+        }
+
+    def headline(self) -> str:
+        """The judgement."""
+        return f"{'accepted' if self.accepted else 'not accepted'}: {self.statement}"
 
 
 def check(

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tiltcal.calibration.methods.registry import calibrate, find_method
+from tiltcal.calibration.methods.registry import Method, calibrate, find_method
 from tiltcal.calibration.result import Calibration
 from tiltcal.laboratory.scenario_tables import SourceTable
 from tiltcal.recordings.recording import Recording
@@ -86,7 +86,7 @@ class Budget:
 
 
 def make_budget(
-    method: str,
+    method: str | Method,
     recording: Recording,
     setup: Setup,
     tables: Sequence[SourceTable] = (),
@@ -117,7 +117,7 @@ def _type_a(found: Calibration) -> Line:
 def _propagated(
     source: Source,
     found: Calibration,
-    method: str,
+    method: str | Method,
     recording: Recording,
     setup: Setup,
     options: dict[str, Any],

@@ -51,12 +51,14 @@ GROUP = "tiltcal.methods"
 BY_MEANS = ("six_position", "norm", "placing_table")  # methods that use means of dwells only
 
 
-def find_method(name: str) -> Method:
-    """The method of that name.
+def find_method(name: str | Method) -> Method:
+    """The method of that name; a function is its own.
 
     Raises:
         TiltcalError: it is not known, or does not import.
     """
+    if not isinstance(name, str):
+        return _checked(name, "given as a function")
     if name in METHODS:
         return METHODS[name]
     if ":" in name:
@@ -112,14 +114,24 @@ def _checked(target: Any, name: str) -> Callable[..., Any]:
     return target
 
 
-def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> Calibration:
+def calibrate(
+    wanted: str | Method, recording: Recording, setup: Setup, **options: Any
+) -> Calibration:
     """Run a method on a recording. It is handed the recording and the set-up, never a truth.
+
+    Args:
+        wanted: the name of a method, or a function.
+        recording: to calibrate from.
+        setup: site, rig, sensors; of a scenario only these are handed on.
+        options: of the method.
 
     Raises:
         TiltcalError: an option is unknown, the method returns no Calibration, or an estimate in a
             unit of another dimension.
     """
-    method = find_method(name)
+    method = find_method(wanted)
+    name = wanted if isinstance(wanted, str) else getattr(wanted, "__name__", repr(wanted))
+    ours = METHODS.get(name) is method
     check_options(method, f"method {name}", options, handed=2)  # the recording and the set-up
     _require_log(name, recording)
     bare = (
@@ -130,7 +142,7 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
     with _explained(recording, bare), determining(recording.source, f"the parameters of {name}"):
         result = (
             method(recording, bare, **options)
-            if name in METHODS
+            if ours
             else _foreign(method, name, recording, bare, options)
         )
         if not isinstance(result, Calibration):
@@ -141,7 +153,6 @@ def calibrate(name: str, recording: Recording, setup: Setup, **options: Any) -> 
                 do="return one",
             )
         require_finite(result, recording.source)
-    ours = name in METHODS
     return _with_setup(result if ours else in_our_units(result, bare), bare)
 
 

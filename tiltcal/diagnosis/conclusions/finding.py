@@ -2,10 +2,11 @@
 (CONTRACT section 6).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from tiltcal.core.tabular import Tabular
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.diagnosis.conclusions.part import Part
 from tiltcal.diagnosis.conclusions.residual_plots import View
@@ -150,7 +151,7 @@ class Undetectable:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Tabular):
     """The answer.
 
     Args:
@@ -186,6 +187,25 @@ class Diagnosis:
             "fit": {"before": self.before.to_json(), "after": self.after.to_json()},
             "noise": self.noise.to_json(),
         }
+
+    def as_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Effect, its class, where it shows and how sure it is, one row a finding."""
+        return {
+            "effect": [f.effect for f in self.findings],
+            "class": [", ".join(f.names) for f in self.findings],
+            "stage": [f.stage for f in self.findings],
+            "coordinate": [f.where.coordinate for f in self.findings],
+            "parameters": [
+                ", ".join(f"{n} = {v:.4g} +- {s:.2g}" for n, (v, s) in f.parameters.items())
+                for f in self.findings
+            ],
+            "probability": [f.probability for f in self.findings],
+            "p_value": [float(f.p_value) for f in self.findings],
+        }
+
+    def headline(self) -> str:
+        """Verdict and statement."""
+        return f"{self.verdict}: {self.statement}"
 
 
 def verdict_of(findings: tuple[Finding, ...], tested: bool, doubts: bool = False) -> Verdict:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.formats.grouping import by_length
 from tiltcal.recordings.formats.raw_table import Raw, RawFile, vectors
 

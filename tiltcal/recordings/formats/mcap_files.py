@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.ros_bags import no_messages
 from tiltcal.recordings.formats.ros_messages import Topic

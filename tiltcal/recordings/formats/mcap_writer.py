@@ -9,9 +9,9 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import replacing
+from tiltcal.core.optional_library import library
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.formats import ros_encoding, ros_schemas
-from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.tables import angle_channel, axis_names
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.formats.raw_table import RawFile
 from tiltcal.recordings.formats.ros_messages import Topic
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.formats.grouping import by_length
 from tiltcal.recordings.formats.raw_table import DAMAGED, Raw, RawFile, RawTable, vectors
 

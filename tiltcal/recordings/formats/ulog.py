@@ -5,8 +5,8 @@ import io
 from pathlib import Path
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.optional_library import library
 from tiltcal.recordings.formats.budget import Budget
-from tiltcal.recordings.formats.extras import library
 from tiltcal.recordings.formats.raw_table import DAMAGED, RawFile, RawTable, typed
 
 TIME = "timestamp"

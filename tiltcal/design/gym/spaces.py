@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium import spaces
 
 from tiltcal.core.arrays import Array
-from tiltcal.gym.calibrations import Bench, Task
+from tiltcal.design.gym.calibrations import Bench, Task
 from tiltcal.setup.pose_schemes import table_angles
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import DUAL

@@ -1,7 +1,8 @@
 """Training a simple policy without deep learning: the cross-entropy method on a linear law, all
 candidates stepped at once.
 
-``python -m tiltcal.gym.training`` trains one and prints what it is worth beside the baselines.
+``python -m tiltcal.design.gym.training`` trains one and prints what it is worth beside the
+baselines.
 
 The law: the next pose is the present one plus a step that is linear in (1, time left, sin and cos
 of the angles), and so is the dwell. Source of the method: Rubinstein 1999.
@@ -12,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.gym.calibrations import Task
-from tiltcal.gym.policies import Policy, named, rollout
+from tiltcal.design.gym.calibrations import Task
+from tiltcal.design.gym.policies import Policy, named, rollout
 
 FEATURES = 6
 START = np.array([[0.25, 0, 0, 0, 0, 0], [0.15, 0, 0, 0, 0, 0], [-0.75, 0, 0, 0, 0, 0]])

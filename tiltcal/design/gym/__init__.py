@@ -1,9 +1,9 @@
 """Gymnasium environments of the design problem: pick poses under a table time, be paid in nats.
 
-``import tiltcal.gym`` registers ``tiltcal/Calibration-v0`` (continuous) and
+``import tiltcal.design.gym`` registers ``tiltcal/Calibration-v0`` (continuous) and
 ``tiltcal/CalibrationDiscrete-v0``; so does
-``gymnasium.make("tiltcal.gym:tiltcal/Calibration-v0")``. ``make_vec`` gets the native vectorised
-ones.
+``gymnasium.make("tiltcal.design.gym:tiltcal/Calibration-v0")``. ``make_vec`` gets the native
+vectorised ones.
 """
 
 import gymnasium
@@ -20,8 +20,8 @@ def register_envs() -> None:
         if id not in gymnasium.registry:
             gymnasium.register(
                 id,
-                entry_point=f"tiltcal.gym.environment:{name}",
-                vector_entry_point=f"tiltcal.gym.vector:{name}Vector",
+                entry_point=f"tiltcal.design.gym.environment:{name}",
+                vector_entry_point=f"tiltcal.design.gym.vector:{name}Vector",
             )
 
 

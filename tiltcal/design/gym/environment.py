@@ -8,8 +8,15 @@ import numpy as np
 from gymnasium import spaces
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.gym.calibrations import Bench, Task
-from tiltcal.gym.spaces import DWELLS, action_space, menu, observation_space, observe, pose_of
+from tiltcal.design.gym.calibrations import Bench, Task
+from tiltcal.design.gym.spaces import (
+    DWELLS,
+    action_space,
+    menu,
+    observation_space,
+    observe,
+    pose_of,
+)
 
 
 class Calibration(gymnasium.Env[Any, Any]):

@@ -1,89 +1,76 @@
-"""C headers: placing-angle tables with look-ups and the corrector, in floating point and in
-integers; bias, scale, axes and their temperature.
-"""
+"""Placing-angle tables with look-ups and the corrector, in floating point and in integers."""
 
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tiltcal import __version__
 from tiltcal.calibration.bias_table import PASSES, STEEP, BiasTable, PlacingCorrector
-from tiltcal.calibration.linear_export import TEMPLATE as LINEAR
-from tiltcal.calibration.linear_export import linear_numbers
+from tiltcal.calibration.firmware.fixed_linear import range_of
+from tiltcal.calibration.firmware.fixed_point import FixedMatrix, decimals, integers
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.plain_text import plain
 from tiltcal.core.units import DEG
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 
-TEMPLATE = Path(__file__).parent / "table.h.jinja"
 WIDEST = 170.0  # deg, of a table that integers can be searched by their cross product
+WORST_UM = 4.0  # um/s2, of integers with interpolation; the tests hold it
 
 
-def header(calibration: Calibration, setup: Setup, name: str = "tiltcal") -> str:
-    """The text of a C header that corrects what ``tiltcal correct`` corrects.
-
-    Args:
-        calibration: with placing-angle tables of one sensor, or with bias, scale and axes of
-            triads, over temperature too.
-        setup: it was made with.
-        name: what every C name begins with.
-
-    Raises:
-        TiltcalError: tables that differ in their angles, a smooth look-up, terms that C does not
-            have, or a name that is no C name.
+def placing_numbers(
+    calibration: Calibration, setup: Setup, name: str, log: Recording | None = None
+) -> dict[str, Any]:
+    """What the template of placing-angle tables needs.
 
     Errors:
         Integers: 1 um/s2 (0.02 arcsec) of rounding; float: some 1e-6 m/s2.
+
+    Raises:
+        TiltcalError: tables that differ in their angles, or a smooth look-up.
     """
-    from jinja2 import Environment, StrictUndefined
-
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-        raise TiltcalError(
-            f"name '{name}'",
-            found="no C name",
-            need="letters, digits and _, a letter first",
-            do="choose another",
-        )
-    text = Environment(
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    source = in_comment(str(calibration.provenance.get("recording", "a calibration")))
-    if not calibration.bias_tables:
-        linear = text.from_string(LINEAR.read_text(encoding="utf-8"))
-        return linear.render(
-            version=__version__,
-            source=source,
-            verdict=calibration.verdict,
-            p=name,
-            P=name.upper(),
-            **linear_numbers(calibration, setup),
-        )
-    corrector = _corrector(calibration, setup)
-    table = text.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return table.render(
-        title=f"{name}: placing-angle bias tables",
-        version=__version__,
-        source=source,
-        verdict=calibration.verdict,
-        p=name,
-        P=name.upper(),
-        passes=PASSES,
+    sensor, corrector = _corrector(calibration, setup)
+    return {
+        "title": f"{name}: placing-angle bias tables",
+        "passes": PASSES,
         **_numbers(corrector, name),
+        **_in_log_units(sensor, log_unit(sensor, log)),
+    }
+
+
+def _in_log_units(sensor: Sensor, unit: LogUnit) -> dict[str, Any]:
+    """What turns readings of the log into m/s2 or um/s2, and the result back."""
+    readings = range_of(sensor, unit)
+    um = np.array([[unit.factor * 1e6]])
+    farthest = readings.limit + float(np.abs(unit.zero).max())
+    inward = FixedMatrix.of(um, np.zeros(1), np.array([farthest]), [readings.places])
+    largest = np.array(
+        [float(um[0, 0]) * readings.limit + float(np.abs(unit.zero).max() * um[0, 0])]
     )
+    outward = FixedMatrix.of(np.array([[1e-6 / unit.corrected_factor]]), np.zeros(1), largest, [0])
+    places = {axis: sensor.axes.index(axis) for axis in "xyz" if axis in sensor.axes}
+    shift = inward.shift + inward.places
+    return {
+        "sensor": sensor.name,
+        "axes": sensor.axes,
+        "at": [places["x"], places["y"], places.get("z", -1)],
+        "unit": unit.written,
+        "corrected_unit": unit.corrected,
+        "factor": repr(unit.factor),
+        "per_corrected": repr(1 / unit.corrected_factor),
+        "zero": [repr(float(z)) for z in unit.zero],
+        "in": {"factor": inward.matrix[0][0], "shift": shift, "places": readings.places}
+        | {"zero": [integers(-z * um[0], shift)[0] for z in unit.zero]}
+        | {"limit": f"{readings.limit:.6g}", "whole": readings.whole},
+        "out": {"factor": outward.matrix[0][0], "shift": outward.shift, "places": outward.places},
+        "error": decimals(WORST_UM * 1e-6 / unit.corrected_factor + outward.error),
+    }
 
 
-def in_comment(text: str) -> str:
-    """A text from a file, on one line and without what ends or begins a comment in C."""
-    line = plain(" ".join(text.split()))
-    return line.replace("*/", "* /").replace("/*", "/ *")
-
-
-def _corrector(calibration: Calibration, setup: Setup) -> PlacingCorrector:
+def _corrector(calibration: Calibration, setup: Setup) -> tuple[Sensor, PlacingCorrector]:
     found = [
-        c
+        (setup.named(n), c)
         for n in calibration.sensors()
         if (c := calibration.placing(setup.named(n), setup.site.gravity, "interpolated"))
     ]
@@ -101,10 +88,11 @@ def _corrector(calibration: Calibration, setup: Setup) -> PlacingCorrector:
             need="interpolated or rounded: what firmware looks up",
             do="calibrate again with --option lookup=interpolated",
         )
-    found[0].lookup = calibration.lookup
+    ((sensor, corrector),) = found
+    corrector.lookup = calibration.lookup
     grids = {
         (round(t.start / DEG, 6), round(t.step / DEG, 6), len(t.values))
-        for t in found[0].tables.values()
+        for t in corrector.tables.values()
     }
     if len(grids) > 1:
         raise TiltcalError(
@@ -113,7 +101,7 @@ def _corrector(calibration: Calibration, setup: Setup) -> PlacingCorrector:
             need="one 2-D array",
             do="sweep both axes over the same angles",
         )
-    return found[0]
+    return sensor, corrector
 
 
 def _numbers(corrector: PlacingCorrector, name: str) -> dict[str, Any]:

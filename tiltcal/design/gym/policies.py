@@ -10,11 +10,11 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.design.classic import baseline
 from tiltcal.design.gradient_search import Problem
+from tiltcal.design.gym.calibrations import Bench, Task
+from tiltcal.design.gym.spaces import DWELLS, action_of, menu
+from tiltcal.design.gym.vector import CalibrationVector
 from tiltcal.design.plan import design
 from tiltcal.design.polynomial import textbook_model
-from tiltcal.gym.calibrations import Bench, Task
-from tiltcal.gym.spaces import DWELLS, action_of, menu
-from tiltcal.gym.vector import CalibrationVector
 
 Policy = Callable[[Array, int], Array]
 BASELINES = ("random", "six", "12", "24", "tumble", "spiral", "greedy", "design")

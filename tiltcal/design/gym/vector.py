@@ -7,9 +7,16 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from tiltcal.gym.calibrations import Bench, Task
-from tiltcal.gym.environment import with_options
-from tiltcal.gym.spaces import DWELLS, action_space, menu, observation_space, observe, pose_of
+from tiltcal.design.gym.calibrations import Bench, Task
+from tiltcal.design.gym.environment import with_options
+from tiltcal.design.gym.spaces import (
+    DWELLS,
+    action_space,
+    menu,
+    observation_space,
+    observe,
+    pose_of,
+)
 
 
 class CalibrationVector(VectorEnv[Any, Any, Any]):

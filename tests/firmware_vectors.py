@@ -1,0 +1,111 @@
+"""An exported header run over its own test vectors, in floating point and in integers."""
+
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from host import STRICT, compiler
+
+from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES
+from tiltcal.recordings.recording import Recording
+
+C99 = tuple("-std=c99" if flag.startswith("-std=") else flag for flag in STRICT)
+HOST = """
+#include <stdio.h>
+{head}
+#include "{header}"
+int main(void)
+{{
+  double t, c, r[{inputs}], last = 0;
+  int first = 1, n;
+  {state}
+  while (scanf("%lf %lf", &t, &c) == 2) {{
+    {real} in[{inputs}], f[{outputs}];
+    for (n = 0; n < {inputs}; n++) {{
+      if (scanf("%lf", &r[n]) != 1)
+        return 1;
+      in[n] = ({real})r[n];
+    }}
+    {temperature}
+    first = 0;
+    last = t;
+    {correct}
+    for (n = 0; n < {outputs}; n++)
+      printf("%.17g ", (double)f[n]);
+    puts("");
+  }}
+  return (first + (last > 0)) > 2;
+}}
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One sensor of a header.
+
+    Args:
+        header: file; name: prefix of its names; sensor: whose function is called.
+        inputs, outputs: columns of the vectors.
+        forced: whether the last three inputs are the force.
+        thermal: whether it has a state.
+    """
+
+    header: Path
+    name: str
+    sensor: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    forced: bool = False
+    thermal: bool = False
+
+    def run(self, vectors: Recording, places: int | None, *flags: str) -> np.ndarray:
+        """What the header gives for each row; ``places`` of integers, None in floating point."""
+        rows = np.column_stack([vectors.column(c) for c in self.inputs])
+        heat, time = np.zeros(len(rows)), vectors.time.copy()
+        if self.thermal:
+            heat = vectors.column("temperature_degC")
+        if places is not None:
+            rows, heat = np.round(rows * 2.0**places), np.round(heat * 2.0**READ_PLACES)
+            time = np.round(time * 1e6)
+        lines = np.column_stack([time, heat, rows])
+        text = "\n".join(" ".join(repr(float(v)) for v in line) for line in lines)
+        program = self.compiled(places is not None, *flags)
+        done = subprocess.run([program], input=text, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, ""), done.stderr
+        return np.array([[float(v) for v in line.split()] for line in done.stdout.splitlines()])
+
+    def compiled(self, fixed: bool, *flags: str) -> str:
+        """The program, by the strict rules of C99."""
+        end = "_fixed" if fixed else ""
+        real = "int32_t" if fixed else f"{self.name}_real"
+        step = "(uint32_t)(t - last)" if fixed else f"({real})(t - last)"
+        if self.thermal:
+            state = f"{self.name}{end}_state s = {{0}};"
+            temperature = (
+                f"if (first) {self.name}_start{end}(&s, ({real})c);"
+                f" else {self.name}_step{end}(&s, ({real})c, {step});"
+            )
+        else:
+            state, temperature = "", "(void)c;"
+        given = ("&s, " if self.thermal else "") + "in, "
+        given += f"in + {len(self.inputs) - 3}, " if self.forced else ""
+        source = self.header.with_suffix(".c")
+        source.write_text(
+            HOST.format(
+                head="#include <stdint.h>",
+                header=self.header.name,
+                inputs=len(self.inputs),
+                outputs=len(self.outputs),
+                state=state,
+                real=real,
+                temperature=temperature,
+                correct=f"{self.name}_{self.sensor}{end}({given}f);",
+            )
+        )
+        program = str(self.header.with_suffix(".run"))
+        only = [f"-D{self.name.upper()}_FIXED_ONLY"] if fixed else []
+        words = [str(compiler()), *C99, *only, *flags, str(source), "-o", program, "-lm"]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, ""), done.stderr
+        return program

@@ -1,0 +1,95 @@
+"""Calibrating and checking: several recordings as one, the method with or without a budget, what is
+noted, and whether the result holds on another recording.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from tiltcal.calibration.methods.registry import Method
+from tiltcal.calibration.methods.registry import calibrate as run_method
+from tiltcal.calibration.result import Calibration
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.numerical import determining
+from tiltcal.core.units import ARCSEC
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.joining import joined
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.segmentation import Segment
+from tiltcal.validation.cross_check import Check, check
+from tiltcal.validation.uncertainty_budget import Budget, make_budget
+
+
+def one_recording(scenario: Scenario, recordings: Sequence[Recording]) -> Recording:
+    """Recordings of one set-up, one after the other.
+
+    Raises:
+        TiltcalError: time runs back in one of them, or tables of means are among several.
+    """
+    return joined([r.require_increasing() for r in recordings], scenario.rig.mount)
+
+
+def estimate(
+    method: str | Method,
+    recording: Recording,
+    scenario: Scenario,
+    options: dict[str, Any],
+    with_budget: bool = False,
+) -> tuple[Calibration, Budget | None]:
+    """A calibration, and its uncertainty budget where it is wanted; columns that belong to no
+    sensor are noted.
+
+    Raises:
+        TiltcalError: the method, an option or the recording is not usable.
+    """
+    budget: Budget | None = None
+    if with_budget:
+        calibration, budget = make_budget(method, recording, scenario, scenario.budget, **options)
+    else:
+        calibration = run_method(method, recording, scenario, **options)
+    unknown = recording.unknown(scenario.sensor)
+    if unknown:
+        note = "columns that belong to no sensor of the scenario are ignored: " + ", ".join(unknown)
+        calibration = replace(calibration, warnings=[*calibration.warnings, note])
+    return calibration, budget
+
+
+def estimate_for_certificate(
+    method: str | Method, recording: Recording, scenario: Scenario, options: dict[str, Any]
+) -> tuple[Calibration, Budget | None]:
+    """The same with a budget; where that cannot be evaluated, a warning says why.
+
+    Raises:
+        TiltcalError: as ``estimate`` without a budget does.
+    """
+    try:
+        return estimate(method, recording, scenario, options, with_budget=True)
+    except TiltcalError as error:
+        calibration, _ = estimate(method, recording, scenario, options)
+        note = f"the uncertainty budget could not be evaluated: {error}"
+        return replace(calibration, warnings=[*calibration.warnings, note]), None
+
+
+def judged(
+    calibration: Calibration,
+    recording: Recording,
+    scenario: Scenario,
+    limit_arcsec: float | None = None,
+    dwells: Sequence[Segment] | None = None,
+) -> Check:
+    """Whether a calibration is good on another recording.
+
+    Args:
+        calibration: to judge.
+        recording: that it has not seen.
+        scenario: the set-up of the recording.
+        limit_arcsec: largest accepted rms error; without it the error has to agree with its own
+            uncertainty.
+        dwells: of the recording; found in it if not given.
+
+    Raises:
+        TiltcalError: the recording lacks the calibrated sensor, or time runs back in it.
+    """
+    limit = None if limit_arcsec is None else limit_arcsec * ARCSEC
+    with determining(recording.source, "whether this calibration is good on it"):
+        return check(calibration, recording.require_increasing(), scenario, limit, dwells)

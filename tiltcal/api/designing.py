@@ -1,0 +1,91 @@
+"""Designed sequences that can be saved, tabulated and simulated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.files import make_folder
+from tiltcal.core.progress import Progress, silent
+from tiltcal.core.tabular import Tabular
+from tiltcal.core.tasks.engines import Engine
+from tiltcal.design.feasibility import check_possible
+from tiltcal.design.gradient_search import Problem
+from tiltcal.design.plan import Plan
+from tiltcal.design.plan import design as find_plan
+from tiltcal.design.static_instrument import Still
+from tiltcal.design.steps import designed_table, printable, steps_of, write_plan
+from tiltcal.laboratory.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class DesignedSequence(Tabular):
+    """The poses with the most information per table time.
+
+    Args:
+        plan: poses, reading times and the expected uncertainties.
+        scenario: that it was designed for.
+        up: the up direction of each pose in the body frame, (n, 3).
+        unseen: effects that no pose shows.
+        inseparable: terms that these poses do not tell from the others.
+    """
+
+    plan: Plan
+    scenario: Scenario
+    up: Array
+    unseen: tuple[str, ...]
+    inseparable: tuple[str, ...]
+
+    def table(self) -> dict[str, Any]:
+        """The scenario with this sequence in place of its own, as ``parse_scenario`` takes it."""
+        name = f"{self.scenario.name}, designed"
+        return designed_table(self.scenario, steps_of(self.plan, self.up), name)
+
+    def as_columns(self) -> Mapping[str, Sequence[float]]:
+        """Angles, deg, and reading times, s, one row a pose."""
+        poses = self.plan.to_json()["poses"]
+        return {name: [pose[name] for pose in poses] for name in poses[0]}
+
+    def headline(self) -> str:
+        """Poses, time, and what they bring."""
+        what, clock = self.plan.forecast, self.plan.problem.clock
+        return (
+            f"{what.poses} poses in {what.total_s:.1f} s of {clock.budget:g} s: expected rms tilt"
+            f" error per axis {what.tilt_arcsec:.3f} arcsec, {what.nats:.2f} nats gained"
+        )
+
+    def __str__(self) -> str:
+        return printable(self.plan, self.up)
+
+    def save(self, folder: Path | str) -> None:
+        """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder."""
+        write_plan(self.plan, self.scenario, self.up, make_folder(Path(folder)))
+
+
+def designed(
+    scenario: Scenario,
+    problem: Problem,
+    unseen: tuple[str, ...],
+    everything: bool,
+    seed: int,
+    progress: Progress = silent,
+    engine: Engine | None = None,
+) -> DesignedSequence:
+    """The sequence of a design problem.
+
+    Args:
+        scenario: whose table moves.
+        problem: terms, clock and criterion; unseen: effects that it leaves out.
+        everything: whether terms that no poses tell are reported instead of refused.
+        seed: of the search.
+        progress: is told what is being done.
+        engine: where drafts are improved; this process if not given.
+
+    Raises:
+        TiltcalError: no set of poses within the limits tells a wanted term.
+    """
+    still = Still(scenario, problem.clock.budget)
+    untold = check_possible(problem, still.axes, everything)
+    plan = find_plan(problem, scenario.rig.kind, seed, notice=progress, engine=engine)
+    return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, untold)

@@ -1,0 +1,106 @@
+"""Diagnosing: the scenario without concealed truth, the answer of the search, its files."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tiltcal.api.simulating import simulator
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.files import make_folder, write_json, write_text
+from tiltcal.core.progress import Progress, silent
+from tiltcal.diagnosis.conclusions import finding
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.report.diagnosis import write_diagnosis
+
+
+@dataclass(frozen=True)
+class Diagnosis(finding.Diagnosis):
+    """A diagnosis that can be saved.
+
+    Args:
+        scenario: that was diagnosed; recordings: of it. The other fields are those of the answer.
+    """
+
+    scenario: Scenario | None = None
+    recordings: tuple[Recording, ...] = ()
+
+    def save(self, folder: Path | str) -> None:
+        """Write diagnosis.json, amended.toml and report.html to a folder. The first names no files
+        of recordings.
+
+        Raises:
+            TiltcalError: the folder cannot be written.
+        """
+        write_results(self, Path(folder), [r.source for r in self.recordings])
+
+
+def honest_scenario(path: Path | str) -> Scenario:
+    """Load a scenario without concealed truth.
+
+    Raises:
+        TiltcalError: its role is "concealed".
+    """
+    return require_honest(load_scenario(path), f"scenario {path}")
+
+
+def require_honest(scenario: Scenario, subject: str) -> Scenario:
+    """``scenario`` when it does not hold the truth.
+
+    Raises:
+        TiltcalError: its role is "concealed".
+    """
+    if scenario.role == "concealed":
+        raise TiltcalError(
+            subject,
+            found='role = "concealed": it contains the truth',
+            need="a scenario without the truth",
+            do="give the scenario without its concealed effects",
+        )
+    return scenario
+
+
+def explain(
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    static: Recording | None = None,
+    progress: Progress = silent,
+) -> Diagnosis:
+    """Why these recordings differ from the scenario; the answer is re-simulated through MuJoCo.
+
+    Args:
+        scenario: what is known of the set-up.
+        recordings: of one set-up, explained together.
+        static: a record at rest to estimate the noise from.
+        progress: is told what is being done.
+
+    Raises:
+        TiltcalError: a column is missing, or nothing in a recording has a model.
+    """
+    laboratory = simulator(progress)
+    found = diagnose(scenario, recordings, static=static, laboratory=laboratory, progress=progress)
+    return Diagnosis(**vars(found), scenario=scenario, recordings=tuple(recordings))
+
+
+def write_results(
+    found: finding.Diagnosis, folder: Path, names: Sequence[str], files: Sequence[Path] = ()
+) -> None:
+    """Write the files of a diagnosis.
+
+    Args:
+        found: the answer; folder: where its files go.
+        names: of the recordings, for the report.
+        files: of the recordings, for `design --split`; none where they are not known.
+    """
+    import tomli_w
+
+    make_folder(folder)
+    write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
+    write_diagnosis(found, folder / "report.html", ", ".join(names))
+    write_json(folder / "diagnosis.json", results_json(found, files))
+
+
+def results_json(found: finding.Diagnosis, files: Sequence[Path]) -> dict[str, object]:
+    """The table of diagnosis.json."""
+    return found.to_json() | {"recordings": [str(path.absolute()) for path in files]}

@@ -1,0 +1,90 @@
+"""Simulating: the MuJoCo laboratory, recordings of a scenario, and their truth."""
+
+from collections.abc import Iterator
+from importlib.metadata import entry_points
+
+import numpy as np
+
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.progress import Progress, silent
+from tiltcal.core.units import DEG
+from tiltcal.effects import to_file
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.laboratory.laboratory import Laboratory, SimulatedLaboratory
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.recording import Recording
+
+STAGES = ("environment", "table", "mount")  # of the effects that change the true attitude
+
+
+def simulator(progress: Progress = silent) -> Laboratory:
+    """The MuJoCo laboratory, found by its entry point; time-stepped runs report to ``progress``.
+
+    Raises:
+        TiltcalError: it is not installed.
+    """
+    for entry in entry_points(group="tiltcal.laboratories"):
+        if entry.name == "mujoco":
+            return entry.load()(progress=lambda done, steps: progress(f"step {done} of {steps}"))
+    raise TiltcalError(
+        "simulator",
+        found="none installed",
+        need="the package tiltsim",
+        do="install tiltcal with its simulator",
+    )
+
+
+def seed_used(scenario: Scenario, noise: bool, seed: int | None) -> int | None:
+    """The seed of a simulation: the given one or the scenario's; None without noise."""
+    if not noise:
+        return None
+    return scenario.seed if seed is None else seed
+
+
+def pieces_of(
+    scenario: Scenario, motion: Recording | None, seed: int | None, progress: Progress = silent
+) -> Iterator[Recording]:
+    """A recording of the scenario, or what it predicts of another one's motion, piece by piece.
+
+    Args:
+        scenario: the model.
+        motion: whose stamps and readout are replayed; None: the scenario's own sequence.
+        seed: of the random effects; None: without them and without quantisation.
+        progress: is told what is being done.
+    """
+    laboratory = simulator(progress)
+    if motion is not None:
+        return iter([laboratory.predict(scenario, motion, seed)])
+    if isinstance(laboratory, SimulatedLaboratory):
+        return laboratory.record_pieces(scenario, seed)
+    return iter([laboratory.record(scenario, seed)])
+
+
+def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:
+    """The injected effects; for each stop the true table angles and the true up direction."""
+    truth: dict[str, object] = {
+        "schema": 1,
+        "scenario": scenario.name,
+        "seed": seed,
+        "effects": [to_file(e) for e in scenario.effects],
+    }
+    if scenario.sequence and scenario.dynamics is None:
+        truth["poses"] = _true_poses(scenario)
+    return truth
+
+
+def _true_poses(scenario: Scenario) -> list[dict[str, object]]:
+    legs = [leg for leg in scenario.schedule.legs if leg.stop >= 0]
+    drive = scenario.schedule.drive(np.array([(leg.t0 + leg.t1) / 2 for leg in legs]))
+    geometry = [e for e in scenario.effects if e.stage in STAGES and not e.random]
+    up = closed_form(scenario, drive, geometry).up
+    return [
+        {
+            "start_s": leg.t0,
+            "end_s": leg.t1,
+            "label": leg.label,
+            "up": up[k].tolist(),
+            "readout_deg": {n: float(np.asarray(jet.x)[k] / DEG) for n, jet in drive.axes.items()},
+        }
+        for k, leg in enumerate(legs)
+    ]

@@ -1,0 +1,1 @@
+"""Calibrations as C99 headers for firmware, in floating point and in integers."""

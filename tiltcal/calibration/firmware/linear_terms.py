@@ -1,0 +1,204 @@
+"""Bias, scale, axes, g-sensitivity and their temperature as numbers in the units of the log."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
+from tiltcal.calibration.result import Calibration
+from tiltcal.calibration.thermal import Memory, ThermalTerms
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.recordings.recording import Recording
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
+
+LINEAR = ("bias_", "scale_", "cross_", "gsens_", "temp")
+
+
+@dataclass(frozen=True)
+class ForceTerms:
+    """What the specific force adds to the readings of a gyro.
+
+    Args:
+        sensor: the accelerometer triad; unit: of its log.
+        matrix: unit of the gyro's log per unit of the triad's log, (k, 3).
+    """
+
+    sensor: Sensor
+    unit: LogUnit
+    matrix: Array
+
+
+@dataclass(frozen=True)
+class SensorTerms:
+    """``left = reading - offset - force.matrix force - bias(T) - memory h``, then
+    ``f = inverse (left - slope(T) f)``; all in the units of the log.
+
+    Args:
+        sensor, unit: whose.
+        offset: (k,); inverse: (k, k).
+        force: of a gyro with g-sensitivity.
+        bias: coefficients of (T - T0)^1, 2 ..., (order, k).
+        memory: by h, (k,).
+        slope: coefficients of (T - T0)^1, 2 ..., (order, k, k).
+    """
+
+    sensor: Sensor
+    unit: LogUnit
+    offset: Array
+    inverse: Array
+    force: ForceTerms | None
+    bias: Array
+    memory: Array
+    slope: Array
+
+
+@dataclass(frozen=True)
+class LinearTerms:
+    """What a calibration does to readings.
+
+    Args:
+        sensors: the terms of each.
+        memory: of the temperature; None without temperature.
+        reference: T0, degC; smoothing: time constant of the temperature's low-pass, s.
+        lowest, highest: temperatures of the calibration, whole degC.
+    """
+
+    sensors: tuple[SensorTerms, ...]
+    memory: Memory | None = None
+    reference: float = 0.0
+    smoothing: float = 0.0
+    lowest: float = 0.0
+    highest: float = 0.0
+
+
+def linear_terms(
+    calibration: Calibration, setup: Setup, log: Recording | None = None
+) -> LinearTerms:
+    """The numbers of a calibration in the units of a log.
+
+    Raises:
+        TiltcalError: it has other terms, or a sensor whose correction is not linear.
+    """
+    sensors = [setup.named(n) for n in calibration.sensors()]
+    _require_linear(calibration, sensors)
+    values = {n: e.value for n, e in calibration.parameters.items()}
+    terms = ThermalTerms.among(values)
+    found = tuple(_sensor_terms(calibration, s, setup, terms, log) for s in sensors)
+    if terms is None:
+        return LinearTerms(found)
+    return LinearTerms(
+        found,
+        terms.memory,
+        terms.reference,
+        terms.smoothing,
+        float(np.floor(values["temperature.lowest"])),
+        float(np.ceil(values["temperature.highest"])),
+    )
+
+
+def _require_linear(calibration: Calibration, sensors: list[Sensor]) -> None:
+    names = [n for n in calibration.parameters if n.partition(".")[0] in calibration.sensors()]
+    other = [n for n in names if not n.partition(".")[2].startswith(LINEAR)]
+    other += [s.name for s in sensors if s.is_accelerometer and _bent(calibration, s)]
+    if other or not sensors:
+        raise TiltcalError(
+            f"calibration by {calibration.method}",
+            found=", ".join(other) or "no sensor",
+            need="bias, scale, cross-axis and temperature terms of accelerometers along their own"
+            " axes, gyros or FOGs, or placing-angle tables",
+            do="calibrate with these terms",
+        )
+    for sensor in sensors:
+        if not re.fullmatch(r"[A-Za-z0-9_]+", sensor.name):
+            raise TiltcalError(
+                f"sensor '{sensor.name}'",
+                found="a name that C does not allow",
+                need="letters, digits and _",
+                do="rename it in the scenario and calibrate again",
+            )
+
+
+def _bent(calibration: Calibration, sensor: Sensor) -> bool:
+    """Whether the correction of an accelerometer needs the axis that it lacks."""
+    missing = sorted({0, 1, 2} - set(sensor.axis_indices))
+    return bool(np.any(calibration.sensitivity(sensor)[:, missing]))
+
+
+def _sensor_terms(
+    calibration: Calibration,
+    sensor: Sensor,
+    setup: Setup,
+    terms: ThermalTerms | None,
+    log: Recording | None,
+) -> SensorTerms:
+    unit = log_unit(sensor, log)
+    rows = list(sensor.axis_indices)
+    inverse = np.asarray(np.linalg.inv(calibration.sensitivity(sensor)[:, rows]), dtype=float)
+    offset = unit.zero + calibration.bias(sensor) / unit.factor
+    force = _force_terms(calibration, sensor, unit, setup, log)
+    if force is not None:
+        offset = offset - force.matrix @ force.unit.zero
+    k, scale = len(rows), unit.corrected_factor / unit.factor
+    bias, memory, slope = np.zeros((0, k)), np.zeros(k), np.zeros((0, k, k))
+    if terms is not None:
+        name, axes = sensor.name, sensor.axes
+        powers = range(1, terms.order(name, "bias") + 1)
+        bias = np.array(
+            [[terms.coefficient(name, n, f"bias_{a}") for a in axes] for n in powers]
+        ).reshape(-1, k)
+        memory = np.array([terms.values.get(f"{name}.tempmem_{a}", 0.0) for a in axes])
+        slope = np.array(
+            [
+                [
+                    [terms.coefficient(name, n, terms.axis_term(sensor, i, j)) for j in rows]
+                    for i in range(k)
+                ]
+                for n in range(1, terms.axes_order(name) + 1)
+            ]
+        ).reshape(-1, k, k)
+    return SensorTerms(
+        sensor,
+        unit,
+        offset,
+        inverse / scale,
+        force,
+        bias / unit.factor,
+        memory / unit.factor,
+        slope * scale,
+    )
+
+
+def _force_terms(
+    calibration: Calibration, sensor: Sensor, unit: LogUnit, setup: Setup, log: Recording | None
+) -> ForceTerms | None:
+    G = calibration.g_sensitivity(sensor)
+    if G is None:
+        return None
+    triads = [s for s in setup.sensors("accelerometer") if len(s.axes) == 3]
+    if not triads:
+        raise TiltcalError(
+            f"sensor {sensor.name}",
+            found="g-sensitivity, and no accelerometer triad in the set-up",
+            need="the force that it follows",
+            do="calibrate without gsens",
+        )
+    of_force = log_unit(triads[0], log)
+    return ForceTerms(triads[0], of_force, G * of_force.factor / unit.factor)
+
+
+def over_range(coefficients: Array, terms: LinearTerms) -> Array:
+    """Coefficients of powers of T - T0, from the first on, (n, ...), as those of powers of u from
+    the zeroth on, (n + 1, ...): u runs from -1 to 1 over the temperatures of the calibration.
+    """
+    middle, half = (terms.highest + terms.lowest) / 2, (terms.highest - terms.lowest) / 2
+    warm = Polynomial([middle - terms.reference, half])
+    found = np.zeros((len(coefficients) + 1, *coefficients.shape[1:]))
+    for place in np.ndindex(coefficients.shape[1:]):
+        powers = Polynomial([0.0, *(row[place] for row in coefficients)])
+        composed = np.asarray(powers(warm).coef)
+        found[(slice(0, len(composed)), *place)] = composed
+    return found

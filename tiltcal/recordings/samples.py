@@ -1,0 +1,75 @@
+"""Columns that were sampled together, and one sensor's readings."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.setup.sensor import Sensor
+
+Rows = npt.NDArray[np.intp]
+Labels = npt.NDArray[np.object_]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns that were sampled together.
+
+    Args:
+        rows: indices into the recording's time axis, (m,), increasing; None for every row.
+        columns: name with unit -> values as written in the file, (m,) each.
+    """
+
+    rows: Rows | None
+    columns: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One sensor's readings in SI.
+
+    Args:
+        time: s, (m,).
+        values: (m, k), NaN where one channel was not sampled.
+        axes: names of the k channels.
+        units: the unit each column was written in.
+        rows: rows of the recording, (m,).
+    """
+
+    time: Array
+    values: Array
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: Rows
+
+
+def si_values(sensor: Sensor, names: Sequence[str], raw: Array, source: str) -> Array:
+    """Readings of columns in SI, (m, k).
+
+    Raises:
+        TiltcalError: the unit of a column does not fit the sensor.
+    """
+    units = [split_unit(name)[1] for name in names]
+    if sensor.input is not None and all(u == sensor.input.unit for u in units):
+        return sensor.input.to_si(raw)
+    factors = []
+    for name, unit in zip(names, units, strict=True):
+        known = COLUMN_UNITS[str(unit)]
+        if known.quantity != sensor.quantity:
+            fix = (
+                "add input = {unit = ..., zero = ..., per_...} to the sensor"
+                if known.quantity == "raw"
+                else "rename it"
+            )
+            raise TiltcalError(
+                f"{source}, column {name}",
+                found=f"unit {unit}",
+                need=f"a unit of {sensor.quantity}",
+                do=fix,
+            )
+        factors.append(known.factor)
+    return np.asarray(raw * np.array(factors))

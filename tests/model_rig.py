@@ -43,7 +43,11 @@ class PlainModel:
         for name, stiffness in dict(joint_stiffness).items():
             joint = spec.joint(name)
             joint.parent.add_joint(
-                name=f"{name}_spring", type=joint.type, axis=joint.axis, pos=joint.pos
+                name=f"{name}_spring",
+                type=joint.type,
+                axis=joint.axis,
+                pos=joint.pos,
+                limited=mujoco.mjtLimited.mjLIMITED_FALSE,
             )
             self.springs[f"{name}_spring"] = stiffness
         if base_stiffness is not None:

@@ -174,6 +174,8 @@ def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
     except ValidationError as error:
         problems = [_problem(e) for e in error.errors()]
     if scenario is not None:
+        if scenario.dynamics is not None and scenario.rig.kind.chain is not None:
+            problems.append("dynamics: a run by time steps needs a table; leave it out")
         for k, t in enumerate(scenario.effect, start=1):
             try:
                 make_effect(

@@ -11,9 +11,13 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
+from tiltcal.diagnosis.model.gram_inverse import (
+    column_lengths,
+    prior_covariance,
+    pseudo_inverse,
+)
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.projection import DISTINCT
 
 # plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
 PRIOR = 5.0
@@ -156,17 +160,17 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
     columns = whitened_of(whitened, terms, effects)
     design = BlockDesignMatrix(columns, lengths)
     gram = design.gram()
-    size = _lengths(gram)
+    size = column_lengths(gram)
     prior = np.array(
         [1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names]
     )
     relative = prior / size**2
-    inverse, open_ = _pseudo_inverse(gram / np.outer(size, size) + np.diag(relative))
+    inverse, open_ = pseudo_inverse(gram / np.outer(size, size) + np.diag(relative))
     terms, residual = _descended(
         fitted.known, terms, whitened, design, inverse, prior, size, rounds
     )
     basis = design.basis()
-    covariance = inverse + _by_prior(open_, relative)
+    covariance = inverse + prior_covariance(open_, relative)
     covariance = covariance / np.outer(size, size) * np.outer(units, units)
     return replace(
         fitted,
@@ -202,9 +206,9 @@ def refit_linearly(
         columns += owned.get(id(term)) or stored_of(whitened, [term])
     design = BlockDesignMatrix(columns, [len(r) for r in residual])
     basis, gram = design.basis(), design.gram()
-    size = _lengths(gram)
+    size = column_lengths(gram)
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
-    inverse, _ = _pseudo_inverse(gram / np.outer(size, size))
+    inverse, _ = pseudo_inverse(gram / np.outer(size, size))
     step = inverse @ (design.along(residual) / size) / size
     moved = _moved([t if id(t) in owned else _at_nothing(t) for t in terms], step * units)
     return replace(
@@ -268,30 +272,6 @@ def _descended(
         if np.abs(step * size).max(initial=0.0) < 1e-3:
             break
     return terms, residual
-
-
-def _lengths(gram: Array) -> Array:
-    """Lengths of columns, (p,). One that hardly shows at a plausible size is not scaled up: what is
-    left of it may be rounding.
-    """
-    return np.asarray(np.sqrt(np.maximum(np.diag(gram), 1.0)))
-
-
-def _pseudo_inverse(gram: Array) -> tuple[Array, Array]:
-    """Of the inner products of columns of unit length; what is left undetermined stays where it
-    is. Returns the inverse, and the undetermined directions, (p, q).
-    """
-    values, vectors = np.linalg.eigh(gram)
-    keep = values > DISTINCT * len(values)
-    return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T), vectors[:, ~keep]
-
-
-def _by_prior(directions: Array, prior: Array) -> Array:
-    """Covariance along directions that the readings leave undetermined, (p, p): that of the prior,
-    whose inverse variances these are, (p,).
-    """
-    known = directions.T * prior @ directions
-    return np.asarray(directions @ np.linalg.pinv(known, hermitian=True) @ directions.T)
 
 
 def _moved(terms: Sequence[FittedTerm], step: Array) -> list[FittedTerm]:

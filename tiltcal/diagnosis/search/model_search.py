@@ -102,7 +102,9 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
         if best is None or state.cost < best.cost:
             best = state
         names = _names(state)
-        known = any(n == names and abs(c - state.cost) < SETTLED for n, c in visited)
+        known = any(
+            n == names and (c == state.cost or abs(c - state.cost) < SETTLED) for n, c in visited
+        )
         visited.append((names, state.cost))
         if known or names == before:
             break

@@ -26,7 +26,7 @@ from tiltcal.recordings.joining import joined
 from tiltcal.recordings.means_table import read_log_or_means
 from tiltcal.recordings.recording import Recording
 from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
-from tiltcal.report.html import parameter_rows
+from tiltcal.report.parameters import parameter_rows
 from tiltcal.report.stated import NOTHING_STATED
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
 

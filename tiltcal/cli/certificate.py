@@ -10,6 +10,7 @@ from cyclopts import Group, Parameter
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, tell
+from tiltcal.cli.stage import table_picture
 from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError
 from tiltcal.laboratory.scenario import Scenario
@@ -65,6 +66,8 @@ def certificate(
     calibration = load_calibration(calibration_file)
     print_verdict(calibration)
     made = make_certificate(calibration, stated)
+    if output is not None:
+        made = replace(made, picture=table_picture(made.setup))
     written = write_files(made, output, dcc)
     if as_json:
         print_json({"number": made.number, "verdict": calibration.verdict, "written": written})
@@ -114,4 +117,6 @@ def write_reports(
         made = make_certificate(
             calibration, stated, recording, budget, segments, assumed=not scenario.budget
         )
+        if page is not None:
+            made = replace(made, picture=table_picture(made.setup))
         write_files(made, page, dcc)

@@ -9,14 +9,17 @@ from cyclopts import Parameter
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import DescribedBy, Json
 from tiltcal.cli.output import print_json, progress_line, say
+from tiltcal.cli.stage import table_in
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
 from tiltcal.diagnosis.diagnose import diagnose as explain
 from tiltcal.laboratory.scenario import Scenario, load_scenario
+from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.report.diagnosis import write_diagnosis
+from tiltcal.report.poses import poses_of
 
 
 def diagnose(
@@ -52,7 +55,7 @@ def diagnose(
             laboratory = simulator(progress)
             found = explain(honest, data, static=at_rest, laboratory=laboratory, progress=progress)
         if output:
-            write_results(found, output, recordings)
+            write_results(found, output, recordings, honest, data)
     if as_json:
         print_json(_as_json(found, recordings))
     else:
@@ -77,13 +80,27 @@ def honest_scenario(path: Path) -> Scenario:
     return scenario
 
 
-def write_results(found: Diagnosis, folder: Path, recordings: Sequence[Path]) -> None:
-    """Write the files of a diagnosis; diagnosis.json names the recordings, for `design --split`."""
+def write_results(
+    found: Diagnosis,
+    folder: Path,
+    recordings: Sequence[Path],
+    scenario: Scenario,
+    data: Sequence[Recording],
+) -> None:
+    """Write the files of a diagnosis; diagnosis.json names the recordings, for `design --split`.
+
+    Args:
+        found: the answer; folder: of the files.
+        recordings: their files; data: what they hold.
+        scenario: that was diagnosed.
+    """
     import tomli_w
 
     make_folder(folder)
     write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
-    write_diagnosis(found, folder / "report.html", ", ".join(path.name for path in recordings))
+    poses = poses_of(data, scenario)
+    names = ", ".join(path.name for path in recordings)
+    write_diagnosis(found, folder / "report.html", names, poses, table_in(poses, scenario))
     write_json(folder / "diagnosis.json", _as_json(found, recordings))
 
 

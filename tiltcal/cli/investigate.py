@@ -103,7 +103,7 @@ def _explainer(scenario: Scenario, progress: Progress) -> Callable[[Sequence[Pat
     def explain(files: Sequence[Path], place: Path) -> None:
         data = [read_recording(path) for path in files]
         found = diagnose(scenario, data, laboratory=simulator(progress), progress=progress)
-        write_results(found, place, files)
+        write_results(found, place, files, scenario, data)
 
     return explain
 

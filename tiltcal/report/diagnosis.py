@@ -1,27 +1,18 @@
-"""The HTML report of a diagnosis: verdict, location, fit before and after, rejected alternatives
-and the next measurement.
+"""The report of a diagnosis: the result in one sentence, the law of each finding, held-out data
+before and after, rejected alternatives, the next measurement, what could not be seen.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tiltcal import __version__
-from tiltcal.core.files import write_text
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding
-from tiltcal.diagnosis.conclusions.residual_plots import View
-from tiltcal.report.figures import COLOURS, LAYOUT
+from tiltcal.report.page import sections, write_page
+from tiltcal.report.plots import Plot
+from tiltcal.report.poses import Pose
+from tiltcal.report.residuals import heldout_plots, heldout_rows, law_plots, spectrum_plot
+from tiltcal.report.scenes import sphere_plot
 
-TEMPLATE = Path(__file__).parent / "diagnosis.html.jinja"
-COORDINATE = {
-    "time": "time_s",
-    "temperature": "temperature_degC",
-    "tilt": "input",
-    "rate": "input",
-    "move": "time_s",
-    "sample": "time_s",
-}
 MEANING = {
     "match": "The recording agrees with the scenario.",
     "explained": "The scenario leaves out physics; every finding has one name.",
@@ -31,105 +22,94 @@ MEANING = {
 }
 
 
-def write_diagnosis(diagnosis: Diagnosis, path: Path, sources: str) -> None:
-    """Write the report of one diagnosis; ``sources`` names its recordings."""
-    from jinja2 import Environment, StrictUndefined
-    from plotly.offline import get_plotlyjs
+def write_diagnosis(
+    diagnosis: Diagnosis,
+    path: Path,
+    sources: str,
+    poses: Sequence[Pose] = (),
+    table: Plot | None = None,
+) -> None:
+    """Write the report of one diagnosis.
 
-    template = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    ).from_string(TEMPLATE.read_text(encoding="utf-8"))
-    text = template.render(
-        plotly=get_plotlyjs(),
-        version=__version__,
+    Args:
+        diagnosis: the answer; path: of the file.
+        sources: names of its recordings.
+        poses: of its recordings.
+        table: in these poses.
+    """
+    write_page(
+        path,
+        "diagnosis",
         sources=sources,
         d=diagnosis,
+        lead=lead(diagnosis),
         meaning=MEANING[diagnosis.verdict],
-        findings=[{"f": f, "figures": _figures(f, diagnosis)} for f in diagnosis.findings],
-        overview=_html(_spectra(diagnosis)),
+        contents=sections(
+            *("Findings",) * bool(diagnosis.findings),
+            "Record next",
+            "Held-out data",
+            "Poses" if poses else "",
+            "Not visible",
+            "Noise and residual",
+        ),
+        findings=[{"f": f, "laws": law_plots(f)} for f in diagnosis.findings],
+        heldout=heldout_plots(diagnosis.views),
+        heldout_rows=heldout_rows(diagnosis.views),
+        spectrum=spectrum_plot(diagnosis.spectra),
+        scenes=[p for p in (sphere_plot(poses), table) if p is not None],
         unseen=_unseen(diagnosis),
         noise=_noise(diagnosis),
         figure=_figure,
     )
-    write_text(path, text)
 
 
-def _figures(finding: Finding, diagnosis: Diagnosis) -> list[str]:
-    """Residuals of the affected channels over the coordinate of a finding, before and after."""
-    wanted = COORDINATE.get(finding.where.coordinate, f"{finding.where.coordinate}_deg")
-    shown = [
-        v
-        for v in diagnosis.views
-        if v.channel.split(".")[0] in finding.sensors and v.channel.split(".")[1] in finding.axes
-    ]
-    figures = []
-    for view in shown[:3]:
-        for name in dict.fromkeys((wanted, "time_s")):
-            if name in view.coordinates:
-                figures.append(_html(_residuals(view, name)))
-    return figures
+def lead(diagnosis: Diagnosis) -> str:
+    """The result in one sentence."""
+    before, after = (f.heldout_chi2_per_dof for f in (diagnosis.before, diagnosis.after))
+    if diagnosis.verdict == "match":
+        return "The recording agrees with the scenario."
+    if not diagnosis.findings:
+        return "The recording does not tell whether the scenario is complete."
+    parts = " and ".join(_named(f) for f in diagnosis.findings)
+    held = (
+        f"; with it chi-square per degree of freedom of held-out data goes from {before:.3g} to"
+        f" {after:.3g}"
+        if before is not None and after is not None
+        else ""
+    )
+    return f"The scenario leaves out {parts}{held}."
 
 
-def _residuals(view: View, name: str) -> Any:
-    """Mean residual over one coordinate with its standard uncertainty, before and after."""
-    import plotly.graph_objects as go
-
-    u = view.coordinates[name]
-    axis = "own reading, SI" if name == "input" else name
-    figure = go.Figure(layout=LAYOUT | {"title": f"{view.channel}: residual over {axis}"})
-    for label, values, colour in (
-        ("before", view.before[name], COLOURS[1]),
-        ("after", view.after[name], COLOURS[0]),
-    ):
-        figure.add_scattergl(
-            x=u,
-            y=values,
-            mode="markers",
-            name=label,
-            marker={"size": 4, "color": colour},
-            error_y={"type": "data", "array": view.sigma[name], "thickness": 0.6, "width": 0},
-        )
-    figure.update_xaxes(title=axis)
-    figure.update_yaxes(title=f"residual, {view.unit}", exponentformat="e")
-    return figure
+def _named(finding: Finding) -> str:
+    if finding.effect is None:
+        what = f"a curve of no listed effect over {finding.where.coordinate}"
+    else:
+        what = " or ".join(finding.names)
+    sizes = ", ".join(
+        f"{name} {value:.4g} ± {sigma:.2g}"
+        for name, (value, sigma) in list(finding.parameters.items())[:2]
+    )
+    place = " ".join((*finding.sensors, *finding.axes))
+    return f"{what}{f' on {place}' if place else ''}{f' ({sizes})' if sizes else ''}"
 
 
-def _spectra(diagnosis: Diagnosis) -> Any:
-    """Spectrum of the residual, before and after."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure(layout=LAYOUT | {"title": "Spectrum of the residual (dotted: before)"})
-    for i, view in enumerate(diagnosis.views[:8]):
-        scale = max(float(np.median(view.spectrum_after[len(view.spectrum_after) // 2 :])), 1e-300)
-        colour = COLOURS[i % len(COLOURS)]
-        figure.add_scatter(
-            x=view.frequency,
-            y=view.spectrum_before / scale,
-            line={"dash": "dot", "color": colour},
-            showlegend=False,
-        )
-        figure.add_scatter(
-            x=view.frequency,
-            y=view.spectrum_after / scale,
-            line={"color": colour},
-            name=view.channel,
-        )
-    figure.update_xaxes(title="Hz", type="log")
-    figure.update_yaxes(title="rms in the band / its noise", type="log")
-    return figure
-
-
-def _unseen(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Effects that were not found; those that are not detectable first."""
-    rows = [
-        {
-            "effect": u.effect,
-            "absorbed": u.absorbed,
-            "size": ", ".join(f"{k} {v:.3g}" for k, v in list(u.size.items())[:3]),
-        }
+def _unseen(diagnosis: Diagnosis) -> dict[str, list[dict[str, Any]]]:
+    """Effects that were not found: those that are not detectable at all, and the others with the
+    size from which they are.
+    """
+    rows: list[dict[str, Any]] = [
+        {"effect": u.effect, "absorbed": u.absorbed, "size": _sizes(u.size)}
         for u in diagnosis.undetectable
     ]
-    return sorted(rows, key=lambda row: (bool(row["size"]), -row["absorbed"]))
+    rows.sort(key=lambda row: -row["absorbed"])
+    return {
+        "never": [row for row in rows if not row["size"]],
+        "from_size": [row for row in rows if row["size"]],
+    }
+
+
+def _sizes(size: Mapping[str, float]) -> str:
+    return ", ".join(f"{k} {v:.3g}" for k, v in list(size.items())[:3])
 
 
 def _noise(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -151,7 +131,3 @@ def _noise(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _figure(value: float | None, digits: int = 4) -> str:
     """A number as text; a dash where nothing was tested."""
     return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _html(figure: Any) -> str:
-    return str(figure.to_html(full_html=False, include_plotlyjs=False))

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from tiltcal.diagnosis.conclusions.law_plots import LawView
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.diagnosis.conclusions.part import Part
-from tiltcal.diagnosis.conclusions.residual_plots import View
+from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange
 
 Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]
@@ -56,6 +57,7 @@ class Finding:
         statement, next_measurement: in words.
         probability: that something is there; of each name, ``unlisted`` for none of the catalogue,
             given that something is.
+        laws: for pictures.
     """
 
     effect: str | None
@@ -74,6 +76,7 @@ class Finding:
     next_measurement: str = ""
     probability: float | None = None
     name_probability: Mapping[str, float] = field(default_factory=dict)
+    laws: tuple[LawView, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -156,7 +159,7 @@ class Diagnosis:
         before, after: fit of the scenario as it is and of the amended one.
         noise: that the amended one leaves.
         amended: the amended scenario, as a table.
-        views: of what is left, for a picture.
+        views, spectra: of what is left, for pictures.
     """
 
     verdict: Verdict
@@ -169,6 +172,7 @@ class Diagnosis:
     noise: NoiseReport = field(default_factory=NoiseReport)
     amended: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[View, ...] = ()
+    spectra: tuple[Spectrum, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""

@@ -1,5 +1,6 @@
 """``tiltcal design``."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
 from tiltcal.cli.output import print_json, print_table, progress_line, say
+from tiltcal.cli.stage import table_in
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json, write_text
@@ -26,6 +28,7 @@ from tiltcal.design.terms import Wanted, scenario_model
 from tiltcal.design.time_budget import Clock
 from tiltcal.effects.sensor.noise import AccNoise
 from tiltcal.laboratory.scenario import Scenario, load_scenario, parse_scenario
+from tiltcal.report.design import poses_of_plan, write_design
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import DUAL
 
@@ -73,7 +76,7 @@ def design(
     """Find the sequence of poses with the most information per table time.
 
     Writes design.toml (for `tiltcal simulate`), steps.csv (for a laboratory),
-    steps.txt, segments.csv and design.json to the folder of -o. By default the
+    steps.txt, segments.csv, design.json and report.html to the folder of -o. By default the
     terms are those of the sensors' adjustable lists and of [[effect]] tables with
     fit = true.
 
@@ -106,6 +109,10 @@ def design(
         up = still.up(plan.angles)
         if output:
             write_plan(plan, scenario, up, output)
+            poses = poses_of_plan(plan, up, scenario)
+            table_plot = table_in(poses, scenario)
+            missing = _missing(unseen, untold)
+            write_design(plan, output / "report.html", scenario.name, poses, table_plot, missing)
     if as_json:
         print_json(plan.to_json() | {"unseen": list(unseen), "untold": list(untold)})
     else:
@@ -113,6 +120,14 @@ def design(
         if untold:
             say("not separable from the other terms by these poses: " + ", ".join(untold))
     return 0
+
+
+def _missing(unseen: Sequence[str], untold: Sequence[str]) -> list[str]:
+    """What no pose of a design shows or separates, a sentence each."""
+    return [
+        *(f"{name}: not visible in any pose." for name in unseen),
+        *(f"{name}: not separable from the other terms by these poses." for name in untold),
+    ]
 
 
 def _scenario_of(path: Path | None, aim: Aim) -> Scenario:

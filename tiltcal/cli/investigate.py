@@ -12,6 +12,7 @@ from tiltcal.cli.diagnose import honest_scenario, write_results
 from tiltcal.cli.laboratory import simulator
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
 from tiltcal.cli.output import print_json, progress_line, say, tell
+from tiltcal.cli.stage import table_in
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
@@ -24,8 +25,11 @@ from tiltcal.diagnosis.investigation.investigate import (
 )
 from tiltcal.diagnosis.investigation.next_block import Limits
 from tiltcal.diagnosis.investigation.progress_log import Investigation
+from tiltcal.diagnosis.investigation.stored import read_diagnosis
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording_files import read_recording
+from tiltcal.report.investigation import write_investigation
+from tiltcal.report.poses import poses_of
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ def investigate(
 
     The command of --lab is called as `LAB SEQUENCE.csv RECORDING.csv`, without a
     shell. It drives a real table or a simulated one. The folder of -o keeps
-    log.md, investigation.json, sequences, recordings and diagnoses.
+    log.md, investigation.json, report.html, sequences, recordings and diagnoses.
 
       tiltcal investigate first.csv --scenario bench.toml --lab './record -t 2'
       tiltcal investigate --scenario bench.toml --lab 'tiltcal lab concealed.toml'
@@ -93,6 +97,7 @@ def investigate(
             budget_min,
         )
         state = run_investigation(bench, given, progress, resume)
+        _report(state, honest, output)
     _show(state, output, as_json)
     return 0 if state.explained else 1
 
@@ -108,6 +113,16 @@ def _explainer(scenario: Scenario, progress: Progress) -> Callable[[Sequence[Pat
     return explain
 
 
+def _report(state: Investigation, scenario: Scenario, folder: Path) -> None:
+    """Write report.html of an investigation."""
+    files = [*map(Path, state.given), *(folder / e.recording for e in state.entries)]
+    poses = poses_of([read_recording(path) for path in files], scenario)
+    numbers = range(0 if state.given else 1, len(state.entries) + 1)
+    answers = [read_diagnosis(folder / f"diagnosis_{k}" / "diagnosis.json") for k in numbers]
+    table = table_in(poses, scenario)
+    write_investigation(state, answers, folder / "report.html", poses, table)
+
+
 def _show(state: Investigation, output: Path, as_json: bool) -> None:
     if as_json:
         print_json(state.to_json())
@@ -116,6 +131,7 @@ def _show(state: Investigation, output: Path, as_json: bool) -> None:
         say(f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time")
     say(f"{state.verdicts[-1]}: {state.statement}")
     tell(f"{output}/log.md")
+    tell(f"{output}/report.html")
 
 
 def block_limits(given: BlockLimits) -> Limits:

@@ -10,15 +10,16 @@
   };
   const read = (place) => JSON.parse(document.getElementById(place.dataset.plot).textContent);
   const axis = (given) => ({ gridcolor: variable("--line"), zerolinecolor: variable("--soft"), zerolinewidth: 1, linecolor: variable("--line"), automargin: true, ...given });
-  const layout = (given) => {
+  const layout = (given, height, narrow) => {
     const found = { font: { family: "system-ui, sans-serif", size: 12, color: variable("--ink") }, paper_bgcolor: variable("--paper"), plot_bgcolor: variable("--paper"),
       margin: { l: 55, r: 12, t: 8, b: 42 }, hoverlabel: { bgcolor: variable("--panel"), bordercolor: variable("--soft"), font: { color: variable("--ink") }, namelength: -1 },
-      legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" }, ...coloured(given) };
+      legend: { orientation: "h", x: 0, y: 1 + 6 / Math.max(height - 60, 60), yanchor: "bottom" }, ...coloured(given) };
     if (found.scene) {
       for (const name of ["xaxis", "yaxis", "zaxis"]) found.scene[name] = { backgroundcolor: variable("--panel"), ...axis(found.scene[name]) };
     } else {
       found.xaxis = axis(found.xaxis);
       found.yaxis = axis(found.yaxis);
+      if (narrow) found.xaxis.tickfont = found.yaxis.tickfont = { size: 10 };
     }
     return found;
   };
@@ -38,7 +39,7 @@
     const { data, layout: given, frames } = read(place);
     if (given.sphere) { data.push(...globe()); delete given.sphere; }
     const options = { displaylogo: false, responsive: true, displayModeBar: "hover", modeBarButtonsToRemove: ["select2d", "lasso2d", "sendDataToCloud"] };
-    Plotly.newPlot(place, { data: coloured(data), layout: layout(given), frames: coloured(frames || []), config: options });
+    Plotly.newPlot(place, { data: coloured(data), layout: layout(given, place.clientHeight, place.clientWidth < 500), frames: coloured(frames || []), config: options });
     place.dataset.drawn = "yes";
   };
   const drawOnce = (place) => { if (!place.dataset.drawn) draw(place); };

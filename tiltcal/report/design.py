@@ -10,7 +10,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.units import DEG
 from tiltcal.design.plan import Forecast, Plan
 from tiltcal.report.page import sections, write_page
-from tiltcal.report.plots import Plot, axes, colour, points
+from tiltcal.report.plots import LOGARITHMIC, Plot, axes, colour, points
 from tiltcal.report.poses import Pose, poses_at
 from tiltcal.report.scenes import sphere_plot
 from tiltcal.setup.setup import Setup
@@ -83,11 +83,14 @@ def _comparison(plan: Plan) -> Plot:
         "hovertemplate": "%{x}<br>%{y:.4g} arcsec rms per axis<extra></extra>",
     }
     words = ", ".join(f"{n} {t:.3g}" for n, t in zip(names, tilts, strict=True))
+    layout = axes("", "arcsec, rms per axis", showlegend=False)
+    layout["xaxis"]["type"] = "category"  # some schemes are called 8, 12, 24
+    layout["yaxis"] |= LOGARITHMIC
     return Plot(
         [bars],
         "Expected tilt error with the same table time, arcsec rms per axis.",
         f"Expected tilt error in arcsec: {words}",
-        axes("", "arcsec, rms per axis", showlegend=False),
+        layout,
     )
 
 
@@ -97,7 +100,7 @@ def _gains(plan: Plan) -> Plot:
     ratio = model.prior / sigma
     hover = "%{x}<br>%{y:.4g} times smaller"
     layout = axes("", "prior sigma / expected sigma", showlegend=False)
-    layout["yaxis"]["type"] = "log"
+    layout["yaxis"] |= LOGARITHMIC
     return Plot(
         [points(list(model.names), ratio, "parameters", 0, hover=hover)],
         "By how much the standard uncertainty of each parameter falls.",

@@ -120,7 +120,7 @@ def _names(answers: Sequence[Mapping[str, Any]]) -> Plot | None:
         for k, name in enumerate(shown[:MOST_NAMES])
     ]
     layout = axes("diagnosis", "probability", showlegend=True)
-    layout["xaxis"]["dtick"] = 1
+    layout["xaxis"]["dtick"], layout["yaxis"]["range"] = 1, [-0.03, 1.03]
     return Plot(
         traces,
         "Probability of each name after each diagnosis.",

@@ -9,7 +9,7 @@ from tiltcal.core.units import split_unit
 from tiltcal.diagnosis.conclusions.finding import Finding
 from tiltcal.diagnosis.conclusions.law_plots import LawView
 from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
-from tiltcal.report.plots import Plot, Trace, axes, colour, line, points
+from tiltcal.report.plots import LOGARITHMIC, Plot, Trace, axes, colour, line, points
 from tiltcal.setup.tables import axis_of
 
 SIGNS = {"ug": "µg", "deg": "°", "deg_h": "°/h", "deg_s": "°/s", "degC": "°C", "m_s2": "m/s²"}
@@ -189,7 +189,8 @@ def spectrum_plot(spectra: Sequence[Spectrum]) -> Plot | None:
         traces.append(line(s.frequency, s.after / scale, f"{s.channel} after", k, hover=label))
     shown = ", ".join(s.channel for s in spectra[:MOST_SPECTRA])
     layout = axes("Hz", "rms in the band / its noise", showlegend=True)
-    layout["xaxis"]["type"] = layout["yaxis"]["type"] = "log"
+    layout["xaxis"] |= LOGARITHMIC
+    layout["yaxis"] |= LOGARITHMIC
     return Plot(
         traces,
         "Spectrum of the residual, before (dotted) and after.",

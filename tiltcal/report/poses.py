@@ -100,20 +100,24 @@ def drive_of(poses: Sequence[Pose], setup: Setup) -> Drive:
 
 def _by_readout(recording: Recording, setup: Setup) -> Iterator[Pose]:
     course = replay(recording, setup)
-    drive = course.drive(course.time)
-    motion = closed_form(setup, drive)
-    mounts = [start for start, _ in course.mounts[1:]]
+    rests = np.flatnonzero(np.bincount(course.stop[course.stop >= 0]))
+    if not len(rests):
+        return
+    order = np.flatnonzero(course.stop >= 0)
+    first = order[np.searchsorted(course.stop[order], rests)]
+    last = order[np.searchsorted(course.stop[order], rests, side="right") - 1]
+    middle = (first + last) // 2
+    zero = np.zeros(len(middle))
+    axes = {name: Jet(angle[middle], zero, zero) for name, angle in course.angles.items()}
+    up = closed_form(setup, course.standing(course.time[middle], axes)).up
+    starts = [start for start, _ in course.mounts[1:]]
     words = str(recording.metadata.get("mount", setup.rig.mount)).split(";")
-    for stop in range(int(course.stop.max(initial=-1)) + 1):
-        rows = np.flatnonzero(course.stop == stop)
-        if not len(rows):
-            continue
-        middle = rows[len(rows) // 2]
-        place = int(np.searchsorted(mounts, course.time[middle], side="right"))
+    for k, row in enumerate(middle):
+        place = int(np.searchsorted(starts, course.time[row], side="right"))
         yield Pose(
-            motion.up[middle],
-            {name: float(angle[middle] / DEG) for name, angle in course.angles.items()},
-            float(course.time[rows[0]] - course.time[0]),
+            up[k],
+            {name: float(angle[row] / DEG) for name, angle in course.angles.items()},
+            float(course.time[first[k]] - course.time[0]),
             f"{recording.source}, mount {words[place].rpartition(':')[2].strip()}",
             course.mounts[place][1],
         )

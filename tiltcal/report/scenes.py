@@ -11,6 +11,7 @@ from tiltcal.report.plots import Plot, Trace, colour
 from tiltcal.report.poses import Pose
 
 MOST_POSES = 30  # of a table that is drawn in each of them
+MOST_POINTS = 300  # of a recording on the sphere
 HIDDEN = {"showticklabels": False, "title": {"text": ""}, "showspikes": False, "visible": False}
 ORIGIN = np.zeros(3)
 NO_MARGIN = {"l": 0, "r": 0, "t": 0, "b": 0}
@@ -26,6 +27,7 @@ def sphere_plot(poses: Sequence[Pose]) -> Plot | None:
     groups = list(dict.fromkeys(p.group for p in poses))
     for k, group in enumerate(groups):
         mine = [(n, p) for n, p in enumerate(poses, 1) if p.group == group]
+        mine = [mine[i] for i in np.unique(np.linspace(0, len(mine) - 1, MOST_POINTS).astype(int))]
         down = -np.array([p.up for _, p in mine])
         traces.append(
             _spatial("scatter3d", down)

@@ -14,7 +14,9 @@ from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
 from tiltcal.effects.mechanisms import Context
+from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
+from tiltcal.setup.trajectory import Drive
 
 MOST = 400  # points of a law that has no data of its own
 
@@ -109,24 +111,11 @@ def _deviations(observations: Observations, effects: Sequence[Effect]) -> Iterat
     """
     if not observations.courses:
         return
-    course, rig = observations.courses[0], observations.scenario.rig
+    course = observations.courses[0]
     drive = course.drive(course.time)
-    gravity = observations.scenario.site.gravity
     found: dict[str, list[Array]] = {}
     for k, effect in enumerate(effects):
-        one: dict[str, Array] = {}
-        if isinstance(effect, AngleEffect):
-            for axis in rig.axis_names:
-                if effect.acts_on(axis, rig):
-                    deviation = effect.deviation(drive, axis, None).x
-                    one[f"true angle minus readout of the {axis} axis"] = np.asarray(deviation)
-        elif isinstance(effect, FrameEffect):
-            context = Context(drive, drive.axes, rig, gravity)
-            for slot in rig.kind.slots:
-                for turn in effect.turns(slot, context):
-                    name = f"turn of the frame {slot} about {turn.axis}"
-                    one[name] = one.get(name, np.zeros(1)) + turn.angle.x
-        for name, angle in one.items():
+        for name, angle in _angles(effect, drive, observations.scenario).items():
             sums = found.setdefault(name, [np.zeros(len(drive.time)), np.zeros(len(drive.time))])
             sums[0] = sums[0] + angle
             sums[1] = sums[1] + (angle if k == 0 else 0.0)
@@ -140,3 +129,26 @@ def _deviations(observations: Observations, effects: Sequence[Effect]) -> Iterat
             sizes, none = (law[rows] / ARCSEC, leading[rows] / ARCSEC), np.zeros(0)
             still = drive.stop[rows] >= 0
             yield LawView(name, "", "", "arcsec", "", source, shown, *sizes, none, none, still)
+
+
+def _angles(effect: Effect, drive: Drive, setup: Setup) -> dict[str, Array]:
+    """Deviations of table axes and turns of frames by an effect, in words, rad, (n,) or (1,). What
+    bends under load shows in the channels only: its turn needs the load.
+    """
+    rig = setup.rig
+    if isinstance(effect, AngleEffect):
+        return {
+            f"true angle minus readout of the {axis} axis": np.atleast_1d(
+                effect.deviation(drive, axis, None).x
+            )
+            for axis in rig.axis_names
+            if effect.acts_on(axis, rig)
+        }
+    found: dict[str, Array] = {}
+    if isinstance(effect, FrameEffect) and not effect.mechanised:
+        context = Context(drive, drive.axes, rig, setup.site.gravity)
+        for slot in rig.kind.slots:
+            for turn in effect.turns(slot, context):
+                name = f"turn of the frame {slot} about {turn.axis}"
+                found[name] = found.get(name, np.zeros(1)) + turn.angle.x
+    return found

@@ -15,8 +15,12 @@ from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
 from tiltcal.cli.diagnose import write_results
 from tiltcal.cli.stage import table_in, table_picture
+from tiltcal.design.identifiability import reference_scenario
+from tiltcal.diagnosis.conclusions.law_plots import angles_of
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.progress_log import Entry, Investigation
+from tiltcal.effects import CATALOGUE
+from tiltcal.effects.base import AngleEffect, FrameEffect
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.report.certificate import certificate_page, make_certificate
 from tiltcal.report.diagnosis import lead, write_diagnosis
@@ -187,6 +191,21 @@ def test_held_out_residuals_are_shown_for_each_mounting(remounted):
         first, last = (np.sqrt(np.mean(x**2)) for x in (view.before, view.after))
         assert first > 3 * last
         assert last < 2 * np.sqrt(np.mean(view.sigma**2))
+
+
+def test_every_geometric_effect_has_its_angles_for_a_picture():
+    drawn = set()
+    for id, cls in CATALOGUE.items():
+        if not issubclass(cls, AngleEffect | FrameEffect):
+            continue
+        scenario = reference_scenario(id)
+        drive = scenario.schedule.drive(np.linspace(*scenario.schedule.times, 100))
+        effect = next(e for e in scenario.effects if e.id == id)
+        angles = angles_of(effect, drive, scenario)
+        assert all(a.shape in ((1,), (100,)) for a in angles.values())
+        if any(np.ptp(a) > 0 for a in angles.values()):
+            drawn.add(cls)
+    assert len(drawn) >= 15
 
 
 def test_the_lead_of_a_diagnosis_names_effect_place_and_size(remounted):

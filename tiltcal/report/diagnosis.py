@@ -20,6 +20,7 @@ MEANING = {
     "unlisted": "The scenario leaves out physics of no listed effect; it is modelled as a curve.",
     "cannot_tell": "The recording, or the check of the answer, leaves no judgement.",
 }
+SAME_FORM = 0.99  # cosine
 
 
 def write_diagnosis(
@@ -52,7 +53,7 @@ def write_diagnosis(
             "Not visible",
             "Noise and residual",
         ),
-        findings=[{"f": f, "laws": law_plots(f)} for f in diagnosis.findings],
+        findings=[{"f": f, "laws": law_plots(f), "rivals": _rivals(f)} for f in diagnosis.findings],
         heldout=heldout_plots(diagnosis.views),
         heldout_rows=heldout_rows(diagnosis.views),
         spectrum=spectrum_plot(diagnosis.spectra),
@@ -91,6 +92,25 @@ def _named(finding: Finding) -> str:
     )
     place = " ".join((*finding.sensors, *finding.axes))
     return f"{what}{f' on {place}' if place else ''}{f' ({sizes})' if sizes else ''}"
+
+
+def _rivals(finding: Finding) -> list[dict[str, Any]]:
+    """The alternatives of a finding, and why each lost, or did not."""
+    rows = []
+    for name, cosine, separation in finding.rivals:
+        if name in finding.names:
+            why = "not excluded: this recording cannot tell it from the finding"
+        elif separation > 0:
+            form = "nearly the same form" if cosine > SAME_FORM else "another form"
+            better = f"{separation / 2:.1f} nats"
+            why = f"{form}; the readings are better explained by the finding, by {better}"
+        else:
+            why = "explains less, or needs more numbers for it"
+        chance = finding.name_probability.get(name, 0.0)
+        rows.append(
+            {"name": name, "p": chance, "cosine": cosine, "separation": separation, "why": why}
+        )
+    return rows
 
 
 def _unseen(diagnosis: Diagnosis) -> dict[str, list[dict[str, Any]]]:

@@ -68,18 +68,20 @@ def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
 
 
 def _law_traces(
-    law: LawView, name: str, shown: Mask, where: str, place: int, hover: str
+    law: LawView, coordinate: str, shown: Mask, where: str, place: int, hover: str
 ) -> Iterator[Trace]:
     """What is measured, the whole law and its leading form, over a coordinate."""
-    order = np.flatnonzero(shown)[np.argsort(law.coordinates[name][shown], kind="stable")]
-    u = law.coordinates[name][order]
+    order = np.flatnonzero(shown)[np.argsort(law.coordinates[coordinate][shown], kind="stable")]
+    u = law.coordinates[coordinate][order]
     if len(law.data):
         sigma, values = law.sigma[order], law.data[order]
         measured = points(u, values, f"measured{where}", place + 1, sigma=sigma, hover=hover)
         yield measured | {"opacity": 0.65}
     whole, leading = law.law[order], law.leading[order]
-    yield _joined(u, whole, f"law, with what completes it{where}", place, "solid", hover)
-    if not np.allclose(leading, whole, atol=VISIBLE * _size([law])):
+    completed = not np.allclose(leading, whole, atol=VISIBLE * _size([law]))
+    name = f"law{', with what completes it' if completed else ''}{where}"
+    yield _joined(u, whole, name, place, "solid", hover)
+    if completed:
         yield _joined(u, leading, f"its leading form alone{where}", place + 3, "dot", hover)
 
 

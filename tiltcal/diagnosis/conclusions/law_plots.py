@@ -115,7 +115,7 @@ def _deviations(observations: Observations, effects: Sequence[Effect]) -> Iterat
     drive = course.drive(course.time)
     found: dict[str, list[Array]] = {}
     for k, effect in enumerate(effects):
-        for name, angle in _angles(effect, drive, observations.scenario).items():
+        for name, angle in angles_of(effect, drive, observations.scenario).items():
             sums = found.setdefault(name, [np.zeros(len(drive.time)), np.zeros(len(drive.time))])
             sums[0] = sums[0] + angle
             sums[1] = sums[1] + (angle if k == 0 else 0.0)
@@ -131,7 +131,7 @@ def _deviations(observations: Observations, effects: Sequence[Effect]) -> Iterat
             yield LawView(name, "", "", "arcsec", "", source, shown, *sizes, none, none, still)
 
 
-def _angles(effect: Effect, drive: Drive, setup: Setup) -> dict[str, Array]:
+def angles_of(effect: Effect, drive: Drive, setup: Setup) -> dict[str, Array]:
     """Deviations of table axes and turns of frames by an effect, in words, rad, (n,) or (1,). What
     bends under load shows in the channels only: its turn needs the load.
     """

@@ -2,6 +2,7 @@
 before and after, rejected alternatives, the next measurement, what could not be seen.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -71,14 +72,27 @@ def lead(diagnosis: Diagnosis) -> str:
         return "The recording agrees with the scenario."
     if not diagnosis.findings:
         return "The recording does not tell whether the scenario is complete."
-    parts = " and ".join(_named(f) for f in diagnosis.findings)
+    faults = [f for f in diagnosis.findings if f.stage == "data"]
+    physics = [f for f in diagnosis.findings if f.stage != "data"]
+    parts = [f"the recording has {_list(faults)}"] * bool(faults)
+    parts += [f"the scenario leaves out {_list(physics)}"] * bool(physics)
     held = (
-        f"; with it chi-square per degree of freedom of held-out data goes from {before:.3g} to"
-        f" {after:.3g}"
+        "; chi-square per degree of freedom of held-out data goes from"
+        f" {before:.3g} to {after:.3g} with the amended scenario"
         if before is not None and after is not None
         else ""
     )
-    return f"The scenario leaves out {parts}{held}."
+    words = f"{', and '.join(parts)}{held}."
+    if diagnosis.verdict == "cannot_tell":
+        return f"Not confirmed: {words}"
+    return words[:1].upper() + words[1:]
+
+
+def _list(findings: Sequence[Finding]) -> str:
+    """Findings in words; those of the same words together."""
+    counts = Counter(map(_named, findings))
+    words = [f"{name}{f' ({n} times)' if n > 1 else ''}" for name, n in counts.items()]
+    return " and ".join(words)
 
 
 def _named(finding: Finding) -> str:

@@ -183,6 +183,21 @@ def test_the_law_of_a_picture_has_the_curves_that_complete_it(cancelling):
     assert np.abs(lead - whole).max() > 100
 
 
+def test_a_learned_law_is_drawn_over_the_coordinate_that_it_follows():
+    truth = bench(K2)
+    found = prepare(honest(truth), [recorded(truth, 5)])
+    names = ("c0", "c2", "c4")
+    values = dict.fromkeys(names, 1e-3)
+    curve = LearnedReading(values, "accel", "y", "found", coordinate="force_x", knots=KNOTS)
+    term = replace(FittedTerm.start(Hypothesis(curve, names)), values=(2e-3, 0.0, 1e-3))
+    fitted = replace(found.start, terms=(term,))
+    left = found.observations.residuals(fitted.effects)
+    ((law,),) = laws_of(fitted, found.observations, left)
+    assert (law.subject, law.unit, law.follows) == ("accel.y", "ug", "force_x_g")
+    u = law.coordinates["force_x_g"][law.still] * 9.80665
+    np.testing.assert_allclose(law.law[law.still], term.effect.curve(u) / 9.80665e-6, atol=0.5)
+
+
 def test_the_law_of_a_readout_error_is_drawn_as_an_angle():
     truth = bench(ENCODER)
     found = prepare(honest(truth), [recorded(truth, 5)])

@@ -13,6 +13,13 @@ from tiltcal.report.plots import LOGARITHMIC, Plot, Trace, axes, colour, line, p
 from tiltcal.setup.tables import axis_of
 
 SIGNS = {"ug": "µg", "deg": "°", "deg_h": "°/h", "deg_s": "°/s", "degC": "°C", "m_s2": "m/s²"}
+WORDS = {
+    "input": "own reading",
+    "transverse": "rate across the axis",
+    "since_move": "time since the last move",
+    "since_start": "time since the last move began",
+    "moves_count": "number of moves",
+}
 FOLLOWED = {"temperature": "temperature_degC", "tilt": "input", "rate": "input"}
 MOVING = ("rate", "time", "move", "sample", "frequency")
 """Coordinates of findings that show while the table moves; of others only rests are drawn."""
@@ -47,7 +54,7 @@ def _size(laws: Sequence[LawView]) -> float:
 
 
 def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
-    name = _coordinate_of([law.coordinates for law in laws], coordinate)
+    name = laws[0].follows or _coordinate_of([law.coordinates for law in laws], coordinate)
     if name is None:
         return None
     title, unit = coordinate_title(name), sign(laws[0].unit)
@@ -121,8 +128,8 @@ def coordinate_title(name: str) -> str:
     """``table_outer_deg`` -> ``outer angle, °``."""
     stem, unit = split_unit(name)
     axis = axis_of(stem)
-    words = {"input": "own reading"}.get(stem, f"{axis} angle" if axis else stem)
-    return f"{words}, {sign(str(unit))}"
+    words = WORDS.get(stem, f"{axis} angle" if axis else stem.replace("_", " along body "))
+    return f"{words}, {sign(unit)}" if unit else words
 
 
 def heldout_plots(views: Sequence[View]) -> list[Plot]:

@@ -8,17 +8,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.core.units import ARCSEC, COLUMN_UNITS
+from tiltcal.core.units import ARCSEC, COLUMN_UNITS, DEG, G0
 from tiltcal.diagnosis.conclusions.residual_plots import coordinates_of, points_of, shown_unit
-from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
+from tiltcal.effects.learned import Learned, coordinate_of
 from tiltcal.effects.mechanisms import Context
+from tiltcal.recordings.replay import nearest_rows
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive
 
 MOST = 400  # points of a law that has no data of its own
+OWN = {
+    "force": ("g", G0),
+    "rate": ("deg_s", DEG),
+    "transverse": ("deg_s", DEG),
+    "since_move": ("s", 1.0),
+    "since_start": ("s", 1.0),
+    "moves": ("count", 1.0),
+}
+"""Unit of a coordinate that only a learned curve follows, and its size, SI."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +44,7 @@ class LawView:
         data: what is measured where only this finding is left out, (m,), and its standard
             uncertainty; empty for the table.
         still: whether the table rests, (m,).
+        follows: name of the coordinate that a learned curve follows, where it is among them.
     """
 
     subject: str
@@ -47,6 +59,7 @@ class LawView:
     data: Array
     sigma: Array
     still: Mask
+    follows: str = ""
 
 
 def laws_of(
@@ -87,6 +100,7 @@ def _in_channels(
             continue
         unit = shown_unit(channel, observations)
         factor = COLUMN_UNITS[unit].factor
+        own = _followed(observations, channel, first, fitted.effects)
         for points in points_of(observations, channel):
             noise = float(np.std(left[i][points.samples])) / np.sqrt(points.counts)
             yield LawView(
@@ -96,13 +110,36 @@ def _in_channels(
                 unit,
                 points.mount,
                 observations.recordings[channel.recording].source,
-                coordinates_of(observations, points),
+                coordinates_of(observations, points)
+                | {name: points.mean(u) for name, u in own.items()},
                 points.mean(law) / factor,
                 points.mean(np.nan_to_num(leading[i] - without[i])) / factor,
                 points.mean(law + left[i]) / factor,
                 noise / factor,
                 points.mean(channel.stop.astype(float)) >= 0,
+                "".join(own),
             )
+
+
+def _followed(
+    observations: Observations, channel: Channel, effect: Effect, around: Sequence[Effect]
+) -> dict[str, Array]:
+    """The coordinate of a learned curve at a channel's samples, by name with unit, (n,); none where
+    it is a table angle, time or temperature, or nothing tells it.
+    """
+    watches = observations.watches(around) if isinstance(effect, Learned) else ()
+    if not isinstance(effect, Learned) or not watches or channel.sensor != effect.sensor:
+        return {}
+    name = effect.coordinate
+    stem = name if name in OWN else name.rpartition("_")[0]
+    if stem not in OWN:
+        return {}
+    watch = watches[channel.recording]
+    sense = watch.sense[channel.sensor]
+    own = sense.true_input()[:, channel.column]
+    u = coordinate_of(name, sense, own, effect.lag)[nearest_rows(watch.time, channel.time)]
+    unit, size = OWN[stem]
+    return {f"{name}_{unit}": (u % effect.period if effect.period else u) / size}
 
 
 def _deviations(observations: Observations, effects: Sequence[Effect]) -> Iterator[LawView]:

@@ -15,7 +15,8 @@ from tiltcal.setup.tables import angle_channel
 PIECES = 150  # of a recording's time: a longer rest or move is shown in several points
 UNITS = {"accelerometer": "m_s2", "inclinometer": "rad", "gyro": "rad_s", "fog": "rad_s"}
 SHOWN = {"m_s2": "ug", "rad": "arcsec", "rad_s": "deg_h"}
-"""Unit that a residual is shown in where its column is in an SI unit, or in no unit of its own."""
+"""Unit that a residual is shown in, unless its column is in another fine one."""
+FINE = ("mg", "ug", "arcsec", "deg_h")
 
 
 @dataclass(frozen=True)
@@ -146,15 +147,15 @@ def unit_of(channel: Channel, observations: Observations) -> str:
 
 
 def shown_unit(channel: Channel, observations: Observations) -> str:
-    """Unit in which a channel's residual is shown: that of its column, where that is neither SI nor
-    a converter's; else ug, arcsec or deg/h.
+    """Unit in which a channel's residual is shown: that of its column, where that is fine enough;
+    else ug, arcsec or deg/h.
     """
     unit = unit_of(channel, observations)
     sensor = observations.scenario.named(channel.sensor)
     recording = observations.recordings[channel.recording]
     if sensor.input is None and not channel.derived and channel.axis in sensor.axes:
         column = recording.sensor(sensor).units[sensor.axes.index(channel.axis)]
-        if column != unit and COLUMN_UNITS[column].quantity == COLUMN_UNITS[unit].quantity:
+        if column in FINE:
             return column
     return SHOWN[unit]
 

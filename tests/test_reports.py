@@ -257,6 +257,8 @@ def test_a_report_in_a_browser(pages, opened, name):
     seen.page.wait_for_function(f"{look}[2] !== '{light[2]}'")
     assert all(a != b for a, b in zip(light, seen.value(look), strict=True))
     seen.draw_all()
+    if name in DRAWN:  # on paper it is light
+        assert seen.value(look)[2] == "#fff"
     assert seen.value("document.documentElement.scrollWidth") <= PHONE["width"]
     assert seen.page.title() != "run"
     assert seen.complaints == []

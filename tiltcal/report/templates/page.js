@@ -51,7 +51,12 @@
   dark.addEventListener("change", () => places.filter((place) => place.dataset.drawn).forEach(draw));
   addEventListener("beforeprint", () => {
     document.querySelectorAll("main details:not(.data)").forEach((part) => { part.open = true; });
-    places.forEach(drawOnce);
+    document.documentElement.classList.add("printing");
+    places.forEach(dark.matches ? draw : drawOnce);
+  });
+  addEventListener("afterprint", () => {
+    document.documentElement.classList.remove("printing");
+    if (dark.matches) places.forEach(draw);
   });
   const cell = (row, kind, text) => { row.appendChild(document.createElement(kind)).textContent = text; };
   const list = (part) => {

@@ -229,7 +229,7 @@ def test_U_of_the_page_is_that_of_the_budget(good, written, capsys):
 
 def test_the_page_stands_alone(written):
     page = (written / "out.html").read_text(encoding="utf-8")
-    assert not re.search(r"https?:|src=|href=|@import|url\(|<script", page)
+    assert not re.search(r'https?:|src="(?!data:)|href="(?!#)|@import|url\(|<script', page)
     for part in ('name="viewport"', "prefers-color-scheme: dark", "@media print", "@page"):
         assert part in page
     assert len(re.findall("<table", page)) == len(re.findall('<div class="wide"><table', page))

@@ -13,6 +13,7 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 from tiltcal.diagnosis.conclusions.answering import answered, simulated
 from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import verdict_of
+from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.resimulation import Resimulation
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
@@ -164,6 +165,53 @@ def test_parts_stay_as_fitted(cancelling):
         for t in both.terms
     ]
     assert curve.curve["coefficients"] == held[1]["coefficients"]
+
+
+def test_the_law_of_a_picture_has_the_curves_that_complete_it(cancelling):
+    _, _, both, alone, answer, _ = cancelling
+    (law,) = answer.findings[0].laws
+    assert (law.subject, law.unit) == ("accel.x", "ug")
+    u = law.coordinates["input_g"][law.still]
+    square = u**2
+    lead, whole = law.leading[law.still], law.law[law.still]
+    np.testing.assert_allclose(lead, both.terms[0].values[0] * 1e6 * square, rtol=0.02, atol=5)
+    # together they are the law that fits alone, but for a bias and a scale that others take up
+    line = np.column_stack([np.ones_like(u), u])
+    apart = whole - alone.terms[0].values[0] * 1e6 * square
+    apart -= line @ np.linalg.lstsq(line, apart, rcond=None)[0]
+    assert np.abs(apart).max() < 60
+    assert np.abs(lead - whole).max() > 100
+
+
+def test_a_learned_law_is_drawn_over_the_coordinate_that_it_follows():
+    truth = bench(K2)
+    found = prepare(honest(truth), [recorded(truth, 5)])
+    names = ("c0", "c2", "c4")
+    values = dict.fromkeys(names, 1e-3)
+    curve = LearnedReading(values, "accel", "y", "found", coordinate="force_x", knots=KNOTS)
+    term = replace(FittedTerm.start(Hypothesis(curve, names)), values=(2e-3, 0.0, 1e-3))
+    fitted = replace(found.start, terms=(term,))
+    left = found.observations.residuals(fitted.effects)
+    ((law,),) = laws_of(fitted, found.observations, left)
+    assert (law.subject, law.unit, law.follows) == ("accel.y", "ug", "force_x_g")
+    u = law.coordinates["force_x_g"][law.still] * 9.80665
+    np.testing.assert_allclose(law.law[law.still], term.effect.curve(u) / 9.80665e-6, atol=0.5)
+
+
+def test_the_law_of_a_readout_error_is_drawn_as_an_angle():
+    truth = bench(ENCODER)
+    found = prepare(honest(truth), [recorded(truth, 5)])
+    effect = CATALOGUE[ENCODER["id"]]({"cos": 1e-4}, None, "outer", "found")
+    term = FittedTerm.start(Hypothesis(effect, ("cos",)))
+    fitted = refit(replace(found.start, terms=(term,)), found.whitened)
+    left = found.observations.residuals(fitted.effects)
+    ((angle, *channels),) = laws_of(fitted, found.observations, left)
+    assert angle.unit == "arcsec"
+    u = np.radians(angle.coordinates["table_outer_deg"])
+    size = fitted.terms[0].values[0] * 180 / np.pi * 3600
+    assert size == pytest.approx(40.0, rel=0.1)
+    np.testing.assert_allclose(np.abs(angle.law), np.abs(size * np.cos(2 * u)), atol=1e-3 * size)
+    assert {law.unit for law in channels} == {"ug"}
 
 
 @dataclass(frozen=True)

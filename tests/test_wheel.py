@@ -18,8 +18,8 @@ PARTS = (
     "tiltcal/scenarios/two_position_level.toml",
     "tiltcal/scenarios/real/mpu9150_map.toml",
     "tiltcal/recordings/datasets.toml",
-    "tiltcal/report/report.html.jinja",
-    "tiltcal/report/certificate.html.jinja",
+    "tiltcal/report/templates/verification.html.jinja",
+    "tiltcal/report/templates/certificate.html.jinja",
 )
 
 pytestmark = pytest.mark.slow

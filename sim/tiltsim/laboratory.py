@@ -2,12 +2,15 @@
 effects, to a Recording.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from tiltcal.forward.signal_chain import Mover
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
-from tiltcal.setup.trajectory import Course
+from tiltcal.laboratory.scene import Scene
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.trajectory import Course, Drive
 from tiltsim.motion import Progress, mujoco_motion
 
 
@@ -29,3 +32,19 @@ class MujocoLaboratory(SimulatedLaboratory):
         from tiltsim.dynamics import run_dynamics
 
         return run_dynamics(scenario, seed, self.progress)
+
+    def scene(self, setup: Setup, drive: Drive) -> Scene:
+        """The nominal table as solids along a drive."""
+        from tiltsim.stage import table_scene
+
+        return table_scene(setup, drive)
+
+    def pictures(self, setup: Setup, drive: Drive, width: int, height: int) -> Iterator[bytes]:
+        """A picture of the nominal table at each instant of a drive, RGB, row by row.
+
+        Raises:
+            TiltcalError: OpenGL is missing.
+        """
+        from tiltsim.stage import table_pictures
+
+        return table_pictures(setup, drive, width, height)

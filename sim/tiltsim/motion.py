@@ -72,14 +72,14 @@ def _one_mounting(
             builder.prescribed[name] = deflection
             del builder.springs[name]
     rig = builder.compile()
-    return read_states(rig, *_states(rig, drive, rows), world, drive.time[rows])
+    return read_states(rig, *joint_states(rig, drive, rows), world, drive.time[rows])
 
 
 def _has_spring(effect: AngleEffect | FrameEffect, setup: Setup) -> bool:
     return any(isinstance(m, Spring) for m in effect.mechanisms(setup.rig, setup.site.gravity))
 
 
-def _states(rig: Rig, drive: Drive, rows: slice) -> tuple[Array, Array, Array]:
+def joint_states(rig: Rig, drive: Drive, rows: slice) -> tuple[Array, Array, Array]:
     """qpos (n, nq), qvel (n, nv), qacc (n, nv) of the prescribed joints."""
     n = len(drive.time[rows])
     q, v, a = np.zeros((n, rig.model.nq)), np.zeros((n, rig.model.nv)), np.zeros((n, rig.model.nv))

@@ -127,12 +127,11 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--scenario", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
     given = parser.parse_args(rest)
+    scenario, data = load_scenario(given.scenario), [read_recording(given.recording)]
     found = diagnose(
-        load_scenario(given.scenario),
-        [read_recording(given.recording)],
-        search=lambda prepared: explained(prepared, SELECTIONS[method]),
+        scenario, data, search=lambda prepared: explained(prepared, SELECTIONS[method])
     )
-    write_results(found, given.output, [given.recording.name], [given.recording])
+    write_results(found, given.output, scenario, data, [given.recording])
     return 0
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tiltcal.api.table_scene import table_in
 from tiltcal.core.arrays import Array
 from tiltcal.core.files import make_folder
 from tiltcal.core.progress import Progress, silent
@@ -17,6 +18,7 @@ from tiltcal.design.plan import design as find_plan
 from tiltcal.design.static_instrument import Still
 from tiltcal.design.steps import designed_table, printable, steps_of, write_plan
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.report.design import poses_of_plan, write_design
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,22 @@ class DesignedSequence(Tabular):
         return printable(self.plan, self.up)
 
     def save(self, folder: Path | str) -> None:
-        """Write design.toml, steps.csv, steps.txt, segments.csv and design.json to a folder."""
-        write_plan(self.plan, self.scenario, self.up, make_folder(Path(folder)))
+        """Write design.toml, steps.csv, steps.txt, segments.csv, design.json and report.html to a
+        folder.
+        """
+        place = make_folder(Path(folder))
+        write_plan(self.plan, self.scenario, self.up, place)
+        poses = poses_of_plan(self.plan, self.up, self.scenario)
+        table = table_in(poses, self.scenario)
+        title, missing = self.scenario.name, self._missing()
+        write_design(self.plan, place / "report.html", title, poses, table, missing)
+
+    def _missing(self) -> list[str]:
+        """What no pose shows or separates, a sentence each."""
+        apart = (
+            f"{n}: not separable from the other terms by these poses." for n in self.inseparable
+        )
+        return [*(f"{name}: not visible in any pose." for name in self.unseen), *apart]
 
 
 def designed(

@@ -5,14 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tiltcal.api.simulating import simulator
+from tiltcal.api.table_scene import table_in
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
 from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions import finding
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import Scenario, load_scenario
-from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording import Recording, stem
 from tiltcal.report.diagnosis import write_diagnosis
+from tiltcal.report.poses import poses_of
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Diagnosis(finding.Diagnosis):
         Raises:
             TiltcalError: the folder cannot be written.
         """
-        write_results(self, Path(folder), [r.source for r in self.recordings])
+        assert self.scenario is not None
+        write_results(self, Path(folder), self.scenario, self.recordings)
 
 
 def honest_scenario(path: Path | str) -> Scenario:
@@ -84,20 +87,25 @@ def explain(
 
 
 def write_results(
-    found: finding.Diagnosis, folder: Path, names: Sequence[str], files: Sequence[Path] = ()
+    found: finding.Diagnosis,
+    folder: Path,
+    scenario: Scenario,
+    recordings: Sequence[Recording],
+    files: Sequence[Path] = (),
 ) -> None:
     """Write the files of a diagnosis.
 
     Args:
         found: the answer; folder: where its files go.
-        names: of the recordings, for the report.
+        scenario: that was diagnosed; recordings: of it.
         files: of the recordings, for `design --split`; none where they are not known.
     """
     import tomli_w
 
     make_folder(folder)
     write_text(folder / "amended.toml", tomli_w.dumps(found.amended))
-    write_diagnosis(found, folder / "report.html", ", ".join(names))
+    poses, names = poses_of(recordings, scenario), ", ".join(stem(r.source) for r in recordings)
+    write_diagnosis(found, folder / "report.html", names, poses, table_in(poses, scenario))
     write_json(folder / "diagnosis.json", results_json(found, files))
 
 

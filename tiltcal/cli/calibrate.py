@@ -22,7 +22,7 @@ from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.means_table import read_log_or_means
 from tiltcal.recordings.segment_files import read_segments
 from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
-from tiltcal.report.html import parameter_rows
+from tiltcal.report.parameters import parameter_rows
 from tiltcal.report.stated import NOTHING_STATED
 from tiltcal.validation.uncertainty_budget import Budget
 

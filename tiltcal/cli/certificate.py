@@ -1,12 +1,14 @@
 """``tiltcal certificate``, and the options of ``tiltcal calibrate`` that write one."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter
 
 from tiltcal.api.certifying import certificate_of
+from tiltcal.api.table_scene import table_picture
 from tiltcal.calibration.result import Calibration, load_calibration
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json, tell
@@ -65,6 +67,8 @@ def certificate(
     calibration = load_calibration(calibration_file)
     print_verdict(calibration)
     made = make_certificate(calibration, stated)
+    if output is not None:
+        made = replace(made, picture=table_picture(made.setup))
     written = write_files(made, output, dcc)
     if as_json:
         print_json({"number": made.number, "verdict": calibration.verdict, "written": written})
@@ -106,4 +110,6 @@ def write_reports(
     """What ``tiltcal calibrate`` writes for --report and --dcc."""
     if page is not None or dcc is not None:
         made = certificate_of(calibration, stated, recording, scenario, budget, segments)
+        if page is not None:
+            made = replace(made, picture=table_picture(made.setup))
         write_files(made, page, dcc)

@@ -25,6 +25,8 @@ RECORDINGS = {
     ),
     "segments": Command("segments:segments", "Find the dwells and moves of a recording."),
     "noise": Command("noise:noise", "Estimate Allan coefficients from a recording at rest."),
+    "view": Command("view:view", "Write a page with the table in motion."),
+    "film": Command("view:film", "Write a film of the table in motion."),
 }
 CALIBRATION = {
     "calibrate": Command(

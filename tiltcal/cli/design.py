@@ -68,7 +68,7 @@ def design(
     """Find the sequence of poses with the most information per table time.
 
     Writes design.toml (for `tiltcal simulate`), steps.csv (for a laboratory),
-    steps.txt, segments.csv and design.json to the folder of -o. By default the
+    steps.txt, segments.csv, design.json and report.html to the folder of -o. By default the
     terms are those of the sensors' adjustable lists and of [[effect]] tables with
     fit = true.
 

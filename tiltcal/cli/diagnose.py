@@ -44,7 +44,7 @@ def diagnose(
         with progress_line() as progress:
             found = explain(honest, data, at_rest, progress)
         if output:
-            write_results(found, output, [path.name for path in recordings], recordings)
+            write_results(found, output, honest, data, recordings)
     if as_json:
         print_json(results_json(found, recordings))
     else:

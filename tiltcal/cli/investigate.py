@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 
 from tiltcal.api.diagnosing import explain, honest_scenario, write_results
+from tiltcal.api.table_scene import table_in
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
 from tiltcal.cli.output import print_json, progress_line, say, tell
@@ -22,8 +23,11 @@ from tiltcal.diagnosis.investigation.investigate import (
 )
 from tiltcal.diagnosis.investigation.next_block import Limits
 from tiltcal.diagnosis.investigation.progress_log import Investigation
+from tiltcal.diagnosis.investigation.stored import read_diagnosis
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording_files import read_recording
+from tiltcal.report.investigation import write_investigation
+from tiltcal.report.poses import poses_of
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def investigate(
 
     The command of --lab is called as `LAB SEQUENCE.csv RECORDING.csv`, without a
     shell. It drives a real table or a simulated one. The folder of -o keeps
-    log.md, investigation.json, sequences, recordings and diagnoses.
+    log.md, investigation.json, report.html, sequences, recordings and diagnoses.
 
       tiltcal investigate first.csv --scenario bench.toml --lab './record -t 2'
       tiltcal investigate --scenario bench.toml --lab 'tiltcal lab concealed.toml'
@@ -91,6 +95,7 @@ def investigate(
             budget_min,
         )
         state = run_investigation(bench, given, progress, resume)
+        _report(state, honest, output)
     _show(state, output, as_json)
     return 0 if state.explained else 1
 
@@ -101,9 +106,19 @@ def _explainer(scenario: Scenario, progress: Progress) -> Callable[[Sequence[Pat
     def diagnose_files(files: Sequence[Path], place: Path) -> None:
         data = [read_recording(path) for path in files]
         found = explain(scenario, data, progress=progress)
-        write_results(found, place, [path.name for path in files], files)
+        write_results(found, place, scenario, data, files)
 
     return diagnose_files
+
+
+def _report(state: Investigation, scenario: Scenario, folder: Path) -> None:
+    """Write report.html of an investigation."""
+    files = [*map(Path, state.given), *(folder / e.recording for e in state.entries)]
+    poses = poses_of([read_recording(path) for path in files], scenario)
+    numbers = range(0 if state.given else 1, len(state.entries) + 1)
+    answers = [read_diagnosis(folder / f"diagnosis_{k}" / "diagnosis.json") for k in numbers]
+    table = table_in(poses, scenario)
+    write_investigation(state, answers, folder / "report.html", poses, table)
 
 
 def _show(state: Investigation, output: Path, as_json: bool) -> None:
@@ -114,6 +129,7 @@ def _show(state: Investigation, output: Path, as_json: bool) -> None:
         say(f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time")
     say(f"{state.verdicts[-1]}: {state.statement}")
     tell(f"{output}/log.md")
+    tell(f"{output}/report.html")
 
 
 def block_limits(given: BlockLimits) -> Limits:

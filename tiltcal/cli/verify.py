@@ -15,7 +15,7 @@ from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.report import write_report
+from tiltcal.report.verification import write_report
 from tiltcal.validation.acceptance import Verification, run_scenario, verify_folder
 from tiltcal.validation.junit import write_junit
 from tiltcal.validation.kept_runs import kept_runs

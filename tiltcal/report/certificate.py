@@ -1,5 +1,6 @@
 """The calibration certificate: a page of two printed sides, self-contained."""
 
+import base64
 import hashlib
 import json
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ from tiltcal.report.certificate_tables import (
     residual_chart,
     table_blocks,
 )
-from tiltcal.report.html import rendered
+from tiltcal.report.page import rendered
 from tiltcal.report.pose_residuals import (
     PoseRow,
     Tilt,
@@ -36,7 +37,7 @@ from tiltcal.report.stated import NOT_STATED, NOTHING_STATED, Stated
 from tiltcal.setup.setup import Setup
 from tiltcal.validation.uncertainty_budget import COVERAGE, Budget
 
-TEMPLATE = Path(__file__).parent / "certificate.html.jinja"
+NO_PICTURE = "it is drawn where the table's model and OpenGL are at hand"
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Certificate:
         assumed: whether nobody stated the budget's sources: they are those of a usual laboratory.
         poses: residuals by pose; None where no recording is at hand.
         temperature: lowest and highest of the recording, degC; None where it is not known.
+        picture: of the instrument on its table, PNG; or why there is none.
     """
 
     calibration: Calibration
@@ -59,6 +61,7 @@ class Certificate:
     poses: Sequence[PoseRow] | None = None
     temperature: tuple[float, float] | None = None
     assumed: bool = False
+    picture: bytes | str = NO_PICTURE
 
     @cached_property
     def digest(self) -> str:
@@ -166,8 +169,10 @@ def certificate_page(certificate: Certificate) -> str:
     """The page as HTML text."""
     c = certificate.calibration
     return rendered(
-        TEMPLATE,
+        "certificate",
         c=certificate,
+        lead=lead(certificate),
+        **_picture(certificate.picture),
         cal=c,
         stated=certificate.stated,
         sensors=[certificate.setup.named(n) for n in c.sensors()],
@@ -183,6 +188,29 @@ def certificate_page(certificate: Certificate) -> str:
         not_tested=not_tested(c),
         sources=_sources(c),
     )
+
+
+def lead(certificate: Certificate) -> str:
+    """The result in one sentence."""
+    c = certificate.calibration
+    names = " and ".join(c.sensors()) or "the table"
+    first = (
+        f"The {c.method.replace('_', ' ')} calibration of {names} is {c.verdict.replace('_', ' ')}"
+    )
+    if not certificate.tilts:
+        return f"{first}: {len(c.parameters)} parameters with their uncertainties."
+    tilt = certificate.tilts[0]
+    return (
+        f"{first}: it brings the tilt error from {tilt.before:.4g} to {tilt.after:.3g} arcsec rms"
+        f" over {tilt.over}."
+    )
+
+
+def _picture(picture: bytes | str) -> dict[str, str]:
+    """A picture as text, or why there is none."""
+    if isinstance(picture, str):
+        return {"picture": "", "no_picture": picture}
+    return {"picture": base64.b64encode(picture).decode(), "no_picture": ""}
 
 
 def _sources(calibration: Calibration) -> dict[str, Any]:

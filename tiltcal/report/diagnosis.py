@@ -1,27 +1,19 @@
-"""The HTML report of a diagnosis: verdict, location, fit before and after, rejected alternatives
-and the next measurement.
+"""The report of a diagnosis: the result in one sentence, the law of each finding, held-out data
+before and after, rejected alternatives, the next measurement, what could not be seen.
 """
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tiltcal import __version__
-from tiltcal.core.files import write_text
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding
-from tiltcal.diagnosis.conclusions.residual_plots import View
-from tiltcal.report.figures import COLOURS, LAYOUT
+from tiltcal.report.page import sections, write_page
+from tiltcal.report.plots import Plot
+from tiltcal.report.poses import Pose
+from tiltcal.report.residuals import heldout_plots, heldout_rows, law_plots, spectrum_plot
+from tiltcal.report.scenes import sphere_plot
 
-TEMPLATE = Path(__file__).parent / "diagnosis.html.jinja"
-COORDINATE = {
-    "time": "time_s",
-    "temperature": "temperature_degC",
-    "tilt": "input",
-    "rate": "input",
-    "move": "time_s",
-    "sample": "time_s",
-}
 MEANING = {
     "match": "The recording agrees with the scenario.",
     "explained": "The scenario leaves out physics; every finding has one name.",
@@ -29,107 +21,129 @@ MEANING = {
     "unlisted": "The scenario leaves out physics of no listed effect; it is modelled as a curve.",
     "cannot_tell": "The recording, or the check of the answer, leaves no judgement.",
 }
+SAME_FORM = 0.99  # cosine
 
 
-def write_diagnosis(diagnosis: Diagnosis, path: Path, sources: str) -> None:
-    """Write the report of one diagnosis; ``sources`` names its recordings."""
-    from jinja2 import Environment, StrictUndefined
-    from plotly.offline import get_plotlyjs
+def write_diagnosis(
+    diagnosis: Diagnosis,
+    path: Path,
+    sources: str,
+    poses: Sequence[Pose] = (),
+    table: Plot | None = None,
+) -> None:
+    """Write the report of one diagnosis.
 
-    template = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    ).from_string(TEMPLATE.read_text(encoding="utf-8"))
-    text = template.render(
-        plotly=get_plotlyjs(),
-        version=__version__,
+    Args:
+        diagnosis: the answer; path: of the file.
+        sources: names of its recordings.
+        poses: of its recordings.
+        table: in these poses.
+    """
+    write_page(
+        path,
+        "diagnosis",
         sources=sources,
         d=diagnosis,
+        lead=lead(diagnosis),
         meaning=MEANING[diagnosis.verdict],
-        findings=[{"f": f, "figures": _figures(f, diagnosis)} for f in diagnosis.findings],
-        overview=_html(_spectra(diagnosis)),
+        contents=sections(
+            *("Findings",) * bool(diagnosis.findings),
+            "Record next",
+            "Held-out data",
+            "Poses" if poses else "",
+            "Not visible",
+            "Noise and residual",
+        ),
+        findings=[{"f": f, "laws": law_plots(f), "rivals": _rivals(f)} for f in diagnosis.findings],
+        heldout=heldout_plots(diagnosis.views),
+        heldout_rows=heldout_rows(diagnosis.views),
+        spectrum=spectrum_plot(diagnosis.spectra),
+        scenes=[p for p in (sphere_plot(poses), table) if p is not None],
         unseen=_unseen(diagnosis),
         noise=_noise(diagnosis),
         figure=_figure,
     )
-    write_text(path, text)
 
 
-def _figures(finding: Finding, diagnosis: Diagnosis) -> list[str]:
-    """Residuals of the affected channels over the coordinate of a finding, before and after."""
-    wanted = COORDINATE.get(finding.where.coordinate, f"{finding.where.coordinate}_deg")
-    shown = [
-        v
-        for v in diagnosis.views
-        if v.channel.split(".")[0] in finding.sensors and v.channel.split(".")[1] in finding.axes
-    ]
-    figures = []
-    for view in shown[:3]:
-        for name in dict.fromkeys((wanted, "time_s")):
-            if name in view.coordinates:
-                figures.append(_html(_residuals(view, name)))
-    return figures
+def lead(diagnosis: Diagnosis) -> str:
+    """The result in one sentence."""
+    before, after = (f.heldout_chi2_per_dof for f in (diagnosis.before, diagnosis.after))
+    if diagnosis.verdict == "match":
+        return "The recording agrees with the scenario."
+    if not diagnosis.findings:
+        return "The recording does not tell whether the scenario is complete."
+    faults = [f for f in diagnosis.findings if f.stage == "data"]
+    physics = [f for f in diagnosis.findings if f.stage != "data"]
+    parts = [f"the recording has {_list(faults)}"] * bool(faults)
+    parts += [f"the scenario leaves out {_list(physics)}"] * bool(physics)
+    held = (
+        "; chi-square per degree of freedom of held-out data goes from"
+        f" {before:.3g} to {after:.3g} with the amended scenario"
+        if before is not None and after is not None
+        else ""
+    )
+    words = f"{', and '.join(parts)}{held}."
+    if diagnosis.verdict == "cannot_tell":
+        return f"Not confirmed: {words}"
+    return words[:1].upper() + words[1:]
 
 
-def _residuals(view: View, name: str) -> Any:
-    """Mean residual over one coordinate with its standard uncertainty, before and after."""
-    import plotly.graph_objects as go
+def _list(findings: Sequence[Finding]) -> str:
+    """Findings in words; those of the same words together."""
+    counts = Counter(map(_named, findings))
+    words = [f"{name}{f' ({n} times)' if n > 1 else ''}" for name, n in counts.items()]
+    return " and ".join(words)
 
-    u = view.coordinates[name]
-    axis = "own reading, SI" if name == "input" else name
-    figure = go.Figure(layout=LAYOUT | {"title": f"{view.channel}: residual over {axis}"})
-    for label, values, colour in (
-        ("before", view.before[name], COLOURS[1]),
-        ("after", view.after[name], COLOURS[0]),
-    ):
-        figure.add_scattergl(
-            x=u,
-            y=values,
-            mode="markers",
-            name=label,
-            marker={"size": 4, "color": colour},
-            error_y={"type": "data", "array": view.sigma[name], "thickness": 0.6, "width": 0},
+
+def _named(finding: Finding) -> str:
+    if finding.effect is None:
+        what = f"a curve of no listed effect over {finding.where.coordinate}"
+    else:
+        what = " or ".join(finding.names)
+    sizes = ", ".join(
+        f"{name} {value:.4g} ± {sigma:.2g}"
+        for name, (value, sigma) in list(finding.parameters.items())[:2]
+    )
+    place = " ".join((*finding.sensors, *finding.axes))
+    return f"{what}{f' on {place}' if place else ''}{f' ({sizes})' if sizes else ''}"
+
+
+def _rivals(finding: Finding) -> list[dict[str, Any]]:
+    """The alternatives of a finding, and why each lost, or did not."""
+    rows = []
+    for name, cosine, separation in finding.rivals:
+        if name in finding.names:
+            why = "not excluded: this recording cannot tell it from the finding"
+        elif separation > 0:
+            form = "nearly the same form" if cosine > SAME_FORM else "another form"
+            better = f"{separation / 2:.1f} nats"
+            why = f"{form}; the readings are better explained by the finding, by {better}"
+        else:
+            why = "explains less, or needs more numbers for it"
+        chance = finding.name_probability.get(name, 0.0)
+        rows.append(
+            {"name": name, "p": chance, "cosine": cosine, "separation": separation, "why": why}
         )
-    figure.update_xaxes(title=axis)
-    figure.update_yaxes(title=f"residual, {view.unit}", exponentformat="e")
-    return figure
+    return rows
 
 
-def _spectra(diagnosis: Diagnosis) -> Any:
-    """Spectrum of the residual, before and after."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure(layout=LAYOUT | {"title": "Spectrum of the residual (dotted: before)"})
-    for i, view in enumerate(diagnosis.views[:8]):
-        scale = max(float(np.median(view.spectrum_after[len(view.spectrum_after) // 2 :])), 1e-300)
-        colour = COLOURS[i % len(COLOURS)]
-        figure.add_scatter(
-            x=view.frequency,
-            y=view.spectrum_before / scale,
-            line={"dash": "dot", "color": colour},
-            showlegend=False,
-        )
-        figure.add_scatter(
-            x=view.frequency,
-            y=view.spectrum_after / scale,
-            line={"color": colour},
-            name=view.channel,
-        )
-    figure.update_xaxes(title="Hz", type="log")
-    figure.update_yaxes(title="rms in the band / its noise", type="log")
-    return figure
-
-
-def _unseen(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Effects that were not found; those that are not detectable first."""
-    rows = [
-        {
-            "effect": u.effect,
-            "absorbed": u.absorbed,
-            "size": ", ".join(f"{k} {v:.3g}" for k, v in list(u.size.items())[:3]),
-        }
+def _unseen(diagnosis: Diagnosis) -> dict[str, list[dict[str, Any]]]:
+    """Effects that were not found: those that are not detectable at all, and the others with the
+    size from which they are.
+    """
+    rows: list[dict[str, Any]] = [
+        {"effect": u.effect, "absorbed": u.absorbed, "size": _sizes(u.size)}
         for u in diagnosis.undetectable
     ]
-    return sorted(rows, key=lambda row: (bool(row["size"]), -row["absorbed"]))
+    rows.sort(key=lambda row: -row["absorbed"])
+    return {
+        "never": [row for row in rows if not row["size"]],
+        "from_size": [row for row in rows if row["size"]],
+    }
+
+
+def _sizes(size: Mapping[str, float]) -> str:
+    return ", ".join(f"{k} {v:.3g}" for k, v in list(size.items())[:3])
 
 
 def _noise(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -151,7 +165,3 @@ def _noise(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _figure(value: float | None, digits: int = 4) -> str:
     """A number as text; a dash where nothing was tested."""
     return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _html(figure: Any) -> str:
-    return str(figure.to_html(full_html=False, include_plotlyjs=False))

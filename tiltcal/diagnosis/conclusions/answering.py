@@ -6,18 +6,21 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.conclusions.concluding import amended_of, findings_of, undetectable_of
 from tiltcal.diagnosis.conclusions.fault_findings import finding_of
 from tiltcal.diagnosis.conclusions.finding import Diagnosis, Fitness, verdict_of
 from tiltcal.diagnosis.conclusions.fit_figures import fitness_of, rms_of, under_fixed_white
+from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.noise_figures import noise_report
-from tiltcal.diagnosis.conclusions.residual_plots import views_of
+from tiltcal.diagnosis.conclusions.residual_plots import spectra_of, views_of
 from tiltcal.diagnosis.conclusions.resimulation import resimulate
 from tiltcal.diagnosis.conclusions.slow_finding import slow_finding
 from tiltcal.diagnosis.conclusions.statements import doubted, not_reproduced, summary, untold
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, shift_bias_to_start
+from tiltcal.diagnosis.model.cross_validation import heldout_residuals
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -50,6 +53,7 @@ def untested(prepared: PreparedData) -> Diagnosis:
         after=figures,
         amended=amended_of(start, observations, prepared.faults, {}),
         views=views_of(observations, left, left),
+        spectra=spectra_of(observations, left, left),
     )
 
 
@@ -66,16 +70,18 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         log_p, whitened = gate.log_p(fitted, whitened)
     observations, faults = prepared.observations, [*prepared.faults, *said.chance]
     before = refit(prepared.start, whitened) if fitted.terms else fitted
-    first, last = _fits(prepared.start, before, fitted, whitened, gate)
-    groups, found = fitted.findings(), findings_of(said, whitened, log_p)
+    white = under_fixed_white(prepared.start, whitened)
+    first, last = _fits(before, fitted, white, whitened, gate)
+    left = observations.residuals(fitted.effects)
+    groups, laws = fitted.findings(), laws_of(fitted, observations, left)
+    found = findings_of(said, whitened, log_p)
     order = sorted(range(len(found)), key=lambda k: found[k].delta_bic)
     slow = (slow_finding(s) for s in said.slow)
-    findings = (*(finding_of(f) for f in faults), *(found[k] for k in order), *slow)
+    lawful = (replace(found[k], laws=laws[k]) for k in order)
+    findings = (*(finding_of(f) for f in faults), *lawful, *slow)
     numbers = {place: len(faults) + rank for rank, k in enumerate(order, 1) for place in groups[k]}
-    tested = last.chi2_per_dof is not None
-    verdict = verdict_of(findings, tested, bool(said.doubts))
+    verdict = verdict_of(findings, tested := last.chi2_per_dof is not None, bool(said.doubts))
     source = "the recording itself" if gate.static is None else "the static record"
-    left = observations.residuals(fitted.effects)
     noise = noise_report(observations, left, gate.noise(fitted, whitened), source)
     doubt = [doubted(said.doubts)] if said.doubts else []
     reason = untold(observations.scenario.rig, observations.samples, fitted.columns)
@@ -94,9 +100,18 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
         last,
         noise,
         amended_of(began, observations, faults, numbers),
-        views_of(observations, observations.residuals(before.effects), left),
+        views_of(observations, *(_held_out(m, white) for m in (before, fitted))),
+        spectra_of(observations, observations.residuals(before.effects), left),
     )
     return answer, began
+
+
+def _held_out(model: FittedModel, white: WhitenedModel) -> list[Array]:
+    """Residuals of the blocks that the sizes were not fitted to, by channel, SI, (n,)."""
+    return [
+        noise.white * r
+        for noise, r in zip(white.noise, heldout_residuals(model, white), strict=True)
+    ]
 
 
 def simulated(
@@ -126,16 +141,15 @@ def simulated(
 
 
 def _fits(
-    start: FittedModel,
     before: FittedModel,
     fitted: FittedModel,
+    white: WhitenedModel,
     whitened: WhitenedModel,
     gate: NoiseGate,
 ) -> tuple[Fitness, Fitness]:
     """The figures of the scenario as it is and of the amended one, by one measure; the likelihood
     of each is under its own noise, fitted to it.
     """
-    white = under_fixed_white(start, whitened)
     own = gate.left_by(before, whitened)
     first = fitness_of(before, white, own.noise)
     alone = refit(before, own)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tiltcal.core.tabular import Tabular
+from tiltcal.diagnosis.conclusions.law_plots import LawView
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.diagnosis.conclusions.part import Part
-from tiltcal.diagnosis.conclusions.residual_plots import View
+from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange
 
 Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]
@@ -61,6 +62,7 @@ class Finding:
         statement, next_measurement: in words.
         probability: that something is there; of each name, ``unlisted`` for none of the catalogue,
             given that something is.
+        laws: for pictures.
     """
 
     effect: str | None
@@ -79,6 +81,7 @@ class Finding:
     next_measurement: str = ""
     probability: float | None = None
     name_probability: Mapping[str, float] = field(default_factory=dict)
+    laws: tuple[LawView, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -161,7 +164,7 @@ class Diagnosis(Tabular):
         before, after: fit of the scenario as it is and of the amended one.
         noise: that the amended one leaves.
         amended: the amended scenario, as a table.
-        views: of what is left, for a picture.
+        views, spectra: of what is left, for pictures.
     """
 
     verdict: Verdict
@@ -174,6 +177,7 @@ class Diagnosis(Tabular):
     noise: NoiseReport = field(default_factory=NoiseReport)
     amended: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[View, ...] = ()
+    spectra: tuple[Spectrum, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""

@@ -2,11 +2,13 @@
 in turn.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
@@ -25,50 +27,97 @@ def heldout_misfit(fitted: FittedModel, whitened: WhitenedModel) -> float:
     return _left_out(fitted, whitened, list(fitted.terms)) / max(whitened.observations.samples, 1)
 
 
-def _left_out(fitted: FittedModel, whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> float:
-    """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in time.
-
-    What the other blocks do not tell of a size stays near nothing: it is expected to be as large as
-        it was found, not larger.
+def heldout_residuals(fitted: FittedModel, whitened: WhitenedModel) -> list[Array]:
+    """What is left of each channel where the sizes of all terms come from the other blocks,
+    whitened, in time, (n,) each.
     """
-    from scipy.fft import idct
+    folded = _Folded.of(fitted, whitened, list(fitted.terms))
+    sizes = np.array(folded.solved())
+    found = []
+    for mine, block, folds in folded.blocks():
+        predicted = np.sum(sizes[folds][:, mine] * block[:-1].T, axis=1)
+        found.append(block[-1] - predicted)
+    return found
 
-    observations = whitened.observations
-    used = [*fitted.nuisance, *terms]
-    names = [(t, n) for t in used for n in t.names]
-    columns = whitened_of(whitened, used, fitted.effects)
-    values = np.array(
-        [v / t.hypothesis.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)]
-    )
-    residual = whitened.residual(fitted.effects)
-    gone = [t for t in fitted.terms if t not in terms]
-    for t in gone:
-        for column, n, v in zip(
-            whitened_of(whitened, [t], fitted.effects), t.names, t.values, strict=True
-        ):
-            for i, part in column.items():
-                residual[i] = residual[i] + part * (v / t.hypothesis.size(n))
+
+def _left_out(fitted: FittedModel, whitened: WhitenedModel, terms: Sequence[FittedTerm]) -> float:
+    """Sum of squares of what is left in blocks that the terms were not fitted to, whitened in
+    time.
+    """
+    folded = _Folded.of(fitted, whitened, terms)
     total = 0.0
-    grams = np.zeros((FOLDS, len(names) + 1, len(names) + 1))
-    for i, channel in enumerate(observations.channels):
-        mine = [k for k, c in enumerate(columns) if i in c]
-        y = residual[i] + sum((values[k] * columns[k][i] for k in mine), np.zeros(len(residual[i])))
-        block = idct(np.array([*(columns[k][i] for k in mine), y]), norm="ortho", axis=1)
-        index = np.array([*mine, len(names)])
-        folds = _folds(channel.stop)
-        for f in range(FOLDS):
-            part = block[:, folds == f]
-            grams[f][np.ix_(index, index)] += part @ part.T
-    whole = grams.sum(axis=0)
-    free = sum(len(t.names) for t in fitted.nuisance)
-    expected = np.array(
-        [0.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]]
-    )
-    for f in range(FOLDS):
-        b = _solve(whole - grams[f], expected)
-        G = grams[f]
+    for G, b in zip(folded.grams, folded.solved(), strict=True):
         total += float(G[-1, -1] - 2 * b @ G[:-1, -1] + b @ G[:-1, :-1] @ b)
     return total
+
+
+@dataclass(frozen=True)
+class _Folded:
+    """Columns of some terms, and what they are fitted to, by fold.
+
+    Args:
+        whitened: whose channels.
+        columns: whitened cosine coefficients per plausible size of each value.
+        target: of the fit, whitened cosine coefficients, by channel, (n,).
+        expected: information that there is beforehand about each value, (p,).
+        grams: of the columns and the target, of each fold.
+    """
+
+    whitened: WhitenedModel
+    columns: Sequence[Columns]
+    target: Sequence[Array]
+    expected: Array
+    grams: Array
+
+    @classmethod
+    def of(
+        cls, fitted: FittedModel, whitened: WhitenedModel, terms: Sequence[FittedTerm]
+    ) -> "_Folded":
+        """Of a fitted model with only these of its terms."""
+        used = [*fitted.nuisance, *terms]
+        columns = whitened_of(whitened, used, fitted.effects)
+        values = np.array(
+            [v / t.hypothesis.size(n) for t in used for n, v in zip(t.names, t.values, strict=True)]
+        )
+        target = list(whitened.residual(fitted.effects))
+        gone = [t for t in fitted.terms if t not in terms]
+        added = [v / t.hypothesis.size(n) for t in gone for n, v in zip(t.names, t.values)]
+        put_back = whitened_of(whitened, gone, fitted.effects)
+        for column, value in (*zip(columns, values), *zip(put_back, added)):
+            for i, part in column.items():
+                target[i] = target[i] + part * value
+        free = sum(len(t.names) for t in fitted.nuisance)
+        expected = np.array(
+            [0.0] * free + [1 / max(v * v, np.finfo(float).tiny) for v in values[free:]]
+        )
+        empty = np.zeros((FOLDS, len(columns) + 1, len(columns) + 1))
+        folded = cls(whitened, columns, target, expected, empty)
+        for mine, block, folds in folded.blocks():
+            index = np.array([*mine, len(columns)])
+            for f in range(FOLDS):
+                part = block[:, folds == f]
+                folded.grams[f][np.ix_(index, index)] += part @ part.T
+        return folded
+
+    def blocks(self) -> Iterator[tuple[list[int], Array, Index]]:
+        """Of each channel: numbers of the columns it has, these columns and the target in time,
+        (p + 1, n), and the fold of each sample, (n,).
+        """
+        from scipy.fft import idct
+
+        for i, channel in enumerate(self.whitened.observations.channels):
+            mine = [k for k, c in enumerate(self.columns) if i in c]
+            waves = np.array([*(self.columns[k][i] for k in mine), self.target[i]])
+            yield mine, idct(waves, norm="ortho", axis=1), _folds(channel.stop)
+
+    def solved(self) -> list[Array]:
+        """The values fitted without each fold, (p,).
+
+        What the other blocks do not tell of a size is shrunk towards zero: it is expected to be as
+        large as it was found, not larger.
+        """
+        whole = self.grams.sum(axis=0)
+        return [_solve(whole - G, self.expected) for G in self.grams]
 
 
 def _solve(G: Array, prior: Array) -> Array:
@@ -84,7 +133,7 @@ def _solve(G: Array, prior: Array) -> Array:
     return np.asarray((vectors[:, keep] / values[keep]) @ (vectors[:, keep].T @ (y / size)) / size)
 
 
-def _folds(stop: Index) -> Array:
+def _folds(stop: Index) -> Index:
     """A fold for each row: a stop and the move before it, dealt out in turn; blocks of equal length
     without stops, (n,).
     """

@@ -1,0 +1,86 @@
+"""Pages that stand alone: one file that opens offline, with its style, plots and data."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from tiltcal import __version__
+from tiltcal.core.files import write_text
+from tiltcal.report.plots import Plot
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+@dataclass
+class Numbered:
+    """Gives each plot of a page its id.
+
+    Args:
+        count: of the plots so far.
+    """
+
+    count: int = 0
+
+    @property
+    def any(self) -> bool:
+        """Whether the page has a plot; asked at its end."""
+        return self.count > 0
+
+    def __call__(self, plot: Plot) -> Mapping[str, Any]:
+        """What the macro ``plot`` shows."""
+        self.count += 1
+        return {
+            "id": f"plot-{self.count}",
+            "height": plot.height,
+            "caption": plot.caption,
+            "alternative": plot.alternative,
+            "json": plot.to_json(),
+        }
+
+
+def write_page(path: Path, template: str, **values: Any) -> None:
+    """Write a page, whole or not at all.
+
+    Args:
+        path: of the HTML file.
+        template: name of the template.
+        values: that it shows.
+
+    Raises:
+        TiltcalError: the place cannot be written.
+    """
+    write_text(path, rendered(template, **values))
+
+
+def rendered(template: str, **values: Any) -> str:
+    """A page from a template. Beside the values it has ``version``, ``plotly()`` for the script
+    that draws, and ``plots(plot)`` for what the macro ``plot`` shows.
+    """
+    page = _environment().get_template(f"{template}.html.jinja")
+    return page.render(version=__version__, plotly=_plotly, plots=Numbered(), **values)
+
+
+@cache
+def _environment() -> Any:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _plotly() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
+
+
+def sections(*titles: str) -> Sequence[tuple[str, str]]:
+    """Id and title of each section of a page; those without a title are left out."""
+    return [(title.lower().replace(" ", "-"), title) for title in titles if title]

@@ -26,7 +26,7 @@ LINES = SpectralLines(tones=(3.3, 7.1), shakes=(5.0,), ripples=(33,))
 SPAN = CoordinateRanges(300.0, 50.0, LINES, {"temperature": (-2.0, 3.0)})
 SILENT = CoordinateRanges(300.0, 50.0)
 ANGLES = {angle_channel(axis) for axis in built_in_axes()}
-FOLLOWED = {"temperature", "time", "move", "rate", "frequency", "tilt", "sample"}
+FOLLOWED = {"temperature", "time", "move", "rate", "frequency", "tilt", "sample", "load moment"}
 
 
 def names_of(cls):
@@ -126,7 +126,7 @@ def test_a_threshold_is_a_level_that_only_positive_values_make_sense_of(cls):
 @EVERY
 def test_an_effect_shows_on_a_table_and_on_none_only_if_it_needs_none(cls):
     by_hand, table = setup_of("handheld", *INSTRUMENT).rig, setup_of("dual", *INSTRUMENT).rig
-    assert cls.shows_on(table) != cls.seen_by_encoder
+    assert cls.shows_on(table) != (cls.seen_by_encoder or cls.of_model)
     assert cls.shows_on(by_hand) == (cls.stage != "table" and not cls.on_table)
 
 

@@ -116,7 +116,8 @@ class RigBuilder:
         self.prescribed: dict[str, Jet] = {}
         self.springs: dict[str, float] = {}
         self.stepped: tuple[Mechanism, ...] = ()
-        self.displaced = bool(np.any(world.lever)) or bool(world.shakes)
+        off_centre = setup.rig.kind.chain is not None or bool(np.any(world.lever))
+        self.displaced = off_centre or bool(world.shakes)
 
     def install_frames(
         self,

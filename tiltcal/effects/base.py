@@ -100,6 +100,8 @@ class Effect(Traits, ABC):
         """Whether it shows on a rig at all: it may need a table, or be part of its readout."""
         if (cls.stage == "table" or cls.on_table) and not rig.axes:
             return False
+        if cls.of_model and rig.kind.chain is None:
+            return False
         return not cls.seen_by_encoder or rig.readout == "command"
 
     @classmethod

@@ -76,6 +76,8 @@ class Traits:
     """The encoder sees it: it shows only where the readout is the command."""
     shows_against_table: ClassVar[bool] = False
     """Nothing but the angles of a table shows it."""
+    of_model: ClassVar[bool] = False
+    """Only the links of a user's own model have it."""
     axis_by_gravity: ClassVar[bool] = False
     """It acts on the axis that gravity loads, where none is named."""
     felt_late: ClassVar[bool] = False

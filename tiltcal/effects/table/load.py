@@ -9,7 +9,6 @@ from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.parameter import Parameter
 from tiltcal.setup.chain import BASE
-from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Jet, sampled_jet
 
@@ -21,11 +20,7 @@ class _OfModel(FrameEffect):
 
     stage = "table"
     linear = True
-
-    @classmethod
-    def shows_on(cls, rig: Rig) -> bool:
-        """Only where the rig is a model of the user's own."""
-        return super().shows_on(rig) and rig.kind.chain is not None
+    of_model = True
 
 
 class JointAxisTilt(_OfModel):
@@ -42,7 +37,6 @@ class JointAxisTilt(_OfModel):
     source = "Hayati and Mirmirani 1985, J. Robotic Systems 2, 397"
     excited_by = "that joint and the next one turning"
     look = "a tilt that turns with the joint before"
-    follows = "pose"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != bearing(self.axis or context.rig.axis_names[0]):
@@ -66,7 +60,7 @@ class JointCompliance(_OfModel):
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         axis = self.axis or context.rig.axis_names[0]
-        if slot != bearing(axis) or self.is_identity:
+        if slot != bearing(axis) or self.is_identity or context.rig.kind.chain is None:
             return ()
         moment = _moment(axis, context)
         c, s = context.axes[axis].cos_sin
@@ -90,7 +84,7 @@ class BaseLoadCompliance(_OfModel):
     follows = "load moment"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
-        if slot != "base" or self.is_identity:
+        if slot != "base" or self.is_identity or context.rig.kind.chain is None:
             return ()
         moment = _moment(BASE, context)[:, :2]
         return _bends([self.value("bend_east"), self.value("bend_north")], moment, context)

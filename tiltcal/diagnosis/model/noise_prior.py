@@ -1,7 +1,8 @@
 """The noise of an instrument, with what is known of instruments: they come in grades.
 
 White noise may be of any size. Flicker and random walk above those of the worst grade are the less
-probable, the larger they are: their logarithm is normal there.
+probable, the larger they are: their logarithm is normal there. Whether slow noise goes with the
+white noise or has sizes of its own differs between instruments: each is as probable as the other.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,7 @@ def noise_price(whitened: WhitenedModel) -> float:
     """-log prior of the noise of all channels, nats; nothing where it was not estimated."""
     observations = whitened.observations
     pairs = zip(observations.channels, whitened.fits, strict=bool(whitened.fits))
-    return sum(price_of(above_grades(c, observations, f.model)) for c, f in pairs)
+    return sum(slow_noise_price(c, observations, f.model) for c, f in pairs)
 
 
 def with_probable_noise(whitened: WhitenedModel) -> WhitenedModel:
@@ -38,18 +39,24 @@ def with_probable_noise(whitened: WhitenedModel) -> WhitenedModel:
     return whitened if same else whitened.as_fitted(fits)
 
 
-def above_grades(channel: Channel, observations: Observations, model: NoiseModel) -> Array:
-    """Flicker and random walk over those of the worst grade, (2,); 0 where there is no grade.
+def slow_noise_price(channel: Channel, observations: Observations, model: NoiseModel) -> float:
+    """-log prior of a channel's slow noise, nats: that of an instrument whose slow noise goes with
+    its white noise, and that of one whose does not, mixed by halves.
+    """
+    prices = [price_of(above) for above in above_grades(channel, observations, model)]
+    return float(np.log(2) - np.logaddexp(-prices[0], -prices[1]))
 
-    Beside the same white noise or by their size, whichever is less: a quiet instrument may drift as
-    any grade does, and a noisy one drifts more.
+
+def above_grades(channel: Channel, observations: Observations, model: NoiseModel) -> Array:
+    """Flicker and random walk over those of the worst grade, beside the same white noise and by
+    their size, (2, 2); 0 where there is no grade.
     """
     rate = sample_rate(channel)
     if not rate:
-        return np.zeros(2)
+        return np.zeros((2, 2))
     kind = observations.scenario.named(channel.sensor).kind
     white = float(np.sqrt(model.density(np.array([2.0]))[0] / rate))
-    worst = np.maximum(np.array(worst_grade(kind)) * white, largest_slow_noise(kind))
+    worst = np.array([np.array(worst_grade(kind)) * white, largest_slow_noise(kind)])
     return model.slow_noise(rate) / worst
 
 
@@ -68,7 +75,7 @@ def price_of(above: Array) -> float:
 
 
 def _prior(channel: Channel, observations: Observations) -> Callable[[NoiseModel], float]:
-    return lambda model: price_of(above_grades(channel, observations, model))
+    return lambda model: slow_noise_price(channel, observations, model)
 
 
 def _most_probable(fit: NoiseFit, price: Callable[[NoiseModel], float]) -> NoiseFit:

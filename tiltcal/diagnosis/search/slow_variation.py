@@ -43,7 +43,7 @@ def slow_variations(whitened: WhitenedModel, claim: float) -> tuple[SlowVariatio
     for channel, fit in zip(observations.channels, whitened.fits, strict=True):
         if channel.derived:
             continue
-        above = above_grades(channel, observations, fit.model) * _share(fit)
+        above = above_grades(channel, observations, fit.model).min(axis=0) * _share(fit)
         chance = float(1 / (1 + np.exp(-(price_of(above) + np.log(prior)))))
         if chance >= claim:
             found.append(SlowVariation(channel.sensor, channel.axis, float(above.max()), chance))

@@ -188,12 +188,12 @@ def test_a_design_is_saved_and_simulated(bench, tmp_path):
         bench.design(60.0, angles_deg={"uter": (-10, 10)})
 
 
-def test_a_diagnosis_is_saved_without_files_that_nobody_named(recording, tmp_path):
-    found = tc.Diagnosis("match", "Nothing differs.", recordings=(recording,))
+def test_a_diagnosis_is_saved_without_files_that_nobody_named(bench, recording, tmp_path):
+    found = tc.Diagnosis("match", "Nothing differs.", scenario=bench, recordings=(recording,))
     found.save(tmp_path / "out")
     table = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert (table["verdict"], table["recordings"]) == ("match", [])
-    assert recording.source in (tmp_path / "out" / "report.html").read_text()
+    assert "recording of bench" in (tmp_path / "out" / "report.html").read_text()
     assert (tmp_path / "out" / "amended.toml").exists()
     assert found.headline() == "match: Nothing differs."
     assert len(found.to_arrow()) == 0

@@ -65,7 +65,7 @@ def test_average_is_the_mean_over_the_window_to_third_order():
 
 
 def test_average_is_named_and_sized():
-    gyro = KNOWN | {"sensor": KNOWN["sensor"][1:]}
+    gyro = KNOWN | {"sensor": [KNOWN["sensor"][1] | {"adjustable": ["bias", "scale"]}]}
     average = {"id": "readout_average", "window_ms": 1e3 * WINDOW}
     truth = gyro | {"sequence": TURNS, "effect": [NOISE[1], average]}
     recording = LABORATORY.record(parse_scenario(truth), 1)

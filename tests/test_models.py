@@ -15,6 +15,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.trajectory import Drive, Jet
@@ -96,6 +97,41 @@ def test_closed_form_and_both_models_of_mujoco_agree(models, name):
     for mine in (ours, theirs):
         np.testing.assert_allclose(mine.force, force, atol=1e-9)
         np.testing.assert_allclose(mine.rate, rate, atol=1e-9)
+
+
+def test_sensors_at_several_places_of_one_model(models, tmp_path):
+    path, axes, _ = models["arm"]
+    shutil.copy(path, tmp_path / "arm.xml")
+    sensors = ("accelerometer", "gyro")
+    text = scenario_text("arm.xml", axes, "tool", sensors)
+    (tmp_path / "s.toml").write_text(text + 'site = "base_imu"\n')
+    scenario = load_scenario(tmp_path / "s.toml")
+    rng = rng_of("several places")
+    time, angles = poses_and_moves(rng, list(axes), 8)
+    jets = {axis: Jet(*jet) for axis, jet in angles.items()}
+    force, _ = PlainModel(path, axes, "tool").readings(time, angles)
+    _, rate = PlainModel(path, axes, "base_imu").readings(time, angles)
+    found = readings(scenario, _Course(drive_of(time, jets)), dict.fromkeys(sensors, time), ())
+    np.testing.assert_allclose(found["accelerometer"], force, atol=1e-9)
+    np.testing.assert_allclose(found["gyro"], rate, atol=1e-9)
+    columns = {f"table_{a}_deg": np.degrees(jet[0]) for a, jet in angles.items()}
+    white = 60e-6 * 9.8 * np.sqrt(50)
+    for name, values, unit in (("accelerometer", force, "m_s2"), ("gyro", rate, "rad_s")):
+        noisy = values + rng.normal(0, white, values.shape)
+        columns |= {f"{name}_{a}_{unit}": noisy[:, i] for i, a in enumerate("xyz")}
+    recording = Recording.from_columns(time, columns)
+    assert diagnose(scenario, [recording]).verdict == "match"
+
+
+class _Course:
+    """A course that is asked at its own stamps only."""
+
+    def __init__(self, drive):
+        self._drive, self.times = drive, (drive.time[0], drive.time[-1])
+
+    def drive(self, time):
+        assert np.array_equal(time, self._drive.time)
+        return self._drive
 
 
 @pytest.mark.parametrize("name", ["arm", "pusher"])

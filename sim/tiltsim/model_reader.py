@@ -4,6 +4,7 @@ MuJoCo compiles the file, so that whatever it loads is read. Joints that no read
 stay at the model's reference.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,15 @@ FILES = ("file", "content_type")
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
-def read_model(words: ModelWords, folder: Path) -> Chain:
-    """The links of a model whose joints a scenario maps to table axes.
+def read_model(
+    words: ModelWords, folder: Path, sites: Sequence[str] = ()
+) -> tuple[Chain, dict[str, Place]]:
+    """The links of a model whose joints a scenario maps to table axes, and places on them.
 
     Args:
         words: the file, the axes and the site, as the scenario states them.
         folder: of the scenario; the model and all that it includes lie in it.
+        sites: of sensors that sit elsewhere than the instrument.
 
     Raises:
         TiltcalError: a file outside the folder, a model that MuJoCo does not load or that is far
@@ -54,7 +58,8 @@ def read_model(words: ModelWords, folder: Path) -> Chain:
             need=f"at most {MOST_BODIES}",
             do="leave out what does not carry the instrument",
         )
-    return _Reader(model, words, subject).chain()
+    reader = _Reader(model, words, subject)
+    return reader.chain(), {name: reader.place(name) for name in sites}
 
 
 def _inside(folder: Path, path: Path, words: str) -> Path:
@@ -146,8 +151,12 @@ class _Reader:
     def chain(self) -> Chain:
         """The links, and the instrument among them."""
         links = [self._link(k) for k in range(len(self.axes))]
-        body, origin, R = self._site()
-        return Chain(link=tuple(links), instrument=Place(**self._placed(self._on(body), origin, R)))
+        return Chain(link=tuple(links), instrument=self.place(self.words.site))
+
+    def place(self, site: str) -> Place:
+        """Where a site, or a body, is among the links."""
+        body, origin, R = self._site(site)
+        return Place(**self._placed(self._on(body), origin, R))
 
     def _joint(self, name: str, axis: ModelAxis) -> int:
         model = self.model
@@ -221,10 +230,10 @@ class _Reader:
         centre = axis.R.T @ (masses @ self.data.xipos[own] / total - axis.origin)
         return total, (float(centre[0]), float(centre[1]), float(centre[2]))
 
-    def _site(self) -> tuple[int, Array, Array]:
+    def _site(self, name: str) -> tuple[int, Array, Array]:
         """Body, origin and frame of the instrument: a site of that name, or a body."""
         kinds = ((mujoco.mjtObj.mjOBJ_SITE, "site"), (mujoco.mjtObj.mjOBJ_BODY, "body"))
-        name, model, data = self.words.site, self.model, self.data
+        model, data = self.model, self.data
         site, body = (mujoco.mj_name2id(model, kind, name) for kind, _ in kinds)
         if site >= 0:
             R = data.site_xmat[site].reshape(3, 3)

@@ -134,7 +134,7 @@ def sensitivity(
         only: ids to keep.
     """
     one_of(grade, GRADES, "grade")
-    watch = NominalMotion(setup, course, rows.time)
+    watch = NominalMotion.of(setup, course, rows.time)
     weight = {s.name: np.sqrt(rows.weight) / white_noise(s, known) for s in setup.sensor}
     middle = (course.times[1] - course.times[0]) / 2
     found = []

@@ -1,6 +1,6 @@
 """One recording's motion, worked out once, and how its readings change with each effect."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import TypeVar
@@ -44,6 +44,20 @@ class NominalMotion:
         self.ideal = {name: sense.true_input() for name, sense in self.sense.items()}
         self.responses = Responses(setup, self.drive)
         self._slopes: tuple[Array, Array] | None = None
+
+    @classmethod
+    def of(cls, setup: Setup, course: Course, time: Array) -> "NominalMotion":
+        """The nominal motion, of each sensor where it sits."""
+        places = dict.fromkeys(s.place for s in setup.sensor)
+        if len(places) < 2 and None in places:
+            return cls(setup, course, time)
+        parts = []
+        for place in places:
+            own = tuple(s for s in setup.sensor if s.place == place)
+            parts.append(
+                cls(setup.seen_by(own[0]).model_copy(update={"sensor": own}), course, time)
+            )
+        return parts[0] if len(parts) == 1 else SeveralPlaces(setup, parts)
 
     def through(self, matrices: Mapping[str, Array]) -> "NominalMotion":
         """The same motion through other sensor matrices."""
@@ -168,6 +182,40 @@ class NominalMotion:
             )
             for name in names
         }
+
+
+class SeveralPlaces(NominalMotion):
+    """The nominal motion of sensors that sit at several places of one model.
+
+    Args:
+        setup: with all sensors.
+        parts: one for each place.
+    """
+
+    def __init__(self, setup: Setup, parts: Sequence[NominalMotion]) -> None:
+        self.setup, self.parts = setup, tuple(parts)
+        self.course, self.time, self.drive = parts[0].course, parts[0].time, parts[0].drive
+        self.sense = {name: sense for p in parts for name, sense in p.sense.items()}
+        self.ideal = {name: values for p in parts for name, values in p.ideal.items()}
+
+    def through(self, matrices: Mapping[str, Array]) -> NominalMotion:
+        return SeveralPlaces(self.setup, [part.through(matrices) for part in self.parts])
+
+    def changes(self, effect: Effect) -> dict[str, Array]:
+        found: dict[str, Array] = {}
+        for part in self._moved_by(effect):
+            found |= part.changes(effect)
+        return found
+
+    def each(self, effect: Learned) -> dict[str, Array]:
+        found: dict[str, Array] = {}
+        for part in self._moved_by(effect):
+            found |= part.each(effect)
+        return found
+
+    def _moved_by(self, effect: Effect) -> Sequence[NominalMotion]:
+        """The places that see an effect: all, or that of its sensor."""
+        return [p for p in self.parts if effect.sensor is None or effect.sensor in p.sense]
 
 
 def one_sided(effect: Effect) -> bool:

@@ -4,6 +4,7 @@ fit that predicts.
 
 import zlib
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from tiltcal.effects.base import (
 from tiltcal.effects.sense import Sense
 from tiltcal.forward.adc import coded, converted, fine_grid
 from tiltcal.forward.kinematics import closed_form
+from tiltcal.setup.chain import Place
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Course, Drive, Motion
@@ -71,20 +73,21 @@ def readings(
     """
     live = [e for e in effects if not e.is_identity]
     geometry = [e for e in live if not isinstance(e, SignalEffect | DelayEffect | WritingEffect)]
-    seen: list[tuple[Array, Motion, Drive]] = []
+    seen: list[tuple[Place | None, Array, Motion, Drive]] = []
 
-    def move(time: Array) -> tuple[Motion, Drive]:
-        for known, motion, drive in seen:
-            if known is time or (len(known) == len(time) and np.array_equal(known, time)):
+    def move(sensor: Sensor, time: Array) -> tuple[Motion, Drive]:
+        for place, known, motion, drive in seen:
+            alike = known is time or (len(known) == len(time) and np.array_equal(known, time))
+            if alike and place == sensor.place:
                 return motion, drive
         drive = course.drive(time)
-        motion = mover(setup, drive, geometry, streams_of(seed))
-        seen.append((time, motion, drive))
+        motion = mover(setup.seen_by(sensor), drive, geometry, streams_of(seed))
+        seen.append((sensor.place, time, motion, drive))
         return motion, drive
 
     return {
-        name: _read(setup.named(name), setup, time, live, seed, move, course)
-        for name, time in times.items()
+        s.name: _read(s, setup, times[s.name], live, seed, partial(move, s), course)
+        for s in map(setup.named, times)
     }
 
 

@@ -1,6 +1,6 @@
 """How a scenario names a model of its own: ``[rig] mjcf``, its axes and the instrument's site."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -8,11 +8,11 @@ from pydantic import Field, field_validator
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.extensions import load
-from tiltcal.setup.chain import Chain
-from tiltcal.setup.sensor import Part
+from tiltcal.setup.chain import Chain, Place
+from tiltcal.setup.part import Part
 
 GROUP = "tiltcal.models"
-Reader = Callable[["ModelWords", Path], Chain]
+Reader = Callable[["ModelWords", Path, Sequence[str]], tuple[Chain, Mapping[str, Place]]]
 
 
 class ModelAxis(Part):
@@ -50,8 +50,9 @@ class ModelWords(Part):
         return {k: {"joint": v} if isinstance(v, str) else v for k, v in words.items()}
 
 
-def links_of(rig: dict[str, Any], words: ModelWords, folder: Path) -> dict[str, Any]:
-    """A rig's table with the links of its model in place of the words for it.
+def with_links(table: dict[str, Any], words: ModelWords, folder: Path) -> dict[str, Any]:
+    """A scenario's table with the links of its model, and the places of its sensors, instead of the
+    words for them.
 
     Raises:
         TiltcalError: no simulator is installed, or the model cannot be read.
@@ -65,6 +66,17 @@ def links_of(rig: dict[str, Any], words: ModelWords, folder: Path) -> dict[str, 
             do="install tiltcal with its simulator",
         )
     reader: Reader = readers[0]
-    chain = reader(words, folder)
-    others = {k: v for k, v in rig.items() if k not in ModelWords.model_fields}
-    return {**others, "model": words.mjcf, **chain.model_dump(exclude_defaults=True)}
+    sensors = [s for s in table.get("sensor", ()) if isinstance(s, dict)]
+    sites = [s["site"] for s in sensors if isinstance(s.get("site"), str)]
+    chain, places = reader(words, folder, sites)
+    rig = {k: v for k, v in table["rig"].items() if k not in ModelWords.model_fields}
+    rig |= {"model": words.mjcf, **chain.model_dump(exclude_defaults=True)}
+    return {**table, "rig": rig, "sensor": [_placed(s, places) for s in table.get("sensor", ())]}
+
+
+def _placed(sensor: Any, places: Mapping[str, Place]) -> Any:
+    """A sensor's table with the place of the site that it names."""
+    if not isinstance(sensor, dict) or not isinstance(sensor.get("site"), str):
+        return sensor
+    others = {k: v for k, v in sensor.items() if k != "site"}
+    return {**others, "place": places[sensor["site"]].model_dump()}

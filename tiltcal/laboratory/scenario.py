@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.effects import CATALOGUE, Effect, make_effect
-from tiltcal.laboratory.model_words import ModelWords, links_of
+from tiltcal.laboratory.model_words import ModelWords, with_links
 from tiltcal.laboratory.random_instrument import draw_instrument
 from tiltcal.laboratory.scenario_tables import (
     Dynamics,
@@ -21,9 +21,9 @@ from tiltcal.laboratory.scenario_tables import (
     MethodTable,
     SourceTable,
 )
+from tiltcal.setup.part import Part
 from tiltcal.setup.schedule import Schedule
 from tiltcal.setup.schedule_builder import build_schedule
-from tiltcal.setup.sensor import Part
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Setup
 
@@ -162,7 +162,7 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
             need="mjcf, axes and site",
             do="see the guide's page on own models",
         ) from error
-    return {**table, "rig": links_of(rig, words, path.parent)}
+    return with_links(table, words, path.parent)
 
 
 def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from tiltcal.setup.sensor import Part
+from tiltcal.setup.part import Part
 
 
 class EffectTable(BaseModel):

@@ -13,7 +13,7 @@ from pydantic import Field
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import make_folder, replacing
 from tiltcal.core.optional_library import library
-from tiltcal.setup.sensor import Part
+from tiltcal.setup.part import Part
 
 LIST = Path(__file__).parent / "datasets.toml"
 _RAW = "https://raw.githubusercontent.com"

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.setup.sensor import Part
+from tiltcal.setup.part import Part
 
 Repair = Literal[
     "sort_time",

@@ -124,7 +124,7 @@ def find_poses(
     spread = _spread_of(sensor, means, setup.site.gravity)
     residuals = [(c - m) / s for c, m, s in zip(chunks, means, spread, strict=True)]
     noise, inflation = pooled_noise(residuals)
-    up, angles, stated = _known_up(recording, setup, kept)
+    up, angles, stated = _known_up(recording, setup.seen_by(sensor), kept)
     return Poses(
         sensor,
         tuple(PoseSpan(s.start, s.end, s.label) for s in kept),

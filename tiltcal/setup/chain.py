@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from tiltcal.core.arrays import Array
-from tiltcal.setup.sensor import Part
+from tiltcal.setup.part import Part
 
 BASE = ""
 """Parent of what stands on the base itself."""

@@ -1,14 +1,15 @@
 """Sensors as a scenario file states them."""
 
-from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import unit
 from tiltcal.core.units import COLUMN_UNITS, G0
+from tiltcal.setup.chain import Place
+from tiltcal.setup.part import Part
 
 RESERVED = {"time", "table", "temperature", "label", "tilt", "north"}
 
@@ -17,19 +18,6 @@ QUANTITY = {"accelerometer": "acceleration", "inclinometer": "angle", "gyro": "r
 
 
 DEFAULT_UNIT = {"accelerometer": "m_s2", "inclinometer": "deg", "gyro": "deg_s", "fog": "deg_h"}
-
-
-class Part(BaseModel):
-    """A frozen part of a scenario; unknown keys are errors."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, ignored_types=(cached_property,)
-    )
-
-    @classmethod
-    def keys(cls) -> list[str]:
-        """Its keys in a file."""
-        return [f.alias or name for name, f in cls.model_fields.items()]
 
 
 def _not_zero(value: float) -> float:
@@ -127,7 +115,10 @@ class Converter(Part):
 
 
 class Sensor(Part):
-    """One sensor of the instrument: a prefix of columns."""
+    """One sensor of the instrument: a prefix of columns.
+
+    On a user's own model it may have a ``place`` of its own.
+    """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9]*$")]
     kind: Literal["accelerometer", "inclinometer", "gyro", "fog"]
@@ -139,6 +130,7 @@ class Sensor(Part):
     converter: Converter | None = None
     unit: str | None = None
     full_scale: Annotated[float, Field(gt=0)] | None = None
+    place: Place | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> "Sensor":

@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import parse_up
-from tiltcal.setup.sensor import Part
+from tiltcal.setup.part import Part
 from tiltcal.setup.setup import readable_mount
 from tiltcal.setup.tables import angle_key, axis_names, built_in_axes
 

@@ -2,7 +2,7 @@
 properties.
 """
 
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,8 +13,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import earth_rate, parse_mount
 from tiltcal.core.units import DEG
-from tiltcal.setup.chain import Chain, Link, Place
-from tiltcal.setup.sensor import Part, Sensor
+from tiltcal.setup.chain import BASE, Chain, Link, Place
+from tiltcal.setup.part import Part
+from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, find_table, tables
 
 
@@ -123,12 +124,32 @@ class Rig(Part):
         return self.kind.axis_names
 
 
+@cache
+def _rig_at(rig: Rig, place: Place) -> Rig:
+    """A rig of a user's own model with the instrument somewhere else on it."""
+    words = rig.model_dump(exclude={"table"})
+    return Rig.model_validate({**words, "instrument": place.model_dump()})
+
+
 class Setup(Part):
     """Site, rig and sensors: what an honest user knows of a laboratory."""
 
     site: Site
     rig: Rig
     sensor: tuple[Sensor, ...] = ()
+
+    @model_validator(mode="after")
+    def _places_exist(self) -> "Setup":
+        for s in self.sensor:
+            if s.place is not None and s.place.on not in {BASE, *(k.axis for k in self.rig.link)}:
+                raise ValueError(f"sensor '{s.name}' on '{s.place.on}', which is no link")
+        return self
+
+    def seen_by(self, sensor: Sensor) -> "Setup":
+        """The set-up with the instrument where one sensor sits."""
+        if sensor.place is None or not self.rig.link:
+            return self
+        return self.model_copy(update={"rig": _rig_at(self.rig, sensor.place)})
 
     def sensors(self, *kinds: str) -> list[Sensor]:
         """The sensors of these kinds (of all kinds when none is named)."""

@@ -167,7 +167,7 @@ def _blocks(
     drive = replay(recording, setup).drive(samples.time[complete])
     speed = np.column_stack([np.asarray(jet.v) for jet in drive.axes.values()])
     _require_turning(speed, recording)
-    sense = make_sense(gyro, setup, closed_form(setup, drive), drive)
+    sense = make_sense(gyro, setup, closed_form(setup.seen_by(gyro), drive), drive)
     names, units, design = columns_under(terms, gyro, sense)
     size = max(round(BLOCK * gyro.rate_hz), 2)
     if len(drive.time) < size:

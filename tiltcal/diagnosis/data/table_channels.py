@@ -258,7 +258,7 @@ class TableObservations(Observations):
         if key not in self._watches:
             matrices = self._matrices(around)
             known = next(iter(self._watches.values()), None) or [
-                NominalMotion(self.scenario, course, self._grid(recording))
+                NominalMotion.of(self.scenario, course, self._grid(recording))
                 for recording, course in zip(self.recordings, self.courses, strict=True)
             ]
             self._watches = {key: [watch.through(matrices) for watch in known]}

@@ -7,7 +7,7 @@ from typing import Literal
 
 from tiltcal.core.units import PARAMETER_UNITS
 from tiltcal.setup.setup import Rig
-from tiltcal.setup.tables import Table, find_table, tables
+from tiltcal.setup.tables import Table, every_table, find_table
 
 Stage = Literal["environment", "table", "mount", "sensor", "electronics", "timing", "data"]
 
@@ -107,7 +107,7 @@ class PerTable:
     order: Callable[[], Sequence[str]] = tuple
 
     def __get__(self, effect: object, cls: type) -> tuple[Parameter, ...]:
-        return _on_all_tables(self, tuple(tables()))
+        return _on_all_tables(self, tuple(every_table()))
 
 
 @cache

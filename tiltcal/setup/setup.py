@@ -16,7 +16,7 @@ from tiltcal.core.units import DEG
 from tiltcal.setup.chain import BASE, Chain, Link, Place
 from tiltcal.setup.part import Part
 from tiltcal.setup.sensor import Sensor
-from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, find_table, tables
+from tiltcal.setup.tables import BUILT_IN, Axis, Table, add_model, every_table, find_table, tables
 
 
 class Site(Part):
@@ -54,7 +54,7 @@ def readable_mount(text: str) -> str:
 
 def known_table(name: str) -> str:
     """``name`` when it is a table's; an error for pydantic otherwise."""
-    if name not in BUILT_IN and name not in tables():
+    if name not in BUILT_IN and name not in every_table():
         *others, last = (f"'{table}'" for table in tables())
         raise PydanticCustomError("literal_error", f"Input should be {', '.join(others)} or {last}")
     return name

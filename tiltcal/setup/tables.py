@@ -133,19 +133,18 @@ def add_model(chain: Chain) -> Table:
     return _OF_MODELS.setdefault(table.name, table)
 
 
-def tables() -> Mapping[str, Table]:
-    """All tables by name: the built-in ones, those of installed packages, then those of the models
-    that scenarios brought.
+def every_table() -> Mapping[str, Table]:
+    """All tables by name, and those of the models that scenarios brought.
 
     Raises:
-        TiltcalError: an entry point names no table, or a table whose name is taken.
+        TiltcalError: as ``tables`` does.
     """
-    return {**_installed(), **_OF_MODELS}
+    return {**tables(), **_OF_MODELS}
 
 
 @cache
-def _installed() -> Mapping[str, Table]:
-    """The built-in tables, then those of installed packages.
+def tables() -> Mapping[str, Table]:
+    """All tables by name: the built-in ones, then those of installed packages.
 
     Raises:
         TiltcalError: an entry point names no table, or a table whose name is taken.
@@ -183,7 +182,7 @@ def find_table(name: str) -> Table:
     Raises:
         KeyError: there is none.
     """
-    return BUILT_IN[name] if name in BUILT_IN else tables()[name]
+    return BUILT_IN[name] if name in BUILT_IN else every_table()[name]
 
 
 def built_in_axes() -> tuple[str, ...]:
@@ -194,7 +193,7 @@ def built_in_axes() -> tuple[str, ...]:
 
 def axis_names() -> tuple[str, ...]:
     """Names of the axes of all tables, those of the built-in ones first."""
-    others = (name for table in tables().values() for name in table.axis_names)
+    others = (name for table in every_table().values() for name in table.axis_names)
     return tuple(dict.fromkeys((*built_in_axes(), *others)))
 
 

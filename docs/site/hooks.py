@@ -5,7 +5,6 @@
 
 import os
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +30,15 @@ def on_files(files: Any, config: Any) -> None:
     """Add the generated pages and pictures."""
     for name, text in (*effect_pages.pages(), *api_pages.pages()):
         files.append(File.generated(config, name, content=text))
-    cache = PictureCache(ROOT, ROOT / ".docs_cache")
     drawn = {**tutorial_pictures.PICTURES, **effect_pages.pictures()}
-    for k, (name, draw) in enumerate(drawn.items(), start=1):
-        if sys.stderr.isatty():
-            print(f"\r{k} of {len(drawn)} pictures", end="", file=sys.stderr, flush=True)
-        content = cache.bytes_of(name, draw) if PICTURES else BLANK
-        files.append(File.generated(config, f"pictures/{name}", content=content))
+    if PICTURES:
+        drawn_files = PictureCache(ROOT, ROOT / ".docs_cache").files(drawn)
+        for name, file in drawn_files.items():
+            place = f"pictures/{name}"
+            files.append(File.generated(config, place, abs_src_path=str(file)))
+    else:
+        for name in drawn:
+            files.append(File.generated(config, f"pictures/{name}", content=BLANK))
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -2,7 +2,9 @@
 
 import hashlib
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +28,19 @@ class PictureCache:
                 old.unlink()
         self._folder.mkdir(parents=True, exist_ok=True)
 
-    def bytes_of(self, name: str, draw: Draw) -> bytes:
-        """The content of a picture's file; its ending is the format."""
-        kept = self._folder / name
-        if not kept.exists():
-            kept.write_bytes(_drawn(draw, Path(name).suffix[1:]))
-        return kept.read_bytes()
+    def files(self, wanted: Mapping[str, Draw]) -> dict[str, Path]:
+        """The pictures' files by name, drawn where they are missing; the ending is the format."""
+        files = {name: self._folder / name for name in wanted}
+        missing = {name: draw for name, draw in wanted.items() if not files[name].exists()}
+        with ProcessPoolExecutor(2, get_context("fork")) as processes:
+            parts = [processes.submit(_write, draw, files[n]) for n, draw in missing.items()]
+            for part in parts:
+                part.result()
+        return files
+
+
+def _write(draw: Draw, file: Path) -> None:
+    file.write_bytes(_drawn(draw, file.suffix[1:]))
 
 
 def _drawn(draw: Draw, format: str) -> bytes:

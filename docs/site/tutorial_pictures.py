@@ -59,7 +59,7 @@ def tilt() -> Any:
 def positions() -> Any:
     """The expected tilt error of classic sequences over the table time."""
     scenario = tc.load_scenario(SCENARIOS / "six_faces_dual.toml")
-    budgets = np.geomspace(60, 1200, 12)
+    budgets = np.geomspace(150, 1200, 10)
     wanted = Wanted(("bias", "scale"), ("drift",), "mid_mems", None, 20 * UG, np.pi)
     figure, axes = plt.subplots(figsize=SIZE, layout="constrained")
     for name in ("six", "8", "12", "24"):

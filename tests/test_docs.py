@@ -70,7 +70,9 @@ def test_the_site_is_built_without_warnings_and_loads_nothing_from_other_hosts(t
     assert (done.returncode, done.stderr) == (0, "")
     pages = list(tmp_path.rglob("*.html"))
     assert len(pages) > len(PAGES)
-    loading = re.compile(r"<(?:script|link|img|iframe)\b[^>]*?\b(?:src|href)=\"?(?:https?:)?//[^>]*>")
+    loading = re.compile(
+        r"<(?:script|link|img|iframe)\b[^>]*?\b(?:src|href)=\"?(?:https?:)?//[^>]*>"
+    )
     for page in pages:
         text = page.read_text(encoding="utf-8")
         assert not loading.search(text), page

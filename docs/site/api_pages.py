@@ -10,6 +10,12 @@ from pathlib import Path
 import tiltcal
 
 HOME = Path(tiltcal.__file__).parent
+OPTIONS = """\
+    options:
+      members: null
+      filters: ["!^_"]
+      inherited_members: false
+"""
 
 
 @cache
@@ -27,7 +33,7 @@ def _stable() -> Iterator[str]:
         thing = getattr(tiltcal, name)
         if hasattr(thing, "__qualname__"):
             yield f"::: {thing.__module__}.{thing.__qualname__}"
-            yield "    options:\n      members: null\n      filters: [\"!^_\"]\n      inherited_members: false\n"
+            yield OPTIONS
 
 
 def _room(room: str) -> Iterator[str]:

@@ -100,8 +100,9 @@ def pages() -> tuple[tuple[str, str], ...]:
 def _page(stage: str) -> Iterator[str]:
     yield f"# Effects: {stage}\n"
     yield (
-        "After this page you know each effect of this stage: its equation, what excites it, how large"
-        " it may be. The pictures show what each one changes in a recording of its own scenario.\n"
+        "After this page you know each effect of this stage: its equation, what excites it,"
+        " how large it may be. The pictures show what each one changes in a recording of its own"
+        " scenario.\n"
     )
     for id, cls in CATALOGUE.items():
         if cls.stage == stage:
@@ -112,7 +113,8 @@ def _section(id: str, cls: type[Effect]) -> Iterator[str]:
     yield f"## {id}\n\n{cls.title}. {cls.physics}\n\n`{cls.equation}`\n"
     yield f"Excited by {cls.excited_by}. Look: {cls.look}. Source: {cls.source}.\n"
     yield f"![residual of {id}](pictures/{id}.png){{ loading=lazy }}\n"
-    yield "| largest plausible size | precision laboratory | mid MEMS | consumer |\n|---|---|---|---|"
+    yield "| largest plausible size | precision laboratory | mid MEMS | consumer |"
+    yield "|---|---|---|---|"
     for p in cls.parameters:
         yield f"| `{p.name}{p.suffix}` | {' | '.join(f'{x:g}' for x in p.plausible)} |"
     yield ""

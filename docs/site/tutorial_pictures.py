@@ -30,7 +30,7 @@ UG = G0 * 1e-6
 def start() -> Any:
     """Readings over six faces, with the dwells that are found."""
     recording = tc.load_scenario(SCENARIOS / "six_faces_dual.toml").simulate(seed=7)
-    figure, axes = plt.subplots(figsize=SIZE, layout="constrained")
+    _, axes = plt.subplots(figsize=SIZE, layout="constrained")
     for axis in "xyz":
         axes.plot(recording.time, recording.column(f"accel_{axis}_m_s2"), label=axis)
     for segment in tc.find_segments(recording):
@@ -44,7 +44,7 @@ def tilt() -> Any:
     scenario = tc.load_scenario(SCENARIOS / "two_position_level.toml")
     recording = scenario.simulate()
     dwells = [s for s in tc.find_segments(recording) if s.kind == "dwell"]
-    figure, axes = plt.subplots(figsize=SIZE, layout="constrained")
+    _, axes = plt.subplots(figsize=SIZE, layout="constrained")
     for axis in "xy":
         reading = recording.column(f"incl_{axis}_deg") * 3600
         line = axes.plot(recording.time, reading, linewidth=0.8, label=axis)[0]
@@ -61,14 +61,18 @@ def positions() -> Any:
     scenario = tc.load_scenario(SCENARIOS / "six_faces_dual.toml")
     budgets = np.geomspace(150, 1200, 10)
     wanted = Wanted(("bias", "scale"), ("drift",), "mid_mems", None, 20 * UG, np.pi)
-    figure, axes = plt.subplots(figsize=SIZE, layout="constrained")
+    _, axes = plt.subplots(figsize=SIZE, layout="constrained")
     for name in ("six", "8", "12", "24"):
         errors = []
         for budget in budgets:
             clock = clock_of(scenario, budget, 20.0, 5.0, (5.0, 60.0), None, 0.0)
-            problem, _ = scenario_problem(scenario, sensor_of(scenario, None), wanted, clock, "both")
+            problem, _ = scenario_problem(
+                scenario, sensor_of(scenario, None), wanted, clock, "both"
+            )
             draft = baseline(problem, name)
-            errors.append(forecast(problem, draft.angles, problem.dwells(draft.angles, draft.z)).tilt_arcsec)
+            errors.append(
+                forecast(problem, draft.angles, problem.dwells(draft.angles, draft.z)).tilt_arcsec
+            )
         axes.loglog(budgets, errors, "o-", markersize=3, label=f"{name} positions")
     return _named(axes, "table time, s", "expected tilt error, arcsec")
 
@@ -100,7 +104,7 @@ def differ() -> Any:
         days = _days(files["differ.py"], folder)
     residuals = [_residuals(bench, recording, "m_s2")[:, 0] for recording in days]
     both = np.concatenate(residuals)
-    figure, axes = plt.subplots(figsize=SIZE, layout="constrained")
+    _, axes = plt.subplots(figsize=SIZE, layout="constrained")
     place = np.arange(1, len(both) + 1)
     stepped = np.concatenate([r - r.mean() for r in residuals])
     axes.plot(place, both - both.mean(), "o", label="one bias for both days")
@@ -116,7 +120,7 @@ def algorithm() -> Any:
     field = "acc_K2.k2_x_ug_g2"
     words = ("sweep", "claim.toml", "--effect", f"{field}=0:160:5", "--seeds", "8")
     rows = _rows(files, words)
-    figure, axes = plt.subplots(figsize=SIZE, layout="constrained")
+    _, axes = plt.subplots(figsize=SIZE, layout="constrained")
     _curve(axes, rows, field, "mine:opposite_faces")
     return _named(axes, "K2 of x, ug/g2", "rms tilt error, arcsec")
 
@@ -124,10 +128,12 @@ def algorithm() -> Any:
 def campaign() -> Any:
     """The tilt error over dwell and noise, by the tutorial's campaign with more levels."""
     files = _files("tutorial_campaign.md")
-    grid = files["grid.toml"].replace("[20, 100]", "[20, 50, 100]").replace("[2, 8]", "[2, 4, 8, 16]")
+    grid = (
+        files["grid.toml"].replace("[20, 100]", "[20, 50, 100]").replace("[2, 8]", "[2, 4, 8, 16]")
+    )
     files["grid.toml"] = grid.replace("runs = 3", "runs = 4")
     rows = _rows(files, ("campaign", "grid.toml"))
-    figure, axes = plt.subplots(figsize=SIZE, layout="constrained")
+    _, axes = plt.subplots(figsize=SIZE, layout="constrained")
     noise = "acc_noise.white_ug_rthz"
     for size in np.unique(rows[noise]):
         own = {name: values[rows[noise] == size] for name, values in rows.items()}
@@ -160,7 +166,9 @@ def _rows(files: dict[str, str], words: tuple[str, ...]) -> dict[str, Any]:
         out = "out.parquet" if words[0] == "sweep" else "out"
         program = [sys.executable, "-m", "tiltcal", *words, "-o", out, "-j", "2"]
         subprocess.run(program, cwd=folder, check=True, capture_output=True)
-        table = parquet.read_table(folder / out if words[0] == "sweep" else folder / "out/results.parquet")
+        table = parquet.read_table(
+            folder / out if words[0] == "sweep" else folder / "out/results.parquet"
+        )
     return {name: np.array(table[name]) for name in table.column_names}
 
 

@@ -15,6 +15,7 @@ from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.joining import joined
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.rig_fit import suspected_rig
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.validation.cross_check import Check, check
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
@@ -51,6 +52,8 @@ def estimate(
     if unknown:
         note = "columns that belong to no sensor of the scenario are ignored: " + ", ".join(unknown)
         calibration = replace(calibration, warnings=[*calibration.warnings, note])
+    if calibration.verdict != "good" and (suspicion := suspected_rig(recording, scenario)):
+        calibration = replace(calibration, warnings=[*calibration.warnings, suspicion])
     return calibration, budget
 
 

@@ -30,6 +30,24 @@ def tell(text: str) -> None:
     sys.stderr.write(plain(text) + "\n")
 
 
+def asked(question: str, default: str, choices: Sequence[str] = ()) -> str:
+    """The answer to a question on the terminal; the default where nobody can be asked.
+
+    Args:
+        question: in words; default: what an empty answer means.
+        choices: valid answers; empty: any.
+    """
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return default
+    offered = f" ({', '.join(choices)})" if choices else ""
+    while True:
+        sys.stderr.write(plain(f"{question}{offered} [{default}]: "))
+        sys.stderr.flush()
+        answer = sys.stdin.readline().strip() or default
+        if not choices or answer in choices:
+            return answer
+
+
 @contextmanager
 def stdout_bytes() -> Iterator[IO[bytes]]:
     """Stdout for a file's content: into a pipe or a file as it is, on a terminal as plain text."""

@@ -11,6 +11,7 @@ from tiltcal.calibration.methods.registry import calibrate as run_method
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining
+from tiltcal.core.progress import Progress, silent
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.joining import joined
@@ -36,6 +37,7 @@ def estimate(
     scenario: Scenario,
     options: dict[str, Any],
     with_budget: bool = False,
+    progress: Progress = silent,
 ) -> tuple[Calibration, Budget | None]:
     """A calibration, and its uncertainty budget where it is wanted; columns that belong to no
     sensor are noted.
@@ -45,7 +47,9 @@ def estimate(
     """
     budget: Budget | None = None
     if with_budget:
-        calibration, budget = make_budget(method, recording, scenario, scenario.budget, **options)
+        calibration, budget = make_budget(
+            method, recording, scenario, scenario.budget, progress=progress, **options
+        )
     else:
         calibration = run_method(method, recording, scenario, **options)
     unknown = recording.unknown(scenario.sensor)
@@ -58,7 +62,11 @@ def estimate(
 
 
 def estimate_for_certificate(
-    method: str | Method, recording: Recording, scenario: Scenario, options: dict[str, Any]
+    method: str | Method,
+    recording: Recording,
+    scenario: Scenario,
+    options: dict[str, Any],
+    progress: Progress = silent,
 ) -> tuple[Calibration, Budget | None]:
     """The same with a budget; where that cannot be evaluated, a warning says why.
 
@@ -66,7 +74,7 @@ def estimate_for_certificate(
         TiltcalError: as ``estimate`` without a budget does.
     """
     try:
-        return estimate(method, recording, scenario, options, with_budget=True)
+        return estimate(method, recording, scenario, options, True, progress)
     except TiltcalError as error:
         calibration, _ = estimate(method, recording, scenario, options)
         note = f"the uncertainty budget could not be evaluated: {error}"

@@ -131,6 +131,13 @@ def test_calibrate_names_a_wrong_table_mounting_or_sense(dual, stated, mount, tu
     assert words in warning
 
 
+@pytest.mark.parametrize("do", ["calibrate", "diagnose"])
+def test_a_table_whose_columns_are_missing_is_refused_with_the_one_that_fits(dual, do):
+    more = ["six_position"] if do == "calibrate" else []
+    with pytest.raises(tc.TiltcalError, match='set table = "dual", which its columns fit'):
+        getattr(honest("three"), do)(without_labels(dual), *more)
+
+
 def test_a_right_table_is_not_suspected(dual):
     assert suspected_rig(dual, honest("dual")) is None
     assert suspected_rig(without_labels(dual), honest("handheld")) is None

@@ -11,9 +11,10 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mount
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import Poses, find_poses
+from tiltcal.recordings.table_columns import tables_of
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.setup import Rig, Setup
-from tiltcal.setup.tables import Table, angle_channel, axis_names, tables
+from tiltcal.setup.tables import Table, tables
 
 FITS = 0.1  # rms of the direction of gravity, rad: biases and mounting of ordinary instruments
 CLEAR = 3.0  # times worse than another is clearly worse
@@ -92,12 +93,6 @@ def _of_table(table: Table, up: Array, angles: Mapping[str, Array]) -> Iterator[
             left = up - head @ parse_mount(mount)
             misfit = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
             yield RigFit(table, senses, mount, misfit)
-
-
-def tables_of(recording: Recording) -> list[Table]:
-    """The tables whose axes are those that the recording reads; none where it reads no angle."""
-    read = {a for a in axis_names() if recording.channel(angle_channel(a)) is not None}
-    return [t for t in tables().values() if t.axes and set(t.axis_names) == read]
 
 
 def read_poses(recording: Recording, setup: Setup) -> tuple[Array, dict[str, Array]] | None:

@@ -17,8 +17,8 @@ from tiltcal.recordings.rig_fit import (
     read_poses,
     rig_fits,
     simplest,
-    tables_of,
 )
+from tiltcal.recordings.table_columns import tables_of
 from tiltcal.setup.sensor import RESERVED
 from tiltcal.setup.setup import Rig, Setup
 from tiltcal.setup.tables import HANDHELD

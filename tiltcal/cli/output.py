@@ -20,6 +20,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.plain_text import plain
 from tiltcal.core.progress import Progress, silent
 
+PADDING = {1: (0, 0, 0, 0), 2: (0, 1, 0, 0), 3: (0, 1, 0, 1)}  # by the gap between columns
 SILENCE_S = 2.5  # after which progress says again what is being done
 
 
@@ -122,18 +123,18 @@ def print_table(
 
     width = line_width()
     cells = [[plain(cell) for cell in row] for row in (header, *rows)]
-    widths = fitted_widths(cells, width)
-    if widths is None:
+    fitted = fitted_widths(cells, width)
+    if fitted is None:
         _print_as_lists(cells, title)
         return
+    widths, gap = fitted
     shown = None if title is None else plain(title)
-    tight = sum(widths) + 3 * len(widths) > width
     table = Table(
         title=shown,
         title_justify="left",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
-        padding=(0, 0) if tight else (0, 1),
+        padding=PADDING[gap],
     )
     for name, column in zip(cells[0], widths, strict=True):
         table.add_column(name, width=column)
@@ -150,8 +151,9 @@ def line_width() -> int:
     return get_terminal_size().columns
 
 
-def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> list[int] | None:
-    """Width of each column of a table; None where its longest words do not fit side by side.
+def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> tuple[list[int], int] | None:
+    """Width of each column of a table, and the gap between them; None where the longest words do
+    not fit side by side.
 
     Args:
         cells: header and rows.
@@ -159,16 +161,16 @@ def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> list[int] | Non
     """
     columns = list(zip(*cells, strict=True))
     widths = [max(map(len, column)) for column in columns]
-    if sum(widths) + 3 * len(widths) <= width:
-        return widths
     least = [max(map(_longest_word, column)) for column in columns]
-    room = width - len(widths) - 1
-    if sum(least) > room:
+    if sum(widths) <= width - 3 * len(widths):
+        return widths, 3
+    gap = next((g for g in (2, 1) if sum(least) < width - g * len(widths)), None)
+    if gap is None:
         return None
-    while sum(widths) > room:
+    while sum(widths) >= width - gap * len(widths):
         k = max(range(len(widths)), key=lambda i: widths[i] - least[i])
         widths[k] -= 1
-    return widths
+    return widths, gap
 
 
 def _longest_word(cell: str) -> int:

@@ -35,11 +35,12 @@ check: setup  ## format, lint, types, import contract, ids of effects, statistic
 bench: setup  ## accuracy, speed and memory figures (never part of the tests)
 	@$(BIN)/python -m tests.benchmarks
 
-docs: setup  ## the user's guide and API reference, into docs/api
-	@$(BIN)/python docs/build.py
+docs: setup  ## the site, into site/
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "documentation: site/index.html"
 
 lock:  ## renew requirements.lock (needs uv)
 	uv pip compile pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate -o requirements.lock
 
 clean:
-	rm -rf .venv build dist docs/api demo-output .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist site .docs_cache demo-output .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -9,6 +9,12 @@ from scenario_files import make_files
 from statistics_helpers import rng_of
 
 
+@pytest.fixture(autouse=True)
+def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables are as wide as on a wide terminal, so that tests see each row in one line."""
+    monkeypatch.setenv("COLUMNS", "160")
+
+
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     """A random stream fixed by the test's own name."""

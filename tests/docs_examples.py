@@ -69,7 +69,7 @@ def run(command: str, place: Path) -> str:
         command,
         shell=True,
         cwd=place,
-        env=os.environ | {"PATH": path, "COLUMNS": "100"},
+        env=os.environ | {"PATH": path, "COLUMNS": "160"},
         capture_output=True,
         text=True,
         timeout=LIMIT_S,

@@ -1,9 +1,16 @@
 """The documentation: pages say what they are for, examples are real, links lead somewhere."""
 
+import os
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
+import yaml
 from docs_examples import PAGES, ROOT, examples_of
+
+PICTURE = re.compile(r"!\[[^\]]+\]\(pictures/([^)]+)\)")
 
 
 @pytest.mark.slow
@@ -23,5 +30,50 @@ def test_every_page_begins_with_what_the_reader_can_do_after_it(page):
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
 def test_every_link_leads_somewhere(page):
     text = page.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", text):
+    for target in re.findall(r"\]\((?!https?:|pictures/)([^)#]+)(?:#[^)]*)?\)", text):
         assert (page.parent / target).exists(), target
+
+
+def test_every_page_is_in_the_navigation():
+    class Loader(yaml.SafeLoader):
+        """Site settings may name Python objects."""
+
+    Loader.add_multi_constructor("tag:yaml.org,2002:python/", lambda *_: None)
+    site = yaml.load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"), Loader)
+    assert sorted(pages_in(site["nav"])) == [page.name for page in PAGES]
+
+
+def pages_in(nav):
+    """The files of a navigation."""
+    for entry in nav:
+        if isinstance(entry, str):
+            yield entry
+        else:
+            (below,) = entry.values()
+            yield from [below] if isinstance(below, str) else pages_in(below)
+
+
+def test_every_picture_is_one_that_the_build_draws(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    from tutorial_pictures import PICTURES
+
+    shown = {name for page in PAGES for name in PICTURE.findall(page.read_text(encoding="utf-8"))}
+    assert shown == set(PICTURES)
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_warnings_and_loads_nothing_from_other_hosts(tmp_path):
+    program = Path(sys.executable).parent / "mkdocs"
+    words = [program, "build", "--strict", "--quiet", "--site-dir", tmp_path]
+    quick = os.environ | {"TILTCAL_DOCS_PICTURES": "off", "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(words, cwd=ROOT, env=quick, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    pages = list(tmp_path.rglob("*.html"))
+    assert len(pages) > len(PAGES)
+    loading = re.compile(
+        r"<(?:script|link|img|iframe)\b[^>]*?\b(?:src|href)=\"?(?:https?:)?//[^>]*>"
+    )
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert not loading.search(text), page
+    assert "site/assets/iframe-worker.js" in (tmp_path / "index.html").read_text(encoding="utf-8")

@@ -11,10 +11,12 @@ from tiltcal.calibration.methods.registry import calibrate as run_method
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining
+from tiltcal.core.progress import Progress, silent
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.joining import joined
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.rig_fit import suspected_rig
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.validation.cross_check import Check, check
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
@@ -35,6 +37,7 @@ def estimate(
     scenario: Scenario,
     options: dict[str, Any],
     with_budget: bool = False,
+    progress: Progress = silent,
 ) -> tuple[Calibration, Budget | None]:
     """A calibration, and its uncertainty budget where it is wanted; columns that belong to no
     sensor are noted.
@@ -44,18 +47,26 @@ def estimate(
     """
     budget: Budget | None = None
     if with_budget:
-        calibration, budget = make_budget(method, recording, scenario, scenario.budget, **options)
+        calibration, budget = make_budget(
+            method, recording, scenario, scenario.budget, progress=progress, **options
+        )
     else:
         calibration = run_method(method, recording, scenario, **options)
     unknown = recording.unknown(scenario.sensor)
     if unknown:
         note = "columns that belong to no sensor of the scenario are ignored: " + ", ".join(unknown)
         calibration = replace(calibration, warnings=[*calibration.warnings, note])
+    if calibration.verdict != "good" and (suspicion := suspected_rig(recording, scenario)):
+        calibration = replace(calibration, warnings=[*calibration.warnings, suspicion])
     return calibration, budget
 
 
 def estimate_for_certificate(
-    method: str | Method, recording: Recording, scenario: Scenario, options: dict[str, Any]
+    method: str | Method,
+    recording: Recording,
+    scenario: Scenario,
+    options: dict[str, Any],
+    progress: Progress = silent,
 ) -> tuple[Calibration, Budget | None]:
     """The same with a budget; where that cannot be evaluated, a warning says why.
 
@@ -63,7 +74,7 @@ def estimate_for_certificate(
         TiltcalError: as ``estimate`` without a budget does.
     """
     try:
-        return estimate(method, recording, scenario, options, with_budget=True)
+        return estimate(method, recording, scenario, options, True, progress)
     except TiltcalError as error:
         calibration, _ = estimate(method, recording, scenario, options)
         note = f"the uncertainty budget could not be evaluated: {error}"

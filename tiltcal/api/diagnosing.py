@@ -1,7 +1,7 @@
 """Diagnosing: the scenario without concealed truth, the answer of the search, its files."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tiltcal.api.simulating import simulator
@@ -13,6 +13,7 @@ from tiltcal.diagnosis.conclusions import finding
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.recordings.recording import Recording, stem
+from tiltcal.recordings.rig_fit import suspected_rig
 from tiltcal.report.diagnosis import write_diagnosis
 from tiltcal.report.poses import poses_of
 
@@ -83,7 +84,18 @@ def explain(
     """
     laboratory = simulator(progress)
     found = diagnose(scenario, recordings, static=static, laboratory=laboratory, progress=progress)
+    if found.verdict in ("unlisted", "cannot_tell"):
+        found = _with_suspicion(found, scenario, recordings)
     return Diagnosis(**vars(found), scenario=scenario, recordings=tuple(recordings))
+
+
+def _with_suspicion(
+    found: finding.Diagnosis, scenario: Scenario, recordings: Sequence[Recording]
+) -> finding.Diagnosis:
+    """A diagnosis whose statement begins with what is wrong with the stated table, if anything."""
+    suspicions = dict.fromkeys(suspected_rig(recording, scenario) for recording in recordings)
+    words = [f"{text[0].upper()}{text[1:]}." for text in suspicions if text]
+    return replace(found, statement=" ".join([*words, found.statement])) if words else found
 
 
 def write_results(

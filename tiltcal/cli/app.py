@@ -3,6 +3,7 @@ command that runs is imported.
 """
 
 from collections.abc import Sequence
+from itertools import takewhile
 
 from cyclopts import (
     App,
@@ -17,6 +18,7 @@ from cyclopts import (
 from tiltcal import __version__
 from tiltcal.cli.commands import COMMANDS, GROUPS
 from tiltcal.cli.options import finite
+from tiltcal.cli.output import quietly
 from tiltcal.core.errors import TiltcalError, nearest
 
 ABOUT = """\
@@ -25,7 +27,11 @@ A testbed for calibrating inclinometers, accelerometers and gyroscopes.
 Simulate a table and an instrument with known errors in MuJoCo. Calibrate
 recordings, with uncertainties and a verdict. Verify algorithms, including
 yours, against the injected errors. Find out which physics a model leaves out.
+
+Every command takes --json (machine-readable output) and --quiet (no progress and
+no notices on stderr), before or after its name.
 """
+JSON, QUIET = "--json", "--quiet"
 FIRST_STEPS = """\
 First steps:
 
@@ -76,6 +82,23 @@ def run(arguments: Sequence[str]) -> int:
     Raises:
         TiltcalError: the command line is wrong.
     """
+    arguments, quiet = _everywhere(arguments)
+    with quietly(quiet):
+        return _run(arguments)
+
+
+def _everywhere(arguments: Sequence[str]) -> tuple[list[str], bool]:
+    """Arguments with ``--json`` behind the command, without ``--quiet``, and whether that stood
+    there. Nothing after ``--`` is touched.
+    """
+    end = list(arguments).index("--") if "--" in arguments else len(arguments)
+    words = [word for word in arguments[:end] if word != QUIET]
+    before = list(takewhile(lambda word: word == JSON, words))
+    words = [*words[len(before) : len(before) + 1], *before, *words[len(before) + 1 :]]
+    return [*words, *arguments[end:]], QUIET in arguments[:end]
+
+
+def _run(arguments: Sequence[str]) -> int:
     app = make_app()
     name = arguments[0] if arguments else ""
     if name in COMMANDS:

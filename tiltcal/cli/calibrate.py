@@ -1,6 +1,7 @@
 """``tiltcal calibrate``."""
 
 import tomllib
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,8 +17,9 @@ from tiltcal.cli.certificate import (
     write_reports,
 )
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import print_json, print_table, progress_line, say
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.progress import silent
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.means_table import read_log_or_means
 from tiltcal.recordings.segment_files import read_segments
@@ -80,10 +82,12 @@ def calibrate(
     options = parse_options(option)
     if segments:
         options["segments"] = read_segments(segments, recording)
-    if budget or (report is None and dcc is None):
-        calibration, found = estimate(method, recording, described, options, budget)
-    else:
-        calibration, found = estimate_for_certificate(method, recording, described, options)
+    with progress_line() if budget or report or dcc else nullcontext(silent) as progress:
+        if budget or (report is None and dcc is None):
+            calibration, found = estimate(method, recording, described, options, budget, progress)
+        else:
+            data = (method, recording, described, options)
+            calibration, found = estimate_for_certificate(*data, progress)
     if output:
         calibration.save(output)
     dwells = options.get("segments")

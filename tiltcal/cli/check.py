@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from tiltcal.api.calibrating import judged
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
-from tiltcal.cli.output import print_json, say
+from tiltcal.cli.output import paragraph, print_json, say
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
@@ -46,9 +46,9 @@ def check(
 
 
 def _print_result(result: Check) -> None:
-    say(result.statement)
+    paragraph(result.statement)
     for t in result.tests:
-        say(
+        paragraph(
             f"{t.name}: {'yes' if t.passed else 'NO'} (chi2 {t.statistic:.4g}, {t.dof} degrees"
             f" of freedom, p {t.p_value:.2g})"
         )

@@ -7,7 +7,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Grade, Json, ScenarioFile
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_table
 from tiltcal.core.numerical import determining
 from tiltcal.design.identifiability import Confusion, ParameterVisibility, classes, tie_breaker
 from tiltcal.design.identifiability import confuse as compare_effects
@@ -49,12 +49,12 @@ def confuse(
 def _print(found: Confusion, groups: Sequence[Sequence[str]]) -> None:
     sights = sorted(found.sights, key=lambda s: (s.column.effect, s.column.label))
     print_table(HEADER, [_row(s) for s in sights])
-    say(
+    paragraph(
         f"{found.visible} signatures are visible, {found.rank} of them independent, in"
         f" {found.samples:.0f} samples of each sensor"
     )
     for group in groups[:SHOWN_CLASSES]:
-        say(
+        paragraph(
             f"one class: {', '.join(group)}; to separate {group[0]} from {group[1]}:"
             f" {tie_breaker(group[0], group[1])}"
         )

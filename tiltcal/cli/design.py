@@ -9,7 +9,7 @@ from tiltcal.api.designing import DesignedSequence, designed
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Aim, BlindToNothing, Separation, Split, TableTime
 from tiltcal.cli.options import SEED, EngineName, Jobs, Json
-from tiltcal.cli.output import print_json, print_table, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.tasks.engines import shared_engine
@@ -165,7 +165,7 @@ def show(found: DesignedSequence) -> None:
     ]
     print_table(["same table time", "nats", "tilt arcsec", "poses"], rows)
     if not found.plan.problem.model.interest.all():
-        say(
+        paragraph(
             "the sigmas hold for a fit of all these terms including nuisances: calibrate with terms"
             " that include the drift"
         )

@@ -5,7 +5,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_table, say
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.design.identifiability import nearest_rivals
 from tiltcal.effects import CATALOGUE, Effect
@@ -88,17 +88,21 @@ def explain(cls: type[Effect], as_json: bool) -> None:
     if as_json:
         print_json(_as_json(cls))
         return
-    say(f"{cls.id} ({cls.stage}): {cls.title}\n\n{cls.physics}\n")
+    paragraph(f"{cls.id} ({cls.stage}): {cls.title}")
+    say("")
+    paragraph(cls.physics, indent="")
+    say("")
     for name, text in (
         ("equation", cls.equation),
         ("excited by", cls.excited_by),
         ("look", cls.look),
         ("source", cls.source),
     ):
-        say(f"{name + ':':12s}{text}")
+        paragraph(f"{name + ':':12s}{text}", indent=" " * 12)
     rivals = nearest_rivals(cls.id)
     if rivals:
-        say(f"{'similar:':12s}" + ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals))
+        similar = ", ".join(f"{i} (cosine {c:.3f})" for i, c in rivals)
+        paragraph(f"{'similar:':12s}{similar}", indent=" " * 12)
     rows = [[f"{p.name}{p.suffix}", *(f"{x:g}" for x in p.plausible)] for p in cls.parameters]
     print_table(
         ["parameter", "precision laboratory", "mid MEMS", "consumer"],

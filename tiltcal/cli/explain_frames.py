@@ -3,7 +3,7 @@
 import numpy as np
 
 from tiltcal.cli.options import Json, ScenarioFile
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_table
 from tiltcal.core.arrays import Array
 from tiltcal.core.frames import rotation
 from tiltcal.core.units import ARCSEC, DEG
@@ -29,7 +29,7 @@ def explain_frames(scenario_file: ScenarioFile, /, *, as_json: Json = False) -> 
         if rows:
             header = list(rows[0])
             print_table(header, [[str(r[h]) for h in header] for r in rows], title)
-    say(
+    paragraph(
         "World: x East, y North, z Up; a level accelerometer at rest reads (0, 0, +g). Compare"
         " these signs with your set-up first."
     )

@@ -3,27 +3,22 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, say, tell
+from tiltcal.cli.output import asked, print_json, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_text
 from tiltcal.core.frames import normal_gravity
-from tiltcal.core.units import COLUMN_UNITS, DEG, split_unit
+from tiltcal.core.units import COLUMN_UNITS, DEG
+from tiltcal.recordings.proposal.set_up import RigGuess, SensorGuess, rig_of, sensors_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.setup.sensor import RESERVED
-from tiltcal.setup.tables import DUAL, HANDHELD, Table, angle_channel, axis_names, tables
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Rig, Setup, Site
+from tiltcal.setup.tables import DUAL, tables
 
 LATITUDE = 48.0  # deg, when none is given
-KINDS = {
-    "acceleration": "accelerometer",
-    "angle": "inclinometer",
-    "rate": "gyro",
-    "raw": "accelerometer",
-}  # sensor kind by quantity of the unit
 SEQUENCE = """
 # Steps of the table: rest, move, turn, sweep, oscillate or remount. Labels are set by the operator.
 [[sequence]]
@@ -89,7 +84,9 @@ def init(
     *,
     recording_file: Annotated[
         Path | None,
-        Parameter("--from", help="Take sensors and table from the columns of this recording."),
+        Parameter(
+            "--from", help="Take sensors and table from the columns and numbers of this recording."
+        ),
     ] = None,
     latitude: Annotated[
         float | None, Parameter(help="Latitude, deg; sets gravity (WGS 84). Default: 48.")
@@ -106,6 +103,9 @@ def init(
     """Write a commented scenario to start from.
 
     Without --from: a triad of accelerometers on a dual-axis table, six faces.
+    With --from: sensors, units, rates, table and mounting by the columns and the
+    numbers of a recording, with the reason of each and what it cannot know. On a
+    terminal it asks for what the recording does not say.
 
       tiltcal init -o bench.toml
       tiltcal init --from run.csv -o bench.toml
@@ -116,7 +116,9 @@ def init(
 
         print_json(scenario_schema())
         return 0
-    text = scenario_text(recording_file, LATITUDE if latitude is None else latitude, height)
+    if latitude is None:
+        latitude = _asked_latitude()
+    text = scenario_text(recording_file, latitude, height)
     if output:
         write_text(output, text)
         tell(
@@ -131,7 +133,7 @@ def init(
 
 
 def scenario_text(recording_file: Path | None, latitude: float, height: float) -> str:
-    """A scenario as TOML with comments.
+    """A scenario as TOML with comments; what was taken from a recording is told on stderr.
 
     Raises:
         TiltcalError: the latitude is out of range, or the recording is not readable.
@@ -154,37 +156,65 @@ def scenario_text(recording_file: Path | None, latitude: float, height: float) -
         f"latitude_deg = {latitude:g}              # needed by gyros and FOGs",
         "",
     ]
-    recording = read_recording(recording_file) if recording_file else None
-    lines += _rig(recording)
-    lines += _sensors(recording) if recording else _default_sensor()
-    return "\n".join(lines) + ("" if recording else SEQUENCE)
+    if recording_file is None:
+        rig = RigGuess(DUAL.name, "identity", "")
+        return "\n".join([*lines, *_rig(rig), *_default_sensor()]) + SEQUENCE
+    recording = read_recording(recording_file)
+    return "\n".join([*lines, *_from_recording(recording, latitude, gravity)])
 
 
-def _rig(recording: Recording | None) -> list[str]:
-    table = DUAL if recording is None else _table_of(recording)
-    *names, last = tables()
-    mount = (
-        "identity"
-        if recording is None
-        else recording.metadata.get("mount", "identity").partition(";")[0].strip()
+def _asked_latitude() -> float:
+    answer = asked("latitude, deg", f"{LATITUDE:g}")
+    try:
+        return float(answer)
+    except ValueError as error:
+        raise TiltcalError(
+            "latitude", found=f"'{answer}'", need="a number, deg", do="correct it"
+        ) from error
+
+
+def _from_recording(recording: Recording, latitude: float, gravity: float) -> list[str]:
+    """Rig and sensors by a recording, and what was assumed, told on stderr."""
+    sensors = sensors_of(recording, gravity)
+    rig = rig_of(recording, _provisional(sensors, latitude, gravity))
+    known = not rig.doubts
+    table = rig.table if known else asked("table", rig.table, list(tables()))
+    mount = rig.mount if known else asked("mount, such as Rz(180)", rig.mount)
+    if (table, mount) != (rig.table, rig.mount):
+        rig = RigGuess(table, mount, "your answer")
+    tell(f"table {rig.table}, mount {rig.mount}: {rig.reason}")
+    for s in sensors:
+        tell(f"{s.name}: {s.kind}, {s.rate_hz:.4g} Hz: {s.reason}")
+    for doubt in (*rig.doubts, *(d for s in sensors for d in s.doubts)):
+        tell(f"cannot know: {doubt}")
+    return [*_rig(rig), *(line for s in sensors for line in _sensor(s))]
+
+
+def _provisional(sensors: list[SensorGuess], latitude: float, gravity: float) -> Setup | None:
+    """The sensors whose readings have a scale, on a table that is not known yet."""
+    known = [s for s in sensors if s.kind == "accelerometer" and (not _raw(s) or s.zero)]
+    parts = tuple(
+        Sensor.model_validate(
+            {"name": s.name, "kind": s.kind, "axes": s.axes, "rate_hz": s.rate_hz}
+            | ({"input": _input(s)} if _raw(s) else {})
+        )
+        for s in known
     )
+    site = Site(gravity_m_s2=gravity, latitude_deg=latitude)
+    return Setup(site=site, rig=Rig(table=DUAL.name), sensor=parts) if parts else None
+
+
+def _rig(rig: RigGuess) -> list[str]:
+    *names, last = tables()
+    reason = f"; {rig.reason}" if rig.reason else ""
     return [
         "[rig]",
-        f'table = "{table.name}"               # {", ".join(names)} or {last}',
+        f'table = "{rig.table}"               # {", ".join(names)} or {last}{reason}',
         ('readout = "encoder"          # or "command": the table columns are commanded angles'),
-        f'mount = "{mount}"           # or for example "Rz(180)"',
+        f'mount = "{rig.mount}"           # or for example "Rz(180)"',
+        *(f"# cannot know: {doubt}" for doubt in rig.doubts),
         "",
     ]
-
-
-def _table_of(recording: Recording) -> Table:
-    """The table that the recording's metadata name, or the first whose axes are its columns;
-    handheld if there is none.
-    """
-    read = {a for a in axis_names() if recording.channel(angle_channel(a)) is not None}
-    fitting = {t.name: t for t in tables().values() if set(t.axis_names) == read}
-    stated = recording.metadata.get("table", "")
-    return fitting.get(stated, next(iter(fitting.values()), HANDHELD))
 
 
 def _default_sensor() -> list[str]:
@@ -199,48 +229,40 @@ def _default_sensor() -> list[str]:
     ]
 
 
-def _sensors(recording: Recording) -> list[str]:
-    """Sensor tables from the columns: one for each prefix, its kind from the unit."""
-    steps = np.diff(recording.time)
-    onward = steps[steps > 0]
-    rate = 1 / float(np.median(onward)) if len(onward) else 1.0
-    found = _axes_and_units(recording).items()
-    return [line for name, (axes, unit) in found for line in _sensor(name, axes, unit, rate)]
+def _raw(sensor: SensorGuess) -> bool:
+    return COLUMN_UNITS[sensor.unit].quantity == "raw"
 
 
-def _axes_and_units(recording: Recording) -> dict[str, tuple[list[str], str]]:
-    """Axes and unit of each sensor that the columns name."""
-    found: dict[str, tuple[list[str], str]] = {}
-    for column in recording.column_names:
-        channel, unit = split_unit(column)
-        name, _, axis = channel.rpartition("_")
-        quantity = COLUMN_UNITS[unit].quantity if unit else ""
-        valid = name.isascii() and name.isalnum() and name[0].isalpha() and name not in RESERVED
-        axes = ("x", "y") if quantity == "angle" else ("x", "y", "z", "a")
-        if valid and quantity in KINDS and axis in axes:
-            found.setdefault(name, ([], str(unit)))[0].append(axis)
-    return found
+def _input(sensor: SensorGuess) -> dict[str, object]:
+    return {"unit": sensor.unit, "zero": sensor.zero, "per_m_s2": sensor.per_m_s2}
 
 
-def _sensor(name: str, axes: list[str], unit: str, rate: float) -> list[str]:
-    quantity = COLUMN_UNITS[unit].quantity
-    kind = "fog" if axes == ["a"] else KINDS[quantity]
+def _sensor(s: SensorGuess) -> list[str]:
     lines = [
         "[[sensor]]",
-        f'name = "{name}"',
-        f'kind = "{kind}"',
-        f"axes = {axes}".replace("'", '"'),
-        f"rate_hz = {rate:.4g}",
+        f'name = "{s.name}"',
+        f'kind = "{s.kind}"       # {s.reason}',
+        f"axes = {list(s.axes)}".replace("'", '"'),
+        f"rate_hz = {s.rate_hz:.4g}",
     ]
-    if kind == "fog":
+    if s.kind == "fog":
         lines.append(
             "input_axis = [0.577350269, 0.577350269, 0.577350269]   # the FOG's input axis in the"
             " body frame"
         )
-    if quantity == "raw":
-        lines.append(
-            f'# input = {{ unit = "{unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value ='
+    if _raw(s):
+        lines.append(_input_line(s))
+    terms = '["bias", "scale"]' if s.kind == "fog" else '["bias", "scale", "cross_axis"]'
+    doubts = [f"# cannot know: {doubt}" for doubt in s.doubts]
+    return [*lines, f"adjustable = {terms}", *doubts, ""]
+
+
+def _input_line(s: SensorGuess) -> str:
+    """How raw readings become SI; a comment to fill in where the recording does not say it."""
+    if not s.zero:
+        return (
+            f'# input = {{ unit = "{s.unit}", zero = 0, per_m_s2 = 1000 }}   # fill in: value ='
             " (raw - zero) / per"
         )
-    terms = '["bias", "scale"]' if kind == "fog" else '["bias", "scale", "cross_axis"]'
-    return [*lines, f"adjustable = {terms}", ""]
+    zero = ", ".join(f"{x:.6g}" for x in s.zero)
+    return f'input = {{ unit = "{s.unit}", zero = [{zero}], per_m_s2 = {s.per_m_s2:.6g} }}'

@@ -5,7 +5,7 @@ from importlib.metadata import entry_points
 
 from tiltcal.calibration.methods.registry import GROUP, METHODS
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_table
 
 
 def methods(*, as_json: Json = False) -> int:
@@ -19,7 +19,7 @@ def methods(*, as_json: Json = False) -> int:
         print_json([{"method": n, "does": d, "options": o} for n, d, o in rows])
         return 0
     print_table(["method", "does", "options"], rows)
-    say(
+    paragraph(
         "Your own method: --method package.module:function. It is called with (Recording, Setup)"
         " and returns a Calibration."
     )

@@ -8,7 +8,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_table, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
@@ -44,7 +44,7 @@ def noise(
     print_table(["channel", *TERMS], rows)
     for t in TERMS:
         say(f"{t}: {NAMES[t]}")
-    say(
+    paragraph(
         "N is per root hertz of a two-sided density: the standard deviation of a sample is"
         " N sqrt(rate); data sheets often give sqrt(2) N."
     )

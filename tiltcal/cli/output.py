@@ -9,14 +9,18 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from math import isfinite
 from pathlib import Path
+from shutil import get_terminal_size
+from textwrap import fill
 from typing import IO, Any
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.plain_text import plain
-from tiltcal.core.progress import Progress
+from tiltcal.core.progress import Progress, silent
 
+PADDING = {1: (0, 0, 0, 0), 2: (0, 1, 0, 0), 3: (0, 1, 0, 1)}  # by the gap between columns
 SILENCE_S = 2.5  # after which progress says again what is being done
 
 
@@ -25,9 +29,41 @@ def say(text: str) -> None:
     sys.stdout.write(plain(text) + "\n")
 
 
+_quiet = ContextVar("quiet", default=False)
+
+
+@contextmanager
+def quietly(quiet: bool) -> Iterator[None]:
+    """Whether nothing but errors goes to stderr meanwhile."""
+    token = _quiet.set(quiet)
+    try:
+        yield
+    finally:
+        _quiet.reset(token)
+
+
 def tell(text: str) -> None:
-    """Print a line on stderr."""
-    sys.stderr.write(plain(text) + "\n")
+    """Print a line on stderr, unless it shall be quiet."""
+    if not _quiet.get():
+        sys.stderr.write(plain(text) + "\n")
+
+
+def asked(question: str, default: str, choices: Sequence[str] = ()) -> str:
+    """The answer to a question on the terminal; the default where nobody can be asked.
+
+    Args:
+        question: in words; default: what an empty answer means.
+        choices: valid answers; empty: any.
+    """
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return default
+    offered = f" ({', '.join(choices)})" if choices else ""
+    while True:
+        sys.stderr.write(plain(f"{question}{offered} [{default}]: "))
+        sys.stderr.flush()
+        answer = sys.stdin.readline().strip() or default
+        if not choices or answer in choices:
+            return answer
 
 
 @contextmanager
@@ -78,23 +114,91 @@ def require_output(command: str, output: Path | None, as_json: bool, what: str) 
 def print_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None
 ) -> None:
-    """Print a table on stdout; its width follows the terminal, in a pipe the content."""
+    """Print a table on stdout that fits the terminal, or 80 columns (COLUMNS) in a pipe: long cells
+    are wrapped between words; where that does not suffice, each row is a list.
+    """
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
+    width = line_width()
+    cells = [[plain(cell) for cell in row] for row in (header, *rows)]
+    fitted = fitted_widths(cells, width)
+    if fitted is None:
+        _print_as_lists(cells, title)
+        return
+    widths, gap = fitted
     shown = None if title is None else plain(title)
     table = Table(
-        *map(plain, header), title=shown, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
+        title=shown,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        padding=PADDING[gap],
     )
-    for row in rows:
-        table.add_row(*(plain(cell) for cell in row))
-    console = Console(file=sys.stdout, highlight=False, markup=False)
-    if not sys.stdout.isatty():
-        console.width = 160
+    for name, column in zip(cells[0], widths, strict=True):
+        table.add_column(name, width=column)
+    for row in cells[1:]:
+        table.add_row(*row)
+    console = Console(file=sys.stdout, highlight=False, markup=False, width=width)
     with console.capture() as text:  # main() handles a closed pipe, not rich
         console.print(table)
-    sys.stdout.write(text.get())
+    sys.stdout.write("".join(f"{line.rstrip()}\n" for line in text.get().splitlines()))
+
+
+def line_width() -> int:
+    """Columns of the terminal; COLUMNS, or 80, in a pipe."""
+    return get_terminal_size().columns
+
+
+def fitted_widths(cells: Sequence[Sequence[str]], width: int) -> tuple[list[int], int] | None:
+    """Width of each column of a table, and the gap between them; None where the longest words do
+    not fit side by side.
+
+    Args:
+        cells: header and rows.
+        width: of the whole table.
+    """
+    columns = list(zip(*cells, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    least = [max(map(_longest_word, column)) for column in columns]
+    if sum(widths) <= width - 3 * len(widths):
+        return widths, 3
+    gap = next((g for g in (2, 1) if sum(least) < width - g * len(widths)), None)
+    if gap is None:
+        return None
+    while sum(widths) >= width - gap * len(widths):
+        k = max(range(len(widths)), key=lambda i: widths[i] - least[i])
+        widths[k] -= 1
+    return widths, gap
+
+
+def _longest_word(cell: str) -> int:
+    return max(map(len, cell.split()), default=0)
+
+
+def _print_as_lists(cells: Sequence[Sequence[str]], title: str | None) -> None:
+    if title is not None:
+        paragraph(title)
+    names, *rows = cells
+    for row in rows:
+        sys.stdout.write("\n")
+        for name, cell in zip(names, row, strict=True):
+            if cell:
+                paragraph(f"{name}: {cell}" if name else cell, indent="  ")
+    sys.stdout.write("\n")
+
+
+def paragraph(text: str, indent: str = "    ") -> None:
+    """Print words on stdout, wrapped to the width; further lines are indented."""
+    words = fill(
+        plain(text),
+        line_width(),
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    sys.stdout.write(words + "\n")
 
 
 class _Lines:
@@ -132,6 +236,9 @@ class _Lines:
 @contextmanager
 def progress_line() -> Iterator[Progress]:
     """Progress on stderr: one changing line on a terminal, else at most one line per second."""
+    if _quiet.get():
+        yield silent
+        return
     if not sys.stderr.isatty():
         lines = _Lines()
         try:

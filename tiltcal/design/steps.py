@@ -114,12 +114,12 @@ def printable(plan: Plan, up: Array) -> str:
         lines.append(
             f"{k:4d}{turned}{m - dwell / 2:13.2f}{dwell:9.2f}   {label_of(np.round(u, 3))}"
         )
-    lines += ["", f"{'parameter':<40}{'before':>12}{'expected':>12}  unit"]
+    lines += ["", f"{'parameter':<36}{'before':>12}{'expected':>12}  unit"]
     for n, unit, prior, sigma, wanted in zip(
         model.names, model.units, model.prior, what.sigma, model.interest, strict=True
     ):
         lines.append(
-            f"{n:<40}{prior:12.4g}{sigma:12.4g}  {unit}{'' if wanted else '   (nuisance)'}"
+            f"{n:<36}{prior:12.4g}{sigma:12.4g}  {unit}{'' if wanted else '   (nuisance)'}"
         )
     lines += [
         "",

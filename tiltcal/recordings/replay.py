@@ -11,6 +11,7 @@ from tiltcal.core.frames import parse_mounts
 from tiltcal.recordings.differentiation import differentiate, noise_of_rests
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
+from tiltcal.recordings.table_columns import other_tables
 from tiltcal.recordings.table_rests import at_rest
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel
@@ -133,7 +134,7 @@ def replay(
                 f"{recording.source}",
                 found=f"no column {angle_channel(axis)}_<unit>",
                 need=f"the readout of the {setup.rig.table} table",
-                do="record it, or label the poses",
+                do="record it, or label the poses" + other_tables(recording, setup.rig.table),
             )
         read = ~np.isnan(angle)
         known &= _near(recording.time, recording.time[read])

@@ -12,7 +12,7 @@ checks it).
 """
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,8 @@ import numpy as np
 
 from tiltcal.calibration.methods.registry import Method, calibrate, find_method
 from tiltcal.calibration.result import Calibration
+from tiltcal.core.progress import Progress, silent
+from tiltcal.core.tasks.run_tasks import Rate
 from tiltcal.laboratory.scenario_tables import SourceTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import dwells, find_segments
@@ -90,10 +92,18 @@ def make_budget(
     recording: Recording,
     setup: Setup,
     tables: Sequence[SourceTable] = (),
+    *,
+    progress: Progress = silent,
     **options: Any,
 ) -> tuple[Calibration, Budget]:
     """A calibration and its budget; without ``tables`` a laboratory's usual ones
     (``usual_sources``).
+
+    Args:
+        method: its name, or a function; recording, setup: what it is called with.
+        tables: the stated sources.
+        progress: is told how many runs of the method are left, and how long they take.
+        options: of the method.
 
     Raises:
         TiltcalError: a source is unknown, or does not fit the set-up.
@@ -104,8 +114,15 @@ def make_budget(
     found = calibrate(method, recording, setup, **options)
     stops = dwells(options.get("segments") or ())
     lines = [_type_a(found)]
-    for source in sources(tables or usual_sources(setup, found), setup, stops):
-        lines.append(_propagated(source, found, method, recording, setup, options))
+    wanted = list(sources(tables or usual_sources(setup, found), setup, stops))
+    rate = Rate(2 * sum(len(source.shifts) for source in wanted))
+
+    def run(changed: Recording, under: Setup) -> Calibration:
+        again = calibrate(method, changed, under, **options)
+        progress(f"uncertainty budget: {rate.after_one(0)}")
+        return again
+
+    lines += [_propagated(source, found, run, recording, setup) for source in wanted]
     return found, Budget(tuple(lines), {n: e.unit for n, e in found.parameters.items()})
 
 
@@ -117,17 +134,14 @@ def _type_a(found: Calibration) -> Line:
 def _propagated(
     source: Source,
     found: Calibration,
-    method: str | Method,
+    run: Callable[[Recording, Setup], Calibration],
     recording: Recording,
     setup: Setup,
-    options: dict[str, Any],
 ) -> Line:
     total = dict.fromkeys(found.parameters, 0.0)
     u = source.standard
     for shift in source.shifts:
-        up, down = (
-            calibrate(method, *shift(size, recording, setup), **options) for size in (u, -u)
-        )
+        up, down = (run(*shift(size, recording, setup)) for size in (u, -u))
         for name in total:
             total[name] += ((up.value(name) - down.value(name)) / 2) ** 2
     contributions = {n: float(np.sqrt(v)) for n, v in total.items()}

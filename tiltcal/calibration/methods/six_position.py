@@ -25,6 +25,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import Segment
 from tiltcal.recordings.static_poses import Poses, find_poses
+from tiltcal.recordings.table_columns import other_tables
 from tiltcal.setup.setup import Setup
 
 NAME = "six_position"
@@ -69,7 +70,7 @@ def six_position(
     used = pick_sensor(setup, recording, ("accelerometer", "inclinometer"), sensor, NAME)
     live = channel_tests(recording, used)
     poses, warnings = _poses_of_known_attitude(
-        find_poses(recording, setup, used, segments), recording
+        find_poses(recording, setup, used, segments), recording, setup.rig.table
     )
     start, end = float(recording.time[0]), float(recording.time[-1])
     model = Model(setup, terms, start, end - start)
@@ -112,7 +113,9 @@ def _require_names(terms: Sequence[str]) -> None:
         )
 
 
-def _poses_of_known_attitude(poses: Poses, recording: Recording) -> tuple[Poses, list[str]]:
+def _poses_of_known_attitude(
+    poses: Poses, recording: Recording, table: str
+) -> tuple[Poses, list[str]]:
     """The poses whose attitude is known, and a warning where there are others."""
     known = np.asarray(~np.isnan(poses.up).any(axis=1))
     if not known.any():
@@ -120,7 +123,7 @@ def _poses_of_known_attitude(poses: Poses, recording: Recording) -> tuple[Poses,
             recording.source,
             found=f"{len(poses)} dwells without table readout or direction label",
             need="attitudes: table columns, or labels such as +x, -z, [0, 1, 1]",
-            do="label the dwells, or use --method norm",
+            do="label the dwells, or use --method norm" + other_tables(recording, table),
         )
     if known.all():
         return poses.subset(known), []

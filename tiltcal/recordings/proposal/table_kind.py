@@ -10,6 +10,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.recordings.proposal.channels import Channel
 from tiltcal.recordings.proposal.rests import Windows, filled
+from tiltcal.recordings.rig_fit import up_in_head
 from tiltcal.setup.tables import BUILT_IN, Table
 
 _FITS = 0.05  # rms of the direction of gravity, rad
@@ -121,19 +122,9 @@ def _fits(directions: Array, readings: Array, units: Sequence[str], count: int) 
         for order in permutations(range(count)):
             for unit in units:
                 radians = readings[:, list(order)] * COLUMN_UNITS[unit].factor
-                up = _up(table, radians)
+                up = up_in_head(table, radians)
                 found.append(_Fit(table, order, unit, *_misfits(directions, up)))
     return found
-
-
-def _up(table: Table, angles: Array) -> Array:
-    """The direction of Up in the head of a table, (m, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    turned = Rotation.identity(len(angles))
-    for k, direction in enumerate(table.directions):
-        turned = turned * Rotation.from_euler(direction, angles[:, [k]])
-    return np.asarray(turned.inv().apply([0.0, 0.0, 1.0]))
 
 
 def _misfits(seen: Array, up: Array) -> tuple[float, float]:

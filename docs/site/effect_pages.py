@@ -1,25 +1,19 @@
-"""Build the documentation: the API reference by pdoc, and the catalogue of effects with a picture
-of each residual.
-"""
+"""The catalogue of effects: a page for each stage, with a picture of each residual."""
 
-import importlib
-import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
-import tiltcal
 from tiltcal.design.identifiability import reference_scenario
-from tiltcal.effects import CATALOGUE, make_effect
+from tiltcal.effects import CATALOGUE, Effect, make_effect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 
-HERE = Path(__file__).parent
-OUT = HERE / "api"
 SEED = 1
+SHOWN = 7  # channels of a picture, at most
 
 
 @dataclass(frozen=True)
@@ -77,66 +71,50 @@ def _with(scenario: Scenario, effects: list) -> Scenario:
     return copy
 
 
-def picture(id: str, path: Path) -> None:
-    """Draw an effect's residual against time."""
-    import matplotlib
-
-    matplotlib.use("Agg")
+def picture(id: str) -> Any:
+    """An effect's residual against time, as a figure."""
     from matplotlib import pyplot as plt
 
     residual = residual_of(id)
     figure, axes = plt.subplots(figsize=(7.2, 2.4), layout="constrained")
-    for name, values in list(residual.channels.items())[:7]:
+    for name, values in list(residual.channels.items())[:SHOWN]:
         axes.plot(residual.time, values, linewidth=0.8, label=name)
     axes.set_xlabel("time, s")
     axes.set_ylabel("change of the reading")
     axes.legend(fontsize=7, loc="upper right", frameon=False)
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
+    return figure
 
 
-def catalogue_page() -> str:
-    """The catalogue as Markdown, one section an effect."""
-    lines = ["# Catalogue of effects", ""]
-    for id, cls in CATALOGUE.items():
-        lines += [
-            f"## {id}",
-            "",
-            f"*{cls.stage}*: {cls.title}. {cls.physics}",
-            "",
-            f"`{cls.equation}`",
-            "",
-        ]
-        lines += [f"Excited by {cls.excited_by}. Look: {cls.look}. Source: {cls.source}.", ""]
-        lines += [f"![residual of {id}](residuals/{id}.png)", ""]
-        lines += ["| parameter | precision laboratory | mid MEMS | consumer |", "|---|---|---|---|"]
-        for p in cls.parameters:
-            lines.append(f"| `{p.name}{p.suffix}` | {' | '.join(f'{x:g}' for x in p.plausible)} |")
-        lines.append("")
-    return "\n".join(lines)
+def pictures() -> dict[str, Callable[[], Any]]:
+    """What draws each picture, by the name of its file."""
+    return {f"{id}.png": partial(picture, id) for id in CATALOGUE}
 
 
-def main() -> None:
-    """Write docs/api."""
-    import pdoc
+@cache
+def pages() -> tuple[tuple[str, str], ...]:
+    """(file, text) of a page for each stage."""
+    stages = dict.fromkeys(cls.stage for cls in CATALOGUE.values())
+    return tuple((f"effects_{stage}.md", "\n".join(_page(stage))) for stage in stages)
 
-    for name in tiltcal.__all__:
-        getattr(tiltcal, name)  # loaded when asked for: pdoc shows what is there
-    tiltcal.__all__ += [room.name for room in pkgutil.iter_modules(tiltcal.__path__) if room.ispkg]
-    importlib.import_module("tiltsim.laboratory")  # before pdoc forbids what importing MuJoCo runs
-    (OUT / "residuals").mkdir(parents=True, exist_ok=True)
-    (OUT / "catalogue.md").write_text(catalogue_page(), encoding="utf-8")
-    for k, id in enumerate(CATALOGUE, start=1):
-        picture(id, OUT / "residuals" / f"{id}.png")
-        print(f"\r{k} of {len(CATALOGUE)} pictures", end="", flush=True)
-    print()
-    pdoc.render.configure(docformat="google")
-    pdoc.pdoc("tiltcal", "tiltsim", output_directory=OUT)
-    print(
-        f"documentation: {OUT / 'index.html'} and {OUT / 'catalogue.md'}; the guide is"
-        f" {HERE / 'guide.md'}"
+
+def _page(stage: str) -> Iterator[str]:
+    yield f"# Effects: {stage}\n"
+    yield (
+        "After this page you know each effect of this stage: its equation, what excites it,"
+        " how large it may be. The pictures show what each one changes in a recording of its own"
+        " scenario.\n"
     )
+    for id, cls in CATALOGUE.items():
+        if cls.stage == stage:
+            yield from _section(id, cls)
 
 
-if __name__ == "__main__":
-    main()
+def _section(id: str, cls: type[Effect]) -> Iterator[str]:
+    yield f"## {id}\n\n{cls.title}. {cls.physics}\n\n`{cls.equation}`\n"
+    yield f"Excited by {cls.excited_by}. Look: {cls.look}. Source: {cls.source}.\n"
+    yield f"![residual of {id}](pictures/{id}.png){{ loading=lazy }}\n"
+    yield "| largest plausible size | precision laboratory | mid MEMS | consumer |"
+    yield "|---|---|---|---|"
+    for p in cls.parameters:
+        yield f"| `{p.name}{p.suffix}` | {' | '.join(f'{x:g}' for x in p.plausible)} |"
+    yield ""

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.effects.sense import Sense
 from tiltcal.setup.sensor import Sensor
 
@@ -124,7 +124,7 @@ class SteppedHold:
 
     def __init__(
         self,
-        repeats: Callable[[Sense, Rows], Array],
+        repeats: Callable[[Sense, Rows], Mask],
         shape: tuple[int, int],
         channels: slice | list[int],
     ) -> None:

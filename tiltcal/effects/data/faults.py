@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.effects.parameter import Parameter, Stage
@@ -99,7 +99,7 @@ class DataDuplicate(SignalEffect):
     def stepwise(self, stepping: Stepping) -> StepEffect:
         share, streams = self.value("share"), np.array(stepping.streams, dtype=object)
 
-        def repeats(_: Sense, rows: Rows) -> Array:
+        def repeats(_: Sense, rows: Rows) -> Mask:
             return np.array([rng.random() < share for rng in streams[rows]])
 
         return SteppedHold(repeats, (stepping.rows, len(stepping.sensor.axes)), slice(None))
@@ -143,7 +143,7 @@ class DataStuck(SignalEffect):
         step = 1 / stepping.sensor.rate_hz
         names = stepping.sensor.axes
 
-        def repeats(sense: Sense, _: Rows) -> Array:
+        def repeats(sense: Sense, _: Rows) -> Mask:
             # the first sample of the stretch is new
             return (sense.elapsed - step * (1 - 1e-6) >= start) & (sense.elapsed < end)
 

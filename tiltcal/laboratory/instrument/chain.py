@@ -94,9 +94,13 @@ class SensorChain:
         self.after = [self._stepped(e, seed) for e in used if e not in first]
         delays = _delays(sensor, [e for e in mine if isinstance(e, DelayEffect)])
         self.before = {
-            delay: (np.flatnonzero(np.array(delays) == delay), [self._stepped(e, seed) for e in first])
+            delay: (
+                np.flatnonzero(np.array(delays) == delay),
+                [self._stepped(e, seed) for e in first],
+            )
             for delay in dict.fromkeys(delays)
         }
+        self.laws = [e for e in signal if not e.random]
         self.readings = np.full((rows, len(sensor.axes)), np.nan)
 
     @property
@@ -115,6 +119,35 @@ class SensorChain:
             raise _refused(effect, "an effect that needs later samples or the whole recording")
         stepped.restart(slice(None))
         return stepped
+
+    def require_inputs(self, given: Array) -> None:
+        """Refuse inputs that leave out what the sensor or one of its effects needs.
+
+        Args:
+            given: one for each number of an input that there is, NaN where there is none, (9,).
+
+        Raises:
+            TiltcalError: naming the sensor or the effect.
+        """
+        known, whole = (
+            self.around.sense(self.sensor, numbers[None], np.zeros(1))
+            for numbers in (given, np.ones(INPUT))
+        )
+        subject, lacking = f"sensor {self.sensor.name}", bool(np.isnan(known.true_input()).any())
+        for effect in self.laws:
+            if not lacking:
+                some, full = (effect.apply(whole.true_input(), s, None) for s in (known, whole))
+                lacking = bool((np.isnan(some) & ~np.isnan(full)).any())
+                subject = f"effect {effect.address}"
+        if lacking:
+            names = ("force", "rate", "angular acceleration")
+            missing = [n for n, number in zip(names, given[::3], strict=True) if np.isnan(number)]
+            raise TiltcalError(
+                subject,
+                found=f"no {', no '.join(missing)}",
+                need="all of the motion that it senses",
+                do="give it, or leave this out of the scenario",
+            )
 
     def restart(self, rows: Rows) -> None:
         """These environments begin a new recording."""

@@ -45,6 +45,7 @@ class Instrument:
     ) -> None:
         self.scenario, self.step_s, self.envs, self.lost = scenario, step_s, envs, lost
         self.effects = live_effects(scenario)
+        self._checked = False
         self._rate_hz = round(1 / step_s, 9)
         self.reset(seed=seed)
 
@@ -81,15 +82,24 @@ class Instrument:
         Args:
             force: specific force at the sensors, body frame, m/s2, (envs, 3) or (3,).
             rate: angular rate against inertial space, body frame, rad/s, alike.
-            angular_acceleration: rad/s2, alike. None: not known; effects that need it read NaN.
+            angular_acceleration: rad/s2, alike. Each may be None where nothing
+                needs it.
 
         Returns:
             SI readings by sensor name, (envs, k); they are not written to again.
+
+        Raises:
+            TiltcalError: a sensor or an effect needs what is not given.
         """
         inputs = np.full((self.envs, INPUT), np.nan)
         for first, part in zip((0, 3, 6), (force, rate, angular_acceleration), strict=True):
             if part is not None:
                 inputs[:, first : first + 3] = part
+        if not self._checked:
+            absent = np.repeat([part is None for part in (force, rate, angular_acceleration)], 3)
+            for chain in self.chains:
+                chain.require_inputs(np.where(absent, np.nan, 1.0))
+            self._checked = True
         self.history.add(inputs, np.flatnonzero(self.count == 0))
         elapsed = self.count / self._rate_hz
         found = {chain.sensor.name: self._read(chain, elapsed) for chain in self.chains}

@@ -1,5 +1,6 @@
 """The sensors of a scenario on motion that is not ours, step by step and causal."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -28,6 +29,7 @@ class Instrument:
         seed: of the first environment, the next ones have the next numbers; None: without random
             effects and quantisation.
         lost: what stands for a lost sample: the last one (``hold``) or NaN (``nan``).
+        effects: in place of those of the scenario.
 
     Raises:
         TiltcalError: an effect needs later samples, the whole recording or the table's readout; or
@@ -42,9 +44,10 @@ class Instrument:
         envs: int = 1,
         seed: int | None = None,
         lost: Literal["hold", "nan"] = "hold",
+        effects: Sequence[Effect] | None = None,
     ) -> None:
         self.scenario, self.step_s, self.envs, self.lost = scenario, step_s, envs, lost
-        self.effects = live_effects(scenario)
+        self.effects = live_effects(scenario) if effects is None else effects
         self._checked = False
         self._rate_hz = round(1 / step_s, 9)
         self.reset(seed=seed)

@@ -1,0 +1,90 @@
+"""``tiltcal serve``."""
+
+import asyncio
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from tiltcal.api.simulating import simulator
+from tiltcal.cli.options import SEED, WHOLE, Json, ScenarioFile, between
+from tiltcal.cli.output import print_json, say
+from tiltcal.core.errors import TiltcalError
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.laboratory.serve.rate_table import RateTable
+from tiltcal.laboratory.serve.server import Server, Wires
+
+PORT = Parameter(converter=WHOLE.converter, validator=between(0, 65535))
+
+
+def serve(
+    scenario_file: ScenarioFile,
+    /,
+    *,
+    port: Annotated[int, PORT, Parameter(help="TCP port of the commands; 0: a free one.")] = 0,
+    stream_port: Annotated[int, PORT, Parameter(help="TCP port of the frames; 0: a free one.")] = 0,
+    host: Annotated[str, Parameter(help="Address to listen on.")] = "127.0.0.1",
+    udp: Annotated[str | None, Parameter(help="HOST:PORT that gets a datagram a frame.")] = None,
+    pty: Annotated[bool, Parameter(help="Send the frames to a pseudo-terminal as well.")] = False,
+    speed: Annotated[
+        float,
+        Parameter(
+            help="Table seconds in a second; 0: as fast as it computes.", validator=between(0, 1e6)
+        ),
+    ] = 1.0,
+    noise: Annotated[
+        bool, Parameter(name="--no-noise", negative=(), help="Leave random effects out.")
+    ] = False,
+    seed: Annotated[
+        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Serve a simulated rate table and its instrument over TCP.
+
+    Commands are those of ACUTROL-type controllers; frames of readings are
+    streamed. Motion is prescribed, within limits of rate and acceleration. It
+    runs until it is interrupted.
+
+      tiltcal serve bench.toml --port 5025 --stream-port 5026
+      tiltcal record 127.0.0.1:5025 SEQUENCE.csv RECORDING.csv
+    """
+    scenario = load_scenario(scenario_file)
+    laboratory = simulator()
+    mover = laboratory.mover if isinstance(laboratory, SimulatedLaboratory) else closed_form
+    used = None if noise else scenario.seed if seed is None else seed
+    table = RateTable(scenario, used, mover)
+    wires = Wires(host, port, stream_port, None if udp is None else address(udp), pty, speed)
+    asyncio.run(_serve(Server(table, wires), as_json))
+    return 0
+
+
+async def _serve(server: Server, as_json: bool) -> None:
+    import sys
+
+    async with server.open():
+        if as_json:
+            print_json({**server.ports, "terminal": server.terminal})
+        else:
+            where = server.wires.host
+            say(f"commands: {where}:{server.ports['command']}")
+            say(f"frames: {where}:{server.ports['stream']}")
+            if server.terminal:
+                say(f"terminal: {server.terminal}")
+        sys.stdout.flush()
+        await asyncio.Event().wait()
+
+
+def address(text: str) -> tuple[str, int]:
+    """HOST:PORT in two.
+
+    Raises:
+        TiltcalError: it is not of that form.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise TiltcalError(
+            "address", found=f"'{text}'", need="HOST:PORT, such as 127.0.0.1:5025", do="correct it"
+        )
+    return host, int(port)

@@ -85,49 +85,19 @@ class Wire:
         self.socket.close()
 
 
-WORDS = [
-    *(":mode:pos", ":mode:rate", ":mode:off", ":dem:pos", ":dem:rate", ":lim:rate", ":lim:acc"),
-    *(":lim:pos", ":int:open", ":int:clos", ":faul:lost", ":faul:trip", ":faul:slip", ":faul:stic"),
-    *(
-        ":moun",
-        "*rst",
-        "*cls",
-        ":read:pos?",
-        ":read:rate?",
-        "*idn?",
-        "*stb?",
-        ":syst:err?",
-        ":mode?",
-    ),
-]
-ODD = [
-    "",
-    "1",
-    "2",
-    "3",
-    "-1",
-    "nan",
-    "inf",
-    "1e308",
-    "1e-300",
-    "0",
-    "1,2",
-    "1,-5,5",
-    '"Rx(90)"',
-    "'",
-    "(1",
-    "\x00",
-    "é",
-    "1" * 400,
-]
+HEADERS = """:mode:pos :mode:rate :mode:off :dem:pos :dem:rate :lim:rate :lim:acc :lim:pos
+:int:open :int:clos :faul:lost :faul:trip :faul:slip :faul:stic :moun *rst *cls :read:pos?
+:read:rate? *idn? *stb? :syst:err? :mode?"""
+ODD = """1 2 3 -1 nan inf 1e308 1e-300 0 1,2 1,-5,5 "Rx(90)" ' (1 \x00 é"""
 
 
 def odd_line(rng):
     """A line that may be sound, mutated or noise."""
     if rng.random() < 0.1:
         return rng.randbytes(rng.randrange(200)) + b"\n"
+    odd = [*ODD.split(), "", "1" * 400]
     text = ";".join(
-        f"{rng.choice(WORDS)} {','.join(rng.choices(ODD, k=rng.randrange(4)))}"
+        f"{rng.choice(HEADERS.split())} {','.join(rng.choices(odd, k=rng.randrange(4)))}"
         for _ in range(rng.randrange(1, 4))
     )
     data = bytearray(text.encode("utf-8", "replace"))

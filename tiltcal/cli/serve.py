@@ -1,11 +1,14 @@
 """``tiltcal serve``."""
 
 import asyncio
-from typing import Annotated
+import os
+import signal
+import sys
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from tiltcal.api.simulating import simulator
+from tiltcal.api.simulating import seed_used, simulator
 from tiltcal.cli.options import SEED, WHOLE, Json, ScenarioFile, between
 from tiltcal.cli.output import print_json, say
 from tiltcal.core.errors import TiltcalError
@@ -34,8 +37,8 @@ def serve(
         ),
     ] = 1.0,
     noise: Annotated[
-        bool, Parameter(name="--no-noise", negative=(), help="Leave random effects out.")
-    ] = False,
+        Literal["on", "off"], Parameter(help="off: no random effects, no quantisation.")
+    ] = "on",
     seed: Annotated[
         int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
     ] = None,
@@ -53,16 +56,23 @@ def serve(
     scenario = load_scenario(scenario_file)
     laboratory = simulator()
     mover = laboratory.mover if isinstance(laboratory, SimulatedLaboratory) else closed_form
-    used = None if noise else scenario.seed if seed is None else seed
+    used = seed_used(scenario, noise == "on", seed)
     table = RateTable(scenario, used, mover)
     wires = Wires(host, port, stream_port, None if udp is None else address(udp), pty, speed)
-    asyncio.run(_serve(Server(table, wires), as_json))
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    came = asyncio.run(_serve(Server(table, wires), as_json))
+    for number, handler in before.items():
+        signal.signal(number, handler)
+    os.kill(os.getpid(), came)  # every connection is closed: now end as other commands do
     return 0
 
 
-async def _serve(server: Server, as_json: bool) -> None:
-    import sys
-
+async def _serve(server: Server, as_json: bool) -> int:
+    """Serve until a signal comes, and say which; none interrupts a callback of the loop."""
+    loop = asyncio.get_running_loop()
+    ended: asyncio.Future[int] = loop.create_future()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, _settle, ended, int(number))
     async with server.open():
         if as_json:
             print_json({**server.ports, "terminal": server.terminal})
@@ -73,7 +83,12 @@ async def _serve(server: Server, as_json: bool) -> None:
             if server.terminal:
                 say(f"terminal: {server.terminal}")
         sys.stdout.flush()
-        await asyncio.Event().wait()
+        return await ended
+
+
+def _settle(ended: "asyncio.Future[int]", number: int) -> None:
+    if not ended.done():
+        ended.set_result(number)
 
 
 def address(text: str) -> tuple[str, int]:

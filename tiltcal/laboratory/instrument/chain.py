@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,8 +25,7 @@ class Surroundings:
     """What every sensor of an instrument shares.
 
     Args:
-        gravity: m/s2; step_s: s; start: of the recording, s.
-        temperature: (elapsed s) -> K above T0.
+        scenario: site and climate; step_s: between samples of the motion, s.
     """
 
     scenario: Scenario
@@ -33,8 +33,7 @@ class Surroundings:
 
     def sense(self, sensor: Sensor, inputs: Array, elapsed: Array) -> Sense:
         """What a sensor senses, one environment a row. inputs: (n, 9); elapsed: s, (n,)."""
-        climate = self.scenario.climate
-        above = climate.at(elapsed) - climate.reference(self.length_s)
+        above = self.scenario.climate.at(elapsed) - self._reference
         nowhere = np.full((len(elapsed), 3), np.nan)
         return Sense(
             elapsed,
@@ -53,15 +52,11 @@ class Surroundings:
             sensor.full_scale,
         )
 
-    @property
-    def length_s(self) -> float:
-        """Of the scenario's own sequence, over whose mean temperature T0 is taken where it is not
-        stated, s.
-        """
-        if not self.scenario.sequence:
-            return 0.0
-        start, end = self.scenario.schedule.times
-        return end - start
+    @cached_property
+    def _reference(self) -> float:
+        """T0, degC: where it is not stated the mean over the scenario's own sequence, if any."""
+        start, end = self.scenario.schedule.times if self.scenario.sequence else (0.0, 0.0)
+        return self.scenario.climate.reference(end - start)
 
 
 class SensorChain:

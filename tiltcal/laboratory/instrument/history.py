@@ -1,5 +1,8 @@
 """What an instrument was exposed to in the last steps, and between them."""
 
+from functools import cache
+from math import prod
+
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
@@ -35,13 +38,20 @@ class History:
         whole = round(steps)
         if abs(steps - whole) < WHOLE:
             return self._ago(whole, rows)
-        first = max(int(np.floor(steps)) - 1, 0)  # the step after it, where there is one, counts
-        nodes = np.arange(first, first + NODES)
-        weights = [
-            np.prod([(steps - m) / (n - m) for m in nodes if m != n], dtype=float) for n in nodes
-        ]
-        parts = [w * self._ago(int(n), rows) for w, n in zip(weights, nodes, strict=True)]
+        first, weights = nodes_about(steps)
+        parts = [w * self._ago(first + n, rows) for n, w in enumerate(weights)]
         return np.asarray(sum(parts))
 
     def _ago(self, steps: int, rows: Rows) -> Array:
         return np.asarray(self.inputs[(self.at - steps) % len(self.inputs)][rows])
+
+
+@cache
+def nodes_about(steps: float) -> tuple[int, tuple[float, ...]]:
+    """The first of the steps ago through which a cubic gives what was between them, and the weights
+    of all.
+    """
+    first = max(int(np.floor(steps)) - 1, 0)  # the step after it, where there is one, counts
+    nodes = range(first, first + NODES)
+    weights = (prod((steps - m) / (n - m) for m in nodes if m != n) for n in nodes)
+    return first, tuple(weights)

@@ -24,7 +24,7 @@ class TableCommands:
     """
 
     def __init__(self, table: RateTable, ports: Mapping[str, int] | None = None) -> None:
-        self.table, self.ports = table, dict(ports or {})
+        self.table, self.ports = table, {} if ports is None else ports
         self.interpreter = Interpreter({**self._common(), **self._motion(), **self._faults()})
 
     def line(self, text: str) -> str | None:

@@ -78,7 +78,7 @@ class Server:
                 stack.callback(listening.close)
                 self.ports[name] = listening.sockets[0].getsockname()[1]
             await self._open_sinks(stack)
-            running = asyncio.create_task(self._run())
+            running = asyncio.create_task(self._run(self.clock()))
             stack.push_async_callback(self._end, running)
             yield self
 
@@ -122,9 +122,9 @@ class Server:
         if not running.cancelled() and (error := running.exception()) is not None:
             raise error
 
-    async def _run(self) -> None:
-        """Advance the table with the clock."""
-        start, begun = self.clock(), self.table.time
+    async def _run(self, start: float) -> None:
+        """Advance the table with the clock, which stood at ``start`` when it was switched on."""
+        begun = self.table.time
         while True:
             if self.wires.speed > 0:
                 await asyncio.sleep(TICK_S)

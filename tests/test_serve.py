@@ -23,7 +23,6 @@ from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.laboratory.serve.client import SequenceRecorder, TableClient
 from tiltcal.laboratory.serve.rate_table import RateTable
 from tiltcal.setup.sequence import Step
-from tiltcal.setup.setup import Setup
 
 READER = Path(__file__).with_name("frame_reader.c")
 NOISY = {"id": "acc_noise", "white_ug_rthz": 50}
@@ -154,27 +153,17 @@ def test_an_investigation_records_over_the_wire(server, tmp_path):
 @pytest.mark.skipif(host.compiler() is None, reason="no C compiler on this machine")
 def test_a_c_program_reads_the_stream_and_corrects_it(server, tmp_path):
     """Frames from the wire, one missing and one damaged, through the header of `tiltcal export`."""
-    bench = scenario()
-    calibration = tc.Calibration(
-        "six_position",
-        "good",
-        {
-            "accel.bias_x": tc.Estimate(0.25, 0.0, "m_s2"),
-            "accel.scale_z": tc.Estimate(0.01, 0, "1"),
-        },
-        np.zeros((2, 2)),
-        provenance={
-            "setup": Setup(**{n: getattr(bench, n) for n in Setup.model_fields}).model_dump(
-                mode="json", by_alias=True
-            )
-        },
-    )
-    (tmp_path / "imu.h").write_text(header(calibration, "imu"))
+    terms = {"bias_x": (0.25, "m_s2"), "scale_z": (0.01, "1")}
+    found = {
+        f"accel.{name}": tc.Estimate(value, 0.0, unit) for name, (value, unit) in terms.items()
+    }
+    calibration = tc.Calibration("six_position", "good", found, np.zeros((2, 2)))
+    (tmp_path / "imu.h").write_text(header(calibration, scenario(), "imu"))
     with client(server) as wire:
         form = wire.format
         frames = [form.pack(*next(wire.frames())) for _ in range(50)]
     frames[20:21] = []
-    frames[30] = frames[30][:30] + b"\x00\x00" + frames[30][32:]
+    frames[30] = frames[30][:35] + bytes([frames[30][35] ^ 1]) + frames[30][36:]
     program = tmp_path / "reader"
     command = [host.compiler(), *host.STRICT, "-DIMU_DOUBLE", '-DHEADER="imu.h"', f"-I{tmp_path}"]
     subprocess.run([*command, str(READER), "-o", str(program), "-lm"], check=True)

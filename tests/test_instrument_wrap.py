@@ -78,6 +78,16 @@ def test_readings_take_the_places_of_force_and_rate():
     np.testing.assert_allclose(observation, [1.980665, 1, 1, 1, 1, 1])
 
 
+def test_a_seed_of_an_episode_does_not_switch_random_effects_on():
+    env = tc.wrap(Counting(), bench(*BIASED), **PLACES, seed=None)
+    observation, _ = env.reset(seed=3)
+    assert (observation[3:] == 0).all()
+    noisy = tc.wrap(Counting(), bench(*BIASED), **PLACES)
+    first, again, other = (noisy.reset(seed=seed)[0] for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first, again)
+    assert (first[3:] != other[3:]).all()
+
+
 def test_keys_of_a_dict_observation():
     env = tc.wrap(Named(), bench(*BIASED), force="f", rate="w", seed=None)
     env.reset()

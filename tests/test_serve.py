@@ -212,6 +212,16 @@ def test_datagrams_and_a_pseudo_terminal_carry_the_same_frames():
     assert datagrams[-1][2] == alone[-1].values
 
 
+def test_what_the_table_runs_into_ends_the_command(tmp_path, monkeypatch, capsys):
+    def fails(table, time):
+        raise TiltcalError("table", found="smoke", need="none", do="open a window")
+
+    monkeypatch.setattr(RateTable, "advance", fails)
+    (tmp_path / "bench.toml").write_text(BENCH)
+    assert main(["serve", str(tmp_path / "bench.toml")]) == 2
+    assert "found smoke" in capsys.readouterr().err
+
+
 def test_a_taken_port_is_one_message(server):
     with (
         pytest.raises(TiltcalError, match="free port"),

@@ -11,6 +11,7 @@ from tiltcal.laboratory.serve.axis import AxisDrive
 from tiltcal.laboratory.serve.commands import TableCommands
 from tiltcal.laboratory.serve.rate_table import RateTable
 from tiltcal.laboratory.serve.scpi import forms
+from tiltsim.motion import mujoco_motion
 
 
 def scenario(*effects, rate=50, **more):
@@ -170,6 +171,26 @@ def test_faults_on_request(table, say):
     say(":fault:trip")
     run(table, 9.0)
     assert say(":mode? 1;*stb?") == "OFF;16"
+
+
+def test_mujoco_moves_as_the_closed_form():
+    effects = [
+        {"id": "table_encoder_eccentricity", "axis": "outer", "cos_arcsec": 50},
+        {"id": "table_levelling", "tilt_east_arcsec": 30},
+    ]
+    found = []
+    for mover in (closed_form, mujoco_motion):
+        table = RateTable(scenario(*effects), None, mover)
+        say = TableCommands(table).line
+        say(":mode:pos 1;:dem:pos 1,50;:mode:rate 2;:dem:rate 2,30")
+        run(table, 1.0)
+        say(":fault:slip 1,2")
+        run(table, 1.5)
+        say(":dem:rate 2,0")
+        run(table, 3.0)
+        say(":mount 'Rx(90)'")
+        found.append([frame.values for frame in run(table, 3.5)])
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-9)
 
 
 def test_a_remount_turns_the_instrument(table, say):

@@ -4,7 +4,7 @@ import asyncio
 import os
 import signal
 import sys
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -60,9 +60,11 @@ def serve(
     table = RateTable(scenario, used, mover)
     wires = Wires(host, port, stream_port, None if udp is None else address(udp), pty, speed)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    came = asyncio.run(_serve(Server(table, wires), as_json))
-    for number, handler in before.items():
-        signal.signal(number, handler)
+    try:
+        came = asyncio.run(_serve(Server(table, wires), as_json))
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
     os.kill(os.getpid(), came)  # every connection is closed: now end as other commands do
     return 0
 
@@ -83,7 +85,10 @@ async def _serve(server: Server, as_json: bool) -> int:
             if server.terminal:
                 say(f"terminal: {server.terminal}")
         sys.stdout.flush()
-        return await ended
+        # the table runs on until a signal comes, or an error that the end of the context raises
+        either: list[asyncio.Future[Any]] = [ended, server.running]
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+    return ended.result()
 
 
 def _settle(ended: "asyncio.Future[int]", number: int) -> None:

@@ -149,6 +149,8 @@ class SensorChain:
         parts = [part for _, stepped in self.before.values() for part in stepped]
         for part in [*parts, *self.after]:
             part.restart(rows)
+        self.readings = self.readings.copy()
+        self.readings[rows] = np.nan
 
     def read(self, history: History, elapsed: Array, rows: Rows) -> Array:
         """The readings of these environments, (n, k), SI. elapsed: s, of these, (n,)."""

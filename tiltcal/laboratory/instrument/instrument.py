@@ -50,16 +50,18 @@ class Instrument:
         self.effects = live_effects(scenario) if effects is None else effects
         self._checked = False
         self._rate_hz = round(1 / step_s, 9)
-        self.reset(seed=seed)
+        self.random = seed is not None
+        self._build(seed)
 
     def reset(self, rows: Mask | None = None, *, seed: int | None = None) -> None:
         """The power is switched on: the next step is the first sample.
 
         Args:
             rows: environments, (envs,) bool; None: all.
-            seed: of all streams anew, for all environments; None: they go on where they are.
+            seed: of all streams anew, for all environments; None: they go on where they are. An
+                instrument without random effects stays without.
         """
-        if rows is None and (seed is not None or not hasattr(self, "chains")):
+        if rows is None and seed is not None and self.random:
             self._build(seed)
             return
         which: Rows = slice(None) if rows is None else np.flatnonzero(rows)

@@ -78,8 +78,8 @@ class Server:
                 stack.callback(listening.close)
                 self.ports[name] = listening.sockets[0].getsockname()[1]
             await self._open_sinks(stack)
-            running = asyncio.create_task(self._run(self.clock()))
-            stack.push_async_callback(self._end, running)
+            self.running = asyncio.create_task(self._run(self.clock()))
+            stack.push_async_callback(self._end, self.running)
             yield self
 
     async def _listen(self, serve: Any, port: int) -> asyncio.Server:

@@ -213,7 +213,7 @@ def test_datagrams_and_a_pseudo_terminal_carry_the_same_frames():
 
 
 def test_what_the_table_runs_into_ends_the_command(tmp_path, monkeypatch, capsys):
-    def fails(table, time):
+    def fails(*_):
         raise TiltcalError("table", found="smoke", need="none", do="open a window")
 
     monkeypatch.setattr(RateTable, "advance", fails)

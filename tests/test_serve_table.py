@@ -54,7 +54,8 @@ def test_a_move_keeps_its_limits_and_ends_at_rest_at_the_target(target, speed):
     assert np.abs(jet.v).max() <= 1.0 + 1e-12
     assert np.abs(jet.a).max() <= 2.0 + 1e-12
     assert (jet.x[-1], jet.v[-1]) == (target, 0.0)
-    np.testing.assert_allclose(np.gradient(jet.x, time), jet.v, atol=2e-3)
+    np.testing.assert_allclose(np.gradient(jet.x, time), jet.v, atol=1e-3)
+    np.testing.assert_allclose(np.gradient(jet.v, time), jet.a, atol=1e-2)
     assert not axis.moving(80.0)
 
 
@@ -112,7 +113,7 @@ def test_a_limit_of_the_angle_stops_a_turn(table, say):
     say(":lim:pos 1,-20,20;:mode:rate 1;:dem:rate 1,40")
     frames = run(table, 5.0)
     assert say(":mode? 1;:read:rate? 1") == "OFF;0"
-    assert 20 < max(f.values[0] for f in frames) < 30
+    assert 20 < max(f.values[0] for f in frames) < 20 + 40**2 / 100 + 1
 
 
 def test_an_open_interlock_stops_all_axes(table, say):

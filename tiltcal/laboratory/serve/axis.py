@@ -1,7 +1,7 @@
 """One axis of a served table: prescribed motion within limits of rate and acceleration."""
 
 from dataclasses import dataclass, field
-from math import inf, sqrt
+from math import inf, pi, sqrt
 from typing import Literal
 
 import numpy as np
@@ -11,21 +11,23 @@ from tiltcal.core.units import DEG
 from tiltcal.setup.trajectory import Jet
 
 Mode = Literal["off", "position", "rate"]
-RATE, ACCELERATION = 100 * DEG, 200 * DEG  # limits of a table that was just switched on
+RATE, ACCELERATION = 100 * DEG, 100 * DEG  # limits of a table that was just switched on
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch of constant acceleration.
+    """A stretch in which the rate changes smoothly, or stays: it follows u - sin(2 pi u)/(2 pi), so
+    that the acceleration begins and ends at zero.
 
     Args:
-        start: s; x, v: there, rad, rad/s; a: rad/s2.
+        start: s; x, v: there, rad, rad/s; change: of the rate, rad/s; length: s.
     """
 
     start: float
     x: float
     v: float
-    a: float
+    change: float = 0.0
+    length: float = 1.0
 
 
 @dataclass
@@ -48,15 +50,23 @@ class AxisDrive:
     stuck: bool = False
     slip: float = 0.0
     demand: float = 0.0
-    pieces: list[Piece] = field(default_factory=lambda: [Piece(0.0, 0.0, 0.0, 0.0)])
+    pieces: list[Piece] = field(default_factory=lambda: [Piece(0.0, 0.0, 0.0)])
 
     def jet(self, time: Array) -> Jet:
         """Angle, rate and acceleration at these times, none of them past, rad, (n,)."""
         starts = np.array([p.start for p in self.pieces])
         which = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, None)
-        x, v, a = (np.array([getattr(p, n) for p in self.pieces])[which] for n in ("x", "v", "a"))
+        names = ("x", "v", "change", "length")
+        x, v, change, length = (
+            np.array([getattr(p, n) for p in self.pieces])[which] for n in names
+        )
         since = time - starts[which]
-        return Jet(x + (v + a * since / 2) * since, v + a * since, a)
+        u, turn = since / length, 2 * pi * since / length
+        return Jet(
+            x + v * since + change * length * (u * u / 2 + (np.cos(turn) - 1) / (4 * pi * pi)),
+            v + change * (u - np.sin(turn) / (2 * pi)),
+            change / length * (1 - np.cos(turn)),
+        )
 
     def at(self, time: float) -> tuple[float, float, float]:
         """Angle, rate and acceleration now, rad."""
@@ -78,7 +88,7 @@ class AxisDrive:
             self._follow(time, max(-self.rate, min(self.rate, rate)))
 
     def go(self, time: float, angle: float) -> None:
-        """Go to an angle, rad, by a trapezoid of the rate, and rest there."""
+        """Go to an angle, rad, by a smooth trapezoid of the rate, and rest there."""
         self.demand = angle
         if self.stuck:
             return
@@ -87,32 +97,33 @@ class AxisDrive:
         way = angle - last.x
         if way == 0:
             return
-        sign, a = (1.0 if way > 0 else -1.0), self.acceleration
-        peak = min(self.rate, sqrt(a * abs(way)))
-        ramp, cruise = peak / a, abs(way) / peak - peak / a
-        for length, push in ((ramp, sign * a), (cruise, 0.0), (ramp, -sign * a)):
-            self._extend(length, push)
-        self.pieces[-1] = Piece(self.pieces[-1].start, angle, 0.0, 0.0)
+        sign, mean = (1.0 if way > 0 else -1.0), self.acceleration / 2
+        peak = min(self.rate, sqrt(mean * abs(way)))
+        ramp = peak / mean
+        self._extend(ramp, sign * peak)
+        self._extend(abs(way) / peak - ramp, 0.0)
+        self._extend(ramp, -sign * peak)
+        self.pieces[-1] = Piece(self.pieces[-1].start, angle, 0.0)
 
     def seize(self, time: float, stuck: bool) -> None:
         """Stick where it is, or come free."""
         if stuck:
-            self.pieces = [Piece(time, self.at(time)[0], 0.0, 0.0)]
+            self.pieces = [Piece(time, self.at(time)[0], 0.0)]
         self.stuck = stuck
 
     def _follow(self, time: float, rate: float) -> None:
         x, v, _ = self.at(time)
-        self.pieces = [Piece(time, x, v, 0.0)]
+        self.pieces = [Piece(time, x, v)]
         if v != rate:
-            self._extend(abs(rate - v) / self.acceleration, np.sign(rate - v) * self.acceleration)
+            self._extend(2 * abs(rate - v) / self.acceleration, rate - v)
             last = self.pieces[-1]
-            self.pieces[-1] = Piece(last.start, last.x, rate, 0.0)
+            self.pieces[-1] = Piece(last.start, last.x, rate)
 
-    def _extend(self, length: float, a: float) -> None:
-        """Accelerate for a while from where the last piece begins; then go on."""
+    def _extend(self, length: float, change: float) -> None:
+        """Change the rate from where the last piece begins; then keep it."""
         if length <= 0:
             return
         last = self.pieces[-1]
-        self.pieces[-1] = Piece(last.start, last.x, last.v, a)
-        x, v = last.x + (last.v + a * length / 2) * length, last.v + a * length
-        self.pieces.append(Piece(last.start + length, x, v, 0.0))
+        self.pieces[-1] = Piece(last.start, last.x, last.v, change, length)
+        x = last.x + (last.v + change / 2) * length
+        self.pieces.append(Piece(last.start + length, x, last.v + change))

@@ -44,7 +44,7 @@ class Frame:
 class RateTable:
     """A table with drives that obey limits, and the instrument on it.
 
-    The motion is prescribed: trapezoids of the rate within the limits of each axis.
+    The motion is prescribed: smooth trapezoids of the rate within the limits of each axis.
 
     Args:
         scenario: rig, sensors, effects, climate; its sequence is not used.

@@ -121,7 +121,12 @@ def test_a_sequence_is_recorded(server):
         found = SequenceRecorder(wire, STEPS).record()
     assert found.metadata["mount"].startswith("identity; ")
     assert found.metadata["mount"].endswith("s: Rz(180)")
-    outer = found.column("table_outer_deg")
+    outer, y = found.column("table_outer_deg"), found.column("accel_y_m_s2")
+    changed = float(found.metadata["mount"].split("; ")[1].split(" s:")[0])
+    tilted = np.abs(outer - 20) < 1e-9
+    assert (y[tilted & (found.time < changed)] > 1).all()
+    assert (y[tilted & (found.time > changed)] < -1).all()
+    assert (tilted & (found.time > changed)).any()
     assert outer.max() == pytest.approx(20, abs=1e-9)
     assert (outer[-1], found.column("table_inner_deg")[-1]) == pytest.approx((-20, 90))
     resting = np.abs(outer - 20) < 1e-9

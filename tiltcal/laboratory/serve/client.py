@@ -127,6 +127,7 @@ class SequenceRecorder:
     rows: list[tuple[int, float, list[float]]] = field(default_factory=list)
     labels: list[str | None] = field(default_factory=list)
     mounts: list[str] = field(default_factory=list)
+    label: str | None = None
 
     def record(self) -> Recording:
         """The recording of all steps.
@@ -145,7 +146,7 @@ class SequenceRecorder:
         for number in range(1, len(self.axes) + 1):
             self.client.send(f":MODe:POSition {number}")
         self.client.require_no_error("switching the drives on")
-        self._keep(LEAD_S, None)
+        self._keep(LEAD_S)
         for number, step in enumerate(self.steps, start=1):
             self._run(step, f"step {number}")
         values = np.array([row for _, _, row in self.rows])
@@ -158,11 +159,12 @@ class SequenceRecorder:
         )
 
     def _run(self, step: Step, doing: str) -> None:
+        self._keep(
+            0.0
+        )  # the table is ahead of its reader: what is to come belongs to the step before
+        self.label = step.label
         if step.mount is not None:
-            self.client.send(f':MOUNt "{step.mount}"')
-            self.client.require_no_error(doing)
-            self._read(step.label)
-            self.mounts.append(f"{self.rows[-1][1]:.6g} s: {step.mount}")
+            self._remount(step.mount, doing)
         for axis, angle in step.angles_deg.items():
             number = self._number(axis, doing)
             self.client.send(f":LIMit:RATE {number},{step.rate_deg_s!r}")
@@ -170,10 +172,18 @@ class SequenceRecorder:
         self.client.require_no_error(doing)
         while int(self.client.ask("*STB?")) & MOVING:
             for _ in range(ASK):
-                self._read(step.label)
+                self._read()
         for axis, angle in step.angles_deg.items():
             self._require_arrived(axis, angle, doing)
-        self._keep(step.dwell_s, step.label)
+        self._keep(step.dwell_s)
+
+    def _remount(self, mount: str, doing: str) -> None:
+        """The frames after this instant have the new mounting."""
+        time = float(self.client.ask(f':MOUNt "{mount}";:SYSTem:TIME?'))
+        self.client.require_no_error(doing)
+        (first, start, _), (last, end, _) = self.rows[0], self.rows[-1]
+        between = time + (end - start) / (last - first) / 2
+        self.mounts.append(f"{between:.9g} s: {mount}")
 
     def _number(self, axis: str, doing: str) -> int:
         if axis not in self.axes:
@@ -195,15 +205,15 @@ class SequenceRecorder:
                 do="free the axis, or reset the table after a trip",
             )
 
-    def _keep(self, seconds: float, label: str | None) -> None:
+    def _keep(self, seconds: float) -> None:
         """Record for a while of the table's time, from now on."""
-        now = float(self.client.ask(":SYSTem:TIME?"))
-        while not self.rows or self.rows[-1][1] < now + seconds:
-            self._read(label)
+        end = float(self.client.ask(":SYSTem:TIME?")) + seconds
+        while not self.rows or self.rows[-1][1] < end:
+            self._read()
 
-    def _read(self, label: str | None) -> None:
+    def _read(self) -> None:
         self.rows.append(next(self._frames))
-        self.labels.append(label)
+        self.labels.append(self.label)
 
     def _metadata(self) -> dict[str, str]:
         lost = self.rows[-1][0] - self.rows[0][0] + 1 - len(self.rows)

@@ -20,6 +20,7 @@ NAMES = {
     "DesignedSequence",
     "Diagnosis",
     "Estimate",
+    "Instrument",
     "Recording",
     "Scenario",
     "Segment",
@@ -31,6 +32,7 @@ NAMES = {
     "load_scenario",
     "parse_scenario",
     "read",
+    "wrap",
 }
 README = Path(__file__).parents[1] / "README.md"
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from tiltcal.api.scenario import Scenario, correct, load_scenario, parse_scenario
     from tiltcal.calibration.result import Calibration, Estimate, load_calibration
     from tiltcal.core.errors import TiltcalError
+    from tiltcal.laboratory.instrument.instrument import Instrument
+    from tiltcal.laboratory.instrument.wrap import wrap
     from tiltcal.recordings.recording import Recording
     from tiltcal.recordings.segmentation import Segment, find_segments
     from tiltcal.report.stated import Stated
@@ -37,6 +39,7 @@ __all__ = [
     "DesignedSequence",
     "Diagnosis",
     "Estimate",
+    "Instrument",
     "Recording",
     "Scenario",
     "Segment",
@@ -48,6 +51,7 @@ __all__ = [
     "load_scenario",
     "parse_scenario",
     "read",
+    "wrap",
 ]
 _MODULES = {
     "api.certifying": ("Certificate",),
@@ -57,6 +61,8 @@ _MODULES = {
     "api.scenario": ("Scenario", "correct", "load_scenario", "parse_scenario"),
     "calibration.result": ("Calibration", "Estimate", "load_calibration"),
     "core.errors": ("TiltcalError",),
+    "laboratory.instrument.instrument": ("Instrument",),
+    "laboratory.instrument.wrap": ("wrap",),
     "recordings.recording": ("Recording",),
     "recordings.segmentation": ("Segment", "find_segments"),
     "report.stated": ("Stated",),

@@ -7,6 +7,7 @@ ROOMS = (
     "simulation",
     "reading",
     "formats",
+    "instrument",
     "information",
     "placing",
     "designing",

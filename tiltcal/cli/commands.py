@@ -52,6 +52,8 @@ DIAGNOSIS = {
         "Diagnose, record what separates the alternatives, and repeat until explained.",
     ),
     "lab": Command("lab:lab", "Record a sequence file in a simulated laboratory."),
+    "serve": Command("serve:serve", "Serve a simulated rate table and its instrument over TCP."),
+    "record": Command("record:record", "Record a sequence file on a served table."),
     "effects": Command("effects:effects", "List the physical effects, or explain one."),
 }
 DESIGN = {

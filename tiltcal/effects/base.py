@@ -4,19 +4,13 @@ printed and tested from it. What else is known of it, such as the shapes that a 
 
 The places where an effect may act, each an abstract class that asks one question:
 
-====================  ===========================================================
-==========================
-WorldEffect           how does the world differ?                                   gravity, Earth,
-lever arm
-AngleEffect           where does the axis truly stand, given the readout?          encoder, sag,
-backlash
-FrameEffect           which small turns does a frame gain?                         levelling,
-wobble, mount
-DelayEffect           how much earlier was the signal taken than its stamp says?   latency, jitter
-SignalEffect          what does the reading become?                                sensor,
-electronics, data
-====================  ===========================================================
-==========================
+==============  =============================================  ===========================
+WorldEffect     how does the world differ?                     gravity, Earth, lever arm
+AngleEffect     where does the axis truly stand?               encoder, sag, backlash
+FrameEffect     which small turns does a frame gain?           levelling, wobble, mount
+DelayEffect     how much before its stamp was it taken?        latency, jitter
+SignalEffect    what does the reading become?                  sensor, electronics, data
+==============  =============================================  ===========================
 """
 
 from abc import ABC, abstractmethod
@@ -30,6 +24,7 @@ from tiltcal.core.arrays import Array, Mask
 from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
 from tiltcal.effects.parameter import Need, Parameter, Stage
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
+from tiltcal.effects.stepwise import Memoryless, StepEffect, Stepping
 from tiltcal.effects.traits import Traits
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Drive, Jet
@@ -244,6 +239,11 @@ class DelayEffect(Effect):
         stamp, (n,).
         """
 
+    def constant(self, channel: int) -> float | None:
+        """The delay of a channel, s, where it is the same at all times; None where it varies."""
+        steady = self.row_wise and not self.random
+        return float(np.mean(self.delay(np.zeros(1), channel, None))) if steady else None
+
 
 class SignalEffect(Effect):
     """What does the reading become? ``order`` sorts the effects inside the chain (CONTRACT: order
@@ -261,6 +261,10 @@ class SignalEffect(Effect):
         """The reading after the effect, (n, k), SI. ``rng`` is None when random effects are
         switched off.
         """
+
+    def stepwise(self, stepping: Stepping) -> StepEffect | None:
+        """The effect step by step; None: it needs later samples or the whole recording."""
+        return Memoryless(self.apply) if self.row_wise and not self.random else None
 
 
 class TermEffect(SignalEffect):

@@ -4,11 +4,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.effects.sense import Sense
+from tiltcal.effects.stepwise import Rows, StepEffect, SteppedHold, Stepping
 
 
 class DataOutlier(SignalEffect):
@@ -95,6 +96,14 @@ class DataDuplicate(SignalEffect):
         source = np.maximum.accumulate(np.where(again, 0, np.arange(len(reading))))
         return reading[source]
 
+    def stepwise(self, stepping: Stepping) -> StepEffect:
+        share, streams = self.value("share"), np.array(stepping.streams, dtype=object)
+
+        def repeats(_: Sense, rows: Rows) -> Mask:
+            return np.array([rng.random() < share for rng in streams[rows]])
+
+        return SteppedHold(repeats, (stepping.rows, len(stepping.sensor.axes)), slice(None))
+
 
 class DataStuck(SignalEffect):
     id = "data_stuck"
@@ -129,6 +138,18 @@ class DataStuck(SignalEffect):
             reading[frozen, channels] = reading[int(np.argmax(frozen)), channels]
         return reading
 
+    def stepwise(self, stepping: Stepping) -> StepEffect:
+        start, end = self.value("start"), self.value("start") + self.value("length")
+        step = 1 / stepping.sensor.rate_hz
+        names = stepping.sensor.axes
+
+        def repeats(sense: Sense, _: Rows) -> Mask:
+            # the first sample of the stretch is new
+            return (sense.elapsed - step * (1 - 1e-6) >= start) & (sense.elapsed < end)
+
+        channels = slice(None) if self.axis is None else [names.index(self.axis)]
+        return SteppedHold(repeats, (stepping.rows, len(names)), channels)
+
 
 class EmiSpike(DataOutlier):
     id = "emi_spike"
@@ -146,6 +167,7 @@ class EmiSpike(DataOutlier):
 
 
 class DataGap(SignalEffect):
+    row_wise = True
     id = "data_gap"
     needs = "any"
     stage = "data"

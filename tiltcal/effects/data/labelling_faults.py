@@ -16,6 +16,7 @@ from tiltcal.setup.trajectory import Drive
 class ColumnFault(SignalEffect):
     """The columns of a sensor hold a linear map of its channels."""
 
+    row_wise = True
     stage = "data"
     kinds = ANALOG
     mislabels = True

@@ -11,6 +11,7 @@ from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.stepwise import Memoryless, StepEffect, Stepping
 from tiltcal.effects.traits import Family
 
 ANALOG = frozenset({"accelerometer", "inclinometer", "gyro", "fog"})
@@ -110,6 +111,9 @@ class AdcQuantisation(SignalEffect):
         np.rint(reading, out=reading)
         return np.multiply(reading, lsb, out=reading)
 
+    def stepwise(self, stepping: Stepping) -> StepEffect:
+        return Memoryless(self.apply, stepping.streams[0])
+
 
 class GyrQuantisation(AdcQuantisation):
     id = "gyr_quantisation"
@@ -124,6 +128,7 @@ class GyrQuantisation(AdcQuantisation):
 
 
 class AdcStuckBit(SignalEffect):
+    row_wise = True
     id = "adc_stuck_bit"
     channel_wise = True
     needs = "any"
@@ -152,6 +157,7 @@ class AdcStuckBit(SignalEffect):
 
 
 class AdcCrosstalk(SignalEffect):
+    row_wise = True
     id = "adc_crosstalk"
     stage = "electronics"
     kinds = ANALOG

@@ -15,6 +15,7 @@ WANDER = 0.05  # Hz, of the mains about its frequency (PHYSICS 3.6); further off
 
 
 class MainsPickup(TermEffect):
+    row_wise = True
     id = "mains_pickup"
     needs = "any"
     stage = "electronics"

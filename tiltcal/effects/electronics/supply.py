@@ -8,8 +8,9 @@ from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.effects.hysteresis_and_lag import LAGS, first_order_lag
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import Sense
-from tiltcal.effects.sensor.environmental import FollowsState
+from tiltcal.effects.sensor.environmental import FollowsTemperature
 from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.stepwise import Memoryless, StepEffect, Stepping
 from tiltcal.effects.traits import Family
 
 
@@ -43,6 +44,9 @@ class ReferenceDrift(SignalEffect):
         own = first_order_lag(sense.time, sense.temperature, self.value("lag"))
         return reading * (1 + self.value("gain") * own)[:, None]
 
+    def stepwise(self, stepping: Stepping) -> StepEffect | None:
+        return Memoryless(self.apply) if self.value("lag") <= 0 else None
+
 
 class SupplyRatiometric(SignalEffect):
     id = "supply_ratiometric"
@@ -69,7 +73,7 @@ class SupplyRatiometric(SignalEffect):
         )
 
 
-class AdcOffsetDrift(FollowsState):
+class AdcOffsetDrift(FollowsTemperature):
     id = "adc_offset_drift"
     needs = "temperature"
     stage = "electronics"
@@ -83,6 +87,3 @@ class AdcOffsetDrift(FollowsState):
     excited_by = "a temperature change"
     look = "one with the sensor's own bias drift until the input is shorted"
     same_law_as = "acc_temp_bias"
-
-    def state(self, sense: Sense) -> Array:
-        return sense.temperature

@@ -74,6 +74,7 @@ class EarthCoriolis(WorldEffect):
 
 
 class BaseVibration(WorldEffect):
+    row_wise = True
     id = "base_vibration"
     needs = "any"
     stage = "environment"

@@ -11,6 +11,7 @@ from tiltcal.effects.hysteresis_and_lag import smooth_lag, vibration_power
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS
+from tiltcal.effects.stepwise import StepEffect, SteppedLag, Stepping
 from tiltcal.effects.traits import Family
 from tiltcal.setup.tables import angle_channel, built_in_axes
 
@@ -36,6 +37,10 @@ class AccBandwidth(SignalEffect):
             [smooth_lag(sense.time, reading[:, i], tau) for i in range(reading.shape[1])]
         )
 
+    def stepwise(self, stepping: Stepping) -> StepEffect:
+        shape = (stepping.rows, len(stepping.sensor.axes))
+        return SteppedLag(self.value("tau"), 1 / stepping.sensor.rate_hz, shape)
+
 
 class GyrBandwidth(AccBandwidth):
     id = "gyr_bandwidth"
@@ -45,6 +50,7 @@ class GyrBandwidth(AccBandwidth):
 
 
 class AccSaturation(SignalEffect):
+    row_wise = True
     id = "acc_saturation"
     stage = "sensor"
     kinds = ACCELEROMETERS
@@ -79,6 +85,7 @@ class GyrSaturation(AccSaturation):
 
 
 class AccAngleBias(TermEffect):
+    row_wise = True
     id = "acc_angle_bias"
     stage = "sensor"
     kinds = ACCELEROMETERS
@@ -142,6 +149,7 @@ class AccVre(TermEffect):
 
 
 class TiltConversion(SignalEffect):
+    row_wise = True
     id = "tilt_conversion"
     stage = "sensor"
     kinds = frozenset({"inclinometer"})

@@ -13,6 +13,7 @@ from tiltcal.effects.hysteresis_and_lag import play, rounded_play
 from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.stepwise import Rows, StepEffect, Stepping
 from tiltcal.effects.traits import Family
 
 GYROS = frozenset({"gyro", "fog"})
@@ -33,17 +34,25 @@ class FollowsState(TermEffect):
         return self.channel_of(name[-1], sense), self.state(sense)
 
 
-def warming_rate(sense: Sense) -> Array:
-    """dT/dt, K/s, (n,)."""
-    return (
-        np.gradient(sense.temperature, sense.time)
-        if len(sense.time) > 2
-        else np.zeros(len(sense.time))
-    )
+class FollowsTemperature(FollowsState):
+    """A bias in proportion to T - T0."""
 
-
-class AccTempBias(FollowsState):
     row_wise = True
+
+    def state(self, sense: Sense) -> Array:
+        return sense.temperature
+
+
+class FollowsWarming(FollowsState):
+    """A bias in proportion to dT/dt, K/s."""
+
+    def state(self, sense: Sense) -> Array:
+        if len(sense.time) < 3:
+            return np.zeros(len(sense.time))
+        return np.gradient(sense.temperature, sense.time)
+
+
+class AccTempBias(FollowsTemperature):
     id = "acc_temp_bias"
     needs = "temperature"
     kinds = ACCELEROMETERS
@@ -60,9 +69,6 @@ class AccTempBias(FollowsState):
         "acc_drift": "take the temperature up and down again",
         "acc_warmup": "restart at a settled temperature",
     }
-
-    def state(self, sense: Sense) -> Array:
-        return sense.temperature
 
 
 class AccTempScale(TermEffect):
@@ -90,7 +96,7 @@ class AccTempScale(TermEffect):
         )
 
 
-class AccThermalGradient(FollowsState):
+class AccThermalGradient(FollowsWarming):
     id = "acc_thermal_gradient"
     needs = "temperature"
     kinds = ACCELEROMETERS
@@ -101,9 +107,6 @@ class AccThermalGradient(FollowsState):
     excited_by = "a temperature ramp"
     look = "changes sign between heating and cooling, gone when T settles"
     family = Family(reading=("warming", "temperature"))
-
-    def state(self, sense: Sense) -> Array:
-        return warming_rate(sense)
 
 
 class AccThermalHysteresis(FollowsState):
@@ -157,6 +160,7 @@ class AccTempMisalign(TermEffect):
 
 
 class AccAngularTerms(TermEffect):
+    row_wise = True
     id = "acc_angular_terms"
     needs = "motion"
     stage = "sensor"
@@ -223,4 +227,31 @@ class AccHysteresis(SignalEffect):
                     reading[:, channel] += value * law(
                         sense.force[:, "xyz".index(name[-1])], self.value("width") * G0
                     )
+        return reading
+
+    def stepwise(self, stepping: Stepping) -> StepEffect | None:
+        rounded = self.value("rounded") or self.value("width") <= 0
+        return None if rounded else _SteppedPlay(self, stepping)
+
+
+class _SteppedPlay:
+    """The state of a play for each coefficient, followed from step to step."""
+
+    def __init__(self, effect: AccHysteresis, stepping: Stepping) -> None:
+        self.sizes = {n: v for n, v in effect.sizes.items() if v}
+        self.half = effect.value("width") * G0 / 2
+        self.output = {n: np.full(stepping.rows, np.nan) for n in self.sizes}
+
+    def restart(self, rows: Rows) -> None:
+        """The first input is in the middle of the play."""
+        for output in self.output.values():
+            output[rows] = np.nan
+
+    def __call__(self, reading: Array, sense: Sense, rows: Rows) -> Array:
+        for name, value in self.sizes.items():
+            u, output = sense.force[:, "xyz".index(name[-1])], self.output[name][rows]
+            output = np.where(np.isnan(output), u, output)
+            self.output[name][rows] = output = np.clip(output, u - self.half, u + self.half)
+            if (channel := TermEffect.channel_of(name[-1], sense)) >= 0:
+                reading[:, channel] += value * ((u - output) / self.half)
         return reading

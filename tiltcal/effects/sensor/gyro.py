@@ -10,7 +10,11 @@ from tiltcal.effects.base import RowWiseTerm, SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import vibration_power
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import Sense
-from tiltcal.effects.sensor.environmental import GYROS, FollowsState, warming_rate
+from tiltcal.effects.sensor.environmental import (
+    GYROS,
+    FollowsTemperature,
+    FollowsWarming,
+)
 from tiltcal.effects.traits import Family
 
 TRIAD = frozenset({"gyro"})
@@ -194,7 +198,7 @@ class GyrVre(TermEffect):
         return self.channel_of(name[-1], sense), total
 
 
-class GyrTemp(FollowsState):
+class GyrTemp(FollowsTemperature):
     id = "gyr_temp"
     needs = "temperature"
     kinds = GYROS
@@ -208,11 +212,8 @@ class GyrTemp(FollowsState):
     family = Family(reading=("temperature",))
     felt_late = True
 
-    def state(self, sense: Sense) -> Array:
-        return sense.temperature
 
-
-class FogShupe(FollowsState):
+class FogShupe(FollowsWarming):
     id = "fog_shupe"
     needs = "temperature"
     kinds = FOG
@@ -224,9 +225,6 @@ class FogShupe(FollowsState):
     look = "changes sign between heating and cooling"
     family = Family(reading=("warming",))
     felt_late = True
-
-    def state(self, sense: Sense) -> Array:
-        return warming_rate(sense)
 
 
 class FogAxisError(RowWiseTerm):
@@ -261,6 +259,7 @@ def transverse(a: Array) -> tuple[Array, Array]:
 
 
 class FogDeadband(SignalEffect):
+    row_wise = True
     id = "fog_deadband"
     needs = "any"
     stage = "sensor"
@@ -282,6 +281,7 @@ class FogDeadband(SignalEffect):
 
 
 class FogFringe(SignalEffect):
+    row_wise = True
     id = "fog_fringe"
     stage = "sensor"
     kinds = FOG

@@ -15,6 +15,8 @@ from tiltcal.effects.hysteresis_and_lag import SteadyRecursion, steady_recursion
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS
+from tiltcal.effects.sensor.stepped_noise import SteppedNoise
+from tiltcal.effects.stepwise import StepEffect, Stepping
 from tiltcal.setup.sensor import Sensor
 
 SKIP = 1 << 16  # numbers drawn at once to pass them over
@@ -154,6 +156,12 @@ class Noise(SignalEffect):
             for stream in rng.spawn(len(sensor.axes))
         )
         return NoiseInPieces(self.values, self.sensor, draws=draws)
+
+    def stepwise(self, stepping: Stepping) -> StepEffect:
+        size = 1 / G0 if stepping.sensor.kind == "inclinometer" else 1.0
+        white, flicker, walk = (self.value(name) * size for name in ("white", "flicker", "walk"))
+        variance = flicker**2 * log(4) / pi
+        return SteppedNoise(stepping, white, walk, np.sqrt(variance), np.array(FLICKER_TAUS))
 
 
 @dataclass(frozen=True)

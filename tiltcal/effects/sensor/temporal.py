@@ -9,6 +9,7 @@ from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.sensor.environmental import GYROS, FollowsState
 from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.stepwise import Rows, StepEffect, Stepping
 from tiltcal.effects.traits import Family
 
 
@@ -142,3 +143,22 @@ class AccTurnOn(SignalEffect):
             if rng is None
             else reading + rng.normal(0.0, self.value("sigma"), reading.shape[1])
         )
+
+    def stepwise(self, stepping: Stepping) -> StepEffect:
+        return _SteppedTurnOn(self.value("sigma"), stepping)
+
+
+class _SteppedTurnOn:
+    """A bias drawn anew whenever an environment begins again."""
+
+    def __init__(self, sigma: float, stepping: Stepping) -> None:
+        self.sigma, self.streams = sigma, stepping.streams
+        self.bias = np.zeros((stepping.rows, len(stepping.sensor.axes)))
+
+    def restart(self, rows: Rows) -> None:
+        """The power is switched on."""
+        for row in np.arange(len(self.bias))[rows]:
+            self.bias[row] = self.streams[row].normal(0.0, self.sigma, self.bias.shape[1])
+
+    def __call__(self, reading: Array, sense: Sense, rows: Rows) -> Array:
+        return np.asarray(reading + self.bias[rows])

@@ -50,6 +50,7 @@ class ServoDroop(TableSag):
 
 
 class TableUnbalance(AngleEffect):
+    row_wise = True
     id = "table_unbalance"
     stage = "table"
     title = "gravity torque of an unbalanced load"
@@ -95,6 +96,7 @@ class TableUnbalance(AngleEffect):
 
 
 class CableTorque(AngleEffect):
+    row_wise = True
     id = "cable_torque"
     stage = "table"
     title = "cables pull the table"
@@ -170,6 +172,7 @@ class ServoFrictionDeadband(AngleEffect):
 
 
 class ServoLag(AngleEffect):
+    row_wise = True
     id = "servo_lag"
     needs = "motion"
     stage = "table"
@@ -193,6 +196,7 @@ class ServoLag(AngleEffect):
 
 
 class ServoRipple(AngleEffect):
+    row_wise = True
     id = "servo_ripple"
     stage = "table"
     title = "periodic rate ripple"

@@ -18,6 +18,7 @@ from tiltcal.setup.trajectory import Drive, Jet
 class ReadoutError(AngleEffect):
     """readout = true + error(true): the true angle solves it by fixed point."""
 
+    row_wise = True
     stage = "table"
 
     @abstractmethod
@@ -132,6 +133,7 @@ class IndexError_(AngleEffect):
 
 
 class TableSag(AngleEffect):
+    row_wise = True
     id = "table_sag"
     stage = "table"
     title = "the structure bends under gravity"

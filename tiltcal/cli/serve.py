@@ -1,0 +1,110 @@
+"""``tiltcal serve``."""
+
+import asyncio
+import os
+import signal
+import sys
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from tiltcal.api.simulating import seed_used, simulator
+from tiltcal.cli.options import SEED, WHOLE, Json, ScenarioFile, between
+from tiltcal.cli.output import print_json, say
+from tiltcal.core.errors import TiltcalError
+from tiltcal.forward.kinematics import closed_form
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.laboratory.serve.rate_table import RateTable
+from tiltcal.laboratory.serve.server import Server, Wires
+
+PORT = Parameter(converter=WHOLE.converter, validator=between(0, 65535))
+
+
+def serve(
+    scenario_file: ScenarioFile,
+    /,
+    *,
+    port: Annotated[int, PORT, Parameter(help="TCP port of the commands; 0: a free one.")] = 0,
+    stream_port: Annotated[int, PORT, Parameter(help="TCP port of the frames; 0: a free one.")] = 0,
+    host: Annotated[str, Parameter(help="Address to listen on.")] = "127.0.0.1",
+    udp: Annotated[str | None, Parameter(help="HOST:PORT that gets a datagram a frame.")] = None,
+    pty: Annotated[bool, Parameter(help="Send the frames to a pseudo-terminal as well.")] = False,
+    speed: Annotated[
+        float,
+        Parameter(
+            help="Table seconds in a second; 0: as fast as it computes.", validator=between(0, 1e6)
+        ),
+    ] = 1.0,
+    noise: Annotated[
+        Literal["on", "off"], Parameter(help="off: no random effects, no quantisation.")
+    ] = "on",
+    seed: Annotated[
+        int | None, SEED, Parameter(help="Seed in place of the scenario's own.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Serve a simulated rate table and its instrument over TCP.
+
+    Commands are those of ACUTROL-type controllers; frames of readings are
+    streamed. Motion is prescribed, within limits of rate and acceleration. It
+    runs until it is interrupted.
+
+      tiltcal serve bench.toml --port 5025 --stream-port 5026
+      tiltcal record 127.0.0.1:5025 SEQUENCE.csv RECORDING.csv
+    """
+    scenario = load_scenario(scenario_file)
+    laboratory = simulator()
+    mover = laboratory.mover if isinstance(laboratory, SimulatedLaboratory) else closed_form
+    used = seed_used(scenario, noise == "on", seed)
+    table = RateTable(scenario, used, mover)
+    wires = Wires(host, port, stream_port, None if udp is None else address(udp), pty, speed)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        came = asyncio.run(_serve(Server(table, wires), as_json))
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    os.kill(os.getpid(), came)  # every connection is closed: now end as other commands do
+    return 0
+
+
+async def _serve(server: Server, as_json: bool) -> int:
+    """Serve until a signal comes, and say which; none interrupts a callback of the loop."""
+    loop = asyncio.get_running_loop()
+    ended: asyncio.Future[int] = loop.create_future()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, _settle, ended, int(number))
+    async with server.open():
+        if as_json:
+            print_json({**server.ports, "terminal": server.terminal})
+        else:
+            where = server.wires.host
+            say(f"commands: {where}:{server.ports['command']}")
+            say(f"frames: {where}:{server.ports['stream']}")
+            if server.terminal:
+                say(f"terminal: {server.terminal}")
+        sys.stdout.flush()
+        # the table runs on until a signal comes, or an error that the end of the context raises
+        either: list[asyncio.Future[Any]] = [ended, server.running]
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+    return ended.result()
+
+
+def _settle(ended: "asyncio.Future[int]", number: int) -> None:
+    if not ended.done():
+        ended.set_result(number)
+
+
+def address(text: str) -> tuple[str, int]:
+    """HOST:PORT in two.
+
+    Raises:
+        TiltcalError: it is not of that form.
+    """
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise TiltcalError(
+            "address", found=f"'{text}'", need="HOST:PORT, such as 127.0.0.1:5025", do="correct it"
+        )
+    return host, int(port)

@@ -1,0 +1,222 @@
+"""The chain of errors of one sensor, step by step: the order of ``forward.signal_chain``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import tilt_of_force
+from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
+from tiltcal.effects.sense import Sense
+from tiltcal.effects.stepwise import Rows, StepEffect, Stepping
+from tiltcal.forward.signal_chain import CONVERSION, stream
+from tiltcal.laboratory.instrument.history import History
+from tiltcal.laboratory.scenario import Scenario
+from tiltcal.setup.sensor import Sensor
+
+INPUT = 9  # numbers of an input: force, rate, angular acceleration
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What every sensor of an instrument shares.
+
+    Args:
+        scenario: site and climate; step_s: between samples of the motion, s.
+    """
+
+    scenario: Scenario
+    step_s: float
+
+    def sense(self, sensor: Sensor, inputs: Array, elapsed: Array) -> Sense:
+        """What a sensor senses, one environment a row. inputs: (n, 9); elapsed: s, (n,)."""
+        above = self.scenario.climate.at(elapsed) - self._reference
+        nowhere = np.full((len(elapsed), 3), np.nan)
+        return Sense(
+            elapsed,
+            elapsed,
+            inputs[:, :3],
+            inputs[:, 3:6],
+            nowhere,
+            nowhere,
+            inputs[:, 6:],
+            above,
+            sensor.axis_indices,
+            sensor.kind,
+            sensor.input_vector if sensor.kind == "fog" else np.zeros(3),
+            self.scenario.site.gravity,
+            sensor.rate_hz,
+            sensor.full_scale,
+        )
+
+    @cached_property
+    def _reference(self) -> float:
+        """T0, degC: where it is not stated the mean over the scenario's own sequence, if any."""
+        start, end = self.scenario.schedule.times if self.scenario.sequence else (0.0, 0.0)
+        return self.scenario.climate.reference(end - start)
+
+
+class SensorChain:
+    """One sensor on many environments.
+
+    Args:
+        sensor: of the scenario; around: what it shares with the others.
+        effects: that act on it; rows: environments; seed: of the first environment, the next ones
+            have the next numbers; None: without random effects and quantisation.
+
+    Raises:
+        TiltcalError: an effect cannot act step by step.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        around: Surroundings,
+        effects: Sequence[Effect],
+        rows: int,
+        seed: int | None,
+    ) -> None:
+        require_stepwise(sensor, around.step_s)
+        self.sensor, self.around, self.rows = sensor, around, rows
+        self.every = round(1 / (sensor.rate_hz * around.step_s))
+        mine = [e for e in effects if e.sensor == sensor.name or _everywhere(e)]
+        signal = sorted((e for e in mine if isinstance(e, SignalEffect)), key=lambda e: e.order)
+        used = [e for e in signal if seed is not None or not e.random]
+        first = [e for e in used if not e.random and e.order < CONVERSION]
+        self.after = [self._stepped(e, seed) for e in used if e not in first]
+        delays = _delays(sensor, [e for e in mine if isinstance(e, DelayEffect)])
+        self.before = {
+            delay: (
+                np.flatnonzero(np.array(delays) == delay),
+                [self._stepped(e, seed) for e in first],
+            )
+            for delay in dict.fromkeys(delays)
+        }
+        self.laws = [e for e in signal if not e.random]
+        self.readings = np.full((rows, len(sensor.axes)), np.nan)
+
+    @property
+    def longest_s(self) -> float:
+        """Longest delay of a channel, s."""
+        return max(self.before)
+
+    def _stepped(self, effect: SignalEffect, seed: int | None) -> StepEffect:
+        streams = (
+            []
+            if seed is None or not effect.random
+            else [stream(seed + k, effect.id, self.sensor.name) for k in range(self.rows)]
+        )
+        stepped = effect.stepwise(Stepping(self.sensor, self.rows, streams))
+        if stepped is None:
+            raise _refused(effect, "an effect that needs later samples or the whole recording")
+        stepped.restart(slice(None))
+        return stepped
+
+    def require_inputs(self, given: Array) -> None:
+        """Refuse inputs that leave out what the sensor or one of its effects needs.
+
+        Args:
+            given: one for each number of an input that there is, NaN where there is none, (9,).
+
+        Raises:
+            TiltcalError: naming the sensor or the effect.
+        """
+        known, whole = (
+            self.around.sense(self.sensor, numbers[None], np.zeros(1))
+            for numbers in (given, np.ones(INPUT))
+        )
+        subject, lacking = f"sensor {self.sensor.name}", bool(np.isnan(known.true_input()).any())
+        for effect in self.laws:
+            if not lacking:
+                some, full = (effect.apply(whole.true_input(), s, None) for s in (known, whole))
+                lacking = bool((np.isnan(some) & ~np.isnan(full)).any())
+                subject = f"effect {effect.address}"
+        if lacking:
+            names = ("force", "rate", "angular acceleration")
+            missing = [n for n, number in zip(names, given[::3], strict=True) if np.isnan(number)]
+            raise TiltcalError(
+                subject,
+                found=f"no {', no '.join(missing)}",
+                need="all of the motion that it senses",
+                do="give it, or leave this out of the scenario",
+            )
+
+    def restart(self, rows: Rows) -> None:
+        """These environments begin a new recording."""
+        parts = [part for _, stepped in self.before.values() for part in stepped]
+        for part in [*parts, *self.after]:
+            part.restart(rows)
+        self.readings = self.readings.copy()
+        self.readings[rows] = np.nan
+
+    def read(self, history: History, elapsed: Array, rows: Rows) -> Array:
+        """The readings of these environments, (n, k), SI. elapsed: s, of these, (n,)."""
+        step = self.around.step_s
+        columns = np.empty((len(elapsed), len(self.sensor.axes)))
+        for delay, (channels, parts) in self.before.items():
+            inputs = history.before(delay / step, rows)
+            sense = self.around.sense(self.sensor, inputs, elapsed - delay)
+            reading = sense.true_input()
+            for part in parts:
+                reading = part(reading, sense, rows)
+            columns[:, channels] = reading[:, channels]
+        if self.sensor.kind == "inclinometer":
+            columns = tilt_of_force(columns, self.around.scenario.site.gravity)
+        for part in self.after:
+            columns = part(columns, sense, rows)
+        return columns
+
+
+def require_stepwise(sensor: Sensor, step_s: float) -> None:
+    """Refuse a sensor that cannot be sampled at the steps of a simulation.
+
+    Raises:
+        TiltcalError: it has a converter, or its samples fall between the steps.
+    """
+    subject = f"sensor {sensor.name}"
+    if sensor.converter is not None:
+        raise TiltcalError(
+            subject,
+            found="a converter, which filters the signal between the steps",
+            need="a sensor without one",
+            do="leave [sensor.converter] out, and state a bandwidth and quantisation as effects",
+        )
+    ratio = 1 / (sensor.rate_hz * step_s)
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
+        raise TiltcalError(
+            subject,
+            found=f"rate_hz = {sensor.rate_hz:g} with a step of {step_s:g} s",
+            need=f"{1 / step_s:.6g} Hz divided by a whole number",
+            do="change rate_hz, or the time step of the simulation",
+        )
+
+
+def _everywhere(effect: Effect) -> bool:
+    return effect.sensor is None and isinstance(effect, DelayEffect)
+
+
+def _delays(sensor: Sensor, effects: Sequence[DelayEffect]) -> list[float]:
+    """The delay of each channel, s."""
+    totals = []
+    for channel in range(len(sensor.axes)):
+        parts = [effect.constant(channel) for effect in effects]
+        for effect, part in zip(effects, parts, strict=True):
+            if part is None:
+                raise _refused(effect, "a delay that varies, and may need later samples")
+        total = float(sum(part for part in parts if part is not None))
+        if total < 0:
+            raise _refused(effects[0], f"a delay of {total:g} s, which needs later samples")
+        totals.append(total)
+    return totals
+
+
+def _refused(effect: Effect, found: str) -> TiltcalError:
+    return TiltcalError(
+        f"effect {effect.address}",
+        found=found,
+        need="effects that act step by step",
+        do="leave it out of this scenario: `tiltcal simulate` has it in a recording",
+    )

@@ -1,0 +1,1 @@
+"""A simulated rate table on a wire: commands in, frames of readings out."""

@@ -1,0 +1,167 @@
+"""The commands of the served table, in the style of ACUTROL controllers: axes are numbered from 1,
+the outermost first; angles are in deg.
+"""
+
+from collections.abc import Callable, Mapping
+
+from tiltcal import __version__
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import parse_mount
+from tiltcal.core.units import DEG
+from tiltcal.laboratory.serve.axis import AxisDrive, Mode
+from tiltcal.laboratory.serve.rate_table import RateTable
+from tiltcal.laboratory.serve.scpi import LARGEST, Command, CommandError, Interpreter, number, whole
+
+MOVING, ERROR, OPEN, OFF = 1, 4, 8, 16  # bits of the status byte
+TINY = 1e-6  # least limit of a rate or acceleration, deg/s, deg/s2
+
+
+class TableCommands:
+    """The commands of a table.
+
+    Args:
+        table: that obeys; ports: of the streams by name, for ``:STReam:PORT?``.
+    """
+
+    def __init__(self, table: RateTable, ports: Mapping[str, int] | None = None) -> None:
+        self.table, self.ports = table, {} if ports is None else ports
+        self.interpreter = Interpreter({**self._common(), **self._motion(), **self._faults()})
+
+    def line(self, text: str) -> str | None:
+        """Run a line at the table's present time."""
+        return self.interpreter.line(text)
+
+    def _common(self) -> dict[str, Command]:
+        table = self.table
+        return {
+            "*IDN?": Command(lambda _: f"tiltcal,{table.scenario.rig.table},0,{__version__}"),
+            "*STB?": Command(lambda _: str(self._status())),
+            "*CLS": Command(lambda _: self.interpreter.errors.clear()),
+            "*RST": Command(lambda _: table.reset()),
+            ":SYSTem:ERRor?": Command(lambda _: self.interpreter.next_error()),
+            ":SYSTem:TIME?": Command(lambda _: f"{table.time:.6f}"),
+            ":STReam:COLumns?": Command(lambda _: ",".join(table.format.columns)),
+            ":STReam:COUNter?": Command(lambda _: str(table.counter)),
+            ":STReam:PORT?": Command(lambda _: str(self.ports.get("stream", 0))),
+            ":MOUNt": Command(self._mount, 1, 1),
+            ":MOUNt?": Command(lambda _: table.mount),
+        }
+
+    def _motion(self) -> dict[str, Command]:
+        units = {"POSition": 0, "RATE": 1, "ACCeleration": 2}
+        modes: dict[str, Mode] = {"POSition": "position", "RATE": "rate", "OFF": "off"}
+        return {
+            **{f":MODe:{word}": self._for_axis(self._mode(m)) for word, m in modes.items()},
+            ":MODe?": self._for_axis(lambda axis: axis.mode.upper()),
+            ":DEMand:POSition": self._for_axis(self._position, 1),
+            ":DEMand:RATE": self._for_axis(self._rate, 1),
+            ":DEMand?": self._for_axis(lambda axis: f"{axis.demand / DEG:.9g}"),
+            **{f":READ:{w}?": self._for_axis(self._read(k)) for w, k in units.items()},
+            ":LIMit:RATE": self._for_axis(self._limit("rate"), 1),
+            ":LIMit:RATE?": self._for_axis(lambda axis: f"{axis.rate / DEG:.9g}"),
+            ":LIMit:ACCeleration": self._for_axis(self._limit("acceleration"), 1),
+            ":LIMit:ACCeleration?": self._for_axis(lambda axis: f"{axis.acceleration / DEG:.9g}"),
+            ":LIMit:POSition": self._for_axis(self._range, 2),
+            ":LIMit:POSition?": self._for_axis(
+                lambda axis: f"{axis.low / DEG:.9g},{axis.high / DEG:.9g}"
+            ),
+        }
+
+    def _faults(self) -> dict[str, Command]:
+        table = self.table
+
+        def lose(words: list[str]) -> None:
+            table.to_lose = whole(words[0], 0, 10**9)
+
+        return {
+            ":INTerlock:OPEN": Command(lambda _: self._interlock(False)),
+            ":INTerlock:CLOSe": Command(lambda _: self._interlock(True)),
+            ":INTerlock?": Command(lambda _: "CLOSED" if table.interlock else "OPEN"),
+            ":FAULt:LOST": Command(lose, 1, 1),
+            ":FAULt:TRIP": Command(lambda _: table.trip()),
+            ":FAULt:SLIP": self._for_axis(self._slip, 1),
+            ":FAULt:STICk": self._for_axis(self._stick, 1),
+        }
+
+    def _for_axis(self, act: Callable[..., str | None], more: int = 0) -> Command:
+        """A command whose first parameter is the number of an axis."""
+
+        def run(words: list[str]) -> str | None:
+            axes = list(self.table.axes.values())
+            return act(axes[whole(words[0], 1, len(axes)) - 1], *words[1:])
+
+        return Command(run, 1 + more, 1 + more)
+
+    def _status(self) -> int:
+        table = self.table
+        bits = {
+            MOVING: table.moving(),
+            ERROR: bool(self.interpreter.errors),
+            OPEN: not table.interlock,
+            OFF: any(axis.mode == "off" for axis in table.axes.values()),
+        }
+        return sum(bit for bit, present in bits.items() if present)
+
+    def _mode(self, mode: Mode) -> Callable[[AxisDrive], None]:
+        def change(axis: AxisDrive) -> None:
+            if mode != "off" and not self.table.interlock:
+                raise CommandError(-200)
+            if mode != axis.mode:
+                axis.stop(self.table.time)
+            axis.mode = mode
+
+        return change
+
+    def _ready(self, axis: AxisDrive, mode: Mode) -> None:
+        if not self.table.interlock:
+            raise CommandError(-200)
+        if axis.mode != mode:
+            raise CommandError(-221)
+
+    def _position(self, axis: AxisDrive, word: str) -> None:
+        self._ready(axis, "position")
+        low, high = (max(-LARGEST, axis.low / DEG), min(LARGEST, axis.high / DEG))
+        axis.go(self.table.time, number(word, low, high) * DEG)
+
+    def _rate(self, axis: AxisDrive, word: str) -> None:
+        self._ready(axis, "rate")
+        most = axis.rate / DEG
+        axis.turn(self.table.time, number(word, -most, most) * DEG)
+
+    def _read(self, part: int) -> Callable[[AxisDrive], str]:
+        return lambda axis: f"{axis.at(self.table.time)[part] / DEG:.9g}"
+
+    def _limit(self, name: str) -> Callable[[AxisDrive, str], None]:
+        def change(axis: AxisDrive, word: str) -> None:
+            if axis.moving(self.table.time):
+                raise CommandError(-221)
+            setattr(axis, name, number(word, TINY) * DEG)
+
+        return change
+
+    def _range(self, axis: AxisDrive, low: str, high: str) -> None:
+        ends = number(low) * DEG, number(high) * DEG
+        if ends[0] >= ends[1]:
+            raise CommandError(-222)
+        axis.low, axis.high = ends
+
+    def _mount(self, words: list[str]) -> None:
+        text = words[0].strip("\"'")
+        try:
+            parse_mount(text)
+        except TiltcalError as error:
+            raise CommandError(-224) from error
+        if self.table.moving():
+            raise CommandError(-221)
+        self.table.mount = text
+
+    def _interlock(self, closed: bool) -> None:
+        self.table.interlock = closed
+        if not closed:
+            self.table.trip()
+
+    def _slip(self, axis: AxisDrive, word: str) -> None:
+        axis.slip += number(word, -360, 360) * DEG
+
+    def _stick(self, axis: AxisDrive, word: str) -> None:
+        axis.seize(self.table.time, bool(whole(word, 0, 1)))

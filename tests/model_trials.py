@@ -52,12 +52,11 @@ ROBOTS = {
     "arm": Robot(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift", "elbow")),
     "base of the arm": Robot(ARM, ("pan", "lift", "elbow", "wrist"), "base_imu", ()),
     "pusher": Robot(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2]),
-    "leg of the ant": Robot(ASSETS / "ant.xml", ("hip_4", "ankle_4"), "right_back_leg", ()),
-    "humanoid's arm": Robot(
+    "leg of the humanoid": Robot(
         ASSETS / "humanoid.xml",
-        ("abdomen_z", "abdomen_y", "right_shoulder1", "right_shoulder2", "right_elbow"),
-        "right_lower_arm",
-        ("abdomen_y",),
+        ("abdomen_y", "abdomen_x", "right_hip_x", "right_hip_z", "right_hip_y", "right_knee"),
+        "right_shin",
+        ("right_hip_y",),
     ),
 }
 PHYSICS = {

@@ -268,9 +268,7 @@ class SignalEffect(Effect):
 
 
 class TermEffect(SignalEffect):
-    """A sum of terms that are added to the reading, each linear in one parameter: exact and cheap
-    columns.
-    """
+    """A sum of terms that are added to the reading, each linear in one parameter."""
 
     linear: ClassVar[bool] = True
 

@@ -57,11 +57,12 @@ class Replay:
             if len(time) == len(self.time) and np.array_equal(time, self.time):
                 axes[name] = Jet(angle, v, a)
                 continue
-            shift = time - self.time[nearest]  # a short step along the nearest stamp's own motion
+            # a short step from the nearest stamp, the acceleration a straight line between stamps
+            shift, here = time - self.time[nearest], np.interp(time, self.time, a)
             axes[name] = Jet(
-                angle[nearest] + v[nearest] * shift + a[nearest] * shift**2 / 2,
-                v[nearest] + a[nearest] * shift,
-                a[nearest],
+                angle[nearest] + v[nearest] * shift + (2 * a[nearest] + here) * shift**2 / 6,
+                v[nearest] + (a[nearest] + here) * shift / 2,
+                here,
             )
         return self.standing(time, axes)
 

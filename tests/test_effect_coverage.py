@@ -2,8 +2,10 @@
 residual.
 """
 
-import importlib.util
+import importlib
+import sys
 import tomllib
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,19 +22,22 @@ def test_every_id_stands_in_a_scenario():
     assert set(CATALOGUE) <= used
 
 
-def build():
-    path = folder("models").parent / "docs" / "build.py"
-    if not path.exists():
+@cache
+def effect_pages():
+    """The module that draws the effects' pictures for the site."""
+    site = folder("models").parent / "docs" / "site"
+    if not site.exists():
         pytest.skip("the documentation lies in the checkout only")
-    spec = importlib.util.spec_from_file_location("docs_build", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    sys.path.insert(0, str(site))
+    try:
+        return importlib.import_module("effect_pages")
+    finally:
+        sys.path.remove(str(site))
 
 
 @pytest.mark.parametrize("id", list(CATALOGUE))
 def test_every_effect_has_a_residual_to_show(id):
-    residual = build().residual_of(id)
+    residual = effect_pages().residual_of(id)
     assert residual.channels, id
     assert any(
         np.nanmax(np.abs(values)) > 0 or np.isnan(values).any()

@@ -99,6 +99,7 @@ class PlainModel:
         angles = {a: jet[0] for a, jet in angles.items()}
         bends = self._bends(len(time), angles)
         bend_rates = np.gradient(bends, time, axis=0)
+        bend_accelerations = np.gradient(bend_rates, time, axis=0)
         found = np.zeros((len(time), 6))
         names = list(self.springs)
         model, data = self.model, self.data
@@ -114,6 +115,7 @@ class PlainModel:
             for j, name in enumerate(names):
                 data.qpos[self.position(name)] = bends[k, j]
                 data.qvel[self.dof(name)] = bend_rates[k, j]
+                data.qacc[self.dof(name)] = bend_accelerations[k, j]
             wanted = data.qacc.copy()
             mujoco.mj_fwdPosition(model, data)
             mujoco.mj_sensorPos(model, data)

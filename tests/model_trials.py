@@ -49,7 +49,7 @@ PUSHER = tuple(
     )
 )
 ROBOTS = {
-    "arm": Robot(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift", "elbow")),
+    "arm": Robot(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift",)),
     "base of the arm": Robot(ARM, ("pan", "lift", "elbow", "wrist"), "base_imu", ()),
     "pusher": Robot(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2]),
     "leg of the humanoid": Robot(

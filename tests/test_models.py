@@ -134,6 +134,14 @@ class _Course:
         return self._drive
 
 
+def test_effects_of_links_are_refused_on_a_table(tmp_path):
+    text = (folder("scenarios") / "six_faces_dual.toml").read_text()
+    effect = '\n[[effect]]\nid = "joint_compliance"\nbend_z_arcsec_N_m = 1\n'
+    (tmp_path / "s.toml").write_text(text + effect)
+    with pytest.raises(TiltcalError, match=r"joint_compliance: needs the links of a model"):
+        load_scenario(tmp_path / "s.toml")
+
+
 @pytest.mark.parametrize("name", ["arm", "pusher"])
 def test_load_moments_are_the_torques_of_gravity_in_mujoco(models, name):
     path, axes, site = models[name]
@@ -175,6 +183,21 @@ WRONG = {
     "include.xml": (
         {"include.xml": "<mujoco><include file='../../secret.xml'/></mujoco>"},
         "outside the scenario's folder",
+    ),
+    "around.xml": (
+        {
+            "around.xml": "<mujoco><compiler meshdir='..'/><include file='part.xml'/></mujoco>",
+            "part.xml": "<mujoco><asset><mesh file='secret.stl'/></asset></mujoco>",
+        },
+        "outside the scenario's folder",
+    ),
+    "cube.xml": (
+        {"cube.xml": "<mujoco><asset><texture fileright='../secret.png'/></asset></mujoco>"},
+        "outside the scenario's folder",
+    ),
+    "circle.xml": (
+        {"circle.xml": "<mujoco><include file='circle.xml'/></mujoco>"},
+        "a model that MuJoCo loads",
     ),
     "mesh.xml": (
         {"mesh.xml": "<mujoco><asset><mesh file='/etc/hostname'/></asset></mujoco>"},

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -18,11 +17,9 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
 from tiltcal.laboratory.model_words import ModelAxis, ModelWords
 from tiltcal.setup.chain import BASE, Chain, Link, Place
+from tiltsim.model_files import check_files, require_inside
 
-LARGEST_FILE = 64 * 2**20  # bytes
 MOST_BODIES = 2000
-FILES = ("file", "content_type")
-FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
 def read_model(
@@ -39,8 +36,8 @@ def read_model(
         TiltcalError: a file outside the folder, a model that MuJoCo does not load or that is far
             too large, or a joint or site that it does not have.
     """
-    path = _inside(folder, folder / words.mjcf, words.mjcf)
-    _check_files(path, folder)
+    path = require_inside(folder, folder / words.mjcf, words.mjcf)
+    check_files(path, folder)
     subject = f"model {words.mjcf}"
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
@@ -60,66 +57,6 @@ def read_model(
         )
     reader = _Reader(model, words, subject)
     return reader.chain(), {name: reader.place(name) for name in sites}
-
-
-def _inside(folder: Path, path: Path, words: str) -> Path:
-    """A path that exists inside a folder.
-
-    Raises:
-        TiltcalError: it lies elsewhere, is no file, or is too large.
-    """
-    found = path.resolve()
-    if not found.is_relative_to(folder.resolve()):
-        raise TiltcalError(
-            f"model file {words}",
-            found="a path outside the scenario's folder",
-            need="files inside it",
-            do="copy the model beside the scenario",
-        )
-    if not found.is_file():
-        raise TiltcalError(
-            f"model file {words}",
-            found="no such file",
-            need="a file in the scenario's folder",
-            do="correct the path",
-        )
-    if found.stat().st_size > LARGEST_FILE:
-        raise TiltcalError(
-            f"model file {words}",
-            found=f"{found.stat().st_size} bytes",
-            need=f"at most {LARGEST_FILE}",
-            do="leave out what does not carry the instrument",
-        )
-    return found
-
-
-def _check_files(path: Path, folder: Path) -> None:
-    """Every file that a model names lies in the folder; a mesh that is missing is MuJoCo's to say.
-
-    Raises:
-        TiltcalError: one does not, or the file is no XML.
-    """
-    try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except ElementTree.ParseError as error:
-        raise TiltcalError(
-            f"model file {path.name}",
-            found=f"no XML: {error}",
-            need="MJCF or URDF",
-            do="correct the file",
-        ) from error
-    places = {e.get(key) or "" for e in root.iter("compiler") for key in FOLDERS} | {""}
-    for element in root.iter():
-        named = element.get("file") or element.get("filename")
-        if not named:
-            continue
-        name = named.removeprefix("file://").removeprefix("package://")
-        for place in places:
-            target = (path.parent / place / name).resolve()
-            if not target.is_relative_to(folder.resolve()):
-                _inside(folder, target, named)
-        if element.tag == "include":
-            _check_files(_inside(folder, path.parent / name, named), folder)
 
 
 @dataclass(frozen=True)

@@ -176,6 +176,11 @@ def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
     if scenario is not None:
         if scenario.dynamics is not None and scenario.rig.kind.chain is not None:
             problems.append("dynamics: a run by time steps needs a table; leave it out")
+        problems += [
+            f"effect {k} {t.id}: needs the links of a model; state it as [rig] mjcf"
+            for k, t in enumerate(scenario.effect, start=1)
+            if t.id in CATALOGUE and CATALOGUE[t.id].of_model and scenario.rig.kind.chain is None
+        ]
         for k, t in enumerate(scenario.effect, start=1):
             try:
                 make_effect(

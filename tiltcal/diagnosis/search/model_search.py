@@ -206,20 +206,18 @@ def _added(state: State, scan: Scan) -> State | None:
     found = [p for p in proposals(fitted, whitened, scan) if p.score > 0]
     if not found:
         return None
-    # of curves the shape decides how they compare
-    rivals = _curves_shaped(_rivals(found), state)
+    rivals = _shaped(_rivals(found), state)
     best = rivals[0]
     if len(rivals) > 1:
         best = max(rivals, key=lambda p: _with_next(p, state, scan))
-    return _with(state, best)
+    return with_new(state, best)
 
 
-def _curves_shaped(found: Sequence[Proposal], state: State) -> list[Proposal]:
-    """Proposals, the curves among them at their best shape."""
-    return [
-        p if p.explanation.hypothesis.listed else best_shape(p, state.fitted, state.whitened)
-        for p in found
-    ]
+def _shaped(found: Sequence[Proposal], state: State) -> list[Proposal]:
+    """Proposals at their best shapes: on a grid of dates or periods a law of many shapes compares
+    worse than it is.
+    """
+    return [best_shape(p, state.fitted, state.whitened) for p in found]
 
 
 def _with_next(proposal: Proposal, state: State, scan: Scan) -> float:
@@ -228,13 +226,6 @@ def _with_next(proposal: Proposal, state: State, scan: Scan) -> float:
     trial = refit_linearly(state.fitted, terms, state.whitened)
     follow = scan.log_bayes_factors(trial) + scan.log_odds
     return proposal.score + max(float(follow.max()), 0.0)
-
-
-def _with(state: State, proposal: Proposal) -> State:
-    """A state with a proposal at its best shape; a curve has it."""
-    if proposal.explanation.hypothesis.listed:
-        proposal = best_shape(proposal, state.fitted, state.whitened)
-    return with_new(state, proposal)
 
 
 def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
@@ -248,8 +239,8 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
     mine = [state.fitted.terms[state.fitted.findings()[k][0]] for k in which]
     if not found or [_use(t) for t in mine] == [_use(found[0].explanation.terms[0])]:
         return state
-    best = max(_curves_shaped(_rivals(found) or found[:1], rest), key=lambda p: p.score)
-    return _cheaper(_with(rest, best), state)
+    best = max(_shaped(_rivals(found) or found[:1], rest), key=lambda p: p.score)
+    return _cheaper(with_new(rest, best), state)
 
 
 def _use(law: FittedTerm) -> tuple[object, ...]:

@@ -97,3 +97,28 @@ def test_step_in_the_second_recording_is_not_met_by_the_first(before):
 def test_two_recordings_without_an_event_match(before):
     answer = diagnose(parse_scenario(KNOWN), [before, recorded(6)])
     assert (answer.verdict, answer.findings) == ("match", ())
+
+
+def test_history_without_a_cause_is_left_out_of_another_recording_but_for_its_mean():
+    course = {"id": "learned", "sensor": "accel", "axis": "x", "on": "reading"}
+    bumps = [0, 0.02, -0.015, 0.03, -0.01, 0.025, 0.0]
+    curve = course | {"coordinate": "time", "knots": [15.0 * k for k in range(7)]}
+    first = recorded(1, curve | {"coefficients": bumps})
+    answer = diagnose(parse_scenario(KNOWN), [first], laboratory=LABORATORY)
+    (finding,) = answer.findings
+    assert (answer.verdict, finding.where.coordinate) == ("unlisted", "time")
+    assert "only its mean is predicted" in answer.statement
+    amended = parse_scenario(dict(answer.amended))
+    left_out = [e for e in amended.effects if not e.lasts]
+    assert left_out and all(same_recording(e.seen_in, first.fingerprint) for e in left_out)
+
+    def residual(recording):
+        there = LABORATORY.predict(amended, recording).column("accel_x_m_s2")
+        return recording.column("accel_x_m_s2") - there
+
+    noise = 25e-6 * G0 * np.sqrt(10)
+    assert np.std(residual(first)) < 1.5 * noise
+    other = residual(recorded(2))
+    assert np.std(other) < 1.5 * noise  # none of the bumps
+    mean = np.mean(np.interp(first.time - first.time[0], curve["knots"], bumps))
+    assert np.mean(other) == pytest.approx(-mean, abs=0.3 * max(bumps))

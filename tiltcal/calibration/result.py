@@ -20,7 +20,7 @@ from tiltcal.core.frames import tilt_of_force
 from tiltcal.core.numerical import undetermined
 from tiltcal.core.read_back import checked, read_json
 from tiltcal.core.tabular import Tabular
-from tiltcal.core.units import G0, PARAMETER_UNITS
+from tiltcal.core.units import G0, PARAMETER_UNITS, readable_unit
 from tiltcal.recordings.static_poses import PoseSpan
 from tiltcal.setup.sensor import Sensor
 
@@ -95,6 +95,21 @@ class Calibration(Tabular):
     def value(self, name: str, default: float = 0.0) -> float:
         """Value of a parameter, or the default where it was not estimated."""
         return self.parameters[name].value if name in self.parameters else default
+
+    def shown_in(self, name: str, unit: str) -> tuple[float, str]:
+        """The unit in which a parameter or a bias table is shown, and the factor into it."""
+        columns = self.provenance.get("columns", {})
+        return readable_unit(unit, columns.get(name.split(".")[0]))
+
+    @property
+    def heldout_shown(self) -> dict[str, tuple[float, str]]:
+        """Held-out residual of each sensor, in the unit that its bias is shown in."""
+        found = {}
+        for name, rms in self.heldout_rms.items():
+            own = [e.unit for n, e in self.parameters.items() if n.startswith(f"{name}.bias_")]
+            factor, unit = self.shown_in(name, own[0]) if own else (1.0, "SI")
+            found[name] = (rms * factor, unit)
+        return found
 
     def sensors(self) -> list[str]:
         """Names of the sensors it has parameters for."""

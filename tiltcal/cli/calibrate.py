@@ -97,7 +97,7 @@ def calibrate(
     else:
         print_calibration(calibration)
         if found is not None and budget:
-            print_budget(found)
+            print_budget(found, calibration)
     return 0 if calibration.verdict == "good" else 1
 
 
@@ -140,8 +140,8 @@ def print_calibration(c: Calibration) -> None:
         ["test", "", "statement"],
         [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests],
     )
-    for name, rms in c.heldout_rms.items():
-        say(f"held-out residual of {name}: {rms:.4g} (SI; whole directions held out)")
+    for name, (rms, unit) in c.heldout_shown.items():
+        say(f"held-out residual of {name}: {rms:.4g} {unit} (whole directions held out)")
     for w in c.warnings:
         say(f"note: {w}")
     say(
@@ -150,10 +150,10 @@ def print_calibration(c: Calibration) -> None:
     )
 
 
-def print_budget(budget: Budget) -> None:
+def print_budget(budget: Budget, calibration: Calibration) -> None:
     """Print the significant lines of each parameter and the combined uncertainty."""
     print_table(
         BUDGET_HEADER,
-        [[r[key] for key in BUDGET_COLUMNS] for r in budget_rows(budget)],
+        [[r[key] for key in BUDGET_COLUMNS] for r in budget_rows(budget, calibration)],
         title="uncertainty budget (GUM); lines below 1 % of the combined uncertainty are omitted",
     )

@@ -67,6 +67,49 @@ PARAMETER_UNITS = _parameter_units()
 """Units a parameter of an effect may end in: those of columns and the compound ones."""
 
 
+_READABLE = {"acceleration": "ug", "angle": "arcsec", "rate": "deg_h", "ratio": "ppm"}
+_FINE = {"mg", "ug", "arcsec", "deg_h"}
+_SI = {"1": "unitless"}
+
+
+def readable_unit(unit: str, column: str | None = None) -> tuple[float, str]:
+    """The unit in which a small quantity is shown, and the factor into it: the unit of the user's
+    column where that is fine enough, else ug, arcsec, deg/h, ppm.
+
+    Args:
+        unit: of the value, such as m_s2, rad_s, 1 or m_s2_degC2; others are shown as they are.
+        column: unit of the column that the value belongs to.
+    """
+    stem, per, power = unit.partition("_degC")
+    base = PARAMETER_UNITS.get(_SI.get(stem, stem))
+    if base is None or base.quantity not in _READABLE:
+        return 1.0, unit
+    own = COLUMN_UNITS.get(column or "")
+    fine = own is not None and column in _FINE and own.quantity == base.quantity
+    shown = column if fine and column else _READABLE[base.quantity]
+    return base.factor / PARAMETER_UNITS[shown].factor, shown + per + power
+
+
+UNIT_SIGNS = {
+    "ug": "µg",
+    "deg": "°",
+    "deg_h": "°/h",
+    "deg_s": "°/s",
+    "degC": "°C",
+    "m_s2": "m/s²",
+    "unitless": "1",
+}
+
+
+def unit_sign(unit: str) -> str:
+    """A unit as printed in a report: ``m_s2_degC1`` -> ``m/s²/°C``."""
+    stem, per, power = unit.partition("_degC")
+    text = UNIT_SIGNS.get(stem, stem)
+    if not per:
+        return text
+    return f"{text}/°C" + (f"^{power}" if power not in {"", "1"} else "")
+
+
 def split_unit(name: str, units: dict[str, Unit] = COLUMN_UNITS) -> tuple[str, str | None]:
     """``accel_x_m_s2`` -> (``accel_x``, ``m_s2``): the unit is read from the right, longest match
     first.

@@ -50,9 +50,9 @@ class Effect(Traits, ABC):
         role: "calibration" or "found" in an amended scenario.
         sigmas: standard uncertainty of some values, SI.
         fit: whether a diagnosis may re-fit it.
-        seen_in: fingerprint of the recording that an event happened in; other recordings come after
-            it.
+        seen_in: fingerprint of the recording that an event happened in; others come after it.
         earlier: fingerprints of recordings that were made before the event.
+        lasts: whether what happened in one recording stays in those after it.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -63,6 +63,7 @@ class Effect(Traits, ABC):
     fit: bool = False
     seen_in: str | None = None
     earlier: tuple[str, ...] = ()
+    lasts: bool = True
 
     id: ClassVar[str] = ""
     stage: ClassVar[Stage]

@@ -140,6 +140,7 @@ def make_effect(
     fit: bool = False,
     seen_in: str | None = None,
     earlier: Sequence[str] = (),
+    lasts: bool = True,
     subject: str = "effect",
 ) -> Effect:
     """An effect from a file's words: ``make_effect("acc_K2", {"k2_x_ug_g2": 120}, setup,
@@ -154,6 +155,7 @@ def make_effect(
             make_learned(values, setup, sensor=sensor, axis=axis, role=role, subject=subject),
             seen_in=seen_in,
             earlier=tuple(earlier),
+            lasts=lasts,
         )
     if id not in CATALOGUE:
         raise TiltcalError(
@@ -177,7 +179,7 @@ def make_effect(
         if target is numbers:
             check_allowed(known[name], numbers[name], value, f"{subject}, key {key}")
     where = bound.name if bound else None
-    return cls(numbers, where, axis, role, sigmas, fit, seen_in, tuple(earlier))
+    return cls(numbers, where, axis, role, sigmas, fit, seen_in, tuple(earlier), lasts)
 
 
 def _bound_to(
@@ -251,6 +253,8 @@ def to_file(effect: Effect) -> dict[str, Any]:
             table[key] = getattr(effect, key)
     if effect.earlier:
         table["earlier"] = list(effect.earlier)
+    if not effect.lasts:
+        table["lasts"] = False
     if effect.fit:
         table["fit"] = True
     parameters = {

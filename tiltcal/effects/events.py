@@ -34,10 +34,10 @@ def same_recording(one: str, other: str) -> bool:
 
 
 def afterwards(effect: Effect) -> Effect | None:
-    """What an event leaves: a step stays, a creep stays where it ended, lost samples leave
-    nothing.
+    """What an event leaves: a step stays, a creep stays where it ended, lost samples and what has
+    no cause that is known leave nothing.
     """
-    if effect.leaves_nothing:
+    if effect.leaves_nothing or not effect.lasts:
         return None
     if isinstance(effect, Learned) and effect.coordinate == "time":
         return replace(effect, knots=tuple(k - AGO for k in effect.knots))

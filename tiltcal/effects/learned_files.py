@@ -215,6 +215,8 @@ def learned_table(effect: Learned) -> dict[str, Any]:
     }
     if effect.earlier:
         table["earlier"] = list(effect.earlier)
+    if not effect.lasts:
+        table["lasts"] = False
     if effect.knots:
         table["knots"] = list(effect.knots)
     shape = (

@@ -84,6 +84,7 @@ class Scenario(Setup):
                 fit=t.fit,
                 seen_in=t.seen_in,
                 earlier=t.earlier,
+                lasts=t.lasts,
                 subject=f"effect {k}",
             )
             for k, t in enumerate(self.effect, start=1)

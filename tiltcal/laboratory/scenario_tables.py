@@ -10,7 +10,8 @@ from tiltcal.setup.part import Part
 class EffectTable(BaseModel):
     """One ``[[effect]]``: an id, where it acts, and its parameters with their units.
 
-    ``finding`` is the number of the finding of a diagnosis that it is part of, from 1.
+    ``finding`` is the number of the finding of a diagnosis that it is part of, from 1. ``seen_in``,
+    ``earlier`` and ``lasts`` say which recordings meet an event.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -23,6 +24,7 @@ class EffectTable(BaseModel):
     fit: bool = False
     seen_in: str | None = None
     earlier: tuple[str, ...] = ()
+    lasts: bool = True
 
 
 class SourceTable(BaseModel):

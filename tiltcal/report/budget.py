@@ -1,6 +1,6 @@
 """The uncertainty budget as rows of a table, for the terminal and the report."""
 
-from tiltcal.core.units import ARCSEC
+from tiltcal.calibration.result import Calibration
 from tiltcal.validation.uncertainty_budget import Budget
 
 BUDGET_COLUMNS = (
@@ -17,17 +17,11 @@ BUDGET_COLUMNS = (
 NEGLIGIBLE = 0.01  # of the combined uncertainty
 
 
-def budget_rows(budget: Budget) -> list[dict[str, str]]:
+def budget_rows(budget: Budget, calibration: Calibration) -> list[dict[str, str]]:
     """Rows of text: the sources of each parameter, then combined and expanded uncertainty."""
     rows = []
     for name, unit in budget.units.items():
-        factor, shown = (
-            (1 / ARCSEC, "arcsec")
-            if unit == "rad"
-            else (1e6, "ppm")
-            if unit == "1"
-            else (1.0, unit)
-        )
+        factor, shown = calibration.shown_in(name, unit)
         combined = budget.combined[name]
         for line in budget.lines:
             if line.contributions[name] < NEGLIGIBLE * combined:

@@ -179,7 +179,7 @@ def certificate_page(certificate: Certificate) -> str:
         rig=certificate.setup.rig,
         procedure=procedure(c),
         parameters=parameter_table(c, certificate.expanded),
-        budget=budget_table(certificate.budget) if certificate.budget else None,
+        budget=budget_table(certificate.budget, c) if certificate.budget else None,
         poses=pose_table(certificate.poses or ()),
         chart=residual_chart(certificate.poses or ()),
         tables=table_blocks(c),

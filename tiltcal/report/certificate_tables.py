@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.calibration.result import Calibration
-from tiltcal.core.units import ARCSEC, DEG_H
+from tiltcal.core.units import unit_sign
 from tiltcal.report.budget import NEGLIGIBLE
 from tiltcal.report.pose_residuals import PoseRow
 from tiltcal.setup.setup import Setup
@@ -17,17 +17,7 @@ from tiltcal.validation.uncertainty_budget import COVERAGE, Budget
 POSES_SHOWN = 12  # of more, the largest residuals
 ENTRIES_SHOWN = 72  # of a placing-angle table
 PER_ROW = 6
-_SHOWN = {"rad": (1 / ARCSEC, "arcsec"), "1": (1e6, "ppm"), "rad_s": (1 / DEG_H, "deg/h")}
-_NAMES = (("m_s2", "m/s²"), ("_degC1", "/°C"), ("_degC", "/°C^"), ("degC", "°C"))
 _LINEAR = ("bias", "scale", "cross")
-
-
-def shown_unit(unit: str) -> tuple[float, str]:
-    """Factor and name of the unit that a parameter is shown in."""
-    name = unit
-    for ours, shown in _NAMES:
-        name = name.replace(ours, shown)
-    return _SHOWN.get(unit, (1.0, name))
 
 
 def rounded(value: float, uncertainty: float) -> tuple[str, str]:
@@ -54,13 +44,13 @@ def parameter_table(
     """
     rows = []
     for name, e in calibration.parameters.items():
-        factor, unit = shown_unit(e.unit)
+        factor, unit = calibration.shown_in(name, e.unit)
         value, u = rounded(e.value * factor, expanded[name] * factor)
-        rows.append({"name": name, "value": value, "U": u, "unit": unit})
+        rows.append({"name": name, "value": value, "U": u, "unit": unit_sign(unit)})
     return rows
 
 
-def budget_table(budget: Budget) -> dict[str, Any]:
+def budget_table(budget: Budget, calibration: Calibration) -> dict[str, Any]:
     """Sources with a letter each, and the contributions of each to each parameter."""
     letters = [f"{line.kind}{k}" if k else "A" for k, line in enumerate(budget.lines)]
     sources = [
@@ -75,12 +65,12 @@ def budget_table(budget: Budget) -> dict[str, Any]:
     ]
     rows = []
     for name, unit in budget.units.items():
-        factor, shown = shown_unit(unit)
+        factor, shown = calibration.shown_in(name, unit)
         least = NEGLIGIBLE * budget.combined[name]
         sizes = [line.contributions[name] for line in budget.lines]
         parts = [f"{size * factor:.2g}" if size >= least else "-" for size in sizes]
         ends = [f"{u[name] * factor:.2g}" for u in (budget.combined, budget.expanded)]
-        rows.append({"name": name, "unit": shown, "parts": parts, "ends": ends})
+        rows.append({"name": name, "unit": unit_sign(shown), "parts": parts, "ends": ends})
     return {"sources": sources, "letters": letters, "rows": rows}
 
 
@@ -143,9 +133,11 @@ def table_blocks(calibration: Calibration) -> list[dict[str, Any]]:
         every = ceil(len(entries) / ENTRIES_SHOWN)
         cells = []
         for e in entries[::every]:
-            factor, unit = shown_unit(e["unit"])
+            factor, unit = calibration.shown_in(name, e["unit"])
             value, u = rounded(e["value"] * factor, COVERAGE * e["sigma"] * factor)
-            cells.append({"angle": f"{e['angle_deg']:g}°", "value": value, "U": u, "unit": unit})
+            cells.append(
+                {"angle": f"{e['angle_deg']:g}°", "value": value, "U": u, "unit": unit_sign(unit)}
+            )
         lines = [cells[k : k + PER_ROW] for k in range(0, len(cells), PER_ROW)]
         note = f"every {every}th of {len(entries)} entries" if every > 1 else "all entries"
         blocks.append({"name": name, "lines": lines, "note": note, "unit": cells[0]["unit"]})

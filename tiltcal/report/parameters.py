@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 from tiltcal.calibration.result import Calibration
-from tiltcal.core.units import ARCSEC
 
 
 def parameter_rows(
@@ -12,13 +11,7 @@ def parameter_rows(
     """Rows of the parameter table: value, sigma, 95 % interval, truth, in readable units."""
     rows = []
     for name, e in calibration.parameters.items():
-        factor, unit = (
-            (1 / ARCSEC, "arcsec")
-            if e.unit == "rad"
-            else (1e6, "ppm")
-            if e.unit == "1"
-            else (1.0, e.unit)
-        )
+        factor, unit = calibration.shown_in(name, e.unit)
         low, high = (e.value - 1.96 * e.sigma) * factor, (e.value + 1.96 * e.sigma) * factor
         known = name in truth
         rows.append(

@@ -5,14 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.core.units import split_unit
+from tiltcal.core.units import split_unit, unit_sign
 from tiltcal.diagnosis.conclusions.finding import Finding
 from tiltcal.diagnosis.conclusions.law_plots import LawView
 from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
 from tiltcal.report.plots import LOGARITHMIC, Plot, Trace, axes, colour, line, points
 from tiltcal.setup.tables import axis_of
 
-SIGNS = {"ug": "µg", "deg": "°", "deg_h": "°/h", "deg_s": "°/s", "degC": "°C", "m_s2": "m/s²"}
 WORDS = {
     "input": "own reading",
     "transverse": "rate across the axis",
@@ -28,11 +27,6 @@ MOST_LAWS = 4  # plots of one finding
 MOST_SPECTRA = 6
 WAVES = 12.0  # a curve goes up and down so often, at most
 VISIBLE = 1e-3  # of a law
-
-
-def sign(unit: str) -> str:
-    """A unit of a column as text."""
-    return SIGNS.get(unit, unit)
 
 
 def law_plots(finding: Finding) -> list[Plot]:
@@ -57,7 +51,7 @@ def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
     name = laws[0].follows or _coordinate_of([law.coordinates for law in laws], coordinate)
     if name is None:
         return None
-    title, unit = coordinate_title(name), sign(laws[0].unit)
+    title, unit = coordinate_title(name), unit_sign(laws[0].unit)
     hover = f"{title} %{{x:.4g}}<br>%{{y:.4g}} {unit}"
     rests = coordinate not in MOVING and all(law.still.sum() >= FEWEST for law in laws)
     traces: list[Trace] = []
@@ -129,7 +123,7 @@ def coordinate_title(name: str) -> str:
     stem, unit = split_unit(name)
     axis = axis_of(stem)
     words = WORDS.get(stem, f"{axis} angle" if axis else stem.replace("_", " along body "))
-    return f"{words}, {sign(unit)}" if unit else words
+    return f"{words}, {unit_sign(unit)}" if unit else words
 
 
 def heldout_plots(views: Sequence[View]) -> list[Plot]:
@@ -141,7 +135,7 @@ def heldout_plots(views: Sequence[View]) -> list[Plot]:
 
 
 def _heldout_plot(views: Sequence[View]) -> Plot:
-    unit = sign(views[0].unit)
+    unit = unit_sign(views[0].unit)
     traces = []
     for k, view in enumerate(v for v in views if "time_s" in v.coordinates):
         where = _where(view, views)
@@ -172,7 +166,7 @@ def heldout_rows(views: Sequence[View]) -> list[dict[str, str]]:
             "before": f"{_rms([v.before]):.4g}",
             "after": f"{_rms([v.after]):.4g}",
             "noise": f"{_rms([v.sigma]):.3g}",
-            "unit": sign(v.unit),
+            "unit": unit_sign(v.unit),
         }
         for v in views
     ]

@@ -83,11 +83,11 @@ def _method(result: ScenarioResult, method: MethodResult) -> dict[str, Any]:
         "limits": method.limits,
         "rows": parameter_rows(first, method.truth) if first else [],
         "tests": first.tests if first else [],
-        "heldout": first.heldout_rms if first else {},
+        "heldout": first.heldout_shown if first else {},
         "warnings": notes,
         "verdict": method.verdict,
         "equation": first.equation if first else "",
-        "budget": budget_rows(method.budget) if method.budget else [],
+        "budget": budget_rows(method.budget, first) if method.budget and first else [],
         "tilt": method.tilt,
         "figures": [f for f in figures if f is not None],
     }

@@ -153,7 +153,7 @@ def calibrate(
                 do="return one",
             )
         require_finite(result, recording.source)
-    return _with_setup(result if ours else in_our_units(result, bare), bare)
+    return _with_setup(result if ours else in_our_units(result, bare), bare, recording)
 
 
 def _require_log(name: str, recording: Recording) -> None:
@@ -204,12 +204,13 @@ def _foreign(
         ) from error
 
 
-def _with_setup(result: Calibration, setup: Setup) -> Calibration:
+def _with_setup(result: Calibration, setup: Setup, recording: Recording) -> Calibration:
     """The calibration with the set-up in its provenance, so that CAL.json alone can correct a
-    recording.
+    recording, and the units of the user's columns.
     """
     stated = json.loads(setup.model_dump_json(exclude_none=True))
-    return replace(result, provenance={**result.provenance, "setup": stated})
+    columns = {s.name: recording.sensor(s).units[0] for s in setup.sensor if recording.has(s)}
+    return replace(result, provenance={**result.provenance, "columns": columns, "setup": stated})
 
 
 def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> Calibration:
@@ -249,7 +250,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
                 need="0",
                 do="run it by hand",
             )
-        return _with_setup(in_our_units(load_calibration(paths["cal"]), bare), bare)
+        return _with_setup(in_our_units(load_calibration(paths["cal"]), bare), bare, recording)
 
 
 _FILES = {"recording": "recording.csv", "scenario": "scenario.toml", "cal": "CAL.json"}

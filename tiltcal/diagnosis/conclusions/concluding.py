@@ -12,6 +12,7 @@ from tiltcal.design.identifiability import POWER
 from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
 from tiltcal.diagnosis.conclusions.events import beside_drawn_anew, place_of
 from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where
+from tiltcal.diagnosis.conclusions.one_recording import is_history, mean_and_rest
 from tiltcal.diagnosis.conclusions.parts import fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
 from tiltcal.diagnosis.conclusions.statements import (
@@ -215,7 +216,11 @@ def amended_of(
     marked: list[tuple[Effect, int | None]] = [
         (e, next((k for k, f in enumerate(faults, 1) if f.effect == e), None)) for e in own
     ]
-    marked += [(_dated(fitted, k, first), numbers[k]) for k in range(len(fitted.terms))]
+    for places in fitted.findings():
+        effects = [_dated(fitted, k, first) for k in places]
+        if is_history(effects[0], observations) and not fitted.terms[places[0]].hypothesis.listed:
+            effects = mean_and_rest(fitted, places, effects, observations)
+        marked += [(e, numbers[places[0]]) for e in effects]
     return amended_table(observations.scenario, marked, reference)
 
 

@@ -8,15 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.core.units import COLUMN_UNITS
+from tiltcal.core.units import COLUMN_UNITS, readable_unit
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.setup.tables import angle_channel
 
 PIECES = 150  # of a recording's time: a longer rest or move is shown in several points
 UNITS = {"accelerometer": "m_s2", "inclinometer": "rad", "gyro": "rad_s", "fog": "rad_s"}
-SHOWN = {"m_s2": "ug", "rad": "arcsec", "rad_s": "deg_h"}
-"""Unit that a residual is shown in, unless its column is in another fine one."""
-FINE = ("mg", "ug", "arcsec", "deg_h")
 
 
 @dataclass(frozen=True)
@@ -150,14 +147,11 @@ def shown_unit(channel: Channel, observations: Observations) -> str:
     """Unit in which a channel's residual is shown: that of its column, where that is fine enough;
     else ug, arcsec or deg/h.
     """
-    unit = unit_of(channel, observations)
     sensor = observations.scenario.named(channel.sensor)
     recording = observations.recordings[channel.recording]
-    if sensor.input is None and not channel.derived and channel.axis in sensor.axes:
-        column = recording.sensor(sensor).units[sensor.axes.index(channel.axis)]
-        if column in FINE:
-            return column
-    return SHOWN[unit]
+    own = not channel.derived and channel.axis in sensor.axes
+    column = recording.sensor(sensor).units[sensor.axes.index(channel.axis)] if own else None
+    return readable_unit(unit_of(channel, observations), column)[1]
 
 
 def coordinates_of(observations: Observations, points: Points) -> dict[str, Array]:

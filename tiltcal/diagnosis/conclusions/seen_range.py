@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from tiltcal.diagnosis.conclusions.one_recording import is_history
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.effects.learned import CONTINUED, Learned
@@ -24,19 +25,23 @@ UNITS = {
 """Unit of a coordinate, and its size, SI; else s."""
 
 
+Beyond = Literal["holds", "repeats", "continues", "left_out"]
+
+
 @dataclass(frozen=True)
 class SeenRange:
     """The range of its coordinate over which a curve was learned.
 
     Args:
         low, high: in ``unit``; a temperature is about its mean.
-        beyond: whether the curve ``holds`` its last value there, ``repeats`` or ``continues``.
+        beyond: whether the curve ``holds`` its last value there, ``repeats`` or ``continues``; or
+            that it is ``left_out`` of any other recording.
     """
 
     low: float
     high: float
     unit: str
-    beyond: Literal["holds", "repeats", "continues"]
+    beyond: Beyond
 
     def to_json(self) -> dict[str, object]:
         """As the file has it."""
@@ -46,14 +51,16 @@ class SeenRange:
     def words(self) -> str:
         """For the statement."""
         unit = self.unit.replace("_s2", "/s2").replace("_s", "/s")
-        beyond = {"holds": "it holds its last value"}.get(self.beyond, f"it {self.beyond}")
         mean = " about the mean" if self.unit == "degC" else ""
         digits = max(2 - int(np.floor(np.log10(max(self.high - self.low, 1e-99)))), 0)
         low, high = (round(x, digits) + 0.0 for x in (self.low, self.high))
-        return (
-            f" It was seen from {low:g} to {high:g} {unit}{mean}. Beyond that {beyond}, and no"
-            " reading confirms it."
-        )
+        seen = f" It was seen from {low:g} to {high:g} {unit}{mean}."
+        if self.beyond == "left_out":
+            return (
+                f"{seen} Another recording need not repeat it: of one only its mean is predicted."
+            )
+        beyond = {"holds": "it holds its last value"}.get(self.beyond, f"it {self.beyond}")
+        return f"{seen} Beyond that {beyond}, and no reading confirms it."
 
 
 def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
@@ -68,10 +75,12 @@ def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
     if ends is None:
         return None
     unit, size = _unit(effect, observations)
-    return SeenRange(ends[0] / size, ends[1] / size, unit, _beyond(effect))
+    return SeenRange(ends[0] / size, ends[1] / size, unit, _beyond(effect, observations))
 
 
-def _beyond(effect: Learned) -> Literal["holds", "repeats", "continues"]:
+def _beyond(effect: Learned, observations: Observations) -> Beyond:
+    if is_history(effect, observations):
+        return "left_out"
     if effect.coordinate in CONTINUED or effect.power:
         return "continues"
     return "holds" if effect.knots and not effect.period else "repeats"

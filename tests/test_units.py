@@ -1,0 +1,50 @@
+"""One policy of units: what a number is shown in."""
+
+import re
+
+import pytest
+
+from tiltcal.core.units import ARCSEC, DEG_H, G0, readable_unit, unit_sign
+
+
+@pytest.mark.parametrize(
+    ("unit", "column", "factor", "shown"),
+    [
+        ("m_s2", None, 1e6 / G0, "ug"),
+        ("m_s2", "g", 1e6 / G0, "ug"),
+        ("m_s2", "mg", 1e3 / G0, "mg"),
+        ("m_s2_degC2", "mg", 1e3 / G0, "mg_degC2"),
+        ("m_s2", "LSB", 1e6 / G0, "ug"),
+        ("rad", "arcsec", 1 / ARCSEC, "arcsec"),
+        ("rad_s", "deg_s", 1 / DEG_H, "deg_h"),
+        ("1", "mg", 1e6, "ppm"),
+        ("ug_g2", "mg", 1.0, "ug_g2"),
+        ("degC", None, 1.0, "degC"),
+    ],
+)
+def test_the_column_decides_where_it_is_fine_enough(unit, column, factor, shown):
+    found, name = readable_unit(unit, column)
+    assert name == shown
+    assert found == pytest.approx(factor, rel=1e-12)
+
+
+def test_signs_in_reports():
+    texts = [unit_sign(u) for u in ("ug", "deg_h", "mg_degC1", "ppm_degC2", "arcsec_degC")]
+    assert texts == ["µg", "°/h", "mg/°C", "ppm/°C^2", "arcsec/°C"]
+
+
+@pytest.mark.parametrize(("column", "unit"), [("mg", "mg"), ("g", "ug"), ("m_s2", "ug")])
+def test_calibrate_prints_biases_in_the_unit_of_the_file(column, unit, tiltcal, tmp_path):
+    scenario = tmp_path / "bench.toml"
+    scenario.write_text(tiltcal("init").stdout.replace('unit = "m_s2"', ""))
+    text = re.sub(
+        r"(?m)^(kind = \"accelerometer\".*)$", f'\\1\nunit = "{column}"', scenario.read_text()
+    )
+    scenario.write_text(text)
+    tiltcal("simulate", scenario, "-o", tmp_path / "run.csv")
+    found = tiltcal(
+        "calibrate", tmp_path / "run.csv", "--scenario", scenario, "--method", "six_position"
+    ).stdout
+    row = next(line for line in found.splitlines() if "accel.bias_x" in line)
+    assert f" {unit} " in row
+    assert f" {unit} (whole directions held out)" in found

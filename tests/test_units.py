@@ -1,9 +1,10 @@
 """One policy of units: what a number is shown in."""
 
-import re
+from pathlib import Path
 
 import pytest
 
+from tiltcal.cli import main
 from tiltcal.core.units import ARCSEC, DEG_H, G0, readable_unit, unit_sign
 
 
@@ -34,17 +35,16 @@ def test_signs_in_reports():
 
 
 @pytest.mark.parametrize(("column", "unit"), [("mg", "mg"), ("g", "ug"), ("m_s2", "ug")])
-def test_calibrate_prints_biases_in_the_unit_of_the_file(column, unit, tiltcal, tmp_path):
-    scenario = tmp_path / "bench.toml"
-    scenario.write_text(tiltcal("init").stdout.replace('unit = "m_s2"', ""))
-    text = re.sub(
-        r"(?m)^(kind = \"accelerometer\".*)$", f'\\1\nunit = "{column}"', scenario.read_text()
-    )
-    scenario.write_text(text)
-    tiltcal("simulate", scenario, "-o", tmp_path / "run.csv")
-    found = tiltcal(
-        "calibrate", tmp_path / "run.csv", "--scenario", scenario, "--method", "six_position"
-    ).stdout
+@pytest.mark.usefixtures("here")
+def test_calibrate_prints_biases_in_the_unit_of_the_file(column, unit, good, capsys):
+    text = (good / "bench.toml").read_text()
+    kind = 'kind = "accelerometer"'
+    Path("bench.toml").write_text(text.replace(kind, f'{kind}\nunit = "{column}"'))
+    assert main(["simulate", "bench.toml", "-o", "run.csv"]) == 0
+    assert f"accel_x_{column}" in Path("run.csv").read_text()
+    capsys.readouterr()
+    main(["calibrate", "run.csv", "--scenario", "bench.toml", "--method", "six_position"])
+    found = capsys.readouterr().out
     row = next(line for line in found.splitlines() if "accel.bias_x" in line)
     assert f" {unit} " in row
     assert f" {unit} (whole directions held out)" in found

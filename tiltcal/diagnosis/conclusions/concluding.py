@@ -23,6 +23,7 @@ from tiltcal.diagnosis.conclusions.statements import (
     next_step,
     shown,
     stage_of,
+    sums_only,
 )
 from tiltcal.diagnosis.conclusions.whole_law import WholeLaw, whole_law
 from tiltcal.diagnosis.data.observations import Observations
@@ -126,7 +127,9 @@ def _named(finding: Finding, term: FittedTerm, names: Names, law: WholeLaw) -> F
         names=alike,
         stage=CATALOGUE[id].stage,
         parameters=parameters,
-        statement=_statement(finding, id, alike, parameters) + fitted_as(finding.parts),
+        statement=_statement(finding, id, alike, parameters)
+        + sums_only(law.beside)
+        + fitted_as(finding.parts),
         next_measurement=next_step(alike, effect),
     )
 

@@ -134,6 +134,17 @@ def shown(parameters: Mapping[str, tuple[float, float]]) -> str:
     return ", ".join(words)
 
 
+def sums_only(names: Sequence[str]) -> str:
+    """That other sizes of a law may hold a part of its signal; nothing without any."""
+    if not names:
+        return ""
+    verb = "is" if len(names) == 1 else "are"
+    return (
+        f" {', '.join(names)} may hold a part of this signal and {verb} taken as zero: the poses"
+        " tell only sums of them."
+    )
+
+
 def next_step(names: tuple[str, ...], effect: Effect) -> str:
     """What to record to split a class, or to confirm a single name."""
     others = [n for n in names if n != effect.id and n in CATALOGUE]

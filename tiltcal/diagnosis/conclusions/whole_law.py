@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.model.cosine_basis import projected
-from tiltcal.diagnosis.model.fitted_model import FittedModel, whitened_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whitened_of
 from tiltcal.diagnosis.model.removed_finding import RemovedFinding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.projection import DISTINCT
+
+TELLING = 0.5  # of a size: less of another one's signal is not worth a word
 
 
 @dataclass(frozen=True)
@@ -22,12 +24,15 @@ class WholeLaw:
         signals: of each term, whitened, by channel, without what calibration and other findings may
             take.
         shares: of each term, of the energy of all together.
+        beside: sizes of the law that were left at zero and whose signal these poses cannot tell
+            from that of the others: only sums of them are known.
     """
 
     values: Array
     sigmas: Array
     signals: list[list[Array]]
     shares: list[float]
+    beside: tuple[str, ...] = ()
 
 
 def whole_law(
@@ -40,7 +45,9 @@ def whole_law(
 
     The signal of the completing terms is projected on the leading term's columns, weighed by the
     noise, without what calibration and other findings may take: the sizes are those of a fit of the
-    leading term alone in the finding's place. Their covariance is that of these sums.
+    leading term alone in the finding's place. Their covariance is that of these sums, and of the
+    sizes of the law that were left at zero: each may be as large as those that were not, as far as
+    the recording does not exclude it.
 
     Args:
         fitted: the model; whitened: its columns.
@@ -49,18 +56,17 @@ def whole_law(
     """
     inside = [fitted.terms[k] for k in places]
     lengths = [len(c.values) for c in whitened.observations.channels]
-    columns = np.column_stack(
-        [
-            np.concatenate(list(projected(removed.basis, c, lengths).values()))
-            for c in whitened_of(whitened, inside, fitted.effects)
-        ]
-    )
+    columns = _columns(fitted, whitened, inside, removed)
     sizes = np.array([t.hypothesis.size(n) for t in inside for n in t.names])
     values = np.array([v for t in inside for v in t.values])
     lead = len(inside[0].names)
     along = np.hstack([np.eye(lead), _coordinates(columns[:, :lead], columns[:, lead:])])
     covariance = _covariance(fitted, places) / np.outer(sizes, sizes)
     variance = np.diag(along @ covariance @ along.T)
+    size = float(np.sqrt(np.mean((along @ (values / sizes)) ** 2)))
+    zero = _unused(inside[0])
+    unused = _columns(fitted, whitened, [zero], removed)
+    taken, beside = _of_unused(columns, lead, unused, size)
     cuts = np.cumsum([len(t.names) for t in inside])[:-1]
     signals = [
         part @ v
@@ -72,10 +78,51 @@ def whole_law(
     energy = max(float(total @ total), np.finfo(float).tiny)
     return WholeLaw(
         along @ (values / sizes) * sizes[:lead],
-        np.sqrt(np.maximum(variance, 0.0)) * sizes[:lead],
+        np.sqrt(np.maximum(variance, 0.0) + taken) * sizes[:lead],
         [np.split(s, np.cumsum(lengths)[:-1]) for s in signals],
         [float(s @ total) / energy for s in signals],
+        tuple(n for n, b in zip(zero.names, beside, strict=True) if b),
     )
+
+
+def _unused(term: FittedTerm) -> FittedTerm:
+    """The sizes of a term's law that were left at zero."""
+    names = tuple(n for n in term.hypothesis.names if n not in term.names)
+    return FittedTerm.start(term.hypothesis, names)
+
+
+def _columns(
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+    terms: Sequence[FittedTerm],
+    removed: RemovedFinding,
+) -> Array:
+    """Whitened columns of some terms, without what calibration and other findings may take,
+    (n, p).
+    """
+    lengths = [len(c.values) for c in whitened.observations.channels]
+    found = [
+        np.concatenate(list(projected(removed.basis, c, lengths).values()))
+        for c in whitened_of(whitened, terms, fitted.effects)
+    ]
+    return np.column_stack(found) if found else np.zeros((sum(lengths), 0))
+
+
+def _of_unused(columns: Array, lead: int, unused: Array, size: float) -> tuple[Array, Mask]:
+    """Variance that the sizes left at zero add to those of the leading term, (lead,), and which of
+    them the recording does not tell, (q,).
+
+    Args:
+        columns: of all terms of the finding, the leading ones first, (n, p); unused: of the sizes
+            left at zero, (n, q).
+        size: standard deviation of each of them before the recording, of its plausible size.
+    """
+    own = unused - columns @ _coordinates(columns, unused)
+    known = own.T @ own * size**2 + np.eye(unused.shape[1])
+    left = np.linalg.inv(known) * size**2
+    taken = _coordinates(columns[:, :lead], unused)
+    alike = (np.abs(taken) > TELLING).any(axis=0) & (np.diag(left) > size**2 / 2)
+    return np.einsum("ij,jk,ik->i", taken, left, taken), np.asarray(alike)
 
 
 def _coordinates(onto: Array, columns: Array) -> Array:

@@ -5,6 +5,7 @@ change with an effect.
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +56,15 @@ class Channel:
     def name(self) -> str:
         """``accel.x``."""
         return f"{self.sensor}.{self.axis}"
+
+    @cached_property
+    def rate_hz(self) -> float:
+        """Samples a second; 0 of sums over a recording, several at one instant: they run in no
+        time.
+        """
+        gaps = np.diff(self.time)
+        gap = float(np.median(gaps)) if len(gaps) else 0.0
+        return 1 / gap if gap > 0 else 0.0
 
 
 class Signal(NamedTuple):

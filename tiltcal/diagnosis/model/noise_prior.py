@@ -51,22 +51,13 @@ def above_grades(channel: Channel, observations: Observations, model: NoiseModel
     """Flicker and random walk over those of the worst grade, beside the same white noise and by
     their size, (2, 2); 0 where there is no grade.
     """
-    rate = sample_rate(channel)
+    rate = channel.rate_hz
     if not rate:
         return np.zeros((2, 2))
     kind = observations.scenario.named(channel.sensor).kind
     white = float(np.sqrt(model.density(np.array([2.0]))[0] / rate))
     worst = np.array([np.array(worst_grade(kind)) * white, largest_slow_noise(kind)])
     return model.slow_noise(rate) / worst
-
-
-def sample_rate(channel: Channel) -> float:
-    """Samples a second, Hz; 0 of sums over a recording, several at one instant: they run in no
-    time.
-    """
-    gaps = np.diff(channel.time)
-    gap = float(np.median(gaps)) if len(gaps) else 0.0
-    return 1 / gap if gap > 0 else 0.0
 
 
 def price_of(above: Array) -> float:

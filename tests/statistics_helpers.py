@@ -2,6 +2,7 @@
 distribution, never tuned.
 """
 
+import os
 import zlib
 
 import numpy as np
@@ -19,6 +20,13 @@ def seed_of(test_name: str) -> int:
 def rng_of(test_name: str) -> np.random.Generator:
     """The random stream of a test."""
     return np.random.default_rng(seed_of(test_name))
+
+
+def draws_of(full: int) -> int:
+    """Number of draws of a test whose claim is measured with ``full`` of them: a quarter
+    in the suite, with the bands of a quarter; all with ``TILTCAL_DRAWS=full``, as in `make bench`.
+    """
+    return full if os.environ.get("TILTCAL_DRAWS") == "full" else full // 4
 
 
 def variance_band(dof: int, comparisons: int = 1) -> tuple[float, float]:

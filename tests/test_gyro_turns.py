@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
-from statistics_helpers import rng_of
+from statistics_helpers import draws_of, rng_of
 from test_real_recordings import FOLDER
 
 from tiltcal.calibration.correction import corrected_columns
@@ -152,8 +152,8 @@ def bound_of(w, up):
 
 @pytest.mark.slow
 def test_variance_nees_and_coverage_of_the_fit_lie_in_one_band():
-    """All 21 parameters over 4000 draws of the turns and rests."""
-    rng, draws = rng_of("turn statistics"), 4000
+    """All 21 parameters over all draws of the turns and rests."""
+    rng, draws = rng_of("turn statistics"), draws_of(4000)
     w, up = random_turns(rng)
     bound = np.diag(bound_of(w, up))
     errors, nees, inside = np.empty((draws, 21)), 0.0, np.zeros(21)

@@ -5,7 +5,7 @@ import pytest
 from builders import ACCEL, G, setup_of
 from logs import log_of, triad_readings
 from scipy.stats import binom, chi2
-from statistics_helpers import rng_of
+from statistics_helpers import draws_of, rng_of
 
 from tiltcal.calibration.methods import norm as norm_module
 from tiltcal.calibration.methods.norm_iteration import product_and_sum
@@ -65,10 +65,10 @@ def test_it_converges_from_half_the_scale_and_half_a_g_off(sign):
 
 
 @pytest.mark.slow
-def test_four_thousand_draws_reach_the_bound_and_their_intervals_cover(monkeypatch):
+def test_all_draws_together_reach_the_bound_and_their_intervals_cover(monkeypatch):
     # costs most, changes no parameter
     monkeypatch.setattr(norm_module, "leave_directions_out", lambda *_: (0.0, 1.0))
-    draws, names = 4000, list(truth(9))
+    draws, names = draws_of(4000), list(truth(9))
     clean = log()
     segments = find_segments(clean)
     rng = rng_of("norm at its bound")

@@ -5,7 +5,7 @@ import pytest
 from builders import INCL, setup_of
 from logs import log_of
 from scipy.stats import binom, chi2
-from statistics_helpers import rng_of
+from statistics_helpers import draws_of, rng_of
 
 from tiltcal.calibration.methods.registry import calibrate
 from tiltcal.core.errors import TiltcalError
@@ -95,11 +95,11 @@ def monte_carlo(draws: int, name: str, estimator: str, code: float = 0.0) -> np.
 
 
 @pytest.mark.slow
-def test_four_thousand_reversals_reach_the_bound_and_their_intervals_cover():
+def test_all_reversals_together_reach_the_bound_and_their_intervals_cover():
     """Half the difference and half the sum of two means: variance s^2/2 each; d roll = du_y / (g
     cos roll), and so on.
     """
-    draws, roll, pitch, s2 = 4000, 0.01, -0.02, SIGMA**2 / SAMPLES / 2
+    draws, roll, pitch, s2 = draws_of(4000), 0.01, -0.02, SIGMA**2 / SAMPLES / 2
     names, true = (
         ["base.roll", "base.pitch", "accel.bias_x", "accel.bias_y"],
         np.array([roll, pitch, BIAS, BIAS]),

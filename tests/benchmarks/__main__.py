@@ -12,6 +12,7 @@ ROOMS = (
     "placing",
     "designing",
     "accuracy",
+    "draws",
     "allan",
     "investigating",
     "campaigns",

@@ -1,0 +1,16 @@
+"""The tests that measure variances, NEES and coverage against the Cramer-Rao bound, with all their
+draws: the suite makes a quarter of them.
+"""
+
+import os
+import subprocess
+import sys
+
+TESTS = "all_draws_together or all_reversals_together or variance_nees_and_coverage"
+
+
+def main() -> None:
+    """Run them; a figure outside its band ends the benchmarks."""
+    words = [sys.executable, "-m", "pytest", "-q", "-n", "2", "-k", TESTS, "tests"]
+    subprocess.run(words, env={**os.environ, "TILTCAL_DRAWS": "full"}, check=True)
+    print("variance, NEES and coverage of all draws lie in their bands")

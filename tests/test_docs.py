@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -77,3 +78,35 @@ def test_the_site_is_built_without_warnings_and_loads_nothing_from_other_hosts(t
         text = page.read_text(encoding="utf-8")
         assert not loading.search(text), page
     assert "site/assets/iframe-worker.js" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    _look_at_every_page([p for p in pages if p.name != "404.html"])  # that one is for a server
+
+
+def _look_at_every_page(pages):
+    """Every page in a phone's width and the other way round in the dark: nothing is asked of a
+    network, nothing complains, nothing is cut off; a dark page is dark.
+    """
+    program = shutil.which("chromium") or shutil.which("chromium-browser")
+    if program is None:
+        return
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        for width, scheme in ((390, "light"), (1280, "dark")):
+            context = browser.new_context(
+                viewport={"width": width, "height": 900}, color_scheme=scheme
+            )
+            page, noted = context.new_page(), []
+            page.on("pageerror", lambda error, noted=noted: noted.append(str(error)))
+            page.on("console", lambda m, noted=noted: m.type == "error" and noted.append(m.text))
+            page.on("request", lambda request, noted=noted: noted.append(request.url))
+            for path in pages:
+                noted.clear()
+                page.goto(path.as_uri(), wait_until="load")
+                assert [n for n in noted if not n.startswith("file:")] == [], path
+                wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+                assert wide <= 0, (path, width)
+                colour = page.evaluate("getComputedStyle(document.body).backgroundColor")
+                light = sum(int(c) for c in re.findall(r"\d+", colour)[:3]) / 3
+                assert (light < 100) == (scheme == "dark"), (path, colour)
+        browser.close()

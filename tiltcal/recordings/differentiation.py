@@ -29,6 +29,10 @@ WIDTHS = (
 AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
 BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 FEWEST = 9  # rows that a motion is told from
+FIRST = 20000  # stamps that tell what they are rounded to
+EXACT = 1e-9  # of an interval: no stamp is kept more exactly
+TRIED = 200  # differences of intervals that may be the tick
+WHOLE = 0.05  # of a tick that an interval may be off a whole number of them
 RESTS = 32  # steps at rest that tell the readout's noise
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
@@ -39,9 +43,9 @@ def differentiate(
     """Rate and acceleration of a readout, exactly zero at rest. All (n,).
 
     Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
-    the readout's noise and tells the rate best: long in steady turns, short where moves bend, and
-    on its own side of a corner. Where an axis leaves its rest and where it comes to one, the rate
-    begins at zero. No window reaches across a pause of the log.
+    the noise of readout and stamps and tells the rate best: long in steady turns, short where moves
+    bend, and on its own side of a corner. Where an axis leaves its rest and where it comes to one,
+    the rate begins at zero. No window reaches across a pause of the log.
 
     Args:
         time: s, increasing. angle: rad.
@@ -77,7 +81,8 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
     wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
     v, a, variance = np.zeros((3, n))
     if wanted.sum() >= WIDTHS[0]:
-        v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)
+        each = np.hypot(noise, stamp_error(time) / step * _pace(uniform))
+        v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], each[wanted])
     variance = np.interp(time, grid, variance)
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
@@ -88,11 +93,39 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
     return v / step, a / step**2
 
 
-def _by_best_windows(u: Array, noise: float) -> tuple[Array, Array, Array]:
+def stamp_error(time: Array) -> float:
+    """Standard deviation of irregular stamps from the instants that they stand for, s: that of the
+    ticks they were rounded to, the longest that all intervals are whole multiples apart of; 0 where
+    stamps are regular, or not rounded.
+    """
+    steps = np.diff(time[:FIRST])
+    steps = steps[steps < 1.5 * np.median(steps)]  # no gaps
+    lengths = np.unique(steps)
+    apart = np.unique(np.diff(lengths))
+    tried = apart[apart > EXACT * lengths[-1]][:: max(len(apart) // TRIED, 1)]
+    for tick in tried[::-1]:
+        counts = np.rint((lengths - lengths[0]) / tick)
+        tick = float((lengths - lengths[0]) @ counts / (counts @ counts))
+        if np.abs((lengths - lengths[0]) / tick - counts).max() < WHOLE:
+            return tick / float(np.sqrt(12))
+    return 0.0
+
+
+def _pace(u: Array) -> Array:
+    """Mean rate around each sample, without its sign, per sample, (n,)."""
+    around = np.ones(WIDTHS[2])
+    steps = np.abs(np.gradient(u))
+    return np.asarray(
+        np.convolve(steps, around, "same") / np.convolve(np.ones_like(u), around, "same")
+    )
+
+
+def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array]:
     """First and second derivative per sample from the polynomials of the best windows, and the
     variance of the first, (n,) each.
 
-    The narrowest window where none fits. The variance is in units of the readout's.
+    The narrowest window where none fits. The variance is in units of the readout's. noise: of each
+    sample, (n,).
     """
     n = len(u)
     first, second = _weights(WIDTHS[0], WIDTHS[0] // 2, DEGREES[0])
@@ -122,7 +155,7 @@ def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:
     return fitted[1] / width, 2 * fitted[2] / width**2
 
 
-def _fits(u: Array, width: int, degree: int, noise: float) -> Mask:
+def _fits(u: Array, width: int, degree: int, noise: Array) -> Mask:
     """Whether the polynomial fitted to each full window leaves no more than the noise, (n - width +
     1,).
     """
@@ -132,7 +165,8 @@ def _fits(u: Array, width: int, degree: int, noise: float) -> Mask:
     # of the angle itself nothing is left to cancel
     centred = windows - windows[:, width // 2 : width // 2 + 1]
     left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
-    return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= noise * (1 + 1 / np.sqrt(2 * dof)))
+    limit = noise[width // 2 : len(u) - width // 2] * (1 + 1 / np.sqrt(2 * dof))
+    return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= limit)
 
 
 def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tiltcal.recordings.differentiation import differentiate, stamp_error
+from tiltcal.recordings.differentiation import differentiate
 
 NOISE = 3e-7  # rad, of the readout
 STEP = 0.02  # s
@@ -95,28 +95,6 @@ def test_a_fast_swing_is_told_by_a_longer_window_of_a_higher_degree(rng):
     assert np.std((v - truth)[20:-20]) < 1.5 * NOISE / STEP  # by quartics alone: 4.6
 
 
-@pytest.mark.parametrize(
-    ("stamps", "tick"),
-    [
-        (lambda t, _: t, 0.0),
-        (lambda t, _: np.round(t, 4), 0.0),
-        (lambda t, _: np.delete(t, [50, 700, 701]), 0.0),
-        (lambda t, rng: t + rng.normal(0, 5e-4, len(t)), 0.0),
-        (lambda t, rng: np.round(t + rng.normal(0, 5e-4, len(t)), 4), 1e-4),
-        (lambda t, _: np.round(t * 50 / 30, 3), 1e-3),
-        (lambda t, rng: 1.7e9 + np.round(t + rng.normal(0, 5e-4, len(t)), 3), 1e-3),
-        (
-            lambda t, rng: np.round(np.rint((t + rng.normal(0, 5e-4, len(t))) * 2**15) / 2**15, 7),
-            2**-15,
-        ),
-    ],
-    ids=["regular", "digits", "gaps", "exact", "jitter", "thirds", "epoch", "binary"],
-)
-def test_what_irregular_stamps_were_rounded_to(stamps, tick, rng):
-    found = stamp_error(stamps(np.arange(9000) / 50, rng)) * np.sqrt(12)
-    assert found == pytest.approx(tick, rel=1e-3, abs=1e-6)
-
-
 def test_rounded_stamps_ask_for_longer_windows(rng):
     """The instants scatter and their stamps are rounded: of a fast turn that is as much as noise of
     the readout.
@@ -127,4 +105,4 @@ def test_rounded_stamps_ask_for_longer_windows(rng):
     tick = 2.0**-14
     v, _ = differentiate(np.rint(true / tick) * tick, angle, np.zeros(1500, bool))
     narrow = tick / np.sqrt(12) * 50 * np.sqrt(2) * rate.max()
-    assert np.std((v - rate)[30:-30]) < narrow / 8
+    assert np.std((v - rate)[30:-30]) < narrow / 4  # with the noise of the readout alone: 0.35

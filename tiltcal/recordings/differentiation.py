@@ -29,11 +29,8 @@ WIDTHS = (
 AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
 BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 FEWEST = 9  # rows that a motion is told from
-FIRST = 20000  # stamps that tell what they are rounded to
-EXACT = 1e-9  # of an interval: no stamp is kept more exactly
-TRIED = 200  # differences of intervals that may be the tick
-WHOLE = 0.05  # of a tick that an interval may be off a whole number of them
 RESTS = 32  # steps at rest that tell the readout's noise
+FAST = 0.3  # of the fastest rate: there an error of the stamps shows
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
 
@@ -81,7 +78,8 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
     wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
     v, a, variance = np.zeros((3, n))
     if wanted.sum() >= WIDTHS[0]:
-        each = np.hypot(noise, stamp_error(time) / step * _pace(uniform))
+        pace = _pace(uniform)
+        each = np.hypot(noise, _noise_of_stamps(uniform, pace, noise) * pace)
         v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], each[wanted])
     variance = np.interp(time, grid, variance)
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
@@ -91,24 +89,6 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
         rows = c.rows[better]
         v[rows], a[rows] = c.rate[better], c.acceleration[better]
     return v / step, a / step**2
-
-
-def stamp_error(time: Array) -> float:
-    """Standard deviation of irregular stamps from the instants that they stand for, s: that of the
-    ticks they were rounded to, the longest that all intervals are whole multiples apart of; 0 where
-    stamps are regular, or not rounded.
-    """
-    steps = np.diff(time[:FIRST])
-    steps = steps[steps < 1.5 * np.median(steps)]  # no gaps
-    lengths = np.unique(steps)
-    apart = np.unique(np.diff(lengths))
-    tried = apart[apart > EXACT * lengths[-1]][:: max(len(apart) // TRIED, 1)]
-    for tick in tried[::-1]:
-        counts = np.rint((lengths - lengths[0]) / tick)
-        tick = float((lengths - lengths[0]) @ counts / (counts @ counts))
-        if np.abs((lengths - lengths[0]) / tick - counts).max() < WHOLE:
-            return tick / float(np.sqrt(12))
-    return 0.0
 
 
 def _pace(u: Array) -> Array:
@@ -181,6 +161,20 @@ def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float 
         if len(steps) > RESTS
         else None
     )
+
+
+def _noise_of_stamps(uniform: Array, pace: Array, noise: float) -> float:
+    """How far stamps are off the instants of their rows (rounded, or late), standard deviation in
+    samples: what higher differences of the readout show beyond its noise where it is fast.
+    """
+    least = np.inf
+    for k in ORDERS:
+        turned = pace[k // 2 : len(pace) - k // 2]
+        fast = turned > FAST * pace.max()
+        size = np.abs(np.diff(uniform, k))[fast] / np.sqrt(comb(2 * k, k))
+        spread = MAD_TO_SIGMA * np.median(size / turned[fast])
+        least = min(least, spread**2 - (noise / np.median(turned[fast])) ** 2)
+    return float(np.sqrt(max(least, 0.0)))
 
 
 def _noise_of_motion(uniform: Array) -> float:

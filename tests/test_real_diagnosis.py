@@ -165,7 +165,8 @@ def test_an_mpu9150_lacks_cross_axis_terms_and_nothing_else(unit, tmp_path):
     assert {f["effect"] for f in found["findings"]} == CROSS_AXIS
 
 
-@pytest.mark.xfail(reason="unlisted curves over temperature go before the late law")
+# a minute of computing: `pytest --runxfail` runs it
+@pytest.mark.xfail(reason="unlisted curves over temperature go before the late law", run=False)
 def test_a_thermal_cycle_leaves_a_lag_that_no_curve_over_temperature_has(tmp_path):
     path = imported("thermal_cycle/imu_raw_data.csv", "thermal", tmp_path / "run.csv")
     found = diagnosed(path, WORDS / "thermal.toml", tmp_path)

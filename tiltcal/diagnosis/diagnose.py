@@ -2,10 +2,9 @@
 conclusions.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 
-from tiltcal.core.numerical import determining
+from tiltcal.core.numerical import determining, one_thread
 from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
@@ -45,18 +44,6 @@ from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 Search = Callable[[PreparedData], Explained]
 """From data, with the columns of all hypotheses, to the most probable explanation."""
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Linear algebra on one thread: for thousands of small matrices threads cost more time than
-    they save.
-    """
-    import scipy.linalg  # noqa: F401  # so that there is a library to tell
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1, user_api="blas"):
-        yield
 
 
 @one_thread()

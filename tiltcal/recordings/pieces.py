@@ -13,8 +13,13 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.files import replacing, require_file
-from tiltcal.recordings.csv_files import csv_head, csv_pieces, csv_writer
-from tiltcal.recordings.parquet_files import parquet_head, parquet_pieces, parquet_writer
+from tiltcal.recordings.csv_files import csv_head, csv_pieces, csv_writer, estimated_csv_rows
+from tiltcal.recordings.parquet_files import (
+    parquet_head,
+    parquet_pieces,
+    parquet_writer,
+    stated_rows,
+)
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import (
     assemble,
@@ -46,6 +51,19 @@ def read_pieces(path: Path | str) -> Iterator[Recording]:
         metadata, names = parquet_head(path)
         pieces = parquet_pieces(path)
     yield from _ahead(_assembled(pieces, names, metadata, path.name))
+
+
+def estimated_rows(path: Path | str) -> int:
+    """About how many rows a recording has, without reading it: as Parquet states, by the length of
+    the first lines of CSV; 0 where that is not known.
+
+    Raises:
+        TiltcalError: the file is missing, or no recording.
+    """
+    path = require_file(Path(path), "recording")
+    if path.suffix == ".parquet":
+        return stated_rows(path)
+    return estimated_csv_rows(path) if path.suffix == ".csv" else 0
 
 
 def _assembled(
@@ -129,4 +147,16 @@ def joined(pieces: Sequence[Recording]) -> Recording:
         extra={name: labels([p.extra[name] for p in pieces]) for name in first.extra},
         metadata=first.metadata,
         source=first.source,
+    )
+
+
+def part_of(recording: Recording, first: int, last: int) -> Recording:
+    """The rows of a recording from ``first`` to before ``last``."""
+    return Recording.from_columns(
+        recording.time[first:last],
+        {name: recording.column(name)[first:last] for name in recording.column_names},
+        labels=None if recording.labels is None else recording.labels[first:last],
+        extra={name: words[first:last] for name, words in recording.extra.items()},
+        metadata=recording.metadata,
+        source=recording.source,
     )

@@ -86,7 +86,7 @@ class Recording(Tabular):
         """
         if self.origin is not None:
             return self.origin
-        readings = [n for n in self.column_names if _is_reading(n)]
+        readings = [n for n in self.column_names if is_reading(n)]
         stamps = _digest([np.round(self.time, 6)], 16)
         if not readings:
             return stamps
@@ -281,7 +281,7 @@ class Recording(Tabular):
         write_recording(self, path)
 
 
-def _is_reading(name: str) -> bool:
+def is_reading(name: str) -> bool:
     """Whether a column is what a sensor read, not where the table stood or how warm it was."""
     channel = split_unit(name)[0]
     return axis_of(channel) is None and channel != "temperature"

@@ -34,15 +34,19 @@ Write = Callable[[Recording], None]
 """Appends a piece of a recording to a file."""
 
 
-def read_pieces(path: Path | str) -> Iterator[Recording]:
+def read_pieces(path: Path | str, ordered: bool = True) -> Iterator[Recording]:
     """The pieces of a recording in their order: together what ``read_recording`` reads.
+
+    Args:
+        ordered: whether time has to run forward.
 
     Raises:
         TiltcalError: as ``read_recording`` and ``Recording.require_increasing`` do.
     """
     path = require_file(Path(path), "recording")
     if path.suffix not in (".csv", ".parquet") or path.stat().st_size == 0:
-        yield read_recording(path).require_increasing()
+        whole = read_recording(path)
+        yield whole.require_increasing() if ordered else whole
         return
     if path.suffix == ".csv":
         metadata, names, _ = csv_head(path)
@@ -50,7 +54,7 @@ def read_pieces(path: Path | str) -> Iterator[Recording]:
     else:
         metadata, names = parquet_head(path)
         pieces = parquet_pieces(path)
-    yield from _ahead(_assembled(pieces, names, metadata, path.name))
+    yield from _ahead(_assembled(pieces, names, metadata, path.name, ordered))
 
 
 def estimated_rows(path: Path | str) -> int:
@@ -71,6 +75,7 @@ def _assembled(
     names: Sequence[str],
     metadata: Mapping[str, str],
     source: str,
+    ordered: bool,
 ) -> Iterator[Recording]:
     """Recordings of columns as read, piece by piece; what the rows are numbered by goes on."""
     rows, last = 0, -np.inf
@@ -78,7 +83,8 @@ def _assembled(
         if not len(next(iter(columns.values()))):
             continue
         piece = assemble(columns, metadata, source, rows)
-        require_onward(piece.time, piece.source, rows, last)
+        if ordered:
+            require_onward(piece.time, piece.source, rows, last)
         yield piece
         rows, last = rows + len(piece), float(piece.time[-1])
     if rows == 0:  # says what is missing

@@ -74,8 +74,7 @@ def spans_of(path: Path | str) -> Spans | None:
     rows = estimated_rows(path)
     if rows <= LONGEST:
         return None
-    pieces = read_pieces(path)
-    first = next(pieces)
+    first = next(read_pieces(path, ordered=False))
     if any(_coarse(first.column(name)) for name in first.column_names if is_reading(name)):
         return None
     return Spans(-(-rows // LONGEST), float(np.median(np.diff(first.time))))

@@ -11,7 +11,7 @@ from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.long_recordings import LongRecording, read_long
+from tiltcal.diagnosis.data_quality.long_recordings import AVERAGES, LongRecording, read_long
 from tiltcal.diagnosis.data_quality.prepare import (
     PreparedData,
     averaged_blocks,
@@ -107,7 +107,7 @@ def read_for_diagnosis(
     Raises:
         TiltcalError: it is no recording, or a column is missing.
     """
-    spans = spans_of(path) if scenario.rig.axes else None
+    spans = spans_of(path, AVERAGES) if scenario.rig.axes else None
     if spans is None:
         return read_recording(path)
     with one_thread(), determining(path.name, "how it differs"):

@@ -66,18 +66,21 @@ def averaging_note(recording: Recording) -> str | None:
     return None if said is None else f"{recording.source} was read as averages over {said}"
 
 
-def spans_of(path: Path | str) -> Spans | None:
+def spans_of(path: Path | str, rows: int = LONGEST) -> Spans | None:
     """The spans that a file is averaged over; None where it is taken sample by sample.
 
     Coarse codes are not averaged: single samples tell what rounding leaves in a mean.
+
+    Args:
+        rows: that are left of it, at most.
     """
-    rows = estimated_rows(path)
-    if rows <= LONGEST:
+    all_rows = estimated_rows(path)
+    if all_rows <= LONGEST:
         return None
     first = next(read_pieces(path, ordered=False))
     if any(_coarse(first.column(name)) for name in first.column_names if is_reading(name)):
         return None
-    return Spans(-(-rows // LONGEST), float(np.median(np.diff(first.time))))
+    return Spans(-(-all_rows // rows), float(np.median(np.diff(first.time))))
 
 
 def _coarse(values: Array) -> bool:

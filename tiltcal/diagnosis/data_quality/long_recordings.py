@@ -44,6 +44,7 @@ from tiltcal.recordings.span_means import (
 from tiltcal.setup.sensor import Sensor
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
+AVERAGES = 250_000  # that are left of a recording, at most
 PART = 100_000  # rows that are held sample by sample
 OF_SAMPLES = (AdcQuantisation, AdcStuckBit, DataJitter, DataTruncation)
 """Faults that every sample tells, and no average."""

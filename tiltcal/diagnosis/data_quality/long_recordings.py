@@ -34,6 +34,7 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.fingerprint import fingerprint_of
 from tiltcal.recordings.pieces import joined, read_pieces
 from tiltcal.recordings.recording import Recording, is_reading
+from tiltcal.recordings.replay import forget_replays
 from tiltcal.recordings.span_means import (
     LONGEST,
     Spans,
@@ -99,6 +100,7 @@ def read_long(
     parts = [sought.averaged_residuals(part, spans) for part in _parts(path, spans, [])]
     whole = sought.with_model(joined([recording for recording, _ in parts]))
     whole = replace(whole, origin=_fingerprint(path))
+    forget_replays()  # of the parts
     faults = once([*meant, *(f for _, found in parts for f in found)])
     return LongRecording(whole, tuple(faults), tuple(notes), averaging_note(raw) or "")
 

@@ -66,13 +66,13 @@ def averaging_note(recording: Recording) -> str | None:
     return None if said is None else f"{recording.source} was read as averages over {said}"
 
 
-def spans_of(path: Path | str, rows: int = LONGEST) -> Spans | None:
+def spans_of(path: Path | str, rows: int | None = None) -> Spans | None:
     """The spans that a file is averaged over; None where it is taken sample by sample.
 
     Coarse codes are not averaged: single samples tell what rounding leaves in a mean.
 
     Args:
-        rows: that are left of it, at most.
+        rows: that are left of it, at most; ``LONGEST`` unless given.
     """
     all_rows = estimated_rows(path)
     if all_rows <= LONGEST:
@@ -80,7 +80,7 @@ def spans_of(path: Path | str, rows: int = LONGEST) -> Spans | None:
     first = next(read_pieces(path, ordered=False))
     if any(_coarse(first.column(name)) for name in first.column_names if is_reading(name)):
         return None
-    return Spans(-(-all_rows // rows), float(np.median(np.diff(first.time))))
+    return Spans(-(-all_rows // (rows or LONGEST)), float(np.median(np.diff(first.time))))
 
 
 def _coarse(values: Array) -> bool:
@@ -90,12 +90,13 @@ def _coarse(values: Array) -> bool:
     return code is not None and second_difference_noise(known) < code
 
 
-def whole_spans(pieces: Iterable[Recording], spans: Spans, rows: int = 0) -> Iterator[Recording]:
+def whole_spans(pieces: Iterable[Recording], spans: Spans, rows: int = 1) -> Iterator[Recording]:
     """The same recording in pieces that end where a span ends.
 
     Args:
-        rows: that each piece has at least, but the last.
+        rows: that each piece has at least, but the only one of a shorter recording.
     """
+    ready: list[Recording] = []
     kept: list[Recording] = []
     for piece in pieces:
         kept.append(piece)
@@ -104,11 +105,12 @@ def whole_spans(pieces: Iterable[Recording], spans: Spans, rows: int = 0) -> Ite
         whole = joined(kept)
         numbers = spans.numbers(whole.time)
         last = int(np.searchsorted(numbers, numbers[-1]))
-        if last:
-            yield part_of(whole, 0, last)
         kept = [part_of(whole, last, len(whole))]
-    if kept:
-        yield joined(kept)
+        if last:
+            yield from ready
+            ready = [part_of(whole, 0, last)]
+    if ready or kept:
+        yield joined([*ready, *kept])
 
 
 def averaged(piece: Recording, spans: Spans) -> Recording:

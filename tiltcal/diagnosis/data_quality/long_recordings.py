@@ -97,12 +97,22 @@ def read_long(
     raw = joined([averaged(part, spans) for part in _parts(path, spans, notes)])
     meant = find_labelling_faults(scenario, raw)
     sought = _Model(scenario, tuple(meant), raw)
-    parts = [sought.averaged_residuals(part, spans) for part in _parts(path, spans, [])]
+    parts = [
+        sought.averaged_residuals(part, spans)
+        for part in _parts(path, spans, [])
+        if _was_read(part, scenario)
+    ]
     whole = sought.with_model(joined([recording for recording, _ in parts]))
     whole = replace(whole, origin=_fingerprint(path))
     forget_replays()  # of the parts
     faults = once([*meant, *(f for _, found in parts for f in found)])
     return LongRecording(whole, tuple(faults), tuple(notes), averaging_note(raw) or "")
+
+
+def _was_read(part: Recording, scenario: Scenario) -> bool:
+    """Whether each axis of the table was read in a part: without it nothing has a model."""
+    angles = (part.table(axis) for axis in scenario.rig.axis_names)
+    return all(angle is not None and not np.isnan(angle).all() for angle in angles)
 
 
 def _fingerprint(path: Path) -> str:

@@ -32,7 +32,7 @@ from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.fingerprint import fingerprint_of
-from tiltcal.recordings.pieces import joined, read_pieces
+from tiltcal.recordings.pieces import joined, part_of, read_pieces
 from tiltcal.recordings.recording import Recording, is_reading
 from tiltcal.recordings.replay import forget_replays
 from tiltcal.recordings.span_means import (
@@ -126,8 +126,9 @@ def _fingerprint(path: Path) -> str:
 def _beginning(path: Path, spans: Spans) -> LongRecording:
     """The beginning of a recording, sample by sample."""
     notes: list[str] = []
-    parts = islice(_parts(path, spans, notes), LONGEST // PART)
+    parts = islice(_parts(path, spans, notes), -(-LONGEST // PART))
     recording = joined(list(parts))
+    recording = part_of(recording, 0, min(len(recording), LONGEST))
     words = (
         f"{recording.source}: only the first {np.ptp(recording.time):.6g} s were diagnosed, sample"
         f" by sample: what they show would be lost in averages over {spans.words}"

@@ -10,8 +10,8 @@ from diagnosis_fixtures import bench, honest, recorded
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from tiltcal.core.numerical import one_thread
 from tiltcal.diagnosis.data_quality.prepare import prepare
-from tiltcal.diagnosis.diagnose import one_thread
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix

@@ -75,6 +75,8 @@ def main() -> None:
         for hours in HOURS:
             (folder / "known.toml").write_text(HEAD + sequence(hours))
             (folder / "truth.toml").write_text(HEAD + sequence(hours) + TRUTH)
+            rest = f'[[sequence]]\naction = "rest"\ndwell_s = {3600 * hours}\n'
+            (folder / "rest.toml").write_text(HEAD + rest + TRUTH)
             given = ["--scenario", "known.toml"]
             if hours == HOURS[0]:
                 run(["simulate", "truth.toml", "-o", "first.parquet"], folder)
@@ -84,10 +86,21 @@ def main() -> None:
                 ["simulate", "truth.toml", "-o", "run.parquet"],
                 ["correct", "CAL.json", "run.parquet", "-o", "corrected.parquet"],
                 ["correct", "CAL.json", "run.parquet", "-o", "corrected.csv"],
+                ["calibrate", "run.parquet", *given, "--method", "six_position"],
+                ["calibrate", "corrected.csv", *given, "--method", "six_position"],
+                ["diagnose", "run.parquet", *given],
+                ["simulate", "rest.toml", "-o", "rest.parquet"],
+                ["noise", "rest.parquet"],
             ):
                 seconds, peak = run(words, folder)
                 print(
-                    f"{hours} h x 100 Hz: {words[0]} to {Path(words[-1]).name}: {seconds:.1f} s,"
-                    f" peak RSS {peak:.0f} MiB",
+                    f"{hours} h x 100 Hz: {words[0]}, {_file(words)}: {seconds:.1f} s, peak RSS"
+                    f" {peak:.0f} MiB",
                     flush=True,
                 )
+
+
+def _file(words: list[str]) -> str:
+    """The recording that a command reads, or writes."""
+    files = [w for w in words if w.endswith((".csv", ".parquet"))]
+    return files[-1] if "-o" in words else files[0]

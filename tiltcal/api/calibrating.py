@@ -10,7 +10,7 @@ from tiltcal.calibration.methods.registry import Method
 from tiltcal.calibration.methods.registry import calibrate as run_method
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.numerical import determining
+from tiltcal.core.numerical import determining, one_thread
 from tiltcal.core.progress import Progress, silent
 from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.scenario import Scenario
@@ -18,6 +18,7 @@ from tiltcal.recordings.joining import joined
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rig_fit import suspected_rig
 from tiltcal.recordings.segmentation import Segment
+from tiltcal.recordings.span_means import averaging_note
 from tiltcal.validation.cross_check import Check, check
 from tiltcal.validation.uncertainty_budget import Budget, make_budget
 
@@ -31,6 +32,7 @@ def one_recording(scenario: Scenario, recordings: Sequence[Recording]) -> Record
     return joined([r.require_increasing() for r in recordings], scenario.rig.mount)
 
 
+@one_thread()
 def estimate(
     method: str | Method,
     recording: Recording,
@@ -56,6 +58,8 @@ def estimate(
     if unknown:
         note = "columns that belong to no sensor of the scenario are ignored: " + ", ".join(unknown)
         calibration = replace(calibration, warnings=[*calibration.warnings, note])
+    if averaging := averaging_note(recording):
+        calibration = replace(calibration, warnings=[*calibration.warnings, averaging])
     if calibration.verdict != "good" and (suspicion := suspected_rig(recording, scenario)):
         calibration = replace(calibration, warnings=[*calibration.warnings, suspicion])
     return calibration, budget

@@ -10,6 +10,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, write_json, write_text
 from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions import finding
+from tiltcal.diagnosis.data_quality.long_recordings import LongRecording
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.recordings.recording import Recording, stem
@@ -67,7 +68,7 @@ def require_honest(scenario: Scenario, subject: str) -> Scenario:
 
 def explain(
     scenario: Scenario,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording | LongRecording],
     static: Recording | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
@@ -84,9 +85,10 @@ def explain(
     """
     laboratory = simulator(progress)
     found = diagnose(scenario, recordings, static=static, laboratory=laboratory, progress=progress)
+    read = tuple(r.recording if isinstance(r, LongRecording) else r for r in recordings)
     if found.verdict in ("unlisted", "cannot_tell"):
-        found = _with_suspicion(found, scenario, recordings)
-    return Diagnosis(**vars(found), scenario=scenario, recordings=tuple(recordings))
+        found = _with_suspicion(found, scenario, read)
+    return Diagnosis(**vars(found), scenario=scenario, recordings=read)
 
 
 def _with_suspicion(

@@ -21,8 +21,8 @@ from tiltcal.cli.output import print_json, print_table, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import silent
 from tiltcal.laboratory.scenario import load_scenario
-from tiltcal.recordings.means_table import read_log_or_means
 from tiltcal.recordings.segment_files import read_segments
+from tiltcal.recordings.span_means import read_averaged
 from tiltcal.report.budget import BUDGET_COLUMNS, budget_rows
 from tiltcal.report.parameters import parameter_rows
 from tiltcal.report.stated import NOTHING_STATED
@@ -77,7 +77,7 @@ def calibrate(
     """
     require_statements(stated, dcc)
     described = load_scenario(scenario)
-    read = [read_log_or_means(file) for file in (recording_file, *more)]
+    read = [read_averaged(file) for file in (recording_file, *more)]
     recording = one_recording(described, read)
     options = parse_options(option)
     if segments:

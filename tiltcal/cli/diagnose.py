@@ -9,6 +9,7 @@ from tiltcal.api.diagnosing import explain, honest_scenario, results_json, write
 from tiltcal.cli.options import DescribedBy, Json
 from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.core.claimed_folder import claimed
+from tiltcal.diagnosis.diagnose import read_for_diagnosis
 from tiltcal.recordings.recording_files import read_recording
 
 
@@ -38,13 +39,13 @@ def diagnose(
       tiltcal diagnose run.csv --scenario out/amended.toml --check
     """
     honest = honest_scenario(scenario)
-    data = [read_recording(path) for path in recordings]
-    at_rest = read_recording(static) if static else None
     with claimed(output):
         with progress_line() as progress:
+            data = [read_for_diagnosis(path, honest, progress) for path in recordings]
+            at_rest = read_recording(static) if static else None
             found = explain(honest, data, at_rest, progress)
         if output:
-            write_results(found, output, honest, data, recordings)
+            write_results(found, output, honest, found.recordings, recordings)
     if as_json:
         print_json(results_json(found, recordings))
     else:

@@ -116,8 +116,8 @@ def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | N
 
 def _of_noise(chosen: str, file: Path, topic: str, calibration: Path | None) -> str:
     from tiltcal.calibration.noise_exports import kalibr_yaml, sdf_imu, triad_noise
-    from tiltcal.cli.noise import noise_models
     from tiltcal.recordings.recording_files import read_recording
+    from tiltcal.recordings.rest_noise import noise_models
 
     if file.suffix == ".json":
         raise _wrong(chosen, file, "a recording at rest", "record one: noise is seen at rest only")

@@ -9,16 +9,11 @@ from cyclopts import Parameter
 
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import paragraph, print_json, print_table, say
-from tiltcal.core.errors import TiltcalError
-from tiltcal.core.numerical import determining
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
 from tiltcal.effects import Effect
 from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
-from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.recording_files import read_recording
-from tiltcal.recordings.segmentation import dwells, find_segments
-from tiltcal.setup.tables import axis_of
-from tiltcal.statistics.allan import NAMES, TERMS, NoiseModel, allan_deviation, fit_noise
+from tiltcal.recordings.rest_noise import noise_models_of
+from tiltcal.statistics.allan import NAMES, TERMS, NoiseModel
 
 SUFFIX = {"Q": " s", "N": "/rtHz", "B": "", "K": "/rts", "R": "/s"}
 
@@ -35,8 +30,7 @@ def noise(
     simulate this noise. The longest dwell is used. A slope that the recording
     does not show is reported as such.
     """
-    recording = read_recording(recording_file).require_increasing()
-    models = noise_models(recording)
+    models = noise_models_of(recording_file)
     if as_json:
         print_json({name: _as_json(model) for name, model in models.items()})
         return 0
@@ -52,29 +46,6 @@ def noise(
     return 0
 
 
-def noise_models(recording: Recording) -> dict[str, NoiseModel]:
-    """The noise model of each sensor channel.
-
-    Raises:
-        TiltcalError: there is no sensor channel, or no rest.
-    """
-    models = {}
-    for name in recording.column_names:
-        unit = COLUMN_UNITS[split_unit(name)[1] or "s"]
-        if unit.quantity in ("acceleration", "angle", "rate", "raw") and axis_of(name) is None:
-            values, rate = longest_rest(recording, name)
-            with determining(f"{recording.source}, column {name}", "its noise"):
-                models[name] = fit_noise(allan_deviation(values, rate))
-    if not models:
-        raise TiltcalError(
-            recording.source,
-            found="no sensor column",
-            need="one at rest",
-            do="name columns <sensor>_<axis>_<unit>",
-        )
-    return models
-
-
 def _as_json(model: NoiseModel) -> dict[str, object]:
     curve = {"tau_s": model.curve.tau.tolist(), "deviation": model.curve.deviation.tolist()}
     return {"values": model.values, "sigmas": model.sigmas, "held": model.held, **curve}
@@ -84,27 +55,6 @@ def _cell(model: NoiseModel, term: str, unit: str) -> str:
     if not model.held[term]:
         return "not visible"
     return f"{model.values[term]:.4g} +- {model.sigmas[term]:.2g} {unit}{SUFFIX[term]}"
-
-
-def longest_rest(recording: Recording, column: str) -> tuple[np.ndarray, float]:
-    """The longest dwell of a column, (n,), and its sample rate, Hz.
-
-    Raises:
-        TiltcalError: the recording has no rest.
-    """
-    values = recording.column(column)
-    known = ~np.isnan(values)
-    found = dwells(find_segments(recording))
-    if not found:
-        raise TiltcalError(
-            recording.source,
-            found="no rest",
-            need="a recording at rest",
-            do="record the instrument at rest",
-        )
-    longest = max(found, key=lambda s: s.end - s.start)
-    rows = np.flatnonzero(known[longest.first : longest.last]) + longest.first
-    return values[rows], float(1 / np.median(np.diff(recording.time[rows])))
 
 
 def effect_tables(models: dict[str, NoiseModel]) -> list[str]:

@@ -42,3 +42,15 @@ def undetermined(subject: str, what: str, why: str) -> TiltcalError:
         need="readings in enough different positions, within the range of the sensor",
         do="record more positions, or correct its columns",
     )
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread: for thousands of small matrices threads cost more time than
+    they save.
+    """
+    import scipy.linalg  # noqa: F401  # so that there is a library to tell
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield

@@ -2,14 +2,16 @@
 conclusions.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from tiltcal.core.numerical import determining
+from tiltcal.core.numerical import determining, one_thread
 from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
 from tiltcal.diagnosis.data_quality.fault import Fault
+from tiltcal.diagnosis.data_quality.long_recordings import AVERAGES, LongRecording, read_long
 from tiltcal.diagnosis.data_quality.prepare import (
     PreparedData,
     averaged_blocks,
@@ -22,7 +24,7 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
     find_setting_error,
     lawful_part,
 )
-from tiltcal.diagnosis.hypotheses.block_averaging import block_of
+from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -40,6 +42,8 @@ from tiltcal.effects.table.readout import IndexError_
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.span_means import spans_of
 from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
@@ -47,22 +51,10 @@ Search = Callable[[PreparedData], Explained]
 """From data, with the columns of all hypotheses, to the most probable explanation."""
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Linear algebra on one thread: for thousands of small matrices threads cost more time than
-    they save.
-    """
-    import scipy.linalg  # noqa: F401  # so that there is a library to tell
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1, user_api="blas"):
-        yield
-
-
 @one_thread()
 def diagnose(
     scenario: Scenario,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Recording | LongRecording],
     *,
     static: Recording | None = None,
     laboratory: Laboratory | None = None,
@@ -85,11 +77,12 @@ def diagnose(
     Raises:
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
-    with determining(", ".join(r.source for r in recordings), "how it differs"):
+    given = [r if isinstance(r, LongRecording) else LongRecording(r) for r in recordings]
+    with determining(", ".join(r.recording.source for r in given), "how it differs"):
         progress("reading")
-        prepared = prepare(scenario, recordings, noise)
+        prepared = _prepared(scenario, given, noise)
         if not testable(prepared):
-            return untested(prepared)
+            return _saying(untested(prepared), given)
         progress("computing the signature of every effect")
         lines = spectral_lines_of(prepared.observations, prepared.start)
         whole = prepared.observations
@@ -102,7 +95,44 @@ def diagnose(
             said = _explained(prepared, lines, at_rest, progress)
         progress("re-simulating")
         answer, amended = answered(prepared, said)
+        answer = _saying(answer, given)
         return answer if laboratory is None else simulated(answer, laboratory, whole, amended)
+
+
+def read_for_diagnosis(
+    path: Path, scenario: Scenario, progress: Progress = silent
+) -> Recording | LongRecording:
+    """A recording; averages of a long one on a table, what is in its samples being found before.
+
+    Raises:
+        TiltcalError: it is no recording, or a column is missing.
+    """
+    spans = spans_of(path, AVERAGES) if scenario.rig.axes else None
+    if spans is None:
+        return read_recording(path)
+    with one_thread(), determining(path.name, "how it differs"):
+        return read_long(path, scenario, spans, _kept, progress)
+
+
+def _kept(prepared: PreparedData, samples: int) -> bool:
+    """Whether averages over so many samples keep every spectral line of these data."""
+    lines = spectral_lines_of(prepared.observations, prepared.start)
+    return survives(prepared.observations, lines, samples)
+
+
+def _prepared(
+    scenario: Scenario, given: Sequence[LongRecording], noise: type[NoiseModel]
+) -> PreparedData:
+    """The recordings with their faults repaired, and those that were found when they were read."""
+    seen = [fault for r in given for fault in r.faults]
+    prepared = prepare(scenario, [r.recording for r in given], noise, seen)
+    return replace(prepared, notes=(*(n for r in given for n in r.notes), *prepared.notes))
+
+
+def _saying(answer: Diagnosis, given: Sequence[LongRecording]) -> Diagnosis:
+    """The answer with how its recordings were read."""
+    words = [f"{r.said[0].upper()}{r.said[1:]}." for r in given if r.said]
+    return replace(answer, statement=" ".join([answer.statement, *words])) if words else answer
 
 
 def _explained(

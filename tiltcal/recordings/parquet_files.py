@@ -51,6 +51,17 @@ def parquet_head(path: Path) -> tuple[dict[str, str], list[str]]:
     return stored_metadata(schema.metadata, path), list(schema.names)
 
 
+def stated_rows(path: Path) -> int:
+    """How many rows the file states; 0 where it is no Parquet file."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        return int(parquet.read_metadata(path).num_rows)
+    except (pa.ArrowException, OSError):
+        return 0  # reading it says why
+
+
 def parquet_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:
     """The columns piece by piece, (n,) each.
 

@@ -13,8 +13,13 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.files import replacing, require_file
-from tiltcal.recordings.csv_files import csv_head, csv_pieces, csv_writer
-from tiltcal.recordings.parquet_files import parquet_head, parquet_pieces, parquet_writer
+from tiltcal.recordings.csv_files import csv_head, csv_pieces, csv_writer, estimated_csv_rows
+from tiltcal.recordings.parquet_files import (
+    parquet_head,
+    parquet_pieces,
+    parquet_writer,
+    stated_rows,
+)
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import (
     assemble,
@@ -29,15 +34,19 @@ Write = Callable[[Recording], None]
 """Appends a piece of a recording to a file."""
 
 
-def read_pieces(path: Path | str) -> Iterator[Recording]:
+def read_pieces(path: Path | str, ordered: bool = True) -> Iterator[Recording]:
     """The pieces of a recording in their order: together what ``read_recording`` reads.
+
+    Args:
+        ordered: whether time has to run forward.
 
     Raises:
         TiltcalError: as ``read_recording`` and ``Recording.require_increasing`` do.
     """
     path = require_file(Path(path), "recording")
     if path.suffix not in (".csv", ".parquet") or path.stat().st_size == 0:
-        yield read_recording(path).require_increasing()
+        whole = read_recording(path)
+        yield whole.require_increasing() if ordered else whole
         return
     if path.suffix == ".csv":
         metadata, names, _ = csv_head(path)
@@ -45,7 +54,20 @@ def read_pieces(path: Path | str) -> Iterator[Recording]:
     else:
         metadata, names = parquet_head(path)
         pieces = parquet_pieces(path)
-    yield from _ahead(_assembled(pieces, names, metadata, path.name))
+    yield from _ahead(_assembled(pieces, names, metadata, path.name, ordered))
+
+
+def estimated_rows(path: Path | str) -> int:
+    """About how many rows a recording has, without reading it: as Parquet states, by the length of
+    the first lines of CSV; 0 where that is not known.
+
+    Raises:
+        TiltcalError: the file is missing, or no recording.
+    """
+    path = require_file(Path(path), "recording")
+    if path.suffix == ".parquet":
+        return stated_rows(path)
+    return estimated_csv_rows(path) if path.suffix == ".csv" else 0
 
 
 def _assembled(
@@ -53,6 +75,7 @@ def _assembled(
     names: Sequence[str],
     metadata: Mapping[str, str],
     source: str,
+    ordered: bool,
 ) -> Iterator[Recording]:
     """Recordings of columns as read, piece by piece; what the rows are numbered by goes on."""
     rows, last = 0, -np.inf
@@ -60,7 +83,8 @@ def _assembled(
         if not len(next(iter(columns.values()))):
             continue
         piece = assemble(columns, metadata, source, rows)
-        require_onward(piece.time, piece.source, rows, last)
+        if ordered:
+            require_onward(piece.time, piece.source, rows, last)
         yield piece
         rows, last = rows + len(piece), float(piece.time[-1])
     if rows == 0:  # says what is missing
@@ -129,4 +153,16 @@ def joined(pieces: Sequence[Recording]) -> Recording:
         extra={name: labels([p.extra[name] for p in pieces]) for name in first.extra},
         metadata=first.metadata,
         source=first.source,
+    )
+
+
+def part_of(recording: Recording, first: int, last: int) -> Recording:
+    """The rows of a recording from ``first`` to before ``last``."""
+    return Recording.from_columns(
+        recording.time[first:last],
+        {name: recording.column(name)[first:last] for name in recording.column_names},
+        labels=None if recording.labels is None else recording.labels[first:last],
+        extra={name: words[first:last] for name, words in recording.extra.items()},
+        metadata=recording.metadata,
+        source=recording.source,
     )

@@ -2,7 +2,6 @@
 axis.
 """
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,6 +14,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.tabular import Tabular
 from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.recordings.fingerprint import fingerprint_of
 from tiltcal.recordings.samples import Block, Labels, Samples, si_values
 from tiltcal.recordings.stamps import require_measurable, require_onward
 from tiltcal.recordings.temperature import smooth_temperature
@@ -24,7 +24,6 @@ from tiltcal.setup.tables import angle_channel, axis_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-FINGERPRINT_ROWS = 4096  # of each column of readings
 JOINS = "joined at s"  # metadata: stamps at which another recording begins
 
 
@@ -86,12 +85,8 @@ class Recording(Tabular):
         """
         if self.origin is not None:
             return self.origin
-        readings = [n for n in self.column_names if _is_reading(n)]
-        stamps = _digest([np.round(self.time, 6)], 16)
-        if not readings:
-            return stamps
-        first = [self.column(n)[:FINGERPRINT_ROWS] for n in sorted(readings)]
-        return f"{stamps}-{_digest(first, 8)}"
+        readings = {n: self.column(n) for n in self.column_names if is_reading(n)}
+        return fingerprint_of([self.time], readings)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -281,17 +276,10 @@ class Recording(Tabular):
         write_recording(self, path)
 
 
-def _is_reading(name: str) -> bool:
+def is_reading(name: str) -> bool:
     """Whether a column is what a sensor read, not where the table stood or how warm it was."""
     channel = split_unit(name)[0]
     return axis_of(channel) is None and channel != "temperature"
-
-
-def _digest(columns: Iterable[Array], digits: int) -> str:
-    digest = hashlib.sha256()
-    for column in columns:
-        digest.update(np.ascontiguousarray(column).tobytes())
-    return digest.hexdigest()[:digits]
 
 
 def stem(source: str) -> str:

@@ -228,3 +228,9 @@ def _differentiated(time: bytes, angle: bytes) -> tuple[Array, Array]:
     """
     t, x = np.frombuffer(time), np.frombuffer(angle)
     return differentiate(t, x, *at_rest(t, x[:, None]))
+
+
+def forget_replays() -> None:
+    """Free what is kept of the readouts that were replayed last."""
+    _edges.cache_clear()
+    _differentiated.cache_clear()

@@ -73,14 +73,14 @@ class Poses:
 
     def covariance(self, k: int) -> Array:
         """Covariance of the mean of pose ``k``, (channels, channels)."""
-        spread = np.outer(self.spread[k], self.spread[k])
-        white = self.noise * spread * self.inflation / self.counts[k]
-        return np.asarray(white + np.diag(self.rounding[k]))
+        return np.asarray(self.covariances[k])
 
     @property
     def covariances(self) -> Array:
         """Covariance of each mean, (m, k, k)."""
-        return np.array([self.covariance(k) for k in range(len(self))])
+        spread = self.spread[:, :, None] * self.spread[:, None, :]
+        white = self.noise * spread * self.inflation / self.counts[:, None, None]
+        return np.asarray(white + self.rounding[:, :, None] * np.eye(len(self.noise)))
 
     def subset(self, mask: "np.ndarray[tuple[int], np.dtype[np.bool_]]") -> "Poses":
         """Some of the poses."""

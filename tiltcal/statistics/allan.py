@@ -8,7 +8,7 @@ from math import log, pi
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Index
 from tiltcal.core.errors import TiltcalError
 
 TERMS = ("Q", "N", "B", "K", "R")
@@ -21,6 +21,7 @@ NAMES = {
 }
 # in the cache, and below what BLAS spreads over threads: waiting for them took ten times as long
 CHUNK = 1 << 13
+LEAST = 16  # samples of a record
 SIGNIFICANT = 3.0  # standard uncertainties below which a slope is not in the record
 
 
@@ -86,10 +87,7 @@ def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> 
         Barnes (1981).
     """
     n = len(values)
-    if n < 16:
-        raise TiltcalError(
-            "noise record", found=f"{n} samples", need="at least 16", do="record longer"
-        )
+    _require_enough(n)
     if tau is None:
         m = 2 ** np.arange(int(np.log2(n / 5)) + 1)
     else:
@@ -100,8 +98,31 @@ def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> 
     variance = np.array(
         [_second_differences(x, double, int(k)) / (2.0 * k**2 * (n + 1 - 2 * k)) for k in m]
     )
+    return curve_of(m, variance, n, rate_hz)
+
+
+def curve_of(m: Index, variance: Array, n: int, rate_hz: float) -> AllanDeviation:
+    """The deviation of Allan variances.
+
+    Args:
+        m: samples of each averaging time, (k,).
+        variance: at each, in the square of the unit of the record, (k,).
+        n: samples of the record.
+
+    Raises:
+        TiltcalError: they are fewer than 16.
+    """
+    _require_enough(n)
     freedom = np.maximum((3 * (n - 1) / (2 * m) - 2 * (n - 2) / n) * 4 * m**2 / (4 * m**2 + 5), 1.0)
     return AllanDeviation(m / rate_hz, np.sqrt(variance), freedom)
+
+
+def _require_enough(n: int) -> None:
+    """Refuse a record that is too short."""
+    if n < LEAST:
+        raise TiltcalError(
+            "noise record", found=f"{n} samples", need=f"at least {LEAST}", do="record longer"
+        )
 
 
 def _second_differences(x: Array, double: Array, m: int) -> float:

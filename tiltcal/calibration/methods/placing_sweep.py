@@ -223,7 +223,7 @@ def find_sweeps(
             f" {angles} deg"
         )
     time = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
-    variance = np.array([poses.covariance(k)[channel, channel] for k in range(len(poses))])
+    variance = poses.covariances[:, channel, channel]
     value = poses.means[:, channel] - setup.site.gravity * poses.up[:, channel]
     sweeps = []
     for number in np.unique(which[used]):

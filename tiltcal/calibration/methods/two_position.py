@@ -118,7 +118,7 @@ def _reversal(
     """Locations with their whitening; that of the mean is the one of all methods."""
     ij = _channels(poses)
     if estimator == "mean":
-        covariance = np.array([poses.covariance(k)[np.ix_(ij, ij)] for k in range(len(poses))])
+        covariance = poses.covariances[:, ij][:, :, ij]
         return Reversal(poses.means[:, ij], whitening(covariance), angles, mount)
     slope = poses.spread[:, ij]
     unit = found.unit * slope[:, :, None] * slope[:, None, :]

@@ -6,7 +6,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_width
-from tiltcal.core.units import COLUMN_UNITS
+from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.labelling_faults import ColumnFault
 from tiltcal.recordings.recording import Recording
@@ -29,7 +29,7 @@ def written(recording: Recording, sensor: Sensor, axis: str) -> Array:
     return recording.column(str(recording.channel(f"{sensor.name}_{axis}")))
 
 
-def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
+def rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
     """A copy with these columns in place of its own."""
     return Recording.from_columns(
         recording.time,
@@ -40,6 +40,14 @@ def _rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
         source=recording.source,
         origin=recording.fingerprint,
     )
+
+
+def as_written(change: Array, sensor: Sensor, column: str) -> Array:
+    """A change of a channel, SI, (n,), in the unit of its column."""
+    unit = str(split_unit(column)[1])
+    if sensor.input is not None and unit == sensor.input.unit:
+        return np.asarray(change * sensor.input.slope)
+    return np.asarray(change / COLUMN_UNITS[unit].factor)
 
 
 def changed(
@@ -53,7 +61,7 @@ def changed(
     name = str(recording.channel(f"{sensor.name}_{axis}"))
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     columns[name][rows] = value
-    return _rewritten(recording, columns)
+    return rewritten(recording, columns)
 
 
 def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Recording:
@@ -68,7 +76,7 @@ def shifted(recording: Recording, sensor: Sensor, time: float, lost: int) -> Rec
         later = values[rows[start : len(rows) - lost]].copy()
         values[rows[start : start + lost]] = np.nan
         values[rows[start + lost :]] = later
-    return _rewritten(recording, columns)
+    return rewritten(recording, columns)
 
 
 def _sampled(rows: Index) -> Index:
@@ -86,7 +94,7 @@ def without_readout(recording: Recording, rows: Index) -> Recording:
     for name in columns:
         if axis_of(name) is not None:
             columns[name][rows] = np.nan
-    return _rewritten(recording, columns)
+    return rewritten(recording, columns)
 
 
 def at_least(k: int, n: int, p: float) -> float:
@@ -132,7 +140,7 @@ def undo_labelling_faults(
             written = values if sensor.input is None else sensor.input.from_si(values)
             factor = COLUMN_UNITS[unit].factor if sensor.input is None else 1.0
             columns[name][samples.rows] = written[:, k] / factor
-        recording = _rewritten(recording, columns)
+        recording = rewritten(recording, columns)
     return recording
 
 

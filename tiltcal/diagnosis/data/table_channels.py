@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.diagnosis.data.block_grid import BlockGrid
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
 from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
 from tiltcal.effects.base import Effect
@@ -18,6 +19,7 @@ from tiltcal.laboratory.laboratory import restored
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
+from tiltcal.recordings.span_means import AVERAGED
 
 QUICK = 0.1  # periods within a block, at most, that its middle may stand for
 
@@ -65,6 +67,7 @@ class TableObservations(Observations):
             self,
         )
         other.__dict__.pop("_blocks_of", None)
+        other.__dict__.pop("_grids", None)
         other.channels = tuple(other._channels())
         return other
 
@@ -162,7 +165,7 @@ class TableObservations(Observations):
             zip(self.recordings, self.courses, strict=True)
         ):
             mine = [c for c in self.channels if c.recording == number]
-            time = self._grid(recording)
+            time = self._grids[number].time
             values = readings(
                 self.scenario,
                 course,
@@ -170,27 +173,38 @@ class TableObservations(Observations):
                 as_met(effects, recording.fingerprint),
             )
             found += [
-                values[c.sensor][self._blocks_of[i], c.column]
+                self._of_blocks(i, values[c.sensor][:, c.column])
                 for i, c in enumerate(self.channels)
                 if c.recording == number
             ]
         return found
 
     @cached_property
+    def _grids(self) -> list[BlockGrid]:
+        """Where a model is asked for the blocks of each recording."""
+        return [
+            BlockGrid.by_motion(r.time, self.block, course.angles, course.stop)
+            if AVERAGED in r.metadata and self.block > 1
+            else BlockGrid.middles(r.time, self.block)
+            for r, course in zip(self.recordings, self.courses, strict=True)
+        ]
+
+    @cached_property
     def _blocks_of(self) -> list[Index | slice]:
         """Of each channel the rows of its recording's blocks; a slice where it has them all."""
         found: list[Index | slice] = []
         for c in self.channels:
-            last = len(self._grid(self.recordings[c.recording])) - 1
+            last = len(self._grids[c.recording].starts) - 1
             rows = np.minimum(c.rows // self.block, last)
             found.append(
                 slice(None) if len(rows) == last + 1 and (np.diff(rows) == 1).all() else rows
             )
         return found
 
-    def _grid(self, recording: Recording) -> Array:
-        """Stamps in the middle of blocks, s, (n,)."""
-        return recording.time[self.block // 2 :: self.block]
+    def _of_blocks(self, channel: int, values: Array) -> Array:
+        """Means over the blocks of a channel of values at the instants of its recording."""
+        number = self.channels[channel].recording
+        return np.asarray(self._grids[number].means(values)[self._blocks_of[channel]])
 
     def _everywhere(self, effects: Sequence[Effect]) -> list[Array]:
         found = []
@@ -224,7 +238,7 @@ class TableObservations(Observations):
                 changes = watch.changes(met)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
-                    column = changes[c.sensor][self._blocks_of[i], c.column]
+                    column = self._of_blocks(i, changes[c.sensor][:, c.column])
                     if np.any(column):
                         found[i] = column
         return found
@@ -243,7 +257,7 @@ class TableObservations(Observations):
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
                     block = (
-                        changes[c.sensor][self._blocks_of[i], c.column].T[which] * sizes[:, None]
+                        self._of_blocks(i, changes[c.sensor][:, c.column]).T[which] * sizes[:, None]
                     )
                     some = np.flatnonzero(block.any(axis=1))
                     if len(some):
@@ -258,8 +272,8 @@ class TableObservations(Observations):
         if key not in self._watches:
             matrices = self._matrices(around)
             known = next(iter(self._watches.values()), None) or [
-                NominalMotion.of(self.scenario, course, self._grid(recording))
-                for recording, course in zip(self.recordings, self.courses, strict=True)
+                NominalMotion.of(self.scenario, course, grid.time)
+                for grid, course in zip(self._grids, self.courses, strict=True)
             ]
             self._watches = {key: [watch.through(matrices) for watch in known]}
         return self._watches[key]

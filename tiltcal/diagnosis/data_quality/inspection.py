@@ -70,10 +70,10 @@ def inspect(scenario: Scenario, recordings: Sequence[Recording]) -> Inspected:
                     if not f.ids & {id for id, name in known if name == sensor.name}
                 ]
         repaired.append(recording)
-    return Inspected(tuple(repaired), tuple(_once(faults)), tuple(notes))
+    return Inspected(tuple(repaired), tuple(once(faults)), tuple(notes))
 
 
-def _once(faults: Sequence[Fault]) -> list[Fault]:
+def once(faults: Sequence[Fault]) -> list[Fault]:
     """One fault of each kind and place, though several recordings show it."""
     kept: dict[tuple[str, str | None, tuple[str, ...], tuple[str, ...]], Fault] = {}
     for f in faults:
@@ -81,18 +81,23 @@ def _once(faults: Sequence[Fault]) -> list[Fault]:
     return list(kept.values())
 
 
-def in_order(recording: Recording) -> tuple[Recording, list[str]]:
+def in_order(
+    recording: Recording, last: float = -np.inf, before: int = 0
+) -> tuple[Recording, list[str]]:
     """The recording with increasing stamps, and a note of the rows that are left out because they
     go back or repeat a stamp.
+
+    Args:
+        last: the latest stamp before these rows, s; before: rows before them.
     """
     time = recording.time
     good = np.isfinite(time)
-    highest = np.maximum.accumulate(np.where(good, time, -np.inf))
-    keep = good & (time > np.concatenate([[-np.inf], highest[:-1]]))
+    highest = np.maximum.accumulate(np.where(good, time, last))
+    keep = good & (time > np.concatenate([[last], np.maximum(highest[:-1], last)]))
     lost = int((~keep).sum())
     if lost == 0:
         return recording, []
-    row = int(np.argmin(keep)) + 1
+    row = before + int(np.argmin(keep)) + 1
     words = (
         f"{recording.source}: {lost} row(s) whose time goes back or repeats, the first at data row"
         f" {row}; they are left out"

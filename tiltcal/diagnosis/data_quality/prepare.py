@@ -10,7 +10,7 @@ from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.inspection import inspect
+from tiltcal.diagnosis.data_quality.inspection import inspect, once
 from tiltcal.diagnosis.data_quality.lost_samples import find_lost_samples
 from tiltcal.diagnosis.data_quality.outliers import find_outliers
 from tiltcal.diagnosis.data_quality.quantisation_limit import code_floors
@@ -81,9 +81,15 @@ def prepare(
     scenario: Scenario,
     recordings: Sequence[Recording],
     law: type[NoiseModel] = WhiteFlickerWalk,
+    seen: Sequence[Fault] = (),
 ) -> PreparedData:
-    """Repair the faults of the data step by step, and fit the adjustable terms."""
+    """Repair the faults of the data step by step, and fit the adjustable terms.
+
+    Args:
+        seen: faults that were found in the data and repaired before.
+    """
     sound, faults, notes = _sound(scenario, recordings)
+    faults = once([*seen, *faults])
     known = [e for e in (*scenario.effects, *(f.effect for f in faults)) if not e.repair]
     stated = {e.id for e in scenario.effects}
     floors = code_floors(scenario, faults)

@@ -1,5 +1,7 @@
 """How many samples of a long record are averaged into one without losing what it shows."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tiltcal.diagnosis.data.observations import Observations
@@ -21,17 +23,34 @@ def block_of(observations: Observations, lines: SpectralLines) -> int:
     longest = max(len(c.values) for c in observations.channels)
     if longest <= MOST_ROWS:
         return 1
-    step = max(float(np.median(np.diff(r.time))) for r in observations.recordings)
     least, most = -(-longest // MOST_ROWS), -(-longest // ROWS)
-    ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
-    beats = [*lines.tones, *lines.shakes, *lines.echoes]
-    # what a quick turn blurs anyway asks for nothing
-    beats += [f for f in ripples if f * step * least < HALF]
-    left = {
-        block: min((_survives(f * step, block) for f in beats), default=1.0)
-        for block in range(least, most + 1)
-    }
+    step = _step(observations)
+    beats = _frequencies(observations, lines, least)
+    left = {block: _least_share(beats, step, block) for block in range(least, most + 1)}
     return max((b for b in left if left[b] > SURVIVES), default=max(left, key=lambda b: left[b]))
+
+
+def survives(observations: Observations, lines: SpectralLines, block: int) -> bool:
+    """Whether means over blocks keep every spectral line."""
+    beats = _frequencies(observations, lines, block)
+    return _least_share(beats, _step(observations), block) > SURVIVES
+
+
+def _step(observations: Observations) -> float:
+    """Between samples, s."""
+    return max(float(np.median(np.diff(r.time))) for r in observations.recordings)
+
+
+def _frequencies(observations: Observations, lines: SpectralLines, block: int) -> list[float]:
+    """Of the lines, Hz, but those that a quick turn blurs within a block anyway."""
+    ripples = [n * fastest(observations) / (2 * np.pi) for n in lines.ripples]
+    slow = [f for f in ripples if f * _step(observations) * block < HALF]
+    return [*lines.tones, *lines.shakes, *lines.echoes, *slow]
+
+
+def _least_share(beats: Sequence[float], step: float, block: int) -> float:
+    """The least share of a line's power that is left in means over blocks."""
+    return min((_survives(f * step, block) for f in beats), default=1.0)
 
 
 def _survives(turns: float, block: int) -> float:

@@ -64,10 +64,10 @@ class BlockDesignMatrix:
         return found
 
     def _joint(
-        self, own: Sequence[Array], rest: Sequence[Array], shared: Sequence[Sequence[int]]
+        self, own: Sequence[Array], rest: list[Array], shared: Sequence[Sequence[int]]
     ) -> list[Array]:
         """An orthonormal basis of what columns of several channels have beside the channels' own,
-        (n, q) each.
+        (n, q) each. It takes the place of ``rest``: there may be a column for each of many stops.
         """
         names = sorted({k for numbers in shared for k in numbers})
         if not names:
@@ -82,15 +82,15 @@ class BlockDesignMatrix:
         values, vectors = np.linalg.eigh(gram / np.outer(size, size))
         keep = values > DISTINCT * np.isfinite(size).sum()
         turn = vectors[:, keep] / np.sqrt(values[keep]) / size[:, None]
-        found = [
-            _without(block @ turn[numbers], Q)
-            for numbers, block, Q in zip(index, rest, own, strict=True)
-        ]
+        for i, (numbers, Q) in enumerate(zip(index, own, strict=True)):
+            rest[i] = _without(rest[i] @ turn[numbers], Q)
         # rounding, once more
         values, vectors = np.linalg.eigh(
-            sum((B.T @ B for B in found), np.zeros((int(keep.sum()),) * 2))
+            sum((B.T @ B for B in rest), np.zeros((int(keep.sum()),) * 2))
         )
-        return [B @ (vectors / np.sqrt(values)) for B in found]
+        for i, B in enumerate(rest):
+            rest[i] = B @ (vectors / np.sqrt(values))
+        return rest
 
 
 def _without(block: Array, Q: Array) -> Array:

@@ -1,0 +1,121 @@
+"""A long recording is diagnosed by averages over spans of time as it is sample by sample."""
+
+import numpy as np
+import pytest
+
+from tiltcal.core.units import DEG
+from tiltcal.diagnosis import diagnose as diagnosing
+from tiltcal.diagnosis.data.block_grid import BlockGrid
+from tiltcal.diagnosis.data_quality import long_recordings
+from tiltcal.diagnosis.data_quality.long_recordings import LongRecording, read_long
+from tiltcal.diagnosis.diagnose import diagnose, read_for_diagnosis
+from tiltcal.laboratory.laboratory import SimulatedLaboratory
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings import span_means
+from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.span_means import Spans
+
+POSES = [(0, 0), (90, 0), (180, 0), (-90, 0), (90, 90), (-90, 90), (45, 30), (0, 180)]
+
+
+def tumble(effects=()):
+    """Six minutes of a triad at 100 Hz on a table that moves every fifteen seconds."""
+    step = {"action": "move", "rate_deg_s": 40, "dwell_s": 12}
+    return parse_scenario(
+        {
+            "schema": 1,
+            "name": "tumble",
+            "site": {"gravity_m_s2": 9.80123},
+            "rig": {"table": "dual"},
+            "sensor": [
+                {
+                    "name": "accel",
+                    "kind": "accelerometer",
+                    "rate_hz": 100,
+                    "adjustable": ["bias", "scale", "cross_axis"],
+                }
+            ],
+            "sequence": [step | {"outer_deg": a, "inner_deg": b} for a, b in POSES * 3],
+            "effect": list(effects),
+        }
+    )
+
+
+TRUTH = [
+    {"id": "acc_noise", "white_ug_rthz": 40, "flicker_ug": 3},
+    {"id": "acc_bias", "bias_x_ug": 300},
+    {"id": "acc_K2", "k2_x_ug_g2": 150},
+]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """A recording with a quadratic term, and spikes."""
+    recording = SimulatedLaboratory().record(tumble(TRUTH), 3)
+    column = recording.column("accel_y_m_s2")
+    column[np.random.default_rng(5).choice(len(column), 25, replace=False)] += 0.5
+    write_recording(recording, path := tmp_path_factory.mktemp("long") / "run.csv")
+    return path
+
+
+@pytest.fixture
+def short_is_long(monkeypatch):
+    """Limits as if minutes were a day."""
+    monkeypatch.setattr(span_means, "LONGEST", 15_000)
+    monkeypatch.setattr(long_recordings, "LONGEST", 15_000)
+    monkeypatch.setattr(diagnosing, "AVERAGES", 16_000)
+    monkeypatch.setattr(long_recordings, "PART", 10_000)
+
+
+@pytest.mark.usefixtures("short_is_long")
+def test_averages_tell_what_the_samples_tell(file):
+    read = read_for_diagnosis(file, tumble())
+    assert isinstance(read, LongRecording)
+    assert 12_000 < len(read.recording) < 16_001  # so many that they are averaged in blocks, again
+    assert [f.effect.id for f in read.faults] == ["data_outlier"]
+    # events of an amended scenario find the recording that they were seen in
+    assert read.recording.fingerprint == read_recording(file).fingerprint
+    found = diagnose(tumble(), [read])
+    whole = diagnose(tumble(), [read_recording(file)])
+    assert found.statement.endswith("was read as averages over 0.03 s (3 samples).")
+    assert found.verdict == whole.verdict
+    for one, other in zip(found.findings, whole.findings, strict=True):
+        assert (one.effect, set(one.names)) == (other.effect, set(other.names))
+    assert [f.effect for f in found.findings] == ["data_outlier", "acc_K2"]
+    value, sigma = found.findings[1].parameters["k2_x_ug_g2"]
+    known, its_sigma = whole.findings[1].parameters["k2_x_ug_g2"]
+    assert abs(value - known) < 0.3 * its_sigma
+    assert sigma == pytest.approx(its_sigma, rel=0.1)
+
+
+@pytest.mark.usefixtures("short_is_long")
+def test_what_averages_do_not_keep_is_looked_for_in_the_beginning(file):
+    def silent(said):
+        pass
+
+    read = read_long(file, tumble(), Spans(3, 0.01), lambda *_: False, silent)
+    whole = read_recording(file)
+    assert 0 < len(read.recording) < len(whole)
+    np.testing.assert_array_equal(read.recording.time, whole.time[: len(read.recording)])
+    assert "only the first" in read.said
+
+
+def test_a_block_longer_than_a_move_is_asked_for_where_the_table_moves():
+    time = np.arange(20_000) / 10
+    stop = np.where(time % 100 < 4, -1, (time // 100).astype(int))
+    turned = np.clip(time % 100, 0, 4) / 4
+    angle = 70 * DEG * (time // 100 + turned)
+    grids = {
+        "middles": BlockGrid.middles(time, 130),
+        "motion": BlockGrid.by_motion(time, 130, {"outer": angle}, stop),
+    }
+    starts = np.arange(0, len(time), 130)
+    whole = np.add.reduceat(np.cos(2 * angle), starts) / np.diff(starts, append=len(time))
+    off = {}
+    for name, grid in grids.items():
+        found = grid.means(np.cos(2 * np.interp(grid.time, time, angle)))
+        assert len(found) in (len(whole), len(whole) - 1)
+        off[name] = np.abs(found[:-1] - whole[: len(found) - 1]).max()
+    assert len(grids["motion"].time) < 8 * len(starts)
+    assert off["middles"] > 0.3
+    assert off["motion"] < 0.05

@@ -1,0 +1,69 @@
+"""Instants at which a model is asked for means over blocks of samples."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index
+from tiltcal.core.units import DEG
+
+TURN = 20 * DEG  # between instants while a table turns
+SPREAD = 0.5  # of the time since a table came to rest: between the next instants
+
+
+@dataclass(frozen=True)
+class BlockGrid:
+    """Instants of blocks of samples.
+
+    Args:
+        time: of the instants, s, (k,).
+        starts: first instant of each block, (blocks,).
+        weight: of each instant in the mean of its block, (k,).
+    """
+
+    time: Array
+    starts: Index
+    weight: Array
+
+    @classmethod
+    def middles(cls, time: Array, block: int) -> "BlockGrid":
+        """The middles of blocks. time: of samples, s, (n,)."""
+        middle = time[block // 2 :: block]
+        return cls(middle, np.arange(len(middle)), np.ones(len(middle)))
+
+    @classmethod
+    def by_motion(
+        cls, time: Array, block: int, angles: Mapping[str, Array], stop: Index
+    ) -> "BlockGrid":
+        """Blocks that are long beside the moves in them: many instants while a table turns and
+        shortly after, few while it rests.
+
+        Args:
+            time: of samples, s, (n,); block: samples.
+            angles: of each axis, rad, (n,); stop: number of the stop, -1 while moving, (n,).
+        """
+        turned = sum(
+            (np.abs(np.diff(a, prepend=a[0])) for a in angles.values()), np.zeros(len(time))
+        )
+        step = np.diff(time, prepend=2 * time[0] - time[1])
+        came = np.maximum.accumulate(np.where(stop < 0, time, time[0]))
+        rested = np.maximum(time - came, step)
+        moved = np.where(stop < 0, turned / TURN, np.minimum(step / (SPREAD * rested), 1.0))
+        part = np.floor(np.cumsum(np.minimum(moved, 1.0))).astype(np.intp)
+        last = max((len(time) - 1 - block // 2) // block, 0)
+        number = np.minimum(np.arange(len(time)) // block, last)
+        begins = (np.diff(part, prepend=-1) != 0) | (np.diff(number, prepend=-1) != 0)
+        first = np.flatnonzero(begins)
+        counts = np.diff(first, append=len(time))
+        starts = np.searchsorted(number[first], np.arange(last + 1))
+        size = np.bincount(number)
+        mean = np.add.reduceat(time - time[0], first) / counts + time[0]
+        return cls(mean, starts, counts / size[number[first]])
+
+    def means(self, values: Array) -> Array:
+        """Means over blocks of values at the instants, (k, ...) -> (blocks, ...)."""
+        if len(self.starts) == len(self.time):
+            return values
+        weight = self.weight.reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray(np.add.reduceat(values * weight, self.starts, axis=0))

@@ -1,0 +1,127 @@
+"""Allan coefficients of each channel from the longest rest of a recording."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.numerical import determining
+from tiltcal.core.units import COLUMN_UNITS, split_unit
+from tiltcal.recordings.pieces import part_of, read_pieces
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
+from tiltcal.recordings.segmentation import Segment, dwells, find_segments
+from tiltcal.recordings.span_means import read_averaged, spans_of
+from tiltcal.setup.tables import axis_of
+from tiltcal.statistics.allan import AllanDeviation, NoiseModel, allan_deviation, fit_noise
+from tiltcal.statistics.running_allan import RunningAllan
+
+NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's columns
+
+
+def noise_models_of(path: Path | str) -> dict[str, NoiseModel]:
+    """The noise model of each sensor channel of a file.
+
+    A long recording is read in pieces, twice: its rests are found in averages over spans of time,
+    the Allan deviation is that of its samples.
+
+    Raises:
+        TiltcalError: there is no sensor channel, or no rest.
+    """
+    if spans_of(path) is None:
+        return noise_models(read_recording(path).require_increasing())
+    recording = read_averaged(path)
+    names, rest = _channels(recording), _longest(recording)
+    running: dict[str, RunningAllan] = {}
+    rates: dict[str, float] = {}
+    for piece in _between(path, rest.start, rest.end):
+        for name in names:
+            known = ~np.isnan(values := piece.column(name))
+            if name not in running and known.sum() > 1:
+                rates[name] = _rate(piece.time[known])
+                running[name] = RunningAllan(int((rest.end - rest.start) * rates[name]))
+            if name in running:
+                running[name].add(values[known])
+    curves = {name: found.deviation(rates[name]) for name, found in running.items()}
+    return {name: _fitted(recording.source, name, curve) for name, curve in curves.items()}
+
+
+def noise_models(recording: Recording) -> dict[str, NoiseModel]:
+    """The noise model of each sensor channel.
+
+    Raises:
+        TiltcalError: there is no sensor channel, or no rest.
+    """
+    models = {}
+    for name in _channels(recording):
+        values, rate = longest_rest(recording, name)
+        models[name] = _fitted(recording.source, name, allan_deviation(values, rate))
+    return models
+
+
+def longest_rest(recording: Recording, column: str) -> tuple[Array, float]:
+    """The longest dwell of a column, (n,), and its sample rate, Hz.
+
+    Raises:
+        TiltcalError: the recording has no rest.
+    """
+    longest = _longest(recording)
+    values = recording.column(column)
+    known = ~np.isnan(values)
+    rows = np.flatnonzero(known[longest.first : longest.last]) + longest.first
+    return values[rows], _rate(recording.time[rows])
+
+
+def _channels(recording: Recording) -> list[str]:
+    """The columns of sensors.
+
+    Raises:
+        TiltcalError: there is none.
+    """
+    found = [
+        name
+        for name in recording.column_names
+        if COLUMN_UNITS[split_unit(name)[1] or "s"].quantity in NOISY and axis_of(name) is None
+    ]
+    if not found:
+        raise TiltcalError(
+            recording.source,
+            found="no sensor column",
+            need="one at rest",
+            do="name columns <sensor>_<axis>_<unit>",
+        )
+    return found
+
+
+def _longest(recording: Recording) -> Segment:
+    """The longest dwell."""
+    found = dwells(find_segments(recording))
+    if not found:
+        raise TiltcalError(
+            recording.source,
+            found="no rest",
+            need="a recording at rest",
+            do="record the instrument at rest",
+        )
+    return max(found, key=lambda s: s.end - s.start)
+
+
+def _between(path: Path | str, start: float, end: float) -> Iterator[Recording]:
+    """The pieces of a file between two stamps, s."""
+    for piece in read_pieces(path):
+        first, last = np.searchsorted(piece.time, [start, end], side="left")
+        if last > first:
+            yield part_of(piece, int(first), int(last))
+
+
+def _rate(time: Array) -> float:
+    """Sample rate of stamps, s, in Hz."""
+    return float(1 / np.median(np.diff(time)))
+
+
+def _fitted(source: str, name: str, curve: AllanDeviation) -> NoiseModel:
+    """The noise model of one column."""
+    with determining(f"{source}, column {name}", "its noise"):
+        return fit_noise(curve)

@@ -1,0 +1,187 @@
+"""Long recordings as means over short spans of time, in memory that does not grow with their rows.
+
+A recording of more than ``LONGEST`` rows is read piece by piece. Of each sensor the readings within
+a span are averaged, and with them the table's readout and the temperature of the same rows: to the
+first order a mean of readings is what the mean angle predicts. Shorter recordings are taken as they
+are.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.quantisation import code_grid
+from tiltcal.core.units import split_unit
+from tiltcal.recordings.means_table import read_log_or_means
+from tiltcal.recordings.pieces import estimated_rows, joined, part_of, read_pieces
+from tiltcal.recordings.recording import Recording, is_reading
+from tiltcal.statistics.dwell_noise import second_difference_noise
+
+LONGEST = 500_000  # rows of a recording that is taken sample by sample
+AVERAGED = "averaged over"  # metadata: the length of the spans
+ENOUGH = 0.5  # share of a span's usual samples below which it is left out: beside a gap
+CODED = 20_000  # samples that tell the codes
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Consecutive spans of time.
+
+    Args:
+        samples: in each of the most frequent channel.
+        step: between samples, s.
+    """
+
+    samples: int
+    step: float
+
+    @property
+    def words(self) -> str:
+        """How long each is."""
+        return f"{self.samples * self.step:.4g} s ({self.samples} samples)"
+
+    def numbers(self, time: Array) -> Index:
+        """The span that each stamp lies in, (n,); a stamp is the middle of its step."""
+        return np.floor((time / self.step + 0.5) / self.samples).astype(np.intp)
+
+
+def read_averaged(path: Path | str) -> Recording:
+    """A recording, or a table of means; where it is long, averaged over spans of time.
+
+    Raises:
+        TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do.
+    """
+    spans = spans_of(path)
+    if spans is None:
+        return read_log_or_means(path)
+    return joined([averaged(piece, spans) for piece in whole_spans(read_pieces(path), spans)])
+
+
+def averaging_note(recording: Recording) -> str | None:
+    """What to say of a recording that was averaged; None of others."""
+    said = recording.metadata.get(AVERAGED)
+    return None if said is None else f"{recording.source} was read as averages over {said}"
+
+
+def spans_of(path: Path | str, rows: int | None = None) -> Spans | None:
+    """The spans that a file is averaged over; None where it is taken sample by sample.
+
+    Coarse codes are not averaged: single samples tell what rounding leaves in a mean.
+
+    Args:
+        rows: that are left of it, at most; ``LONGEST`` unless given.
+    """
+    all_rows = estimated_rows(path)
+    if all_rows <= LONGEST:
+        return None
+    first = next(read_pieces(path, ordered=False))
+    if any(_coarse(first.column(name)) for name in first.column_names if is_reading(name)):
+        return None
+    return Spans(-(-all_rows // (rows or LONGEST)), float(np.median(np.diff(first.time))))
+
+
+def _coarse(values: Array) -> bool:
+    """Whether the noise of a column hardly leaves a code."""
+    known = values[~np.isnan(values)][:CODED]
+    code = code_grid(known) if len(known) > 2 else None
+    return code is not None and second_difference_noise(known) < code
+
+
+def whole_spans(pieces: Iterable[Recording], spans: Spans, rows: int = 1) -> Iterator[Recording]:
+    """The same recording in pieces that end where a span ends.
+
+    Args:
+        rows: that each piece has at least, but the only one of a shorter recording.
+    """
+    ready: list[Recording] = []
+    kept: list[Recording] = []
+    for piece in pieces:
+        kept.append(piece)
+        if sum(len(p) for p in kept) <= rows:
+            continue
+        whole = joined(kept)
+        numbers = spans.numbers(whole.time)
+        last = int(np.searchsorted(numbers, numbers[-1]))
+        kept = [part_of(whole, last, len(whole))]
+        if last:
+            yield from ready
+            ready = [part_of(whole, 0, last)]
+    if ready or kept:
+        yield joined([*ready, *kept])
+
+
+def averaged(piece: Recording, spans: Spans) -> Recording:
+    """Means over spans, one row for each span and for each set of sensors that were sampled
+    together.
+
+    A row holds what was read on every one of these sensors' rows beside them, as angles of the
+    table are; other columns have rows of their own. Texts are those of the row in the middle.
+    """
+    groups = list(_groups(piece))
+    parts = [_means(piece, names, rows, spans) for names, rows in groups]
+    time, where = np.unique(np.concatenate([p.time for p in parts]), return_inverse=True)
+    starts = np.cumsum([0, *(len(p) for p in parts)])
+    columns = {name: np.full(len(time), np.nan) for name in piece.column_names}
+    texts = {name: np.full(len(time), None, dtype=object) for name in piece.texts}
+    for k, part in enumerate(parts):
+        rows = where[starts[k] : starts[k + 1]]
+        for name in part.column_names:
+            columns[name][rows] = part.column(name)
+        for name, words in part.texts.items():
+            texts[name][rows] = words
+    labels = texts.pop("label", None)
+    metadata = {**piece.metadata, AVERAGED: spans.words}
+    return Recording.from_columns(
+        time, columns, labels=labels, extra=texts, metadata=metadata, source=piece.source
+    )
+
+
+def _groups(piece: Recording) -> Iterator[tuple[list[str], Index]]:
+    """Columns that are averaged together, and the rows they are averaged over, (m,)."""
+    there = {n: ~np.isnan(piece.column(n)) for n in piece.column_names}
+    together: dict[bytes, tuple[list[str], Mask]] = {}
+    states = [n for n in there if not is_reading(n) and there[n].any()]
+    for sensor in dict.fromkeys(_sensor(n) for n in there if is_reading(n)):
+        names = [n for n in there if is_reading(n) and _sensor(n) == sensor and there[n].any()]
+        if names:
+            complete = np.logical_and.reduce([there[n] for n in names])
+            together.setdefault(complete.tobytes(), ([], complete))[0].extend(names)
+    beside: set[str] = set()
+    for names, complete in list(together.values()):
+        with_them = [n for n in states if there[n][complete].all()]
+        beside.update(with_them)
+        yield names + with_them, np.flatnonzero(complete)
+    for name in states:
+        if name not in beside:
+            yield [name], np.flatnonzero(there[name])
+
+
+def _sensor(column: str) -> str:
+    """The sensor whose column it is: its channel without the axis."""
+    return split_unit(column)[0].rpartition("_")[0]
+
+
+def _means(piece: Recording, names: list[str], rows: Index, spans: Spans) -> Recording:
+    """Means of columns over spans of these rows."""
+    if not len(rows):
+        return Recording(np.zeros(0))
+    numbers = spans.numbers(piece.time[rows])
+    starts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1))
+    counts = np.diff(starts, append=len(rows))
+    full = counts >= ENOUGH * np.median(counts)
+    origin = piece.time[rows[0]]
+
+    def mean(values: Array) -> Array:
+        sums = np.add.reduceat(values if len(rows) == len(values) else values[rows], starts)
+        return np.asarray(sums / counts)[full]
+
+    middle = rows[starts + counts // 2][full]
+    return Recording.from_columns(
+        origin + mean(piece.time - origin),
+        {name: mean(piece.column(name)) for name in names},
+        labels=None if piece.labels is None else piece.labels[middle],
+        extra={name: words[middle] for name, words in piece.extra.items()},
+    )

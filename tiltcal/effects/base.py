@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
+from tiltcal.effects.mechanisms import Compliance, Context, Mechanism, Turn, World
 from tiltcal.effects.parameter import Need, Parameter, Stage
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.stepwise import Memoryless, StepEffect, Stepping
@@ -192,6 +192,10 @@ class FrameEffect(Effect):
         ``turns``.
         """
         raise NotImplementedError(f"{self.id} is installed from its turns: {rig.table}, {gravity}")
+
+    def compliances(self, rig: Rig) -> Sequence[Compliance]:
+        """The springs that its turns are the equilibrium of; none: the turns are prescribed."""
+        return ()
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         """Its face in a run by time steps; none: the reader turns the frame afterwards."""

@@ -93,15 +93,14 @@ def build_in(
     Raises:
         TiltcalError: the base has to bend, and a root body stands free.
     """
-    spec.option.gravity = fixed_turn(setup, effects, "base").T @ [0, 0, -world_of(setup, effects).gravity]
+    down = np.array([0.0, 0.0, -world_of(setup, effects).gravity])
+    spec.option.gravity = fixed_turn(setup, effects, "base").T @ down
     for joint in reversed(reference.joints):
         turn = _bearing_turn(setup, effects, joint.name)
         if not np.array_equal(turn, np.eye(3)):
             _turn_joint(spec, reference, joint, joint.bearing @ turn @ joint.bearing.T)
     _turn_site(spec, reference, setup, effects)
-    bends = [
-        c for e in effects if isinstance(e, FrameEffect) for c in e.compliances(setup.rig)
-    ]
+    bends = [c for e in effects if isinstance(e, FrameEffect) for c in e.compliances(setup.rig)]
     return _install_springs(spec, reference, bends, setup.site.gravity)
 
 
@@ -218,10 +217,13 @@ def _hinge_before(body: Any, before: Any, name: str) -> Any:
 
 
 _STATE = (
-    "name type pos axis align ref springref springyield stiffness springdamper damping armature"
-    " frictionloss limited range margin actfrclimited actfrcrange actgravcomp group"
-    " solref_limit solimp_limit solref_friction solimp_friction"
-).split()
+    *("name", "type", "pos", "axis", "align", "ref", "group"),
+    *("springref", "springyield", "stiffness", "springdamper", "damping"),
+    *("armature", "frictionloss", "limited", "range", "margin"),
+    *("actfrclimited", "actfrcrange", "actgravcomp"),
+    *("solref_limit", "solimp_limit", "solref_friction", "solimp_friction"),
+)
+"""What a joint is, as MjSpec holds it."""
 
 
 def _state(joint: Any) -> dict[str, Any]:

@@ -169,8 +169,8 @@ def _settle(
     first: "np.ndarray[tuple[int], np.dtype[np.intp]]",
     time: Array,
 ) -> Array:
-    """Move the compliant joints to equilibrium: bias torque + k (q - q_relaxed) = 0, by fixed point (contracts by
-    m g l / k).
+    """Move the compliant joints to equilibrium: bias torque + k (q - q_relaxed) = 0, by fixed point
+    (contracts by m g l / k).
 
     Returns the generalised force that holds everything else still.
     """

@@ -37,6 +37,13 @@ from tiltsim.motion import read_states
 from tiltsim.prescribed_model import prescribed_model
 from tiltsim.rig import Rig
 
+if not hasattr(sysid, "optimize"):  # it imports without its libraries, and is empty then
+    raise TiltcalError(
+        "mujoco.sysid",
+        found="its libraries are not installed",
+        need="the extra 'sysid'",
+        do='install it with pip install "tiltcal[sysid]"',
+    )
 
 KEPT = 64  # motions: one for each step of a finite difference
 
@@ -74,14 +81,12 @@ class Exchange:
 
     def effects(self, params: "sysid.ParameterDict") -> tuple[Effect, ...]:
         """The effects at the values of parameters; those that have none are left out."""
-        names = [name for name in params.keys() if name in {p.name for p in self.known}]
-        values = {name: float(params[name].value[0]) for name in names}
+        ours = {p.name for p in self.known}
+        values = {name: float(p.value[0]) for name, p in params.items() if name in ours}
         kept = {p.effect for p in self.known}
         return tuple(e for k, e in enumerate(with_values(self.scenario, values)) if k in kept)
 
-    def build_model(
-        self, params: "sysid.ParameterDict", spec: "mujoco.MjSpec"
-    ) -> "mujoco.MjModel":
+    def build_model(self, params: "sysid.ParameterDict", spec: "mujoco.MjSpec") -> "mujoco.MjModel":
         """The user's model with the effects built in, and with what other parameters modify:
         ``build_model`` of ``sysid.build_residual_fn``, for rollouts of the user's own.
 
@@ -103,21 +108,16 @@ class Exchange:
         """
         course = replay(recording, self.scenario)
         self._require_simple(recording, course)
-        columns: list[Array] = []
-        mapping = {}
-        for sensor in self.scenario.sensor:
-            values = recording.sensor(sensor).values
-            start = sum(c.shape[1] for c in columns)
-            where = np.arange(start, start + values.shape[1])
-            mapping[sensor.name] = (sysid.SignalType.MjSensor, where)
-            columns.append(values)
-        measured = sysid.TimeSeries(recording.time, np.column_stack(columns), mapping)
-        model = self.spec.compile()
+        columns = {s.name: recording.sensor(s).values for s in self.scenario.sensor}
+        spec = _read_as(self.spec, {name: c.shape[1] for name, c in columns.items()})
+        model = spec.compile()
+        mapping = sysid.TimeSeries.compute_all_sensor_mapping(model)
+        measured = sysid.TimeSeries(recording.time, np.column_stack([*columns.values()]), mapping)
         control = sysid.TimeSeries(recording.time, np.zeros((len(recording), model.nu)))
         data = mujoco.MjData(model)
         state = sysid.create_initial_state(model, data.qpos, data.qvel, data.act)
         sequences = sysid.ModelSequences(
-            self.scenario.name, self.spec, "recording", state, control, measured, True
+            self.scenario.name, spec, "recording", state, control, measured
         )
         self._moved.clear()
 
@@ -223,3 +223,13 @@ def _is_fixed(effect: AngleEffect, setup: Setup) -> bool:
 
 def _parameter(of: ModelParameter) -> "sysid.Parameter":
     return sysid.Parameter(of.name, of.value, of.low, of.high, of.frozen)
+
+
+def _read_as(spec: "mujoco.MjSpec", channels: dict[str, int]) -> "mujoco.MjSpec":
+    """A model whose sensors are the scenario's, with so many channels each."""
+    found = spec.copy()
+    for sensor in list(found.sensors):
+        found.delete(sensor)
+    for name, count in channels.items():
+        found.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_USER, dim=count)
+    return found

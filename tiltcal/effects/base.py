@@ -78,10 +78,7 @@ class Effect(Traits, ABC):
     random: ClassVar[bool] = False
     axis_wise: ClassVar[bool] = False
     channel_wise: ClassVar[bool] = False
-    sharp: ClassVar[bool] = (
-        # it jumps with what it acts on: a mean over samples is not what it does at their middle
-        False
-    )
+    sharp: ClassVar[bool] = False  # jumps: a mean over samples is not its value at their middle
     kinds: ClassVar[frozenset[str]] = frozenset()
     on_table: ClassVar[bool] = False
 

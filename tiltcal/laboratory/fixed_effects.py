@@ -76,6 +76,6 @@ def _probe(setup: Setup) -> Context:
     """A motion on which everything that varies differs from row to row."""
     n = len(PROBED)
     moving = Jet(PROBED, np.ones(n), np.ones(n))
-    axes = {name: moving for name in setup.rig.axis_names}
+    axes = dict.fromkeys(setup.rig.axis_names, moving)
     drive = Drive(PROBED, axes, 0.0, PROBED, 0.0, np.full(n, -1, np.intp))
     return Context(drive, axes, setup.rig, setup.site.gravity)

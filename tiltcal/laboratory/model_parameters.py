@@ -71,9 +71,7 @@ def model_parameters(scenario: Scenario) -> tuple[list[ModelParameter], dict[str
     return found, left
 
 
-def _numbers(
-    effect: Effect, number: int, address: str, scenario: Scenario
-) -> list[ModelParameter]:
+def _numbers(effect: Effect, number: int, address: str, scenario: Scenario) -> list[ModelParameter]:
     """The numbers of one effect."""
     stated = {n: p for p in effect.parameters for n in p.expand(tuple("xyza")) or [p.name]}
     springs = isinstance(effect, FrameEffect) and bool(effect.compliances(scenario.rig))

@@ -51,9 +51,9 @@ class PlainModel:
             )
             self.springs[f"{name}_spring"] = stiffness
         if base_stiffness is not None:
-            root = spec.worldbody.first_body()
+            root, compiled = spec.worldbody.first_body(), spec.compile()
+            R = _matrix(compiled.body(root.name).quat)  # its file may say it in other words
             for name, axis, stiffness in zip("xy", np.eye(3)[:2], base_stiffness, strict=True):
-                R = _matrix(root.quat)
                 root.add_joint(
                     name=f"base_{name}",
                     type=mujoco.mjtJoint.mjJNT_HINGE,

@@ -12,26 +12,22 @@ white noise of one sample.
 import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mujoco import sysid
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from model_oracle import TERMS, calibration, effect, fitted_error, predicted_error
 from model_rig import Mapped, PlainModel, poses_and_moves, scenario_text
 
-from tiltcal.api.simulating import simulator
 from tiltcal.core.assets import folder
 from tiltcal.core.units import ARCSEC, G0
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.laboratory.scenario import load_scenario, parse_scenario
+from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
-from tiltsim.sysid import Exchange
 
 ARM = folder("scenarios") / "arm" / "arm.xml"
 AXES = {n: Mapped(n) for n in ("pan", "lift", "elbow", "wrist")}
@@ -57,12 +53,6 @@ class Case:
     read: Callable[[str, Any], Any] = lambda _, angle: angle
 
 
-def effect(id: str, *free: str, **where: str) -> str:
-    """An `[[effect]]` table whose numbers are free and zero."""
-    lines = [f'id = "{id}"', 'role = "found"', *(f'{k} = "{v}"' for k, v in where.items())]
-    return "\n".join(["[[effect]]", *lines, *(f"{name} = 0" for name in free), ""])
-
-
 def _k2(force: Any) -> Any:
     return force + 600e-6 * np.array([1, 0, 0]) * force**2 / G0
 
@@ -78,11 +68,6 @@ def _eccentric(axis: str, x: Any) -> Any:
 SPRING = effect("joint_compliance", "bend_z_arcsec_N_m", axis="lift")
 TILT = effect("joint_axis_tilt", "tilt_x_arcsec", "tilt_y_arcsec", axis="elbow")
 ECCENTRIC = effect("table_encoder_eccentricity", "cos_arcsec", "sin_arcsec", axis="elbow")
-CALIBRATION = (
-    effect("acc_bias", *(f"bias_{a}_ug" for a in "xyz"))
-    + effect("acc_scale", *(f"scale_{a}_ppm" for a in "xyz"))
-    + effect("acc_cross_axis", *(f"cross_{a}{b}_ppm" for a in "xyz" for b in "xyz" if a != b))
-)
 CASES = [
     Case("spring in the lift", SPRING, TILT, {"joint_stiffness": {"lift": 1 / (4 * ARCSEC)}}),
     Case("late stamps", effect("data_latency", "latency_ms"), SPRING, {}, sensed=_late),
@@ -108,37 +93,13 @@ def recorded(case: Case, rng: Any, white: float) -> Recording:
     return Recording.from_columns(time, columns)
 
 
-def by_sysid(file: Path, recording: Recording, held_out: Recording) -> float:
-    """What sysid leaves of the held-out recording, with the effects of a scenario free."""
-    exchange = Exchange.of(file, ARM)
-    residual = sysid.build_residual_fn(**exchange.problem(recording))
-    with redirect_stdout(StringIO()):  # it prints every iteration
-        found, _ = sysid.optimize(
-            exchange.parameters.move_off_bounds(),
-            residual,
-            "scipy",
-            False,
-            x_scale="jac",
-            max_iters=12,
-        )
-    other = sysid.build_residual_fn(**exchange.problem(held_out))
-    _, predicted, measured = other(found.as_vector(), found, return_pred_all=True)
-    return rms(predicted[0][0].data - measured[0][0].data)
-
-
 def by_tiltcal(file: Path, recording: Recording, held_out: Recording) -> tuple[str, float]:
     """The findings' names, and what the amended scenario leaves of the held-out recording."""
-    answer = diagnose(load_scenario(file), [recording])
+    scenario = load_scenario(file)
+    answer = diagnose(scenario, [recording])
     names = [n for f in answer.findings for n in (f.names or ("unlisted",))]
-    predicted = simulator().predict(parse_scenario(answer.amended), held_out, None)
-    sensor = load_scenario(file).sensor[0]
-    left = predicted.sensor(sensor).values - held_out.sensor(sensor).values
-    return ", ".join(dict.fromkeys(names)) or "nothing", rms(left)
-
-
-def rms(left: Any) -> float:
-    """In units of the white noise."""
-    return float(np.sqrt(np.mean(left**2))) / WHITE
+    error = predicted_error(scenario, answer.amended, held_out)
+    return ", ".join(dict.fromkeys(names)) or "nothing", error
 
 
 def main() -> None:
@@ -151,16 +112,16 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as name:
             place = Path(name)
             (place / ARM.name).write_bytes(ARM.read_bytes())
-            terms = ("bias", "scale", "cross_axis")
-            honest = scenario_text(ARM, AXES, "tool", adjustable=terms)
+            honest = scenario_text(ARM, AXES, "tool", adjustable=tuple(TERMS))
             left = []
             for label, extra in (("right", case.right), ("wrong", case.wrong)):
                 file = place / f"{label}.toml"
-                file.write_text(honest + CALIBRATION + extra)
-                left.append(by_sysid(file, seen, held_out))
+                file.write_text(honest + calibration(*TERMS) + extra)
+                left.append(fitted_error(file, ARM, seen, held_out))
             (place / "honest.toml").write_text(honest)
             names, ours = by_tiltcal(place / "honest.toml", seen, held_out)
-        print(f"| {case.name} | {left[0]:.3f} | {left[1]:.3f} | {ours:.3f} | {names} |", flush=True)
+        figures = " | ".join(f"{error / WHITE:.3f}" for error in (*left, ours))
+        print(f"| {case.name} | {figures} | {names} |", flush=True)
 
 
 if __name__ == "__main__":

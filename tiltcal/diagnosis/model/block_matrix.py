@@ -105,7 +105,7 @@ class BlockDesignMatrix:
 def columns_of(basis: Sequence[Array]) -> list[Columns]:
     """The columns of a matrix by channel, (n, q) each, as those parts that are not zero."""
     count = basis[0].shape[1] if basis else 0
-    there = [B.any(axis=0) for B in basis]
+    there = [np.any(B != 0, axis=0).tolist() for B in basis]
     return [{i: B[:, k] for i, B in enumerate(basis) if there[i][k]} for k in range(count)]
 
 

@@ -17,7 +17,7 @@ from tiltcal.effects.file_values import number_of
 from tiltcal.laboratory.fixed_effects import why_not
 from tiltcal.laboratory.scenario import Scenario
 
-BEYOND = 3.0  # bounds over the largest plausible size, and over the value
+BEYOND = 100.0  # bounds over the largest plausible size, and over the value
 
 
 @dataclass(frozen=True)

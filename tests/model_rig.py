@@ -51,9 +51,9 @@ class PlainModel:
             )
             self.springs[f"{name}_spring"] = stiffness
         if base_stiffness is not None:
-            root = spec.worldbody.first_body()
+            root, compiled = spec.worldbody.first_body(), spec.compile()
+            R = _matrix(compiled.body(root.name).quat)  # its file may say it in other words
             for name, axis, stiffness in zip("xy", np.eye(3)[:2], base_stiffness, strict=True):
-                R = _matrix(root.quat)
                 root.add_joint(
                     name=f"base_{name}",
                     type=mujoco.mjtJoint.mjJNT_HINGE,
@@ -207,3 +207,28 @@ def _matrix(quaternion):
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, np.array(quaternion, float))
     return R.reshape(3, 3)
+
+
+PAN_TILT = """<mujoco model="pan-tilt head"><worldbody><body name="foot">
+<geom type="cylinder" size=".12 .1" mass="8" pos="0 0 .1"/>
+<body name="yoke" pos="0 0 .2"><joint name="pan" axis="0 0 1"/>
+<geom type="box" size=".02 .12 .15" mass="3" pos=".03 0 .15"/>
+<body name="cradle" pos="0 0 .25"><joint name="tilt" axis="0 1 0"/>
+<geom type="box" size=".15 .08 .05" mass="4" pos=".12 .01 .03"/>
+<body name="barrel" pos=".1 0 .02"><joint name="roll" axis="1 0 0"/>
+<geom type="cylinder" size=".06 .1" mass="2" pos=".05 .04 0" euler="0 90 0"/>
+<site name="imu" pos=".1 0 .04" euler="5 -10 20"/>
+</body></body></body></body></worldbody></mujoco>"""
+FOUR_AXES = """<mujoco model="four-axis table"><worldbody><body name="pier">
+<geom type="box" size=".3 .3 .4" mass="200" pos="0 0 .4"/>
+<body name="outer" pos="0 0 .9"><joint name="outer" axis="0 0 1"/>
+<geom type="box" size=".05 .3 .2" mass="12" pos="0 0 -.1"/>
+<body name="middle"><joint name="middle" axis="0 1 0"/>
+<geom type="box" size=".22 .25 .03" mass="9" pos=".05 0 0"/>
+<body name="inner"><joint name="inner" axis="1 0 0"/>
+<geom type="box" size=".2 .13 .02" mass="6" pos="0 .05 -.03"/>
+<body name="head"><joint name="head" axis="0 0 1"/>
+<geom type="cylinder" size=".1 .02" mass="3" pos=".03 0 0"/>
+<site name="imu" pos="0 0 .05" euler="0 5 30"/>
+</body></body></body></body></body></worldbody></mujoco>"""
+"""Rigs written for the tests, in which MuJoCo turns what hangs on a joint off its balance."""

@@ -2,17 +2,29 @@
 product gets the model without it.
 
     python -m model_trials --count 6 --seed 1          from the folder tests
+    python -m model_trials --robots "pan-tilt head" "four-axis table" --oracle
+
+With --oracle each answer predicts a second recording, and so does a fit of the true law alone.
 """
 
 import argparse
 import tempfile
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
-from model_rig import Mapped, PlainModel, poses_and_moves, scenario_text
+from model_oracle import calibration, effect, fitted_error, predicted_error
+from model_rig import (
+    FOUR_AXES,
+    PAN_TILT,
+    Mapped,
+    PlainModel,
+    poses_and_moves,
+    scenario_text,
+)
 
 from tiltcal.core.assets import folder
 from tiltcal.core.units import ARCSEC
@@ -30,10 +42,16 @@ STANDARD_G = 9.80665
 class Robot:
     """A model, the joints that are read, and where the instrument sits."""
 
-    path: Path
+    file: str
+    text: bytes
     joints: tuple[str, ...]
     site: str
     springs: tuple[str, ...]
+
+
+def of_file(path: Path, *rest: Any) -> Robot:
+    """A robot of a model's file."""
+    return Robot(path.name, path.read_bytes(), *rest)
 
 
 PUSHER = tuple(
@@ -49,14 +67,24 @@ PUSHER = tuple(
     )
 )
 ROBOTS = {
-    "arm": Robot(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift",)),
-    "base of the arm": Robot(ARM, ("pan", "lift", "elbow", "wrist"), "base_imu", ()),
-    "pusher": Robot(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2]),
-    "leg of the humanoid": Robot(
+    "arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift",)),
+    "base of the arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "base_imu", ()),
+    "pusher": of_file(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2]),
+    "leg of the humanoid": of_file(
         ASSETS / "humanoid.xml",
         ("abdomen_y", "abdomen_x", "right_hip_x", "right_hip_z", "right_hip_y", "right_knee"),
         "right_shin",
         ("right_hip_y",),
+    ),
+    "pan-tilt head": Robot(
+        "head.xml", PAN_TILT.encode(), ("pan", "tilt", "roll"), "imu", ("tilt", "roll")
+    ),
+    "four-axis table": Robot(
+        "table.xml",
+        FOUR_AXES.encode(),
+        ("outer", "middle", "inner", "head"),
+        "imu",
+        ("middle", "inner"),
     ),
 }
 PHYSICS = {
@@ -81,50 +109,120 @@ def possible(robot, physics):
     }.get(physics, moves)
 
 
-def case(robot, physics, rng, place):
-    """A scenario's path and a recording."""
+@dataclass(frozen=True)
+class Truth:
+    """What is concealed.
+
+    Args:
+        built: keywords of the plain model; law: the `[[effect]]` tables that are the truth.
+        late: samples; k2: of the x axis, 1/g.
+        eccentric: axis, and its errors with the cosine and sine of the angle, rad.
+        gain, bias: of the sensor's axes, what calibration may take.
+    """
+
+    built: dict[str, Any]
+    law: str
+    gain: Any
+    bias: Any
+    late: int = 0
+    k2: float = 0.0
+    eccentric: tuple[str, float, float] | None = None
+
+
+def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Truth:
+    """One physics at a random size."""
+    named = {m.joint: a for a, m in axes.items()}
+    honest = {"gain": 1 + rng.normal(0, 1e-3, 3), "bias": rng.normal(0, 0.02, 3)}
+    if physics == "joint spring":
+        joint = str(rng.choice(robot.springs))
+        _, jets = poses_and_moves(rng, list(axes), 20)
+        load = PlainModel(path, axes, robot.site).load(
+            {a: j[0][::50] for a, j in jets.items()}, joint
+        )
+        stiffness = np.ptp(load) / (rng.uniform(60, 200) * ARCSEC)
+        law = effect("joint_compliance", "bend_z_arcsec_N_m", axis=named[joint])
+        return Truth({"joint_stiffness": {joint: stiffness}}, law, **honest)
+    if physics == "base spring":
+        law = effect("base_load_compliance", "bend_east_arcsec_N_m", "bend_north_arcsec_N_m")
+        return Truth({"base_stiffness": rng.uniform(1e5, 4e5, 2)}, law, **honest)
+    if physics == "axis tilt":
+        # the last joint's tilt is a part of the mounting; that of one turns the next back
+        tilt = rng.choice([-1, 1], 2) * rng.uniform(150, 400, 2) * ARCSEC
+        ends = [named[j] for j in robot.joints[-2:]]
+        sizes = ("tilt_x_arcsec", "tilt_y_arcsec")
+        law = "".join(effect("joint_axis_tilt", *sizes, axis=a) for a in ends)
+        return Truth({"axis_tilt": {robot.joints[-2]: tilt}}, law, **honest)
+    if physics == "K2":
+        k2 = rng.uniform(300, 900) * 1e-6
+        return Truth({}, effect("acc_K2", "k2_x_ug_g2"), **honest, k2=k2)
+    if physics == "eccentricity":
+        c, s = rng.choice([-1, 1], 2) * rng.uniform(100, 300, 2) * ARCSEC
+        axis = list(axes)[-2]
+        law = effect("table_encoder_eccentricity", "cos_arcsec", "sin_arcsec", axis=axis)
+        return Truth({}, law, **honest, eccentric=(axis, c, s))
+    if physics == "latency":
+        late = int(rng.integers(1, 3))
+        return Truth({}, effect("data_latency", "latency_ms"), **honest, late=late)
+    return Truth({}, "", **honest)
+
+
+def recorded(truth: Truth, path: Path, axes: Any, site: str, rng: Any, white: float) -> Recording:
+    """What the concealed model reads on random poses and moves."""
+    time, jets = poses_and_moves(rng, list(axes), 20)
+    force, _ = PlainModel(path, axes, site, **truth.built).readings(time, jets)
+    if truth.late:
+        force = np.concatenate([np.repeat(force[:1], truth.late, axis=0), force[: -truth.late]])
+    force[:, 0] += truth.k2 * force[:, 0] ** 2 / STANDARD_G
+    force = force * truth.gain + truth.bias + white * rng.normal(0, 1, force.shape)
+    columns = {}
+    for a, jet in jets.items():
+        x = jet[0] + (white > 0) * rng.normal(0, 0.05 * ARCSEC, len(time))
+        if truth.eccentric is not None and truth.eccentric[0] == a:
+            x = x + truth.eccentric[1] * np.cos(jet[0]) + truth.eccentric[2] * np.sin(jet[0])
+        columns[f"table_{a}_deg"] = np.degrees(x)
+    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
+    return Recording.from_columns(time, columns)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a case; errors of prediction, rms, m/s2, None without an oracle."""
+
+    found: bool
+    held: bool
+    alone: bool
+    error: float | None = None
+    oracle: float | None = None
+
+
+def trial(name: str, physics: str, rng: Any, place: Path, oracle: bool) -> Outcome:
+    """One case, concealed and diagnosed."""
+    robot, id = ROBOTS[name], PHYSICS[physics]
+    path = place / robot.file
+    path.write_bytes(robot.text)
     axes = {
         f"j{k}": Mapped(n, int(rng.choice([-1, 1])), float(rng.uniform(-1, 1)))
         for k, n in enumerate(robot.joints)
     }
-    time, jets = poses_and_moves(rng, list(axes), 20)
-    built = {}
-    if physics == "joint spring":
-        axis = str(rng.choice(robot.springs))
-        probe = PlainModel(robot.path, axes, robot.site)
-        load = np.ptp(probe.load({a: j[0][::50] for a, j in jets.items()}, axis))
-        built["joint_stiffness"] = {axis: load / (rng.uniform(60, 200) * ARCSEC)}
-    if physics == "base spring":
-        built["base_stiffness"] = rng.uniform(1e5, 4e5, 2)
-    if physics == "axis tilt":
-        # the last joint's tilt is a part of the mounting
-        built["axis_tilt"] = {
-            robot.joints[-2]: rng.choice([-1, 1], 2) * rng.uniform(150, 400, 2) * ARCSEC
-        }
-    late = int(rng.integers(1, 3)) if physics == "latency" else 0  # samples
-    force, _ = PlainModel(robot.path, axes, robot.site, **built).readings(time, jets)
-    if late:
-        force = np.concatenate([np.repeat(force[:1], late, axis=0), force[:-late]])
-    if physics == "K2":
-        force[:, 0] += rng.uniform(300, 900) * 1e-6 * force[:, 0] ** 2 / STANDARD_G
-    readouts = {a: j[0].copy() for a, j in jets.items()}
-    if physics == "eccentricity":
-        axis = list(axes)[-2]
-        x, (c, s) = readouts[axis], rng.choice([-1, 1], 2) * rng.uniform(100, 300, 2) * ARCSEC
-        readouts[axis] = x + c * np.cos(x) + s * np.sin(x)
-    force = force * (1 + rng.normal(0, 1e-3, 3)) + rng.normal(0, 0.02, 3)
-    force = force + rng.normal(0, WHITE, force.shape)
-    columns = {
-        f"table_{a}_deg": np.degrees(x + rng.normal(0, 0.05 * ARCSEC, len(x)))
-        for a, x in readouts.items()
-    }
-    columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
-    (place / robot.path.name).write_bytes(robot.path.read_bytes())
-    moves = robot.site != "base_imu"
-    terms = ("bias", "scale", "cross_axis") if moves else ("bias",)
-    file = place / "scenario.toml"
-    file.write_text(scenario_text(robot.path, axes, robot.site, adjustable=terms))
-    return file, Recording.from_columns(time, columns)
+    truth = concealed(robot, physics, rng, path, axes)
+    terms = ("bias", "scale", "cross_axis") if robot.site != "base_imu" else ("bias",)
+    honest = scenario_text(path, axes, robot.site, adjustable=terms)
+    file, right = place / "scenario.toml", place / "right.toml"
+    file.write_text(honest)
+    right.write_text(honest + calibration(*terms) + truth.law)
+    recording = recorded(truth, path, axes, robot.site, rng, WHITE)
+    answer = diagnose(load_scenario(file), [recording])
+    names = [n for f in answer.findings for n in f.names]
+    held = id in names
+    outcome = Outcome(bool(answer.findings), held, held and len(answer.findings) == 1)
+    if oracle:
+        second = recorded(truth, path, axes, robot.site, rng, 0.0)
+        error = predicted_error(load_scenario(file), answer.amended, second)
+        best = fitted_error(right, path, recording, second)
+        outcome = replace(outcome, error=error, oracle=best)
+    ratio = "" if outcome.error is None else f"{outcome.error / outcome.oracle:6.2f}"
+    print(f"{name:20s} {physics:13s} {answer.verdict:11s} {ratio} {' '.join(names)}", flush=True)
+    return outcome
 
 
 def main():
@@ -132,25 +230,29 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=4)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
+    parser.add_argument("--physics", nargs="+", choices=PHYSICS, default=list(PHYSICS))
+    parser.add_argument("--oracle", action="store_true")
     words = parser.parse_args()
-    tally = defaultdict(lambda: np.zeros(4, int))
-    for name, robot in ROBOTS.items():
-        for number, (physics, id) in enumerate(PHYSICS.items()):
-            for k in range(words.count if possible(robot, physics) else 0):
+    tally = defaultdict(list)
+    for name in words.robots:
+        for physics in words.physics:
+            number = list(PHYSICS).index(physics)
+            for k in range(words.count if possible(ROBOTS[name], physics) else 0):
                 rng = np.random.default_rng([words.seed, number, k, len(name)])
-                with tempfile.TemporaryDirectory() as folder_name:
-                    file, recording = case(robot, physics, rng, Path(folder_name))
-                    answer = diagnose(load_scenario(file), [recording])
-                names = [n for f in answer.findings for n in f.names]
-                found, held = bool(answer.findings), id in names
-                exact = held and len(answer.findings) == 1
-                tally[physics] += [1, found, held, exact]
-                print(
-                    f"{name:16s} {physics:13s} {answer.verdict:11s} {' '.join(names)}", flush=True
-                )
-    print(f"\n{'physics':14s}cases  found  in the class  alone")
-    for physics, (n, found, held, exact) in tally.items():
-        print(f"{physics:14s}{n:5d}{found:7d}{held:14d}{exact:7d}")
+                with tempfile.TemporaryDirectory() as place:
+                    tally[physics].append(trial(name, physics, rng, Path(place), words.oracle))
+    print_table(tally)
+
+
+def print_table(tally):
+    """The outcomes by physics; the error is the median of its ratio to the oracle's."""
+    print(f"\n{'physics':14s}cases  found  in the class  alone  error / oracle's")
+    for physics, outcomes in tally.items():
+        counts = [sum(getattr(o, k) for o in outcomes) for k in ("found", "held", "alone")]
+        ratios = [o.error / o.oracle for o in outcomes if o.oracle]
+        shown = f"{np.median(ratios):18.2f}" if ratios else ""
+        print(f"{physics:14s}{len(outcomes):5d}{counts[0]:7d}{counts[1]:14d}{counts[2]:7d}{shown}")
 
 
 if __name__ == "__main__":

@@ -55,12 +55,12 @@ def read_model(
             need=f"at most {MOST_BODIES}",
             do="leave out what does not carry the instrument",
         )
-    reader = _Reader(model, words, subject)
+    reader = ModelReader(model, words, subject)
     return reader.chain(), {name: reader.place(name) for name in sites}
 
 
 @dataclass(frozen=True)
-class _Axis:
+class ModelJoint:
     """A mapped joint at the model's reference: its frame in the world, origin on the axis, z along
     it.
     """
@@ -72,8 +72,13 @@ class _Axis:
     R: Array
     zero: float  # rad: angle of the link when the readout says zero, from the reference
 
+    @property
+    def bearing(self) -> Array:
+        """The frame before it turns: as ``R`` when the readout says zero, (3, 3)."""
+        return self.R @ rotation("z", self.zero)
 
-class _Reader:
+
+class ModelReader:
     """The links of one compiled model."""
 
     def __init__(self, model: "mujoco.MjModel", words: ModelWords, subject: str) -> None:
@@ -95,6 +100,14 @@ class _Reader:
         body, origin, R = self._site(site)
         return Place(**self._placed(self._on(body), origin, R))
 
+    def base_moment(self) -> Array:
+        """Moment of the mass that no axis moves, about the world's East and North, kg m, (2,): of
+        r x (0, 0, -m).
+        """
+        fixed = [b for b in range(1, self.model.nbody) if self._on(b) < 0]
+        x, y, _ = (self.model.body_mass[fixed, None] * self.data.xipos[fixed]).sum(0)
+        return np.array([-y, x])
+
     def _joint(self, name: str, axis: ModelAxis) -> int:
         model = self.model
         number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, axis.joint)
@@ -111,21 +124,29 @@ class _Reader:
             )
         return int(number)
 
-    def _axis(self, joint: int, name: str, axis: ModelAxis) -> _Axis:
+    def _axis(self, joint: int, name: str, axis: ModelAxis) -> ModelJoint:
         along = axis.sign * self.data.xaxis[joint]
         body = int(self.model.jnt_bodyid[joint])
         R = _frame_along(along, self.data.xmat[body].reshape(3, 3))
         reference = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
         zero = axis.sign * (np.radians(axis.offset_deg) - reference)
-        return _Axis(name, joint, body, np.array(self.data.xanchor[joint]), R, zero)
+        return ModelJoint(name, joint, body, np.array(self.data.xanchor[joint]), R, zero)
 
     def _link(self, k: int) -> Link:
         axis = self.axes[k]
         on = self._before(k)
-        place = self._placed(on, axis.origin, axis.R @ rotation("z", axis.zero))
+        place = self._placed(on, axis.origin, axis.bearing)
         mass, centre = self._mass(k)
-        joint = self.model.joint(axis.joint).name
-        return Link(axis=axis.name, joint=joint, mass_kg=mass, centre_m=centre, **place)
+        words = self.words.axes[axis.name]
+        return Link(
+            axis=axis.name,
+            joint=words.joint,
+            sign=words.sign,
+            offset_deg=words.offset_deg,
+            mass_kg=mass,
+            centre_m=centre,
+            **place,
+        )
 
     def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
         """A frame of the world as a ``Place`` on a link, by its number; -1: the base."""

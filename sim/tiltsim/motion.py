@@ -169,20 +169,22 @@ def _settle(
     first: "np.ndarray[tuple[int], np.dtype[np.intp]]",
     time: Array,
 ) -> Array:
-    """Move the compliant joints to equilibrium: bias torque + k q = 0, by fixed point (contracts by
-    m g l / k).
+    """Move the compliant joints to equilibrium: bias torque + k (q - q_relaxed) = 0, by fixed point
+    (contracts by m g l / k).
 
     Returns the generalised force that holds everything else still.
     """
     dofs = [rig.dof(name) for name in rig.springs]
+    places = [rig.position(name) for name in rig.springs]
     stiffness = np.array(list(rig.springs.values()))
+    relaxed = rig.model.qpos_spring[places]
     for _ in range(5):
         bias = runner.still(q, np.zeros_like(v), "qfrc_bias")
-        q[:, dofs] = -bias[:, dofs] / stiffness
+        q[:, places] = relaxed - bias[:, dofs] / stiffness
     if np.any(v):
         # a deflection that changes turns the instrument: its rate, from the deflection against time
-        for dof in dofs:
-            jet = sampled_jet(time, q[which, dof])
+        for dof, place in zip(dofs, places, strict=True):
+            jet = sampled_jet(time, q[which, place])
             v[:, dof], a[:, dof] = np.asarray(jet.v)[first], np.asarray(jet.a)[first]
     return runner.still(q, v, "qfrc_bias") - runner.still(q, v, "qfrc_passive")
 

@@ -60,6 +60,10 @@ class Rig:
         """Address of a joint's (first) degree of freedom; of its qpos too, but for a free body."""
         return int(self.model.joint(joint).dofadr[0])
 
+    def position(self, joint: str) -> int:
+        """Address of a joint's (first) coordinate in qpos."""
+        return int(self.model.joint(joint).qposadr[0])
+
 
 def quaternion(R: Array) -> Array:
     """(w, x, y, z) of a rotation matrix."""
@@ -308,20 +312,7 @@ class RigBuilder:
             if body.name != "world" and not body.name.endswith("_ballast"):
                 body.gravcomp = 1.0
         spec.delete(spec.sensor("fog"))
-        kinds = mujoco.mjtSensor
-        frames = (
-            ("attitude", kinds.mjSENS_FRAMEQUAT),
-            ("spin", kinds.mjSENS_FRAMEANGACC),
-            ("place", kinds.mjSENS_FRAMEPOS),
-        )
-        for name, kind in frames:
-            spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
-        spec.add_sensor(
-            name="speed",
-            type=kinds.mjSENS_VELOCIMETER,
-            objtype=mujoco.mjtObj.mjOBJ_SITE,
-            objname="accel",
-        )
+        add_frame_sensors(spec)
         centre = np.array(spec.body("hand" if free else "pier").pos)
         return Rig(
             spec.compile(),
@@ -345,6 +336,19 @@ class RigBuilder:
         rings = tuple(m for m in self.stepped if isinstance(m, Ring))
         coggings = tuple(m for m in self.stepped if isinstance(m, Cogging))
         return Rig(spec.compile(), {}, dict(self.springs), rings, coggings, free)
+
+
+def add_frame_sensors(spec: "mujoco.MjSpec") -> None:
+    """Attitude, angular acceleration, place and velocity of the site ``accel``."""
+    kinds = mujoco.mjtSensor
+    frames = {
+        "attitude": kinds.mjSENS_FRAMEQUAT,
+        "spin": kinds.mjSENS_FRAMEANGACC,
+        "place": kinds.mjSENS_FRAMEPOS,
+        "speed": kinds.mjSENS_VELOCIMETER,
+    }
+    for name, kind in frames.items():
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="accel")
 
 
 def combined(springs: Sequence[Spring]) -> list[Spring]:

@@ -39,7 +39,7 @@ CALIBRATION = {
     "check": Command("check:check", "Check a calibration against another recording."),
     "certificate": Command("certificate:certificate", "Write the certificate of a calibration."),
     "export": Command(
-        "export:export", "Export a calibration, a noise model or a recording for other programs."
+        "export:export", "Export a calibration, noise, effects or a recording for other programs."
     ),
     "methods": Command("methods:methods", "List the calibration methods."),
 }

@@ -12,20 +12,22 @@ from tiltcal.cli.verdict import print_verdict
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
 
-Format = Literal["c", "px4", "ardupilot", "kalibr", "sdf", "recording"]
+Format = Literal["c", "px4", "ardupilot", "kalibr", "sdf", "sysid", "recording"]
 _OF_CALIBRATION = ("c", "px4", "ardupilot")
+_BY_ENDING: dict[str, Format] = {".json": "c", ".toml": "sysid"}
 _RECORDINGS = (".csv", ".parquet", ".npz", ".mcap")
 
 
 def export(
-    file: Annotated[Path, Parameter("FILE", help="Calibration (JSON), or a recording.")],
+    file: Annotated[Path, Parameter("FILE", help="Calibration (JSON), recording, or scenario.")],
     /,
     *,
     format: Annotated[
         Format | None,
         Parameter(
             help="c (header for firmware), px4, ardupilot: from a calibration;"
-            " kalibr, sdf: from a recording at rest; recording: by the ending of -o."
+            " kalibr, sdf: from a recording at rest; sysid: from amended.toml;"
+            " recording: by the ending of -o."
         ),
     ] = None,
     name: Annotated[str, Parameter(help="Prefix of all C names.")] = "tiltcal",
@@ -46,7 +48,7 @@ def export(
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Export a calibration, a noise model or a recording for other programs.
+    """Export a calibration, noise, effects or a recording for other programs.
 
     C99 header of bias, scale, axes, g-sensitivity and their temperature, or of
     placing-angle tables, in floating point and in integers, in the units of the
@@ -55,9 +57,10 @@ def export(
       tiltcal export CAL.json -o imu.h --name imu --vectors vectors.csv
       tiltcal export CAL.json --format px4 -o imu.params
       tiltcal export rest.csv --format kalibr -o imu.yaml
+      tiltcal export out/amended.toml -o sysid.yaml # mujoco.sysid
       tiltcal export run.csv -o run.mcap            # PlotJuggler, Foxglove, ROS 2
     """
-    chosen = format or ("c" if file.suffix == ".json" else "recording")
+    chosen = format or _BY_ENDING.get(file.suffix, "recording")
     if chosen != "c" and (log or vectors):
         raise TiltcalError(
             f"command line of `tiltcal export --format {chosen}`",
@@ -68,7 +71,9 @@ def export(
     if chosen == "recording":
         return _recording(file, output, as_json)
     require_output("export", output, as_json, "the text")
-    if chosen in _OF_CALIBRATION:
+    if chosen == "sysid":
+        text = _of_effects(file)
+    elif chosen in _OF_CALIBRATION:
         text = _of_calibration(chosen, file, name, log, vectors)
     else:
         text = _of_noise(chosen, file, topic, calibration)
@@ -111,6 +116,19 @@ def _firmware(found: Calibration, name: str, log: Path | None, vectors: Path | N
         written = firmware_vectors(found, recording)
         write_recording(written, vectors)
         tell(f"{vectors}: {len(written)} rows, readings and their correction")
+    return text
+
+
+def _of_effects(file: Path) -> str:
+    from tiltcal.api.model_parameters import to_sysid
+    from tiltcal.laboratory.scenario import load_scenario
+
+    if file.suffix != ".toml":
+        raise _wrong("sysid", file, "a scenario with effects", "give amended.toml of a diagnosis")
+    text, left_out = to_sysid(load_scenario(file))
+    if left_out:
+        words = ", ".join(f"{address} ({why})" for address, why in left_out.items())
+        tell(f"left out, no parameter of a model: {words}")
     return text
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, Json
-from tiltcal.cli.output import print_json, say, tell
+from tiltcal.cli.output import print_json, require_output, say, tell
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.files import write_text
 from tiltcal.recordings.foreign_files import Imported, import_file
@@ -21,11 +21,15 @@ from tiltcal.recordings.recording_files import write_recording
 
 
 def import_log(
-    file: Annotated[Path, Parameter(help="Log in a foreign format.")],
+    file: Annotated[Path, Parameter(help="Log, or parameters of mujoco.sysid (YAML).")],
     /,
     *,
     mapping: Annotated[
         Path | None, Parameter("--map", help="Mapping file, TOML. Needed unless --propose.")
+    ] = None,
+    scenario: Annotated[
+        Path | None,
+        Parameter(help="YAML: scenario that the parameters were exported from; -o: the new one."),
     ] = None,
     propose: Annotated[
         bool, Parameter(help="Print a mapping for this file with reasons, and import nothing.")
@@ -69,7 +73,13 @@ def import_log(
 
     In a file with several tables (topics, groups) a column also has
     table = "sensor_accel".
+
+    What mujoco.sysid found, as effects of the scenario that it began from:
+
+      tiltcal import found.yaml --scenario out/amended.toml -o found.toml
     """
+    if scenario is not None:
+        return _parameters(file, scenario, output, as_json)
     budget = Budget(memory_gb)
     if propose:
         return _propose(file, budget, output, as_json)
@@ -91,6 +101,25 @@ def import_log(
         print_json(_summary(imported, output))
     else:
         _tell(imported, output)
+    return 0
+
+
+def _parameters(file: Path, scenario: Path, output: Path | None, as_json: bool) -> int:
+    import tomli_w
+
+    from tiltcal.api.model_parameters import from_sysid
+    from tiltcal.laboratory.scenario import load_scenario
+
+    require_output("import", output, as_json, "the scenario")
+    text = tomli_w.dumps(from_sysid(load_scenario(scenario), file))
+    if output is None:
+        say(text.rstrip("\n"))
+        return 0
+    write_text(output, text)
+    if as_json:
+        print_json({"scenario": str(output)})
+    else:
+        tell(f"{output}: the scenario with the values of {file.name}")
     return 0
 
 

@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from tiltcal.core.arrays import Array, Mask
-from tiltcal.effects.mechanisms import Context, Mechanism, Turn, World
+from tiltcal.effects.mechanisms import Compliance, Context, Mechanism, Turn, World
 from tiltcal.effects.parameter import Need, Parameter, Stage
 from tiltcal.effects.sense import ACCELEROMETERS, Sense
 from tiltcal.effects.stepwise import Memoryless, StepEffect, Stepping
@@ -79,10 +79,7 @@ class Effect(Traits, ABC):
     random: ClassVar[bool] = False
     axis_wise: ClassVar[bool] = False
     channel_wise: ClassVar[bool] = False
-    sharp: ClassVar[bool] = (
-        # it jumps with what it acts on: a mean over samples is not what it does at their middle
-        False
-    )
+    sharp: ClassVar[bool] = False  # jumps: a mean over samples is not its value at their middle
     kinds: ClassVar[frozenset[str]] = frozenset()
     on_table: ClassVar[bool] = False
 
@@ -193,6 +190,10 @@ class FrameEffect(Effect):
         ``turns``.
         """
         raise NotImplementedError(f"{self.id} is installed from its turns: {rig.table}, {gravity}")
+
+    def compliances(self, rig: Rig) -> Sequence[Compliance]:
+        """The springs that its turns are the equilibrium of; none: the turns are prescribed."""
+        return ()
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         """Its face in a run by time steps; none: the reader turns the frame afterwards."""

@@ -63,6 +63,21 @@ class Spring:
 
 
 @dataclass(frozen=True)
+class Compliance:
+    """A joint in series that gives way to the moment on it.
+
+    Args:
+        slot: the frame that it turns: ``base``, or ``<axis>_bearing``.
+        axis: coordinate axis of that frame.
+        value: rad/(N m).
+    """
+
+    slot: str
+    axis: str
+    value: float
+
+
+@dataclass(frozen=True)
 class Gap:
     """Lost motion of a table axis: the load follows the drive within +- half the width (rad),
     dragged by friction.

@@ -70,7 +70,7 @@ def with_links(table: dict[str, Any], words: ModelWords, folder: Path) -> dict[s
     sites = [s["site"] for s in sensors if isinstance(s.get("site"), str)]
     chain, places = reader(words, folder, sites)
     rig = {k: v for k, v in table["rig"].items() if k not in ModelWords.model_fields}
-    rig |= {"model": words.mjcf, **chain.model_dump(exclude_defaults=True)}
+    rig |= {"model": words.mjcf, "site": words.site, **chain.model_dump(exclude_defaults=True)}
     return {**table, "rig": rig, "sensor": [_placed(s, places) for s in table.get("sensor", ())]}
 
 

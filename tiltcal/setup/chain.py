@@ -7,7 +7,7 @@ parent's frame as its ``Place`` says; the base's frame is the world's: East, Nor
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -56,11 +56,15 @@ class Link(Place):
     Args:
         axis: name of the axis; its readout is the column ``table_<axis>_<unit>``.
         joint: of the model that it was read from.
+        sign, offset_deg: -1 where the readout counts the other way than that joint, and the joint's
+            angle where the readout says zero.
         mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
     """
 
     axis: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
     joint: str = ""
+    sign: Literal[1, -1] = 1
+    offset_deg: float = 0.0
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

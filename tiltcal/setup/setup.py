@@ -68,11 +68,12 @@ class Rig(Part):
     """The table and how the instrument sits on it.
 
     A user's own model stands as ``link`` and ``instrument``; ``model`` is the file that they were
-    read from, and ``table`` follows from them.
+    read from, ``site`` the instrument's in it, and ``table`` follows from them.
     """
 
     table: Annotated[str, AfterValidator(known_table), Field(json_schema_extra=_list_tables)]
     model: str = ""
+    site: str = ""
     link: tuple[Link, ...] = ()
     instrument: Place = Place()
     readout: Literal["encoder", "command"] = "encoder"

@@ -8,6 +8,8 @@ from tiltcal.effects import to_file
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
 
+AMENDED = ", amended"
+
 
 def amended_table(
     scenario: Scenario, effects: Sequence[tuple[Effect, int | None]], reference: float | None
@@ -25,7 +27,8 @@ def amended_table(
             exclude_none=True, exclude_defaults=True, by_alias=True, exclude={"effect"}
         )
     )
-    table = {"schema": 1, "name": f"{scenario.name}, amended"} | {
+    name = f"{scenario.name.removesuffix(AMENDED)}{AMENDED}"
+    table = {"schema": 1, "name": name} | {
         k: v for k, v in stated.items() if k not in ("schema", "name")
     }
     if reference is not None:

@@ -8,9 +8,9 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
+from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, noise_within_stops
-from tiltcal.diagnosis.model.cosine_basis import project, projected
+from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values, log_tail
 from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -166,16 +166,13 @@ def rotations_of_stops(
 ) -> tuple[float, Array, Array]:
     """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
     lengths = [len(c.values) for c in whitened.observations.channels]
-    residual = whitened.residual(fitted.effects)
+    left = project(fitted.basis, whitened.residual(fitted.effects))
     scaled = [whitened.whiten(c) for c in columns]
-    left = project(fitted.basis, residual)
+    # with the model's own columns, which explain nothing of what they leave: a stop's column is
+    # not projected, because it would change every channel then
+    along = BlockDesignMatrix([*columns_of(fitted.basis), *scaled], lengths).explained(left)
     energy = np.array([sum(float(c @ c) for c in w.values()) for w in scaled])
     values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in scaled]) / np.maximum(
         energy, 1e-300
     )
-    # there may be hundreds of stops: no more copies of their columns than are needed
-    design = BlockDesignMatrix([projected(fitted.basis, w, lengths) for w in scaled], lengths)
-    del scaled
-    Q = design.basis()
-    along = np.sum([q.T @ r for q, r in zip(Q, left, strict=True)], axis=0)
-    return float(along @ along), values, 1 / np.maximum(energy, 1e-300)
+    return along, values, 1 / np.maximum(energy, 1e-300)

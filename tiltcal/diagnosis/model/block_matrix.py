@@ -42,10 +42,25 @@ class BlockDesignMatrix:
         return total
 
     def basis(self) -> list[Array]:
-        """An orthonormal basis of the columns' space, by channel, (n, q) each.
+        """An orthonormal basis of the columns' space, by channel, (n, q) each."""
+        own, joint = self._parts()
+        ends = np.cumsum([0, *(Q.shape[1] for Q in own)])
+        found = [np.zeros((n, ends[-1] + joint[0].shape[1]), order="F") for n in self.lengths]
+        for whole, Q, start, other in zip(found, own, ends, joint, strict=False):
+            whole[:, start : start + Q.shape[1]] = Q
+            whole[:, ends[-1] :] = other
+        return found
 
-        Channel by channel of the columns that change no other, then of what the rest have beside
-        these.
+    def explained(self, vectors: Sequence[Array]) -> float:
+        """Energy of a vector by channel in the columns' space."""
+        own, joint = self._parts()
+        total = sum(float(np.sum((Q.T @ v) ** 2)) for Q, v in zip(own, vectors, strict=True))
+        along = sum((Q.T @ v for Q, v in zip(joint, vectors, strict=True)), np.zeros(1))
+        return total + float(along @ along)
+
+    def _parts(self) -> tuple[list[Array], list[Array]]:
+        """An orthonormal basis of the columns' space in two parts, by channel, (n, q) each: of the
+        columns that change no other channel, and of what the rest have beside these.
         """
         channels = np.bincount([k for numbers in self.where for k in numbers], minlength=self.count)
         own, rest, shared = [], [], []
@@ -55,13 +70,7 @@ class BlockDesignMatrix:
             own.append(Q)
             shared.append([k for k, single in zip(numbers, alone, strict=True) if not single])
             rest.append(_without(block[:, ~alone], Q))
-        ends = np.cumsum([0, *(Q.shape[1] for Q in own)])
-        joint = self._joint(own, rest, shared)
-        found = [np.zeros((n, ends[-1] + joint[0].shape[1]), order="F") for n in self.lengths]
-        for whole, Q, start, other in zip(found, own, ends, joint, strict=False):
-            whole[:, start : start + Q.shape[1]] = Q
-            whole[:, ends[-1] :] = other
-        return found
+        return own, self._joint(own, rest, shared)
 
     def _joint(
         self, own: Sequence[Array], rest: list[Array], shared: Sequence[Sequence[int]]
@@ -91,6 +100,13 @@ class BlockDesignMatrix:
         for i, B in enumerate(rest):
             rest[i] = B @ (vectors / np.sqrt(values))
         return rest
+
+
+def columns_of(basis: Sequence[Array]) -> list[Columns]:
+    """The columns of a matrix by channel, (n, q) each, as those parts that are not zero."""
+    count = basis[0].shape[1] if basis else 0
+    there = [np.any(B != 0, axis=0).tolist() for B in basis]
+    return [{i: B[:, k] for i, B in enumerate(basis) if there[i][k]} for k in range(count)]
 
 
 def _without(block: Array, Q: Array) -> Array:

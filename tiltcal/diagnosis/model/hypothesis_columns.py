@@ -9,13 +9,9 @@ from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import ColumnBlock, ColumnStore, Waves
+from tiltcal.diagnosis.model.tried_shapes import Parts, TriedShapes
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.noise_spectrum import cosines
-
-Parts = dict[int, tuple[list[int], Waves]]
-"""By channel: numbers of the sizes that change it, and cosine coefficients of the changes,
-(k, n).
-"""
 
 
 class HypothesisColumns:
@@ -33,7 +29,7 @@ class HypothesisColumns:
         self._places: dict[tuple[str, str | None], list[int]] = {}
         self._numbers: dict[int, int] = {}
         self._around: tuple[Effect, ...] = ()
-        self._shapes: dict[str, Parts] = {}
+        self._shapes = TriedShapes()
         self._families: dict[int, list[int]] = {}
         self._store = ColumnStore()
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
@@ -81,9 +77,7 @@ class HypothesisColumns:
     def _of_shape(self, hypothesis: Hypothesis) -> Parts:
         """The columns of a hypothesis that is not among these: the same shapes are tried often."""
         key = repr((hypothesis.effect, hypothesis.names))
-        if key not in self._shapes:
-            self._shapes[key] = self._simulated(hypothesis, self._around)
-        return self._shapes[key]
+        return self._shapes.of(key, lambda: self._simulated(hypothesis, self._around))
 
     def family(self, number: int) -> list[int]:
         """Numbers of the hypotheses that complete the form of one, in order."""

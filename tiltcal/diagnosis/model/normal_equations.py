@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Columns
+from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
 from tiltcal.diagnosis.model.column_store import Waves
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -70,6 +72,25 @@ def normal_equations(
     return projected_equations(members, gram_of(members, whitened), along, whitened)
 
 
+def explained_beside(
+    columns: Sequence[Columns], basis: Sequence[Array], target: Sequence[Array]
+) -> float:
+    """Energy of a target that some whitened columns explain beside a basis, from inner products
+    alone: a column that is projected changes every channel.
+
+    Args:
+        columns: by channel, (n,) each.
+        basis: orthonormal, by channel, (n, q); target: free of it, by channel, (n,).
+    """
+    matrix = BlockDesignMatrix(columns, [len(r) for r in target])
+    inside = np.zeros((matrix.count, basis[0].shape[1]))
+    for numbers, block, B in zip(matrix.where, matrix.blocks, basis, strict=True):
+        inside[numbers] += block.T @ B
+    return _projected(matrix.gram(), matrix.along(target), inside, [0] * matrix.count, []).gain(
+        range(matrix.count)
+    )
+
+
 def gram_of(members: Sequence[int], whitened: WhitenedModel) -> Array:
     """Inner products of all columns of some hypotheses with each other, (p, p)."""
     count = len(whitened.columns.places(members))
@@ -90,12 +111,18 @@ def projected_equations(
         along: inner products of them with the target and the basis, (p, 1 + q).
         whitened: holds the columns.
     """
-    side, inside, raw = along[:, 0].copy(), along[:, 1:], np.diag(gram)
-    rest = gram - inside @ inside.T
-    gone = np.diag(rest) < SURVIVES * raw
-    rest[gone], rest[:, gone], side[gone] = 0.0, 0.0, 0.0
     owner = [m for m in members for _ in whitened.hypotheses[m].names]
     names = [n for m in members for n in whitened.hypotheses[m].names]
+    return _projected(gram, along[:, 0], along[:, 1:], owner, names)
+
+
+def _projected(
+    gram: Array, side: Array, inside: Array, owner: list[int], names: list[str]
+) -> NormalEquations:
+    """The equations after a basis is projected out. inside: inner products with it, (p, q)."""
+    rest, side, raw = gram - inside @ inside.T, side.copy(), np.diag(gram)
+    gone = np.diag(rest) < SURVIVES * raw
+    rest[gone], rest[:, gone], side[gone] = 0.0, 0.0, 0.0
     return NormalEquations(rest, side, owner, names, raw)
 
 

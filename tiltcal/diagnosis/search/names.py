@@ -75,15 +75,29 @@ def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
     """A state whose causes are the most probable ones in their places, and what each may be."""
     found = []
     for k in range(len(state.fitted.findings())):
-        rows = _rows(state, k, scan)
-        names = replace(_names(rows), late=_late(state, k, rows[0]))
-        stated = names.alike[0] if names.listed else UNLISTED
-        best = max((r for r in rows if r.name == stated and not r.misfit), key=lambda r: r.score)
-        if best.proposal is not None and best.name != _name(_terms(state, k)):
-            other = refitted(with_cause(state, k, best.proposal))
-            state = other if np.isfinite(other.cost) else state
-        found.append(names)
+        state, rows = _most_probable_in_place(state, k, _rows(state, k, scan))
+        found.append(replace(_names(rows), late=_late(state, k, rows[0])))
     return state, found
+
+
+def _most_probable_in_place(
+    state: State, k: int, rows: Sequence[_Row]
+) -> tuple[State, Sequence[_Row]]:
+    """A state with the most probable cause in the place of one, and the rows that stand.
+
+    Rows are compared by columns. Where a law is so large that its column is not its form, another
+    name may look better that is separably worse when fitted: it is out.
+    """
+    mine = _name(_terms(state, k))
+    names = _names(rows)
+    stated = names.alike[0] if names.listed else UNLISTED
+    best = max((r for r in rows if r.name == stated and not r.misfit), key=lambda r: r.score)
+    if best.proposal is None or stated == mine:
+        return state, rows
+    other = refitted(with_cause(state, k, best.proposal))
+    if UNLISTED not in (mine, stated) and not other.cost < state.cost + SEPARABLE / 2:
+        return _most_probable_in_place(state, k, [r for r in rows if r.name != stated])
+    return (other if np.isfinite(other.cost) else state), rows
 
 
 def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:

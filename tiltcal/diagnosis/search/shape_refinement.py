@@ -10,8 +10,8 @@ import numpy as np
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.hypotheses.localised_curves import form_of, with_form
-from tiltcal.diagnosis.model.cosine_basis import basis_of, projected
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
+from tiltcal.diagnosis.model.normal_equations import explained_beside
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.learned import Learned
 from tiltcal.effects.timing.delays import DataLatency
@@ -184,12 +184,6 @@ def at_shape(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:
 
 def _gain(terms: Sequence[FittedTerm], fitted: FittedModel, whitened: WhitenedModel) -> float:
     """What the own form of an explanation gains, beside the columns of the fitted model."""
-    lengths = [len(c.values) for c in whitened.observations.channels]
     whole = isinstance(terms[0].hypothesis.effect, Learned) or terms[0].hypothesis.has_instant
     own = [terms[0], *(t for t in terms[1:] if whole and shapes(t.hypothesis))]
-    columns = stored_of(whitened, own)
-    mine = basis_of([projected(fitted.basis, c, lengths) for c in columns], lengths)
-    along = sum(
-        (U.T @ r for U, r in zip(mine, fitted.residual, strict=True)), np.zeros(mine[0].shape[1])
-    )
-    return float(along @ along)
+    return explained_beside(stored_of(whitened, own), fitted.basis, fitted.residual)

@@ -6,9 +6,10 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import FrameEffect
-from tiltcal.effects.mechanisms import Context, Turn
+from tiltcal.effects.mechanisms import Compliance, Context, Turn
 from tiltcal.effects.parameter import Parameter
 from tiltcal.setup.chain import BASE
+from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Jet, sampled_jet
 
@@ -68,6 +69,11 @@ class JointCompliance(_OfModel):
         fixed = np.column_stack([c * x - s * y, s * x + c * y, moment[:, 2]])
         return _bends([self.value(f"bend_{a}") for a in "xyz"], fixed, context)
 
+    def compliances(self, rig: Rig) -> Sequence[Compliance]:
+        slot = bearing(self.axis or rig.axis_names[0])
+        bends = {a: self.value(f"bend_{a}") for a in "xyz" if f"bend_{a}" in self.values}
+        return [Compliance(slot, a, bend) for a, bend in bends.items()]
+
 
 class BaseLoadCompliance(_OfModel):
     id = "base_load_compliance"
@@ -88,6 +94,10 @@ class BaseLoadCompliance(_OfModel):
             return ()
         moment = _moment(BASE, context)[:, :2]
         return _bends([self.value("bend_east"), self.value("bend_north")], moment, context)
+
+    def compliances(self, rig: Rig) -> Sequence[Compliance]:
+        names = {"x": "bend_east", "y": "bend_north"}
+        return [Compliance("base", a, self.value(n)) for a, n in names.items() if n in self.values]
 
 
 def _moment(axis: str, context: Context) -> Array:

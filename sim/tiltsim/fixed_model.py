@@ -1,0 +1,250 @@
+"""Effects built into a user's own model file: frames that stand elsewhere, joints that give way.
+
+The model stays the user's: bodies, actuators and contacts are as they were. Everything that the
+effects turn is worked out at the model's reference, where it does not depend on the pose.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import rotation
+from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
+from tiltcal.effects.mechanisms import Compliance
+from tiltcal.forward.kinematics import world_of
+from tiltcal.laboratory.fixed_effects import fixed_error, fixed_turn
+from tiltcal.laboratory.model_words import ModelAxis, ModelWords
+from tiltcal.setup.setup import Setup
+from tiltcal.setup.tables import bearing
+from tiltsim.model_reader import ModelJoint, ModelReader
+from tiltsim.rig import quaternion
+
+STIFFEST = 1e12  # N m/rad: a spring that does not give way
+ROTOR = 1e-3  # kg m2 of a spring: else it shares the inertia of the joint about the same axis
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A user's model as it is without effects.
+
+    Args:
+        model: compiled; its joints stand at their reference.
+        joints: those that are read, each after what carries it.
+        site: of the instrument.
+        base_moment: of the mass that no joint moves, about the world's East and North, kg m, (2,).
+    """
+
+    model: "mujoco.MjModel"
+    joints: tuple[ModelJoint, ...]
+    site: str
+    base_moment: Array
+
+    @classmethod
+    def of(cls, spec: "mujoco.MjSpec", setup: Setup) -> "Reference":
+        """The reference of a model that the rig of a set-up was read from.
+
+        Raises:
+            TiltcalError: the rig has no model of its own, or not this one.
+        """
+        rig = setup.rig
+        if not rig.link or not rig.site:
+            raise TiltcalError(
+                "scenario",
+                found=f"the table {rig.table}" if not rig.link else "links without their site",
+                need="a model of your own: [rig] mjcf, axes and site",
+                do="state it, and diagnose again",
+            )
+        axes = {
+            link.axis: ModelAxis(joint=link.joint, sign=link.sign, offset_deg=link.offset_deg)
+            for link in rig.link
+        }
+        words = ModelWords(mjcf=rig.model, axes=axes, site=rig.site)
+        reader = ModelReader(spec.compile(), words, f"model {rig.model}")
+        reader.place(rig.site)
+        return cls(reader.model, tuple(reader.axes), rig.site, reader.base_moment())
+
+    def pose(self, body: int) -> tuple[Array, Array]:
+        """Frame and origin of a body in the world, (3, 3) and (3,), m."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        return data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy()
+
+
+def build_in(
+    spec: "mujoco.MjSpec", reference: Reference, setup: Setup, effects: Sequence[Effect]
+) -> dict[str, float]:
+    """Build effects into a model, in place.
+
+    Args:
+        spec: the user's model, as ``reference`` was compiled from it.
+        reference: of that model.
+        setup: site and rig.
+        effects: gravity, constant turns of the base, of joints and of the mount, constant errors
+            of a readout, and compliances are built in; others are left alone.
+
+    Returns:
+        Stiffness, N m/rad, of each spring joint that was added, by its name.
+
+    Raises:
+        TiltcalError: the base has to bend, and a root body stands free.
+    """
+    down = np.array([0.0, 0.0, -world_of(setup, effects).gravity])
+    spec.option.gravity = fixed_turn(setup, effects, "base").T @ down
+    for joint in reversed(reference.joints):
+        turn = _bearing_turn(setup, effects, joint.name)
+        if not np.array_equal(turn, np.eye(3)):
+            _turn_joint(spec, reference, joint, joint.bearing @ turn @ joint.bearing.T)
+    _turn_site(spec, reference, setup, effects)
+    bends = [c for e in effects if isinstance(e, FrameEffect) for c in e.compliances(setup.rig)]
+    return _install_springs(spec, reference, bends, setup.site.gravity)
+
+
+def _bearing_turn(setup: Setup, effects: Sequence[Effect], axis: str) -> Array:
+    """Turn before a joint, with the constant error of its readout, in its frame, (3, 3)."""
+    errors = [fixed_error(e, setup, axis) for e in effects if isinstance(e, AngleEffect)]
+    zero = sum(error for error in errors if error is not None)
+    return fixed_turn(setup, effects, bearing(axis)) @ rotation("z", zero)
+
+
+def _turn_joint(
+    spec: "mujoco.MjSpec", reference: Reference, joint: ModelJoint, turn: Array
+) -> None:
+    """Turn a body about the anchor of one of its joints, from that joint on.
+
+    Args:
+        turn: in the world, (3, 3).
+    """
+    model, body = reference.model, spec.bodies[joint.body]  # compiled in the order of the spec
+    parent, base = reference.pose(int(model.body_parentid[joint.body]))
+    frame = parent @ _matrix(_orientation(body, model.body_quat[joint.body]))
+    place = base + parent @ np.array(body.pos)
+    turned, moved = turn @ frame, joint.origin + turn @ (place - joint.origin)
+    for other in body.joints:
+        if other.name == spec.joint(model.joint(joint.joint).name).name:
+            break
+        other.axis = turned.T @ frame @ np.array(other.axis)
+        other.pos = turned.T @ (place + frame @ np.array(other.pos) - moved)
+    body.pos = parent.T @ (moved - base)
+    _orient(body, parent.T @ turned)
+
+
+def _turn_site(
+    spec: "mujoco.MjSpec", reference: Reference, setup: Setup, effects: Sequence[Effect]
+) -> None:
+    """Turn the instrument's site as its mounting is turned; a body has a site put on it."""
+    site = spec.site(reference.site)
+    if site is None:
+        site = spec.body(reference.site).add_site(name=reference.site)
+    mount, turn = setup.rig.mount_rotation, fixed_turn(setup, effects, "mount")
+    if not np.array_equal(turn, np.eye(3)):
+        nominal = _matrix(reference.model.site(reference.site).quat)
+        _orient(site, nominal @ mount @ turn @ mount.T)
+
+
+def _install_springs(
+    spec: "mujoco.MjSpec", reference: Reference, bends: Sequence[Compliance], gravity: float
+) -> dict[str, float]:
+    """Put a hinge with a spring before a joint, or under the root of the first."""
+    found: dict[str, float] = {}
+    for key in list(spec.keys) if bends else ():  # they state every joint, the new ones not
+        spec.delete(key)
+    joints = {bearing(j.name): j for j in reference.joints}
+    for bend in bends:
+        name = f"{bend.slot}_bend_{bend.axis}"
+        direction, relaxed = "xyz".index(bend.axis), 0.0
+        found[name] = 1 / bend.value if abs(bend.value) * STIFFEST > 1 else STIFFEST
+        if bend.slot in joints:
+            joint = joints[bend.slot]
+            carrier, origin, along = joint.body, joint.origin, joint.bearing[:, direction]
+            before = spec.joint(reference.model.joint(joint.joint).name)
+        else:
+            carrier, origin, along = _root(reference), np.zeros(3), np.eye(3)[direction]
+            before = next(iter(spec.bodies[carrier].joints), None)
+            # it stands as the model has it under what does not move
+            relaxed = -reference.base_moment[direction] * gravity / found[name]
+        R, place = reference.pose(carrier)
+        spring = _hinge_before(spec.bodies[carrier], before, name)
+        spring.axis, spring.pos = R.T @ along, R.T @ (origin - place)
+        spring.springref = np.degrees(relaxed) if spec.compiler.degree else relaxed
+        spring.stiffness, spring.armature = [found[name], 0.0, 0.0], ROTOR
+    return found
+
+
+def _root(reference: Reference) -> int:
+    """The body on the world that carries the first joint.
+
+    Raises:
+        TiltcalError: it stands free.
+    """
+    model, body = reference.model, reference.joints[0].body
+    while model.body_parentid[body]:
+        body = int(model.body_parentid[body])
+    first = model.body_jntadr[body]
+    if first >= 0 and model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE:
+        raise TiltcalError(
+            f"model, body {model.body(body).name}",
+            found="a free joint",
+            need="a base that stands on the world",
+            do="remove that joint, or leave out what bends the base",
+        )
+    return body
+
+
+def _hinge_before(body: Any, before: Any, name: str) -> Any:
+    """A new hinge of a body, before one of its joints (None: it has none).
+
+    MjSpec appends: the new joint takes the place of that one, and each later one moves up.
+    """
+    kind, free = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtLimited.mjLIMITED_FALSE
+    new = body.add_joint(name=name, type=kind, limited=free)
+    joints = list(body.joints)
+    if before is None:
+        return new
+    start = next(k for k, j in enumerate(joints) if j.name == before.name)
+    states = [_state(j) for j in joints]
+    order = [*range(start), len(joints) - 1, *range(start, len(joints) - 1)]
+    for k, joint in enumerate(joints):
+        joint.name = f"{name}_{k}"
+    for joint, k in zip(joints, order, strict=True):
+        for key, value in states[k].items():
+            setattr(joint, key, value)
+    return joints[start]
+
+
+_STATE = (
+    *("name", "type", "pos", "axis", "align", "ref", "group"),
+    *("springref", "springyield", "stiffness", "springdamper", "damping"),
+    *("armature", "frictionloss", "limited", "range", "margin"),
+    *("actfrclimited", "actfrcrange", "actgravcomp"),
+    *("solref_limit", "solimp_limit", "solref_friction", "solimp_friction"),
+)
+"""What a joint is, as MjSpec holds it."""
+
+
+def _state(joint: Any) -> dict[str, Any]:
+    """Everything that a joint is, copied."""
+    found = {key: getattr(joint, key) for key in _STATE}
+    return {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in found.items()}
+
+
+def _orientation(item: Any, compiled: Array) -> Array:
+    """Quaternion of a body, in its parent: as compiled where the file states it otherwise."""
+    stated = item.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT
+    return np.array(item.quat) if stated else np.array(compiled)
+
+
+def _orient(item: Any, R: Array) -> None:
+    """Give a body or site a frame in its parent, whatever words its file has for it."""
+    item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    item.quat = quaternion(R)
+
+
+def _matrix(quat: Array) -> Array:
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, np.array(quat, float))
+    return R.reshape(3, 3)

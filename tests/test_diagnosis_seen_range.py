@@ -23,7 +23,8 @@ def run():
     [
         ("table_outer", (0.0, 1.0), "deg", "holds"),
         ("temperature", (0.0, 1.0), "degC", "continues"),
-        ("time", (0.0, 1.0), "s", "holds"),
+        ("time", (0.0, 1.0), "s", "left_out"),
+        ("moves", (0.0, 1.0), "moves", "left_out"),
         ("input", (0.0, 1.0), "m_s2", "holds"),
         ("rate_x", (), "deg_s", "repeats"),
     ],
@@ -39,7 +40,15 @@ def test_a_curve_says_where_it_was_seen(run, coordinate, knots, unit, beyond):
     if coordinate == "time":
         assert (seen.low, seen.high) == pytest.approx((0.0, np.ptp(whole.time)))
     assert ("holds its last value" in seen.words) == (beyond == "holds")
+    assert ("only its mean is predicted" in seen.words) == (beyond == "left_out")
     assert f"to {seen.high:.0f}" in seen.words or seen.high < 10
+
+
+def test_a_course_of_time_that_two_recordings_show_is_one_that_repeats(run):
+    whole, alone = run
+    both = prepare(alone.scenario, [whole, recorded(bench(), 4)]).observations
+    effect = LearnedReading(CURVE.values, "accel", "x", coordinate="time", knots=(0.0, 1.0))
+    assert seen_range(effect, both).beyond == "holds"
 
 
 def test_a_product_of_two_angles_has_no_range(run):

@@ -153,7 +153,7 @@ def calibrate(
                 do="return one",
             )
         require_finite(result, recording.source)
-    return _with_setup(result if ours else in_our_units(result, bare), bare, recording)
+    return _stated(result if ours else in_our_units(result, bare), bare, recording)
 
 
 def _require_log(name: str, recording: Recording) -> None:
@@ -204,13 +204,19 @@ def _foreign(
         ) from error
 
 
-def _with_setup(result: Calibration, setup: Setup, recording: Recording) -> Calibration:
+def _with_setup(result: Calibration, setup: Setup) -> Calibration:
     """The calibration with the set-up in its provenance, so that CAL.json alone can correct a
-    recording, and the units of the user's columns.
+    recording.
     """
     stated = json.loads(setup.model_dump_json(exclude_none=True))
+    return replace(result, provenance={**result.provenance, "setup": stated})
+
+
+def _stated(result: Calibration, setup: Setup, recording: Recording) -> Calibration:
+    """The calibration with the set-up and the units of the user's columns in its provenance."""
     columns = {s.name: recording.sensor(s).units[0] for s in setup.sensor if recording.has(s)}
-    return replace(result, provenance={**result.provenance, "columns": columns, "setup": stated})
+    result = replace(result, provenance={**result.provenance, "columns": columns})
+    return _with_setup(result, setup)
 
 
 def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> Calibration:
@@ -250,7 +256,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
                 need="0",
                 do="run it by hand",
             )
-        return _with_setup(in_our_units(load_calibration(paths["cal"]), bare), bare, recording)
+        return _stated(in_our_units(load_calibration(paths["cal"]), bare), bare, recording)
 
 
 _FILES = {"recording": "recording.csv", "scenario": "scenario.toml", "cal": "CAL.json"}

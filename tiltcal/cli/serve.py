@@ -66,7 +66,7 @@ def serve(
         for number, handler in before.items():
             signal.signal(number, handler)
     os.kill(os.getpid(), came)  # every connection is closed: now end as other commands do
-    return 0
+    return 128 + came  # where it was started with that signal ignored
 
 
 async def _serve(server: Server, as_json: bool) -> int:

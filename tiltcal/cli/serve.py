@@ -65,8 +65,11 @@ def serve(
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    os.kill(os.getpid(), came)  # every connection is closed: now end as other commands do
-    return 128 + came  # where it was started with that signal ignored
+    # every connection is closed: now end as other commands do
+    if came == signal.SIGINT:
+        raise KeyboardInterrupt  # a process started in the background may ignore the signal itself
+    os.kill(os.getpid(), came)
+    return 0
 
 
 async def _serve(server: Server, as_json: bool) -> int:

@@ -365,7 +365,7 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
         (
             {"axis": "outer"},
             {"on": "readout", "coordinate": "input"},
-            "'input', need a table angle, time or temperature",
+            "'input', need a table angle, time, temperature",
         ),
         (
             {"axis": "inner"},

@@ -28,6 +28,7 @@ from tiltcal.setup.tables import angle_channel, bearing
 
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 COOLING = (10.0, 30.0, 100.0, 300.0)  # s, of what motion warms
+CREEPS = (4.0, 15.0, 60.0)  # s, of a structure that gives way late to what it carries
 SHOWN = 2.0  # times a time constant of cooling that a recording has to last
 TURNS = (0.5 * DEG, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
 LOADS = (0.02 * G0, 0.3 * G0, 1.0 * G0)  # m/s2, of a play
@@ -71,6 +72,9 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     for slot, turn, place in places:
         where = {"slot": slot, "turn": turn, "place": place}
         yield from _motion(LearnedTilt, rig, span, where)
+        for name, lag in product(rig.axis_names, CREEPS):
+            creep = curve_over(LearnedTilt, angle_channel(name), harmonics(1), lag=lag, **where)
+            yield replace(creep, variants=len(CREEPS))
 
 
 def _motion(

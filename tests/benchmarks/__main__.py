@@ -9,6 +9,7 @@ ROOMS = (
     "formats",
     "instrument",
     "information",
+    "own_model",
     "placing",
     "designing",
     "accuracy",

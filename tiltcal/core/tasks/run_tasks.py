@@ -88,6 +88,38 @@ def values_of(
     return [found[k].value for k in range(len(tasks))]
 
 
+def values_as_made(
+    function: Callable[..., Any],
+    calls: Iterable[tuple[Any, ...]],
+    engine: Engine,
+    limits: Limits | None = None,
+) -> Iterator[Any]:
+    """What a function returns for each of some arguments, in the order in which the calls end.
+
+    Args:
+        limits: of one call.
+
+    Raises:
+        TiltcalError: a call raised or lost its process, or the engine lost it; after all others
+            are through.
+    """
+    limits = limits or Limits()
+    failures = []
+    tasks = (Task(f"{k + 1}", function, arguments) for k, arguments in enumerate(calls))
+    for task, outcome in outcomes(tasks, engine, limits):
+        if (failure := outcome.failure(limits)) is None:
+            yield outcome.value
+        else:
+            failures.append(f"call {task.key}: {failure}")
+    if failures:
+        raise TiltcalError(
+            "engine",
+            found=f"{len(failures)} calls without a result; first, {failures[0]}",
+            need="an answer from each",
+            do="run the same command again: what is finished is not made again",
+        )
+
+
 def make_all(
     tasks: Iterable[Task],
     total: int,

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from blind import loop
 
 from tiltcal.cli import main
 
@@ -17,20 +18,24 @@ FAKE = """\
 import json, pathlib, sys, time
 words = sys.argv[1:]
 out = pathlib.Path(words[words.index("-o") + 1])
-if words[0] == "investigate":
-    place = out / "diagnosis_0"
-    place.mkdir(parents=True)
-    (out / "investigation.json").write_text(json.dumps({"table_minutes": 2.0}))
-elif words[0] == "diagnose":
-    place = out
-    place.mkdir()
-else:
+if words[0] != "diagnose":
     sys.exit(2)
-verdict = {"verdict": "ambiguous", "findings": []}
-(place / "diagnosis.json").write_text(json.dumps(verdict))
+out.mkdir()
+verdict = {"verdict": "match", "findings": []}
+(out / "diagnosis.json").write_text(json.dumps(verdict))
 """
 NULLS = ["--n", "3", "--kinds", "six_faces", "--types", "null", "--authors", "first"]
-LOOP = ["--investigate", "--n", "2", "--kinds", "placing_sweep", "--seed", "4"]
+RESULT = {
+    "lambda": 300.0,
+    "verdicts": ["ambiguous", "explained"],
+    "classes": [["e0"]],
+    "said": "",
+    "ambiguous": True,
+    "held": True,
+    "explained": True,
+    "minutes": 2.0,
+    "quick": True,
+}
 
 
 @pytest.fixture
@@ -56,12 +61,47 @@ def test_trials_are_the_same_over_every_engine(engine, fake, here, capfd):
     assert sorted(names) == [f"six_faces-null-00{k}" for k in range(3)]
 
 
-def test_investigations_are_spread_too(fake, capfd):
-    for engine in (["-j", "2"], ["--engine", "dask"]):
-        assert main(["prove", *LOOP, "--diagnoser", fake, "-o", engine[-1], *engine]) == 0
-        said = capfd.readouterr().out
-        assert "2 cases, 2 ambiguous at first" in said
-        assert "2.0 min" in said
+OTHER_TRIALS = """\
+import os, pathlib
+def investigated(place, k):
+    return [k, os.getppid() != int(place)]
+def main(words, spread):
+    found = sorted(spread(investigated, [(f"{os.getpid()}", k) for k in range(5)]))
+    print(words, found)
+    return 0
+"""
+
+
+@pytest.mark.parametrize("engine", [["-j", "2"], ["--engine", "dask"]])
+def test_trials_of_investigate_go_over_the_same_engines(engine, here):
+    """Another program of trials, whose cases cost nothing to draw."""
+    (here / "other" / "blind").mkdir(parents=True)
+    for name, text in (("__init__", ""), ("__main__", ""), ("loop", OTHER_TRIALS)):
+        (here / "other" / "blind" / f"{name}.py").write_text(text)
+    words = ["prove", "--investigate", "--n", "3", "--trials", "other", *engine]
+    said = subprocess.run(
+        [sys.executable, "-m", "tiltcal", *words], capture_output=True, text=True, check=True
+    ).stdout
+    apart = engine[0] == "--engine"  # whose processes belong to a worker
+    assert (
+        said == f"['--n', '3', '--seed', '0', '--shard', '1/1'] {[[k, apart] for k in range(5)]}\n"
+    )
+
+
+def test_investigations_are_scored_however_they_are_spread(monkeypatch, capsys):
+    def told(_folder, kind, _seed, k, *_):
+        return RESULT | {"kind": kind, "truth": f"e{k}", "right": k > 0}
+
+    def backwards(function, calls):
+        return (function(*call) for call in reversed(calls))
+
+    monkeypatch.setattr(loop, "run_case", told)
+    said = []
+    for spread in (backwards, lambda function, calls: (function(*call) for call in calls)):
+        loop.main(["--n", "3", "--seed", "1", "--kinds", "placing_sweep"], spread)
+        said.append(capsys.readouterr().out)
+    assert said[0] == said[1]
+    assert "explained and right within two blocks            2/3" in said[0]
 
 
 def test_what_does_not_go_together_is_said(fake, capfd):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tiltcal.api.calibrating import estimate
+from tiltcal.cli import main
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings import span_means
@@ -140,10 +141,19 @@ def at_rest(rows):
     return Recording.from_columns(np.arange(rows) / 100, values)
 
 
-def test_noise_of_a_long_recording_is_that_of_its_samples(tmp_path, monkeypatch):
+def test_noise_of_a_long_recording_is_that_of_its_samples_and_says_how(
+    tmp_path, monkeypatch, capsys
+):
     write_recording(at_rest(60_000), path := tmp_path / "rest.csv")
     whole = noise_models(read_recording(path))
+    assert not any(model.notes for model in whole.values())
     monkeypatch.setattr(span_means, "LONGEST", 10_000)
+    words = "rest.csv was read as averages over 0.06 s (6 samples) to find its rests"
+    assert main(["noise", str(path)]) == 0
+    assert " ".join(capsys.readouterr().out.split()).count(words) == 1
+    assert main(["noise", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert all(words in model["notes"][0] for model in told.values())
     for name, model in noise_models_of(path).items():
         assert model.values["N"] == pytest.approx(whole[name].values["N"], rel=1e-3)
         assert model.held == whole[name].held
@@ -151,6 +161,7 @@ def test_noise_of_a_long_recording_is_that_of_its_samples(tmp_path, monkeypatch)
 
 PEAK = """
 import json, resource, sys
+from tiltcal.cli import main
 from tiltcal.recordings import span_means
 from tiltcal.recordings.rest_noise import noise_models_of
 span_means.LONGEST = 50_000

@@ -42,13 +42,16 @@ def noise(
         "N is per root hertz of a two-sided density: the standard deviation of a sample is"
         " N sqrt(rate); data sheets often give sqrt(2) N."
     )
+    for note in dict.fromkeys(note for model in models.values() for note in model.notes):
+        paragraph(f"note: {note}")
     say("\n" + "\n".join(effect_tables(models)))
     return 0
 
 
 def _as_json(model: NoiseModel) -> dict[str, object]:
     curve = {"tau_s": model.curve.tau.tolist(), "deviation": model.curve.deviation.tolist()}
-    return {"values": model.values, "sigmas": model.sigmas, "held": model.held, **curve}
+    found = {"values": model.values, "sigmas": model.sigmas, "held": model.held, **curve}
+    return {**found, "notes": list(model.notes)}
 
 
 def _cell(model: NoiseModel, term: str, unit: str) -> str:

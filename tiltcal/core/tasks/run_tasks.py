@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from itertools import islice
+from threading import Thread
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
@@ -128,26 +129,32 @@ def make_all(
     limits: Limits,
     recorded: Callable[[Task, Outcome], str],
     progress: Progress = silent,
+    meanwhile: Callable[[], None] | None = None,
 ) -> int:
     """Make all tasks that the journal does not have; how many these were.
 
     Args:
         total: how many there are, with those that it has.
         recorded: the record of an outcome, as it goes into the journal.
+        meanwhile: called in another thread when the first task is handed out.
 
     Raises:
         TiltcalError: the engine lost tasks, or there is no room for the journal.
     """
     rate = Rate(total)
     had = 0
+    began = list[Thread]()
 
     def missing() -> Iterator[Task]:
         nonlocal had
         for task in tasks:
             if task.key in journal:
                 had += 1
-            else:
-                yield task
+                continue
+            if not began:
+                began.append(Thread(target=meanwhile, daemon=True))
+                began[0].start()
+            yield task
 
     for task, outcome in outcomes(missing(), engine, limits):
         journal.record(task.key, recorded(task, outcome))

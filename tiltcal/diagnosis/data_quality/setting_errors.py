@@ -1,6 +1,6 @@
 """Random setting of an axis: each stop has its own rotation."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,15 +34,15 @@ def find_setting_error(
     noise = noise_within_stops(fitted, whitened)
     if noise is None:
         return None
-    trials = stops_by_axis(observations, fitted)
     limit = float(np.log(ALPHA) - np.log(max(total, 1)))
-    chances = {
-        axis: _chance(columns, fitted, whitened, noise, limit) for axis, columns in trials.items()
-    }
-    axis = min(chances, key=lambda a: chances[a], default=None)
-    if axis is None or chances[axis] > limit:
+    axis, columns, chance = "", list[Columns](), limit
+    for tried, stops in stops_by_axis(observations, fitted):
+        its_chance = _chance(stops, fitted, whitened, noise, limit)
+        if its_chance < chance or (not columns and its_chance == chance):
+            axis, columns, chance = tried, stops, its_chance
+    if not columns:
         return None
-    columns, within = trials[axis], whitened.under(models(noise))
+    within = whitened.under(models(noise))
     gain, values, variances = rotations_of_stops(columns, refit(fitted, within), within)
     first = rotations_of_stops(columns, refit(start, within), within)[0]
     # so many sizes take their share of chance as well
@@ -131,11 +131,16 @@ def beside_stops(
     return refit(replace(fitted, terms=tuple(fitted.terms[k] for k in kept)), whitened)
 
 
-def stops_by_axis(observations: Observations, fitted: FittedModel) -> dict[str, list[Columns]]:
-    """Change of the readings per radian at each stop, of each axis that stops often enough."""
-    axes = observations.scenario.rig.axis_names
-    every = {axis: _stop_columns(observations, axis, fitted) for axis in axes}
-    return {axis: columns for axis, columns in every.items() if len(columns) >= FEWEST}
+def stops_by_axis(
+    observations: Observations, fitted: FittedModel
+) -> Iterator[tuple[str, list[Columns]]]:
+    """Change of the readings per radian at each stop, of each axis that stops often enough; one
+    axis at a time, as there may be hundreds of stops.
+    """
+    for axis in observations.scenario.rig.axis_names:
+        columns = _stop_columns(observations, axis, fitted)
+        if len(columns) >= FEWEST:
+            yield axis, columns
 
 
 def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) -> list[Columns]:
@@ -168,11 +173,12 @@ def rotations_of_stops(
     lengths = [len(c.values) for c in whitened.observations.channels]
     left = project(fitted.basis, whitened.residual(fitted.effects))
     scaled = [whitened.whiten(c) for c in columns]
-    # with the model's own columns, which explain nothing of what they leave: a stop's column is
-    # not projected, because it would change every channel then
-    along = BlockDesignMatrix([*columns_of(fitted.basis), *scaled], lengths).explained(left)
     energy = np.array([sum(float(c @ c) for c in w.values()) for w in scaled])
     values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in scaled]) / np.maximum(
         energy, 1e-300
     )
-    return along, values, 1 / np.maximum(energy, 1e-300)
+    # with the model's own columns, which explain nothing of what they leave: a stop's column is
+    # not projected, because it would change every channel then
+    matrix = BlockDesignMatrix([*columns_of(fitted.basis), *scaled], lengths)
+    del scaled  # of hundreds of stops: the matrix has a copy
+    return matrix.explained(left), values, 1 / np.maximum(energy, 1e-300)

@@ -36,17 +36,19 @@ def random_setting_cost(start: FittedModel, whitened: WhitenedModel) -> float:
     cause, nats; infinite where no axis has stops enough.
     """
     noise = noise_within_stops(start, whitened)
-    stops = stops_by_axis(whitened.observations, start)
-    if noise is None or not stops:
+    if noise is None:
         return np.inf
     within = whitened.as_fitted(noise)
     fitted = refit(start, within)
-    evidence = max(
-        common_width(*rotations_of_stops(columns, fitted, within)[1:]) for columns in stops.values()
-    )
+    evidences = [
+        common_width(*rotations_of_stops(columns, fitted, within)[1:])
+        for _, columns in stops_by_axis(whitened.observations, start)
+    ]
+    if not evidences:
+        return np.inf
     names = len({h.id for h in whitened.hypotheses if h.listed})
     prior = np.log(SOMETHING * (1 - UNLISTED) / names)
-    return State(fitted, within).cost - evidence - float(prior)
+    return State(fitted, within).cost - max(evidences) - float(prior)
 
 
 def common_width(values: Array, variances: Array) -> float:

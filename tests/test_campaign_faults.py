@@ -5,6 +5,7 @@ the results have the same bytes however they were made.
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -271,3 +272,25 @@ def test_a_damaged_part_leaves_no_half_merged_campaign(here, capsys):
         assert main(["merge", "part", "-o", "whole"]) == 2
         assert "journal" in capsys.readouterr().err
         assert list((here / "whole").iterdir()) == []
+
+
+@pytest.mark.usefixtures("ten")
+def test_a_full_disk_loses_nothing_that_was_recorded(whole):
+    """A limit of the size of files stands for the end of the disk."""
+
+    def little_room():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+
+    command = [*COMMAND, "-o", "out", "-j", "2"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, preexec_fn=little_room
+    )
+    assert done.returncode == 2
+    assert "make room and run the same command again" in done.stderr
+    assert not Path("out/results.parquet").exists()
+    made = Path("made").stat().st_size
+    assert 3 <= made < 10
+    run("-o", "out", "-j", "2")
+    assert Path("out/results.parquet").read_bytes() == whole
+    # two were being made, and the one that there was no room for; the queue may have gone on
+    assert Path("made").stat().st_size <= 10 + 4

@@ -87,6 +87,22 @@ def test_a_short_recording_and_one_of_coarse_codes_are_taken_as_they_are(
     assert AVERAGED not in read_averaged(path).metadata
 
 
+def test_coarse_codes_of_more_rows_than_there_is_memory_for_are_refused(
+    tmp_path, monkeypatch, capsys
+):
+    """They are not averaged: the whole recording would be in memory."""
+    rows, rng = 30_000, np.random.default_rng(1)
+    coarse = {"accel_x_LSB": np.round(rng.normal(0, 0.5, rows))}
+    write_recording(Recording.from_columns(np.arange(rows) / 100, coarse), tmp_path / "coarse.npz")
+    monkeypatch.setattr(span_means, "LONGEST", 10_000)
+    command = ["noise", str(tmp_path / "coarse.npz"), "--allow-memory", "2"]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "whose codes are coarse, so that it is not averaged" in said
+    assert "cut it into shorter recordings, or allow it with --allow-memory 3" in said
+    assert main([*command[:-1], "4"]) == 0
+
+
 def test_allan_deviation_in_pieces_is_that_of_the_whole():
     rng = np.random.default_rng(4)
     values = 3.0 + rng.normal(0, 1, 100_000) + np.cumsum(rng.normal(0, 1e-3, 100_000))

@@ -14,7 +14,7 @@ from tiltcal.recordings.pieces import part_of, read_pieces
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
-from tiltcal.recordings.span_means import averaging_note, read_averaged, spans_of
+from tiltcal.recordings.span_means import averaging_note, read_averaged, require_room, spans_of
 from tiltcal.setup.tables import axis_of
 from tiltcal.statistics.allan import AllanDeviation, NoiseModel, allan_deviation, fit_noise
 from tiltcal.statistics.running_allan import DENSE, RunningAllan
@@ -32,6 +32,7 @@ def noise_models_of(path: Path | str) -> dict[str, NoiseModel]:
         TiltcalError: there is no sensor channel, or no rest.
     """
     if spans_of(path) is None:
+        require_room(path)
         return noise_models(read_recording(path).require_increasing())
     recording = read_averaged(path)
     names, rest = _channels(recording), _longest(recording)

@@ -1,13 +1,16 @@
-"""Seconds and peak memory of commands on long recordings, each in a process of its own."""
+"""Seconds and peak memory of commands on long recordings, each in a process of its own.
+LONG_HOURS="24" takes other lengths.
+"""
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-HOURS = (3, 6, 12, 24)
+HOURS = tuple(int(h) for h in os.environ.get("LONG_HOURS", "3 6 12 24").split())
 HEAD = """schema = 1
 name = "long"
 seed = 5
@@ -70,7 +73,7 @@ def run(words: list[str], folder: Path) -> tuple[float, float]:
 
 
 def main() -> None:
-    """An eighth, a quarter, a half and the whole of a day at 100 Hz."""
+    """Parts of a day at 100 Hz, and the whole."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for hours in HOURS:

@@ -30,9 +30,7 @@ from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Drive, Jet
 
 Streams = Callable[["Effect"], np.random.Generator | None]
-"""A fresh random stream for an effect, the same each time it is asked; None when random effects are
-switched off.
-"""
+"""A fresh random stream for an effect, the same at each call; None: random effects are off."""
 
 
 def no_streams(effect: "Effect") -> None:

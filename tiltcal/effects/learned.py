@@ -16,6 +16,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, SignalEffect
+from tiltcal.effects.curve_coordinates import coordinate_of, motion_jet
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.parameter import Parameter, Stage
@@ -24,28 +25,6 @@ from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltcal.statistics.cardinal_splines import cardinal_splines
 
-INPUTS = {
-    f"{quantity}_{axis}": (quantity, "xyz".index(axis))
-    for quantity in ("force", "rate", "angular_acceleration")
-    for axis in "xyz"
-}
-COORDINATES = (
-    *INPUTS,
-    "input",
-    "transverse",
-    "time",
-    "temperature",
-    "warming",
-    "since_move",
-    "since_start",
-    "moves",
-)
-"""What a curve may follow, beside the angle of a table axis: ``table_<axis>``.
-
-``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt;
-``since_move``, ``since_start``: time since the last move ended, began; ``moves``: how many there
-were.
-"""
 CONTINUED = ("temperature",)
 """Coordinates beyond whose range a spline goes on: the next recording will not have the same
 temperatures.
@@ -59,12 +38,15 @@ class Learned(Effect):
     """A learned curve.
 
     Args:
-        coordinate: one of COORDINATES; rad, SI, s from the first stamp, K from T0.
+        coordinate: one of COORDINATES of ``curve_coordinates``, or a table angle; rad, SI, s from
+            the first stamp, K from T0.
         knots: of a spline, increasing; empty for harmonics.
         period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
             0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
         lag: time constant, s, by which the coordinate is felt late.
+        play: width of a play, SI: the curve follows its state, in [-1, 1], as the coordinate moves
+            it; 0 for none.
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
@@ -84,6 +66,7 @@ class Learned(Effect):
     odd: bool = False
     per_input: bool = False
     lag: float = 0.0
+    play: float = 0.0
     slot: str = ""
     turn: str = ""
     place: str = "sensor"
@@ -189,11 +172,8 @@ class Learned(Effect):
 
     def each_along(self, drive: Drive) -> Jet:
         """The curve of each coefficient along a drive, (n, p)."""
-        if (axis := axis_of(self.coordinate)) is not None:
-            return self.each(drive.axes[axis])
-        if self.coordinate == "time":
-            one = np.ones_like(drive.elapsed)
-            return self.each(Jet(drive.elapsed, one, 0 * one))
+        if self.coordinate != "temperature":
+            return self.each(motion_jet(self.coordinate, drive, self.lag, self.play))
         warm = first_order_lag(
             drive.time, drive.temperature - drive.reference_temperature, self.lag
         )
@@ -218,9 +198,13 @@ class LearnedReading(Learned, SignalEffect):
             reading[:, channel] += self.columns(sense) @ self.coefficients
         else:
             own = sense.true_input()[:, channel]
-            added = self.curve(coordinate_of(self.coordinate, sense, own, self.lag))
+            added = self.curve(self.followed(sense, own))
             reading[:, channel] += added * own if self.per_input else added
         return reading
+
+    def followed(self, sense: Sense, own: Array) -> Array:
+        """The coordinate as it is felt, (n,); ``own``: the channel's true input."""
+        return coordinate_of(self.coordinate, sense, own, self.lag, self.play)
 
     def channel(self, sense: Sense) -> int:
         """Number of the channel it adds to."""
@@ -232,7 +216,7 @@ class LearnedReading(Learned, SignalEffect):
         if self.beside:
             axes = (axis_of(self.coordinate), axis_of(self.beside))
             return _products(*(sense.angles[str(axis)] for axis in axes))
-        basis = self.basis(coordinate_of(self.coordinate, sense, own, self.lag))
+        basis = self.basis(self.followed(sense, own))
         return basis * own[:, None] if self.per_input else basis
 
 
@@ -266,29 +250,3 @@ def _products(a: Array, b: Array) -> Array:
     return np.column_stack(
         [p * q for one in waves[0] for other in waves[1] for p in one for q in other]
     )
-
-
-def coordinate_of(name: str, sense: Sense, own: Array, lag: float = 0.0) -> Array:
-    """A coordinate along what a sensor senses, (n,), felt late by ``lag``, s; ``own`` is the
-    channel's true input.
-
-    A late rate of warming is that of the late temperature: both begin with sensor and thermometer
-        of one temperature.
-    """
-    if name == "warming":
-        return np.gradient(first_order_lag(sense.time, sense.temperature, lag), sense.time)
-    u = _prompt(name, sense, own)
-    return first_order_lag(sense.time, u, lag) if lag else u
-
-
-def _prompt(name: str, sense: Sense, own: Array) -> Array:
-    if (own_axis := axis_of(name)) is not None:
-        return sense.angles[own_axis]
-    if name in INPUTS:
-        quantity, axis = INPUTS[name]
-        return np.asarray(getattr(sense, quantity)[:, axis])
-    if name == "transverse":
-        return np.asarray(np.linalg.norm(np.cross(sense.rate, sense.input_vector), axis=1))
-    if name in ("since_move", "since_start", "moves"):
-        return np.asarray(getattr(sense, name))
-    return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]

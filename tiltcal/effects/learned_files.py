@@ -7,13 +7,8 @@ import numpy as np
 
 from tiltcal.core.errors import TiltcalError, nearest, one_of
 from tiltcal.core.frames import AXES
-from tiltcal.effects.learned import (
-    COORDINATES,
-    Learned,
-    LearnedReading,
-    LearnedReadout,
-    LearnedTilt,
-)
+from tiltcal.effects.curve_coordinates import COORDINATES, MOTION
+from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.effects.parameter import STAGES
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import angle_channel, axis_names, axis_of
@@ -38,6 +33,7 @@ _KEYS = {
     "turn",
     "per_input",
     "lag_s",
+    "play",
     "place",
 }
 
@@ -67,7 +63,9 @@ def make_learned(
     )
     _check_knots(knots, numbers, subject)
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
-    lag, period, power = (_amount(table, key, subject) for key in ("lag_s", "period", "power"))
+    lag, period, power, play = (
+        _amount(table, key, subject) for key in ("lag_s", "period", "power", "play")
+    )
     if power and (knots or len(numbers) > 1):
         raise TiltcalError(
             subject,
@@ -93,6 +91,7 @@ def make_learned(
         beside=beside,
         power=power,
         odd=bool(table.get("odd", False)),
+        play=play,
     )
 
 
@@ -161,11 +160,12 @@ def _where(
     the place.
     """
     axis_named = axis_of(coordinate)
-    if on != "reading" and axis_named is None and coordinate not in ("time", "temperature"):
+    of_frames = ("time", "temperature", *MOTION)
+    if on != "reading" and axis_named is None and coordinate not in of_frames:
         raise TiltcalError(
             subject,
             found=f"coordinate '{coordinate}'",
-            need="a table angle, time or temperature",
+            need=f"a table angle, {', '.join(of_frames[:-1])} or {of_frames[-1]}",
             do="correct it",
         )
     if axis_named is not None and axis_named not in setup.rig.axis_names:
@@ -222,6 +222,7 @@ def learned_table(effect: Learned) -> dict[str, Any]:
     shape = (
         ("per_input", effect.per_input),
         ("lag_s", effect.lag),
+        ("play", effect.play),
         ("period", effect.period),
         ("beside", effect.beside),
         ("power", effect.power),

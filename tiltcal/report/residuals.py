@@ -17,6 +17,8 @@ WORDS = {
     "transverse": "rate across the axis",
     "since_move": "time since the last move",
     "since_start": "time since the last move began",
+    "speed_deg_s": "speed of turn",
+    "braking_deg_s2": "deceleration of the turn",
     "moves_count": "number of moves",
 }
 FOLLOWED = {"temperature": "temperature_degC", "tilt": "input", "rate": "input"}

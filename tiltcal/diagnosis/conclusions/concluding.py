@@ -128,7 +128,7 @@ def _named(finding: Finding, term: FittedTerm, names: Names, law: WholeLaw) -> F
         stage=CATALOGUE[id].stage,
         parameters=parameters,
         statement=_statement(finding, id, alike, parameters)
-        + sums_only(law.beside)
+        + sums_only(law.untold)
         + fitted_as(finding.parts),
         next_measurement=next_step(alike, effect),
     )

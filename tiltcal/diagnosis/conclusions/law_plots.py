@@ -13,7 +13,7 @@ from tiltcal.diagnosis.conclusions.residual_plots import coordinates_of, points_
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
-from tiltcal.effects.learned import Learned, coordinate_of
+from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.mechanisms import Context
 from tiltcal.recordings.replay import nearest_rows
 from tiltcal.setup.setup import Setup
@@ -25,6 +25,8 @@ OWN = {
     "force": ("g", G0),
     "rate": ("deg_s", DEG),
     "transverse": ("deg_s", DEG),
+    "speed": ("deg_s", DEG),
+    "braking": ("deg_s2", DEG),
     "since_move": ("s", 1.0),
     "since_start": ("s", 1.0),
     "moves": ("count", 1.0),
@@ -127,17 +129,17 @@ def _followed(
     """The coordinate of a learned curve at a channel's samples, by name with unit, (n,); none where
     it is a table angle, time or temperature, or nothing tells it.
     """
-    watches = observations.watches(around) if isinstance(effect, Learned) else ()
-    if not isinstance(effect, Learned) or not watches or channel.sensor != effect.sensor:
+    watches = observations.watches(around) if isinstance(effect, LearnedReading) else ()
+    if not isinstance(effect, LearnedReading) or not watches or channel.sensor != effect.sensor:
         return {}
     name = effect.coordinate
     stem = name if name in OWN else name.rpartition("_")[0]
-    if stem not in OWN:
+    if stem not in OWN or effect.play:
         return {}
     watch = watches[channel.recording]
     sense = watch.sense[channel.sensor]
     own = sense.true_input()[:, channel.column]
-    u = coordinate_of(name, sense, own, effect.lag)[nearest_rows(watch.time, channel.time)]
+    u = effect.followed(sense, own)[nearest_rows(watch.time, channel.time)]
     unit, size = OWN[stem]
     return {f"{name}_{unit}": (u % effect.period if effect.period else u) / size}
 

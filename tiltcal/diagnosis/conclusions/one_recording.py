@@ -48,22 +48,21 @@ def mean_and_rest(
         effects: of those terms, as the amended scenario would hold them.
         observations: the recording.
     """
-    around = fitted.effects
-    kept, levels, columns = list(effects), [], []
-    for k, effect in enumerate(effects):
-        if isinstance(effect, Learned):
-            levels.append((k, level := _level(effect)))
-            columns.append(_stacked(observations.changes(level, around), observations))
-    own = [observations.changes(fitted.terms[k].effect, around) for k in places]
-    whole = sum(_stacked(c, observations) for c in own)
-    shares = np.linalg.lstsq(np.column_stack(columns), whole, rcond=None)[0]
-    lasting: list[Effect] = []
-    for (k, level), share in zip(levels, shares, strict=True):
-        lasting.append(replace(level, values={n: share * v for n, v in level.values.items()}))
-        kept.append(replace(level, values={n: -share * v for n, v in level.values.items()}))
-        kept[-1] = replace(kept[-1], seen_in=effects[k].seen_in, role=effects[k].role)
+    levels = [_level(effect) for effect in effects if isinstance(effect, Learned)]
+    own = [fitted.terms[k].effect for k in places]
+    changes = [
+        [_stacked(observations.changes(e, fitted.effects), observations) for e in group]
+        for group in (levels, own)
+    ]
+    shares = np.linalg.lstsq(np.column_stack(changes[0]), sum(changes[1]), rcond=None)[0]
+    means = [_times(level, share) for level, share in zip(levels, shares, strict=True)]
     first = observations.recordings[0].fingerprint
-    return lasting + [replace(e, seen_in=first, lasts=False) for e in kept]
+    rest = [*effects, *(_times(mean, -1.0) for mean in means)]
+    return [*means, *(replace(e, seen_in=first, lasts=False) for e in rest)]
+
+
+def _times(curve: Learned, factor: float) -> Learned:
+    return replace(curve, values={n: factor * v for n, v in curve.values.items()})
 
 
 def _level(curve: Learned) -> Learned:

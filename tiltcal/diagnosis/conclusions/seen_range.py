@@ -17,6 +17,8 @@ UNITS = {
     "force": ("m_s2", 1.0),
     "rate": ("deg_s", DEGREE),
     "transverse": ("deg_s", DEGREE),
+    "speed": ("deg_s", DEGREE),
+    "braking": ("deg_s2", DEGREE),
     "angular_acceleration": ("deg_s2", DEGREE),
     "temperature": ("degC", 1.0),
     "warming": ("degC_s", 1.0),
@@ -65,9 +67,9 @@ class SeenRange:
 
 def seen_range(effect: Learned, observations: Observations) -> SeenRange | None:
     """The range in which a curve was seen; None where its coordinate has none, or for a product of
-    two angles.
+    two angles or the state of a play.
     """
-    if effect.beside:
+    if effect.beside or effect.play:
         return None
     name = effect.coordinate
     key = f"{effect.sensor}_input" if name == "input" else name

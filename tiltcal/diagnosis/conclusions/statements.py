@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tiltcal.core.units import G0
 from tiltcal.design.identifiability import tie_breaker
 from tiltcal.diagnosis.conclusions.finding import Finding, Fitness
 from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
@@ -28,6 +29,8 @@ LEARNED_WORD = {
     "since_move": "move",
     "since_start": "move",
     "moves": "move",
+    "speed": "rate",
+    "braking": "rate",
 }
 
 
@@ -97,6 +100,8 @@ def learned_name(effect: Learned) -> str:
         "since_move": "the time since the last move",
         "since_start": "the time since the last move began",
         "moves": "the number of moves",
+        "speed": "the speed of turn",
+        "braking": "how quickly the turn slows down",
     }
     what = words.get(
         effect.coordinate,
@@ -115,6 +120,8 @@ def learned_name(effect: Learned) -> str:
         )
     if effect.period and effect.knots:
         what += f" and repeats every {np.degrees(effect.period):.4g} deg"
+    if effect.play:
+        what = f"which way {what} last went, {_width(effect)} of it"
     if effect.lag and effect.coordinate != "temperature":
         what += f" with a memory of about {effect.lag:.0f} s"
     if isinstance(effect, LearnedReadout):
@@ -123,6 +130,13 @@ def learned_name(effect: Learned) -> str:
         return f"a tilt of the frame '{effect.slot}' about {effect.turn} that follows {what}"
     kind = "a scale factor" if effect.per_input else "an addition to the reading"
     return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
+
+
+def _width(effect: Learned) -> str:
+    """Width of a play in words."""
+    if axis_of(effect.coordinate):
+        return f"{np.degrees(effect.play):.3g} deg"
+    return f"{effect.play / G0:.2g} g"
 
 
 def shown(parameters: Mapping[str, tuple[float, float]]) -> str:

@@ -24,7 +24,7 @@ class WholeLaw:
         signals: of each term, whitened, by channel, without what calibration and other findings may
             take.
         shares: of each term, of the energy of all together.
-        beside: sizes of the law that were left at zero and whose signal these poses cannot tell
+        untold: sizes of the law that were left at zero and whose signal these poses cannot tell
             from that of the others: only sums of them are known.
     """
 
@@ -32,7 +32,7 @@ class WholeLaw:
     sigmas: Array
     signals: list[list[Array]]
     shares: list[float]
-    beside: tuple[str, ...] = ()
+    untold: tuple[str, ...] = ()
 
 
 def whole_law(
@@ -66,7 +66,7 @@ def whole_law(
     size = float(np.sqrt(np.mean((along @ (values / sizes)) ** 2)))
     zero = _unused(inside[0])
     unused = _columns(fitted, whitened, [zero], removed)
-    taken, beside = _of_unused(columns, lead, unused, size)
+    taken, untold = _of_unused(columns, lead, unused, size)
     cuts = np.cumsum([len(t.names) for t in inside])[:-1]
     signals = [
         part @ v
@@ -81,7 +81,7 @@ def whole_law(
         np.sqrt(np.maximum(variance, 0.0) + taken) * sizes[:lead],
         [np.split(s, np.cumsum(lengths)[:-1]) for s in signals],
         [float(s @ total) / energy for s in signals],
-        tuple(n for n, b in zip(zero.names, beside, strict=True) if b),
+        tuple(n for n, u in zip(zero.names, untold, strict=True) if u),
     )
 
 

@@ -21,9 +21,11 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
     ranges |= _between_moves(observations) | {f"force_{a}": (-g, g) for a in "xyz"}
     if (top := fastest(observations)) > 0:
         ranges |= {f"rate_{a}": (-top, top) for a in _turned(observations)}
-        ranges |= {"transverse": (0.0, top)}
-    for a, most in _quickest(observations).items():
+        ranges |= {"transverse": (0.0, top), "speed": (0.0, top)}
+    for a, most in (quickest := _quickest(observations)).items():
         ranges[f"angular_acceleration_{a}"] = (-most, most)
+    if most := max(quickest.values(), default=0.0):
+        ranges["braking"] = (-most, most)
     rate = max(s.rate_hz for s in observations.scenario.sensor)
     return CoordinateRanges(duration, rate, lines, ranges)
 

@@ -2,19 +2,25 @@
 chain.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
 
-import numpy as np
-
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, with_values
+from tiltcal.diagnosis.hypotheses.curve_forms import (
+    curve_over,
+    even_knots,
+    harmonics,
+    odd_curve,
+    proportional,
+)
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.diagnosis.hypotheses.motion_curves import motion_of_frames, motion_of_readings
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.hysteresis_and_lag import LAGS
-from tiltcal.effects.learned import ORDERS, Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import ORDERS, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Sensor
@@ -22,7 +28,6 @@ from tiltcal.setup.tables import PLACING, angle_channel, bearing
 
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SHOWS = 7.0  # times a lag that a recording has to last
-MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 # of a force or a rate; whether odd
 POWERS = (
     (0.5, False),
@@ -47,12 +52,12 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                 yield from _reading_curves(scenario, sensor, axis, span)
     for axis in scenario.rig.axis_names:
         for other in scenario.rig.axis_names:
-            for basis in (_waves(4), _knots(f"table_{other}", span, 10)):
+            for basis in (harmonics(4), even_knots(f"table_{other}", span, 10)):
                 if not basis:
                     continue
-                yield _curve(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
+                yield curve_over(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
                 for turn in _across(dict(scenario.rig.axes)[axis]):
-                    yield _curve(
+                    yield curve_over(
                         LearnedTilt,
                         f"table_{other}",
                         basis,
@@ -63,17 +68,20 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature")):
-                if knots := _knots(coordinate, span, 5):
+                if knots := even_knots(coordinate, span, 5):
                     place = "environment" if slot == "base" else "mount"
-                    tilt = _curve(LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place)
+                    tilt = curve_over(
+                        LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place
+                    )
                     yield replace(tilt, alias=_named(slot, coordinate))
         for turn, axis in product("xyz", scenario.rig.axis_names):
-            for basis in (_waves(4), _knots(f"table_{axis}", span, 10)):
+            for basis in (harmonics(4), even_knots(f"table_{axis}", span, 10)):
                 if basis:
-                    yield _curve(
+                    yield curve_over(
                         LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount"
                     )
         yield from _late_tilts(span)
+        yield from motion_of_frames(scenario.rig, span)
 
 
 def _named(slot: str, coordinate: str) -> str | None:
@@ -87,14 +95,14 @@ def _late_tilts(span: CoordinateRanges) -> Iterator[Hypothesis]:
     laws = [c for c in CATALOGUE.values() if c.felt_late and c.family.tilt]
     for cls, turn, lag in product(laws, "xyz", LAGS):
         for slot, coordinate in cls.family.tilt:
-            if not (knots := _knots(coordinate, span, 3)):
+            if not (knots := even_knots(coordinate, span, 3)):
                 continue
-            tilt = _curve(
+            tilt = curve_over(
                 LearnedTilt, coordinate, knots, lag=lag, slot=slot, turn=turn, place=cls.stage
             )
             yield _late(tilt, cls.id)
             if lag:  # without, that is the law itself
-                yield _straight(tilt, len(LAGS), cls.id)
+                yield proportional(tilt, len(LAGS), cls.id)
 
 
 def _reading_curves(
@@ -103,8 +111,8 @@ def _reading_curves(
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     yield from _angle_curves(scenario, sensor, axis, span)
     for cls, count in product(_of_any_form(sensor, "input"), (9, 17, 33)):
-        if knots := _knots(f"{sensor.name}_input", span, count):
-            yield replace(_curve(LearnedReading, "input", knots, **where), alias=cls.id)
+        if knots := even_knots(f"{sensor.name}_input", span, count):
+            yield replace(curve_over(LearnedReading, "input", knots, **where), alias=cls.id)
     inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
     turns = [f"angular_acceleration_{a}" for a in "xyz"]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
@@ -112,43 +120,31 @@ def _reading_curves(
     for coordinate in ("input", "time", "temperature", "warming", *inputs, *turns, *across):
         if coordinate == own:
             continue
-        if knots := _knots(
+        if knots := even_knots(
             coordinate if coordinate != "input" else f"{sensor.name}_input", span, 7
         ):
-            yield _curve(LearnedReading, coordinate, knots, **where)
+            yield curve_over(LearnedReading, coordinate, knots, **where)
             if coordinate in (*inputs, "transverse"):
                 yield from _powers(coordinate, where)
     for coordinate in ("time", "temperature"):
-        if knots := _knots(coordinate, span, 5):
-            scale = _curve(LearnedReading, coordinate, knots, per_input=True, **where)
+        if knots := even_knots(coordinate, span, 5):
+            scale = curve_over(LearnedReading, coordinate, knots, per_input=True, **where)
             yield scale
             if not sensor.is_accelerometer:  # its own law is in the catalogue
-                yield _straight(scale)
+                yield proportional(scale)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
     # by hand only the length of its reading is known
     if scenario.rig.axes or not sensor.is_accelerometer:
-        yield from _histories(sensor, axis, inputs, span)
+        yield from motion_of_readings(scenario.rig, sensor, axis, inputs, span)
 
 
 def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:
     """Laws with one number: a root, a modulus, a square, a cube."""
     for power, odd in POWERS:
         if not (odd and coordinate == "transverse"):
-            yield _curve(
+            yield curve_over(
                 LearnedReading, coordinate, 1, power=power, odd=odd, variants=len(POWERS), **where
             )
-
-
-def _straight(curve: Hypothesis, variants: int = 1, alias: str | None = None) -> Hypothesis:
-    """What is in proportion to the coordinate of a curve, in its place."""
-    effect = curve.effect
-    assert isinstance(effect, Learned)
-    return Hypothesis(
-        replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True),
-        ("c0",),
-        variants,
-        alias,
-    )
 
 
 def _angle_curves(
@@ -158,17 +154,17 @@ def _angle_curves(
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     names = scenario.rig.axis_names
     for name in names:
-        for basis in (_waves(4), _waves(10), _knots(f"table_{name}", span, 10)):
+        for basis in (harmonics(4), harmonics(10), even_knots(f"table_{name}", span, 10)):
             if basis:
-                yield _curve(LearnedReading, f"table_{name}", basis, **where)
+                yield curve_over(LearnedReading, f"table_{name}", basis, **where)
     for one, other in combinations(names, 2):
-        yield _curve(
+        yield curve_over(
             LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where
         )
     if scenario.rig.directions == PLACING.directions:  # its form is nobody's law, its place is
         angle = angle_channel(names[0])
         for cls in _of_any_form(sensor, angle, "unknown"):
-            yield replace(_curve(LearnedReading, angle, _waves(6), **where), alias=cls.id)
+            yield replace(curve_over(LearnedReading, angle, harmonics(6), **where), alias=cls.id)
 
 
 def lags_of(duration: float) -> tuple[float, ...]:
@@ -213,84 +209,23 @@ def _late_laws(
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
     for (name, coordinate, per_input), lag in product(_felt_late(sensor), lags_of(span.duration)):
-        knots = _knots(coordinate, span, 3)
+        knots = even_knots(coordinate, span, 3)
         if knots and (coordinate != "warming" or lag * SHOWS < span.duration):
-            late = _curve(LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where)
+            late = curve_over(
+                LearnedReading, coordinate, knots, lag=lag, per_input=per_input, **where
+            )
             yield _late(late, name)
             if lag and on_table:  # by hand, in few poses, every law of temperature bends
-                yield _straight(late, len(LAGS), name)
-
-
-def _histories(
-    sensor: Sensor, axis: str, inputs: Sequence[str], span: CoordinateRanges
-) -> Iterator[Hypothesis]:
-    """What went before: the number of moves, the time since the last one, forces and rates that
-    leak away.
-    """
-    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    if knots := _spread("since_move", span):
-        yield _curve(LearnedReading, "since_move", knots, **where)
-        for frequency in span.lines.echoes:
-            yield _curve(LearnedReading, "since_move", _waves(3), period=1 / frequency, **where)
-        yield _curve(LearnedReading, "since_start", _spread("since_start", span), **where)
-        yield _curve(LearnedReading, "moves", _knots("moves", span, 7), **where)
-        for period in (2, 3, 4, 5):
-            waves = 2 * (period // 2) - (period % 2 == 0)
-            yield _curve(LearnedReading, "moves", waves, period=float(period), **where)
-    for coordinate, lag in product(inputs, MEMORIES):
-        if knots := _knots(coordinate, span, 3):
-            curve = _curve(LearnedReading, coordinate, knots, lag=lag, **where)
-            yield replace(_odd(curve), variants=len(MEMORIES))
-            yield _straight(curve, len(MEMORIES))
-
-
-def _odd(curve: Hypothesis) -> Hypothesis:
-    """A curve through nothing at the middle of its range."""
-    names = (curve.names[0], curve.names[-1])
-    return Hypothesis(with_values(curve.effect, {n: curve.effect.values[n] for n in names}), names)
-
-
-def _spread(coordinate: str, span: CoordinateRanges) -> tuple[float, ...]:
-    """Knots ever further apart: what follows a move is quick at first."""
-    high = span.ranges.get(coordinate, (0.0, 0.0))[1]
-    knots = (0.0, *np.geomspace(0.4, high, 7)) if high > 2.0 else ()
-    return tuple(float(k) for k in knots)
+                yield proportional(late, len(LAGS), name)
 
 
 def _late(curve: Hypothesis, alias: str) -> Hypothesis:
     """A law of temperature that is felt late and may bend: nothing at the middle of the range, as
     the law has nothing at T0.
     """
-    return replace(_odd(curve), variants=len(LAGS), alias=alias)
-
-
-def _knots(coordinate: str, span: CoordinateRanges, count: int) -> tuple[float, ...]:
-    low, high = span.ranges.get(coordinate, (0.0, 0.0))
-    return tuple(np.linspace(low, high, count)) if high > low else ()
-
-
-def _waves(harmonics: int) -> int:
-    return 2 * harmonics
+    return replace(odd_curve(curve), variants=len(LAGS), alias=alias)
 
 
 def _across(axis: str) -> tuple[str, str]:
     i = "xyz".index(axis)
     return "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]
-
-
-def _curve(
-    cls: type[Learned], coordinate: str, basis: int | tuple[float, ...], **where: Any
-) -> Hypothesis:
-    knots = () if isinstance(basis, int) else basis
-    names = tuple(f"c{k}" for k in range(basis if isinstance(basis, int) else len(basis)))
-    variants = where.pop("variants", 1)
-    effect = cls(
-        dict.fromkeys(names, 1e-6),
-        where.pop("sensor", None),
-        where.pop("axis", None),
-        "found",
-        coordinate=coordinate,
-        knots=knots,
-        **where,
-    )
-    return Hypothesis(effect, names, variants)

@@ -74,20 +74,17 @@ def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
         or a.coordinate != b.coordinate
     ):
         return False
-    if (a.knots, a.period, a.beside, a.power, a.odd) != (
-        b.knots,
-        b.period,
-        b.beside,
-        b.power,
-        b.odd,
-    ):
+    if _form(a) != _form(b):
         return False
     if isinstance(a, LearnedTilt):
         return a.slot == b.slot and a.turn != b.turn and len(curve.names) == len(host.names)
     same = (
-        a.per_input == b.per_input
-        and a.sensor == b.sensor
-        and a.lag == b.lag
-        and len(curve.names) == len(host.names)
+        a.per_input == b.per_input and a.sensor == b.sensor and len(curve.names) == len(host.names)
     )
     return isinstance(a, LearnedReading) and same and a.axis != b.axis
+
+
+def _form(curve: Learned) -> tuple[object, ...]:
+    """What two curves have in common beside their coordinate."""
+    c = curve
+    return c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.play

@@ -53,5 +53,6 @@ def _kind(hypothesis: Hypothesis) -> tuple[object, ...]:
         effect.coordinate,
         effect.beside,
         effect.is_step,
+        effect.play > 0,
         *place,
     )

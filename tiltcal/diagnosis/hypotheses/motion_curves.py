@@ -1,0 +1,106 @@
+"""Curves over how a table moved before: the direction of the last motion, plays, forces and rates
+that leak away, the heat of motion, the number of moves, the time since the last one.
+
+Memories that tell the rate of change are lags, those that do not are plays: from both and a curve
+every fading memory is approximated (Boyd and Chua 1985; Brokate and Sprekels 1996).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+from tiltcal.core.units import DEG, G0
+from tiltcal.diagnosis.hypotheses.curve_forms import (
+    curve_over,
+    even_knots,
+    harmonics,
+    odd_curve,
+    proportional,
+    spread_knots,
+)
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Rig
+from tiltcal.setup.tables import angle_channel, bearing
+
+MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
+COOLING = (10.0, 30.0, 100.0, 300.0)  # s, of what motion warms
+SHOWN = 2.0  # times a time constant of cooling that a recording has to last
+TURNS = (0.5 * DEG, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
+LOADS = (0.02 * G0, 0.3 * G0, 1.0 * G0)  # m/s2, of a play
+COUNTS = (2, 3, 4, 5)  # of moves after which a law begins anew
+
+
+def motion_of_readings(
+    rig: Rig, sensor: Sensor, axis: str, inputs: Sequence[str], span: CoordinateRanges
+) -> Iterator[Hypothesis]:
+    """Additions to the reading of a channel that follow what went before.
+
+    Args:
+        inputs: forces and rates that the sensor may feel.
+    """
+    where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
+    yield from _motion(LearnedReading, rig, span, where)
+    if spread_knots("since_move", span):
+        for frequency in span.lines.echoes:
+            yield curve_over(
+                LearnedReading, "since_move", harmonics(3), period=1 / frequency, **where
+            )
+    for coordinate, lag in product(inputs, MEMORIES):
+        if knots := even_knots(coordinate, span, 3):
+            late = curve_over(LearnedReading, coordinate, knots, lag=lag, **where)
+            yield replace(odd_curve(late), variants=len(MEMORIES))
+            yield proportional(late, len(MEMORIES))
+    for coordinate, travel in product([c for c in inputs if c.startswith("force")], LOADS):
+        yield _played(LearnedReading, coordinate, travel, len(LOADS), where)
+    if knots := even_knots("braking", span, 7):
+        yield curve_over(LearnedReading, "braking", knots, **where)
+
+
+def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """Tilts of frames and errors of readouts that follow what went before."""
+    for axis in rig.axis_names:
+        yield from _motion(LearnedReadout, rig, span, {"axis": axis, "place": "table"})
+    places = [("base", turn, "environment") for turn in "xy"]
+    places += [("mount", turn, "mount") for turn in "xyz"]
+    for name, body in rig.axes:
+        places += [(bearing(name), turn, "table") for turn in "xyz" if turn != body]
+    for slot, turn, place in places:
+        where = {"slot": slot, "turn": turn, "place": place}
+        yield from _motion(LearnedTilt, rig, span, where)
+
+
+def _motion(
+    cls: type[Learned], rig: Rig, span: CoordinateRanges, where: dict[str, Any]
+) -> Iterator[Hypothesis]:
+    """What every place may follow of the table's motion."""
+    for coordinate in ("since_move", "since_start"):
+        if knots := spread_knots(coordinate, span):
+            yield curve_over(cls, coordinate, knots, **where)
+    if knots := even_knots("moves", span, 7):
+        yield curve_over(cls, "moves", knots, **where)
+        for period in COUNTS:
+            waves = 2 * (period // 2) - (period % 2 == 0)
+            yield curve_over(cls, "moves", waves, period=float(period), **where)
+    for name, travel in product(rig.axis_names, TURNS):
+        low, high = span.ranges.get(angle_channel(name), (0.0, 0.0))
+        # the play of an axis' own readout is its backlash, which is listed
+        if high - low > travel and not (cls is LearnedReadout and name == where["axis"]):
+            yield _played(cls, angle_channel(name), travel, len(TURNS), where)
+    if knots := even_knots("speed", span, 7):
+        yield curve_over(cls, "speed", knots, **where)
+        for lag in COOLING:
+            if SHOWN * lag < span.duration:
+                late = curve_over(cls, "speed", knots, lag=lag, **where)
+                yield proportional(late, len(COOLING))
+
+
+def _played(
+    cls: type[Learned], coordinate: str, travel: float, variants: int, where: dict[str, Any]
+) -> Hypothesis:
+    """What is in proportion to the state of a play."""
+    state = curve_over(cls, coordinate, (-1.0, 1.0), play=travel, **where)
+    return proportional(state, variants)

@@ -1,0 +1,106 @@
+"""What a learned curve may follow: what the sensor senses, the table's angles, time, temperature,
+and how it moved before.
+"""
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.effects.hysteresis_and_lag import crossed, first_order_lag, play
+from tiltcal.effects.sense import Sense
+from tiltcal.setup.tables import axis_of
+from tiltcal.setup.trajectory import Drive, Jet, Rests
+
+INPUTS = {
+    f"{quantity}_{axis}": (quantity, "xyz".index(axis))
+    for quantity in ("force", "rate", "angular_acceleration")
+    for axis in "xyz"
+}
+MOTION = ("speed", "since_move", "since_start", "moves")
+"""Coordinates that tell how a table moved."""
+COORDINATES = (*INPUTS, "input", "transverse", "time", "temperature", "warming", "braking", *MOTION)
+"""What a curve may follow, beside the angle of a table axis: ``table_<axis>``.
+
+``input``: the channel's own; ``transverse``: rate across a FOG's axis; ``warming``: dT/dt;
+``speed``: magnitude of the rate of turn; ``braking``: minus its change per second; ``since_move``,
+``since_start``: time since the last move ended, began; ``moves``: how many there were.
+"""
+AT_REST = 1e-3  # rad/s: less is no motion of a table, Earth's rate among it
+
+
+def coordinate_of(
+    name: str, sense: Sense, own: Array, lag: float = 0.0, travel: float = 0.0
+) -> Array:
+    """A coordinate along what a sensor senses, (n,); ``own`` is the channel's true input.
+
+    A late rate of warming is that of the late temperature: both begin with sensor and thermometer
+    of one temperature.
+
+    Args:
+        lag: s, by which the coordinate is felt late.
+        travel: width of a play that it moves, SI: its state, in [-1, 1], is felt instead; 0: none.
+    """
+    if name == "warming":
+        return np.gradient(first_order_lag(sense.time, sense.temperature, lag), sense.time)
+    u = _sensed(name, sense, own)
+    if travel:
+        return play(u, travel)
+    return first_order_lag(sense.time, u, lag) if lag else u
+
+
+def _sensed(name: str, sense: Sense, own: Array) -> Array:
+    if (own_axis := axis_of(name)) is not None:
+        return sense.angles[own_axis]
+    if name in INPUTS:
+        quantity, axis = INPUTS[name]
+        return np.asarray(getattr(sense, quantity)[:, axis])
+    if name == "transverse":
+        return np.asarray(np.linalg.norm(np.cross(sense.rate, sense.input_vector), axis=1))
+    if name == "speed":
+        return np.asarray(np.linalg.norm(sense.rate, axis=1))
+    if name == "braking":
+        return _braking(sense.rate, sense.angular_acceleration)
+    if name in ("since_move", "since_start", "moves"):
+        return np.asarray(getattr(sense, name))
+    return {"input": own, "time": sense.elapsed, "temperature": sense.temperature}[name]
+
+
+def _braking(rate: Array, acceleration: Array) -> Array:
+    """Minus the change of the magnitude of a rate, rad/s2, (n, 3) -> (n,)."""
+    speed = np.maximum(np.linalg.norm(rate, axis=1), AT_REST)
+    return -np.asarray(np.einsum("ij,ij->i", rate, acceleration)) / speed
+
+
+def motion_jet(name: str, drive: Drive, lag: float = 0.0, travel: float = 0.0) -> Jet:
+    """A coordinate of the table's motion along a drive with its time derivatives, (n,): an angle,
+    time, or one of MOTION.
+
+    Counts and directions jump while the table moves; their derivatives are left out.
+    """
+    if (axis := axis_of(name)) is not None:
+        angle = drive.axes[axis]
+        return crossed(angle, travel) if travel else angle
+    one = np.ones_like(drive.time)
+    if name == "time":
+        return Jet(drive.elapsed, one, 0 * one)
+    if name == "speed":
+        return _speed(drive, lag)
+    rests = Rests.told(drive.rests, drive.time, drive.stop)
+    if name == "moves":
+        return Jet(rests.moves(drive.time), 0 * one, 0 * one)
+    since = rests.since if name == "since_move" else rests.since_start
+    return Jet(since(drive.time), one, 0 * one)
+
+
+def _speed(drive: Drive, lag: float) -> Jet:
+    """Magnitude of the axes' rates, rad/s, felt late by ``lag``, s."""
+    rates, changes = (
+        np.column_stack([np.broadcast_to(part, drive.time.shape) for part in parts])
+        for parts in zip(*((jet.v, jet.a) for jet in drive.axes.values()), strict=True)
+    )
+    speed = np.asarray(np.linalg.norm(rates, axis=1))
+    change = -_braking(rates, changes)
+    if not lag:
+        return Jet(speed, change, np.zeros_like(speed))
+    late = first_order_lag(drive.time, speed, lag)
+    rise = (speed - late) / lag
+    return Jet(late, rise, (change - rise) / lag)

@@ -98,7 +98,10 @@ def values_as_made(
     """What a function returns for each of some arguments, in the order in which the calls end.
 
     Args:
-        limits: of one call.
+        function: at the top of a module.
+        calls: its arguments.
+        engine: where it is called.
+        limits: of time and memory of one call.
 
     Raises:
         TiltcalError: a call raised or lost its process, or the engine lost it; after all others

@@ -127,6 +127,7 @@ def read_beginning(path: Path, why: str) -> LongRecording:
     """The beginning of a recording, sample by sample: as many rows as are taken so.
 
     Args:
+        path: of the recording.
         why: the rest is left out, in words.
 
     Raises:

@@ -136,7 +136,13 @@ def make_runs(
     """Make all runs of a shard that the journal does not have; how many these were.
 
     Args:
+        campaign: whose runs they are.
+        shard: the part of it.
+        journal: of what is finished.
+        engine: where they are made.
+        limits: of time and memory of each.
         make_laboratory: called once in each process; a function at the top of a module.
+        progress: is told the rate and the time left.
         meanwhile: called in another thread when the first run is handed out.
 
     Raises:

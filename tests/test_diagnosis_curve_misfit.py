@@ -40,16 +40,20 @@ def beside(axis, size_ug, alias=None):
     square of the input on some axis.
     """
     square = {"id": "acc_K2", "sensor": "accel", f"k2_{axis}_ug_g2": size_ug}
-    truth = bench(WARM, square, swing_degC=3.0, period_s=60.0)
+    return state_of([following_temperature(alias), square_on(axis)], square)
+
+
+def state_of(hypotheses, *effects):
+    """A model of a recording that holds a bias over temperature on x, and further effects."""
+    truth = bench(WARM, *effects, swing_degC=3.0, period_s=60.0)
     table = truth.model_dump(exclude_defaults=True, by_alias=True)
     truth = type(truth).model_validate({"schema": 1, **table, "sequence": tumble(12)})
     found = prepare(honest(truth), [recorded(truth, 8)])
-    hypotheses = [following_temperature(alias), square_on(axis)]
     whitened = found.whitened.alone(hypotheses, found.start.effects)
     terms = tuple(FittedTerm.start(h) for h in hypotheses)
     fitted = refit(replace(found.start, terms=terms), whitened)
     causes = tuple(Cause(float(p), 0) for p in np.log(SOMETHING) + log_priors(hypotheses))
-    state = State(fitted, whitened, causes, (0.0, 0.0))
+    state = State(fitted, whitened, causes, (0.0,) * len(causes))
     return repriced(state, GATE.left_by(fitted, whitened))
 
 
@@ -89,6 +93,17 @@ def test_a_small_law_beside_a_nameless_curve_completes_the_curve():
     assert energy > 0
     _, (names,) = named(left, Scan(left.whitened))
     assert not names.listed
+
+
+@pytest.mark.parametrize(("axis", "kept"), [("x", (0,)), ("y", (0, 1))])
+def test_two_curves_over_one_coordinate_in_one_channel_are_one_law(axis, kept):
+    first = following_temperature()
+    bent = replace(first.effect, axis=axis, power=2.0, odd=False)
+    state = state_of([first, Hypothesis(bent, ("c0",))])
+    left, found = without_misfits(state, Scan(state.whitened))
+    assert found == kept
+    assert len(left.fitted.terms) == 2
+    assert (left.fitted.terms[1].host is None) == (axis == "y")
 
 
 @pytest.mark.parametrize(

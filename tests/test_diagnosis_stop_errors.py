@@ -18,7 +18,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import noise_under, noise_within_stops
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.search.bayes_factors import SIZES
-from tiltcal.diagnosis.search.random_settings import common_width
+from tiltcal.diagnosis.search.random_settings import common_width, lawful
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
@@ -69,11 +69,10 @@ def test_a_setting_error_is_told_beside_what_else_is_there():
     fitted = refit(replace(found.start, terms=(FittedTerm.start(hypothesis),)), found.whitened)
     setting = find_setting_error(fitted, found.start, found.whitened, 300)
     assert setting is not None
-    fault, stops = setting
-    assert fault.effect.axis == "outer"
+    assert setting.fault.effect.axis == "outer"
     # 31 draws: 13 %, four times that
-    assert fault.effect.value("sigma") == pytest.approx(np.radians(60 / 3600), rel=0.5)
-    kept = beside_stops(fitted, stops, found.whitened, 300)
+    assert setting.fault.effect.value("sigma") == pytest.approx(np.radians(60 / 3600), rel=0.5)
+    kept = beside_stops(fitted, setting.stops, found.whitened, 300)
     assert [t.hypothesis.id for t in kept.terms] == ["acc_hysteresis"]
 
 
@@ -86,7 +85,7 @@ def test_a_finding_that_the_stops_explain_as_well_falls():
     fitted = refit(replace(found.start, terms=(FittedTerm.start(hypothesis),)), found.whitened)
     setting = find_setting_error(fitted, found.start, found.whitened, 300)
     assert setting is not None
-    assert beside_stops(fitted, setting[1], found.whitened, 300).terms == ()
+    assert beside_stops(fitted, setting.stops, found.whitened, 300).terms == ()
 
 
 def test_stops_that_agree_have_no_setting_error():
@@ -106,6 +105,19 @@ def test_the_evidence_for_random_settings_is_that_of_a_variance_component(rng):
     expected = logsumexp([density(w) - density(0.0) for w in widths]) - np.log(len(widths))
     assert common_width(values, variances) == pytest.approx(expected)
     assert common_width(np.zeros(12), variances) < 0
+
+
+def test_random_settings_follow_no_angle_and_a_law_of_an_angle_is_not_random(rng):
+    angle = rng.uniform(-np.pi, np.pi, 30)
+    other = np.repeat(np.linspace(-2.0, 2.0, 6), 5)  # each comes back five times
+    variances = np.full(30, ARCSEC**2)
+    angles = {"outer": angle, "inner": other}
+    noise = rng.normal(0.0, ARCSEC, 30)
+    assert not lawful(rng.normal(0.0, 20 * ARCSEC, 30) + noise, variances, angles)
+    steep = 20 * ARCSEC * np.tanh((angle - 0.3) / 0.2)
+    assert lawful(steep + noise, variances, angles)
+    levels = rng.normal(0.0, 20 * ARCSEC, 6)
+    assert lawful(np.repeat(levels, 5) + noise, variances, angles)
 
 
 @pytest.mark.parametrize(("power", "alone"), [(9, False), (400, True)])

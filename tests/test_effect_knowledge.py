@@ -12,8 +12,8 @@ from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.calibration_terms import calibration_effect
+from tiltcal.effects.curve_coordinates import COORDINATES
 from tiltcal.effects.data.labelling_faults import ColumnFault
-from tiltcal.effects.learned import COORDINATES
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import Sense
 from tiltcal.effects.sensor.accelerometer import AccTerm

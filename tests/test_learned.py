@@ -210,6 +210,34 @@ FACES = [
         "knots": [-3, 0, 3],
         "coefficients": SIZES[:3],
     },
+    {
+        "on": "tilt",
+        "slot": "base",
+        "turn": "y",
+        "coordinate": "speed",
+        "lag_s": 6.0,
+        "power": 1.0,
+        "odd": True,
+        "coefficients": [5e-3],
+    },
+    {
+        "on": "tilt",
+        "slot": "outer_bearing",
+        "turn": "x",
+        "coordinate": "table_middle",
+        "play": 0.6,
+        "power": 1.0,
+        "odd": True,
+        "coefficients": [2e-3],
+    },
+    {
+        "on": "tilt",
+        "slot": "mount",
+        "turn": "x",
+        "coordinate": "table_outer",
+        "lag_s": 4.0,
+        "coefficients": [2e-3, 1e-3],
+    },
 ]
 
 
@@ -365,7 +393,7 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
         (
             {"axis": "outer"},
             {"on": "readout", "coordinate": "input"},
-            "'input', need a table angle, time or temperature",
+            "'input', need a table angle, time, temperature",
         ),
         (
             {"axis": "inner"},
@@ -474,6 +502,46 @@ def test_a_force_is_forgotten_with_its_lag():
     np.testing.assert_allclose(
         added(effect)[:, 0], 1e-4 * first_order_lag(T, force, 5.0), atol=1e-12
     )
+
+
+def test_braking_is_the_fall_of_the_speed():
+    line = {"knots": [-1e3, 1e3], "coefficients": [-1e3, 1e3]}  # the curve u itself
+    speed, braking = (
+        added(learned("accel", "x", coordinate=c, **line))[:, 0] for c in ("speed", "braking")
+    )
+    rate = read_poses(SETUP, lively())["gyro"]
+    np.testing.assert_allclose(speed, np.linalg.norm(rate, axis=1), atol=1e-4)  # Earth's rate
+    np.testing.assert_allclose(braking[2:-2], -np.gradient(speed, T)[2:-2], atol=2e-3)
+    assert np.ptp(braking) > 0.02
+
+
+def test_a_play_tells_which_way_the_angle_last_went():
+    """The middle angle, sin(T / 5), turns back at T = 2.5 pi and 7.5 pi: 0.2 rad later the other
+    side is pushed.
+    """
+    one = {"power": 1.0, "odd": True, "coefficients": [1.0]}
+    reading = learned("accel", "x", coordinate="table_middle", play=0.2, **one)
+    tilt = learned(
+        on="tilt", slot="base", turn="x", coordinate="table_middle", play=0.2, **one
+    ).along(lively())
+    angle, back = np.sin(T / 5), 5 * np.pi / 2
+    state = added(reading)[:, 0]
+    np.testing.assert_allclose(np.asarray(tilt.x), state, atol=1e-12)
+    rising = (T > 2) & (back > T)
+    falling = (back < T) & (angle < 0.79) & (3 * back > T)
+    assert np.allclose(state[rising], 1.0)
+    assert np.allclose(state[falling], -1.0)
+    turning = (back < T) & (angle > 0.81) & (2 * back > T)
+    np.testing.assert_allclose(state[turning], 1 - (1 - angle[turning]) / 0.1, atol=2e-3)
+
+
+def test_a_late_angle_is_a_structure_that_creeps():
+    creep = learned(
+        on="tilt", slot="base", turn="x", coordinate="table_outer", lag_s=5.0, coefficients=[1e-3]
+    ).along(lively())
+    by_hand = 1e-3 * first_order_lag(T, np.cos(0.3 * T), 5.0)
+    np.testing.assert_allclose(creep.x, by_hand, atol=1e-15)
+    np.testing.assert_allclose(np.asarray(creep.v)[3:-3], np.gradient(by_hand, T)[3:-3], atol=2e-6)
 
 
 @pytest.mark.parametrize("words", [{"on": "readout"}, {"coordinate": "time"}])

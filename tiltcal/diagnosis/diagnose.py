@@ -37,7 +37,7 @@ from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_diction
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable, settled
 from tiltcal.diagnosis.search.names import named, without_misfits
-from tiltcal.diagnosis.search.random_settings import beside_random_settings
+from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.slow_variation import slow_variations
@@ -225,9 +225,9 @@ def _by_chance(
         return fitted, []
     lawful = lawful_part(fitted, whitened)
     setting = find_setting_error(lawful, start, whitened, gate.total)
-    if setting is None:
+    if setting is None or is_lawful(setting):
         return fitted, []
-    return beside_stops(lawful, setting[1], whitened, gate.total), [setting[0]]
+    return beside_stops(lawful, setting.stops, whitened, gate.total), [setting.fault]
 
 
 def _knows_settings(start: FittedModel) -> bool:

@@ -70,11 +70,14 @@ def _braking(rate: Array, acceleration: Array) -> Array:
     return -np.asarray(np.einsum("ij,ij->i", rate, acceleration)) / speed
 
 
-def motion_jet(name: str, drive: Drive, lag: float = 0.0, travel: float = 0.0) -> Jet:
+def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     """A coordinate of the table's motion along a drive with its time derivatives, (n,): an angle,
     time, or one of MOTION.
 
     Counts and directions jump while the table moves; their derivatives are left out.
+
+    Args:
+        travel: width of a play that an angle moves, rad: its state is felt instead; 0: none.
     """
     if (axis := axis_of(name)) is not None:
         angle = drive.axes[axis]
@@ -83,7 +86,7 @@ def motion_jet(name: str, drive: Drive, lag: float = 0.0, travel: float = 0.0) -
     if name == "time":
         return Jet(drive.elapsed, one, 0 * one)
     if name == "speed":
-        return _speed(drive, lag)
+        return _speed(drive)
     rests = Rests.told(drive.rests, drive.time, drive.stop)
     if name == "moves":
         return Jet(rests.moves(drive.time), 0 * one, 0 * one)
@@ -91,16 +94,21 @@ def motion_jet(name: str, drive: Drive, lag: float = 0.0, travel: float = 0.0) -
     return Jet(since(drive.time), one, 0 * one)
 
 
-def _speed(drive: Drive, lag: float) -> Jet:
-    """Magnitude of the axes' rates, rad/s, felt late by ``lag``, s."""
+def _speed(drive: Drive) -> Jet:
+    """Magnitude of the axes' rates, rad/s."""
     rates, changes = (
         np.column_stack([np.broadcast_to(part, drive.time.shape) for part in parts])
         for parts in zip(*((jet.v, jet.a) for jet in drive.axes.values()), strict=True)
     )
     speed = np.asarray(np.linalg.norm(rates, axis=1))
-    change = -_braking(rates, changes)
-    if not lag:
-        return Jet(speed, change, np.zeros_like(speed))
-    late = first_order_lag(drive.time, speed, lag)
-    rise = (speed - late) / lag
-    return Jet(late, rise, (change - rise) / lag)
+    return Jet(speed, -_braking(rates, changes), np.zeros_like(speed))
+
+
+def late_jet(each: Jet, time: Array, lag: float) -> Jet:
+    """Columns that are felt late by a time constant ``lag``, s, with their time derivatives, (n,
+    p).
+    """
+    columns, slopes = np.asarray(each.x), np.asarray(each.v)
+    late = np.column_stack([first_order_lag(time, u, lag) for u in columns.T])
+    rise = (columns - late) / lag
+    return Jet(late, rise, (slopes - rise) / lag)

@@ -16,7 +16,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, SignalEffect
-from tiltcal.effects.curve_coordinates import coordinate_of, motion_jet
+from tiltcal.effects.curve_coordinates import coordinate_of, late_jet, motion_jet
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.parameter import Parameter, Stage
@@ -44,7 +44,8 @@ class Learned(Effect):
         period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
             0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
-        lag: time constant, s, by which the coordinate is felt late.
+        lag: time constant, s, by which the coordinate is felt late; of a readout or a frame that
+            follows the table's motion the curve is late.
         play: width of a play, SI: the curve follows its state, in [-1, 1], as the coordinate moves
             it; 0 for none.
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
@@ -173,7 +174,8 @@ class Learned(Effect):
     def each_along(self, drive: Drive) -> Jet:
         """The curve of each coefficient along a drive, (n, p)."""
         if self.coordinate != "temperature":
-            return self.each(motion_jet(self.coordinate, drive, self.lag, self.play))
+            each = self.each(motion_jet(self.coordinate, drive, self.play))
+            return late_jet(each, drive.time, self.lag) if self.lag else each
         warm = first_order_lag(
             drive.time, drive.temperature - drive.reference_temperature, self.lag
         )

@@ -12,7 +12,7 @@ from tiltcal.design.identifiability import POWER
 from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
 from tiltcal.diagnosis.conclusions.events import beside_drawn_anew, place_of
 from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where
-from tiltcal.diagnosis.conclusions.one_recording import is_history, mean_and_rest
+from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
 from tiltcal.diagnosis.conclusions.parts import fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
 from tiltcal.diagnosis.conclusions.statements import (
@@ -221,7 +221,7 @@ def amended_of(
     ]
     for places in fitted.findings():
         effects = [_dated(fitted, k, first) for k in places]
-        if is_history(effects[0], observations) and not fitted.terms[places[0]].hypothesis.listed:
+        if not fitted.terms[places[0]].hypothesis.listed:
             effects = mean_and_rest(fitted, places, effects, observations)
         marked += [(e, numbers[places[0]]) for e in effects]
     return amended_table(observations.scenario, marked, reference)

@@ -39,17 +39,29 @@ def mean_and_rest(
     effects: Sequence[Effect],
     observations: Observations,
 ) -> list[Effect]:
-    """The effects of a finding that is the history of one recording: its mean over the recording,
-    which lasts, and what is left of it, which does not.
+    """The effects of a finding without a name, as the amended scenario would hold them; of those
+    that are the history of one recording their mean over it, which lasts, and what is left of them,
+    which does not.
+
+    All of a finding that a history leads is one; of another, the histories and events among what
+    completes it.
 
     Args:
         fitted: the whole model.
         places: of the finding's terms in it.
-        effects: of those terms, as the amended scenario would hold them.
-        observations: the recording.
+        effects: of those terms.
+        observations: the recordings.
     """
-    levels = [_level(effect) for effect in effects if isinstance(effect, Learned)]
-    own = [fitted.terms[k].effect for k in places]
+    told = [
+        k
+        for k, effect in enumerate(effects)
+        if any(is_history(e, observations) for e in (effects[0], effect))
+        or _is_event(effect, observations)
+    ]
+    if not told:
+        return list(effects)
+    levels = [_level(effects[k]) for k in told]
+    own = [fitted.terms[places[k]].effect for k in told]
     changes = [
         [_stacked(observations.changes(e, fitted.effects), observations) for e in group]
         for group in (levels, own)
@@ -57,20 +69,33 @@ def mean_and_rest(
     shares = np.linalg.lstsq(np.column_stack(changes[0]), sum(changes[1]), rcond=None)[0]
     means = [_times(level, share) for level, share in zip(levels, shares, strict=True)]
     first = observations.recordings[0].fingerprint
-    rest = [*effects, *(_times(mean, -1.0) for mean in means)]
-    return [*means, *(replace(e, seen_in=first, lasts=False) for e in rest)]
+    rest = [*(effects[k] for k in told), *(_times(mean, -1.0) for mean in means)]
+    lasting = [e for k, e in enumerate(effects) if k not in told]
+    return [*lasting, *means, *(replace(e, seen_in=first, lasts=False) for e in rest)]
 
 
-def _times(curve: Learned, factor: float) -> Learned:
-    return replace(curve, values={n: factor * v for n, v in curve.values.items()})
+def _is_event(effect: Effect, observations: Observations) -> bool:
+    """Whether an effect began at an instant of the only recording there is."""
+    event = effect.acts_from_an_instant and effect.stage != "data"
+    return event and len(observations.recordings) == 1
 
 
-def _level(curve: Learned) -> Learned:
-    """A constant in the place of a curve, of the curve's size."""
-    size = float(np.abs(curve.coefficients).max()) or 1.0
+def _times(effect: Effect, factor: float) -> Effect:
+    sizes = {n: factor * v for n, v in effect.sizes.items()}
+    return replace(effect, values={**effect.values, **sizes})
+
+
+def _level(effect: Effect) -> Effect:
+    """A constant in the place of a curve, of the curve's size; an event that began with the first
+    sample, at once.
+    """
+    if not isinstance(effect, Learned):
+        at_once = {**effect.values, **{n: 0.0 for n in ("time", "creep") if n in effect.values}}
+        return replace(effect, values=at_once, sigmas={}, seen_in=None)
+    size = float(np.abs(effect.coefficients).max()) or 1.0
     ends = (0.0, 1.0)
     return replace(
-        curve, values={"c0": size, "c1": size}, sigmas={}, knots=ends, power=0.0, odd=False
+        effect, values={"c0": size, "c1": size}, sigmas={}, knots=ends, power=0.0, odd=False
     )
 
 

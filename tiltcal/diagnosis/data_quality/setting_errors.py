@@ -1,7 +1,7 @@
 """Random setting of an axis: each stop has its own rotation."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,34 +20,58 @@ from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 FEWEST = 8  # stops of an axis
 
 
+@dataclass(frozen=True)
+class Stop:
+    """A stop of the table.
+
+    Args:
+        columns: change of the readings per radian of one axis at this stop, interpolated between
+            stops.
+        angles: of each axis, rad.
+    """
+
+    columns: Columns
+    angles: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class SettingError:
+    """Random settings of an axis.
+
+    Args:
+        fault: what is said of them.
+        stops: that they were seen at.
+        rotations: at each, rad, (n,); variances: of these, rad^2, (n,).
+    """
+
+    fault: Fault
+    stops: Sequence[Stop]
+    rotations: Array
+    variances: Array
+
+
 def find_setting_error(
     fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int
-) -> tuple[Fault, list[Columns]] | None:
+) -> SettingError | None:
     """Random setting of an axis: each stop has its own rotation, and no smooth law explains half of
     it.
 
-    Returns:
-        The fault, and the change of the readings by each stop's own rotation; None when the stops
-        agree.
+    None when the stops agree.
     """
     observations = whitened.observations
     noise = noise_within_stops(fitted, whitened)
     if noise is None:
         return None
     limit = float(np.log(ALPHA) - np.log(max(total, 1)))
-    axis, columns, chance = "", list[Columns](), limit
-    for tried, stops in stops_by_axis(observations, fitted):
-        its_chance = _chance(stops, fitted, whitened, noise, limit)
-        if its_chance < chance or (not columns and its_chance == chance):
-            axis, columns, chance = tried, stops, its_chance
-    if not columns:
+    axis, stops = _least_probable(fitted, whitened, noise, limit)
+    if not stops:
         return None
     within = whitened.under(models(noise))
-    gain, values, variances = rotations_of_stops(columns, refit(fitted, within), within)
-    first = rotations_of_stops(columns, refit(start, within), within)[0]
+    gain, values, variances = rotations_of_stops(stops, refit(fitted, within), within)
+    first = rotations_of_stops(stops, refit(start, within), within)[0]
     # so many sizes take their share of chance as well
-    free = max(len(columns) - sum(len(t.names) for t in fitted.terms), 1)
-    if gain / free < 0.5 * first / len(columns):
+    free = max(len(stops) - sum(len(t.names) for t in fitted.terms), 1)
+    if gain / free < 0.5 * first / len(stops):
         return None
     spread = float(np.mean(values**2 - variances))
     if spread <= 0:
@@ -61,11 +85,26 @@ def find_setting_error(
         " rms: each stop has its own rotation."
     )
     error = sigma / np.sqrt(2 * len(values))
-    return Fault(effect, names, axes, words, sigma={"sigma": error}), columns
+    fault = Fault(effect, names, axes, words, sigma={"sigma": error})
+    return SettingError(fault, stops, values, variances)
+
+
+def _least_probable(
+    fitted: FittedModel, whitened: WhitenedModel, noise: Sequence[NoiseFit], limit: float
+) -> tuple[str, list[Stop]]:
+    """The axis whose stops would agree with the least probability, and these; none above the
+    limit.
+    """
+    found, least = ("", list[Stop]()), limit
+    for axis, stops in stops_by_axis(whitened.observations, fitted):
+        chance = _chance(stops, fitted, whitened, noise, limit)
+        if chance < least or (chance == least and not found[1]):
+            found, least = (axis, stops), chance
+    return found
 
 
 def _chance(
-    stops: Sequence[Columns],
+    stops: Sequence[Stop],
     fitted: FittedModel,
     whitened: WhitenedModel,
     noise: Sequence[NoiseFit],
@@ -77,7 +116,11 @@ def _chance(
     Differences between stops that are no rotation about the axis show how much noise there is
     between stops: the rotations have to be significant beyond that too.
     """
-    levels = [{i: np.asarray(column[i] != 0, float)} for column in stops for i in column]
+    levels = [
+        Stop({i: np.asarray(column != 0, float)}, stop.angles)
+        for stop in stops
+        for i, column in stop.columns.items()
+    ]
     worst = -np.inf
     for side in (0, 1):
         bound = whitened.under([fit.bounds()[side] for fit in noise])
@@ -112,16 +155,16 @@ def lawful_part(fitted: FittedModel, whitened: WhitenedModel) -> FittedModel:
 
 
 def beside_stops(
-    fitted: FittedModel, stops: Sequence[Columns], whitened: WhitenedModel, total: int
+    fitted: FittedModel, stops: Sequence[Stop], whitened: WhitenedModel, total: int
 ) -> FittedModel:
     """The fitted model without the findings that rotations of every stop explain as well."""
     lengths = [len(c.values) for c in whitened.observations.channels]
     extra = {
-        i: np.column_stack([cosines(c.get(i, np.zeros(n))) for c in stops])
+        i: np.column_stack([cosines(s.columns.get(i, np.zeros(n))) for s in stops])
         for i, n in enumerate(lengths)
     }
     beside = whitened.under(models(noise_under(fitted, whitened.columns, extra, whitened.law)))
-    values = finding_log_p_values(fitted, beside, total, stops)
+    values = finding_log_p_values(fitted, beside, total, [s.columns for s in stops])
     kept = [
         k
         for places, value in zip(fitted.findings(), values, strict=True)
@@ -133,20 +176,18 @@ def beside_stops(
 
 def stops_by_axis(
     observations: Observations, fitted: FittedModel
-) -> Iterator[tuple[str, list[Columns]]]:
-    """Change of the readings per radian at each stop, of each axis that stops often enough; one
-    axis at a time, as there may be hundreds of stops.
+) -> Iterator[tuple[str, list[Stop]]]:
+    """The stops of each axis that stops often enough; one axis at a time, as there may be hundreds
+    of stops.
     """
     for axis in observations.scenario.rig.axis_names:
-        columns = _stop_columns(observations, axis, fitted)
-        if len(columns) >= FEWEST:
-            yield axis, columns
+        stops = _stops(observations, axis, fitted)
+        if len(stops) >= FEWEST:
+            yield axis, stops
 
 
-def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) -> list[Columns]:
-    """Change of the readings per radian of one axis at one stop, for each stop, interpolated
-    between stops.
-    """
+def _stops(observations: Observations, axis: str, fitted: FittedModel) -> list[Stop]:
+    """The stops at which a rotation of one axis shows."""
     zero = EncoderZero({f"{axis}_zero": 1e-4}, None, None, "found")
     whole = observations.changes(zero, fitted.effects)
     found = []
@@ -162,17 +203,19 @@ def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) ->
                 if observations.channels[i].recording == number
             }
             if any(np.any(c) for c in part.values()):
-                found.append(part)
+                here = course.stop == stop
+                angles = {name: float(np.mean(a[here])) for name, a in course.angles.items()}
+                found.append(Stop(part, angles))
     return found
 
 
 def rotations_of_stops(
-    columns: Sequence[Columns], fitted: FittedModel, whitened: WhitenedModel
+    stops: Sequence[Stop], fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[float, Array, Array]:
     """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
     lengths = [len(c.values) for c in whitened.observations.channels]
     left = project(fitted.basis, whitened.residual(fitted.effects))
-    scaled = [whitened.whiten(c) for c in columns]
+    scaled = [whitened.whiten(s.columns) for s in stops]
     energy = np.array([sum(float(c @ c) for c in w.values()) for w in scaled])
     values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in scaled]) / np.maximum(
         energy, 1e-300

@@ -24,6 +24,7 @@ from tiltcal.effects.learned import ORDERS, LearnedReading, LearnedReadout, Lear
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import PLACING, angle_channel, bearing
 
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
@@ -50,21 +51,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
         for axis in sensor.axes:
             if sensor.name in read:
                 yield from _reading_curves(scenario, sensor, axis, span)
-    for axis in scenario.rig.axis_names:
-        for other in scenario.rig.axis_names:
-            for basis in (harmonics(4), even_knots(f"table_{other}", span, 10)):
-                if not basis:
-                    continue
-                yield curve_over(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
-                for turn in _across(dict(scenario.rig.axes)[axis]):
-                    yield curve_over(
-                        LearnedTilt,
-                        f"table_{other}",
-                        basis,
-                        slot=bearing(axis),
-                        turn=turn,
-                        place="table",
-                    )
+    yield from _of_axes(scenario.rig, span)
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature")):
@@ -82,6 +69,25 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                     )
         yield from _late_tilts(span)
         yield from motion_of_frames(scenario.rig, span)
+
+
+def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """Errors of a readout and tilts of a bearing over the table's angles."""
+    for axis in rig.axis_names:
+        for other in rig.axis_names:
+            for basis in (harmonics(4), even_knots(f"table_{other}", span, 10)):
+                if not basis:
+                    continue
+                yield curve_over(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
+                for turn in _across(dict(rig.axes)[axis]):
+                    yield curve_over(
+                        LearnedTilt,
+                        f"table_{other}",
+                        basis,
+                        slot=bearing(axis),
+                        turn=turn,
+                        place="table",
+                    )
 
 
 def _named(slot: str, coordinate: str) -> str | None:

@@ -49,9 +49,11 @@ def is_localised(hypothesis: Hypothesis) -> bool:
 
 
 def over_angle(hypothesis: Hypothesis) -> str | None:
-    """The one table axis over whose angle a curve without a name goes."""
+    """The one table axis over whose angle of now a curve without a name goes."""
     effect = hypothesis.effect
-    if hypothesis.listed or not isinstance(effect, Learned) or effect.beside or effect.power:
+    if hypothesis.listed or not isinstance(effect, Learned):
+        return None
+    if effect.beside or effect.power or effect.lag:
         return None
     return axis_of(effect.coordinate)
 

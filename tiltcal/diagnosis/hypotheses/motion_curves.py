@@ -28,6 +28,7 @@ from tiltcal.setup.tables import angle_channel, bearing
 
 MEMORIES = (3.0, 8.0, 20.0)  # s, of a force or a rate
 COOLING = (10.0, 30.0, 100.0, 300.0)  # s, of what motion warms
+CREEPS = (4.0, 15.0, 60.0)  # s, of a structure that gives way late to what it carries
 SHOWN = 2.0  # times a time constant of cooling that a recording has to last
 TURNS = (0.5 * DEG, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
 LOADS = (0.02 * G0, 0.3 * G0, 1.0 * G0)  # m/s2, of a play
@@ -43,7 +44,7 @@ def motion_of_readings(
         inputs: forces and rates that the sensor may feel.
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    yield from _motion(LearnedReading, rig, span, where)
+    yield from _motion(LearnedReading, rig.axis_names, span, where)
     if spread_knots("since_move", span):
         for frequency in span.lines.echoes:
             yield curve_over(
@@ -62,21 +63,25 @@ def motion_of_readings(
 
 def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Tilts of frames and errors of readouts that follow what went before."""
-    for axis in rig.axis_names:
-        yield from _motion(LearnedReadout, rig, span, {"axis": axis, "place": "table"})
-    places = [("base", turn, "environment") for turn in "xy"]
-    places += [("mount", turn, "mount") for turn in "xyz"]
+    for axis in rig.axis_names:  # the play of a readout is a backlash, which is listed
+        yield from _motion(LearnedReadout, (), span, {"axis": axis, "place": "table"})
+    every = rig.axis_names
+    places = [("base", turn, "environment", every) for turn in "xy"]
+    places += [("mount", turn, "mount", every) for turn in "xyz"]
     for name, body in rig.axes:
-        places += [(bearing(name), turn, "table") for turn in "xyz" if turn != body]
-    for slot, turn, place in places:
+        places += [(bearing(name), turn, "table", (name,)) for turn in "xyz" if turn != body]
+    for slot, turn, place, axes in places:
         where = {"slot": slot, "turn": turn, "place": place}
-        yield from _motion(LearnedTilt, rig, span, where)
+        yield from _motion(LearnedTilt, axes, span, where)
+        for name, lag in product(axes, CREEPS):
+            creep = curve_over(LearnedTilt, angle_channel(name), harmonics(1), lag=lag, **where)
+            yield replace(creep, variants=len(CREEPS))
 
 
 def _motion(
-    cls: type[Learned], rig: Rig, span: CoordinateRanges, where: dict[str, Any]
+    cls: type[Learned], axes: Sequence[str], span: CoordinateRanges, where: dict[str, Any]
 ) -> Iterator[Hypothesis]:
-    """What every place may follow of the table's motion."""
+    """What every place may follow of the table's motion, and of the way these axes last went."""
     for coordinate in ("since_move", "since_start"):
         if knots := spread_knots(coordinate, span):
             yield curve_over(cls, coordinate, knots, **where)
@@ -85,10 +90,9 @@ def _motion(
         for period in COUNTS:
             waves = 2 * (period // 2) - (period % 2 == 0)
             yield curve_over(cls, "moves", waves, period=float(period), **where)
-    for name, travel in product(rig.axis_names, TURNS):
+    for name, travel in product(axes, TURNS):
         low, high = span.ranges.get(angle_channel(name), (0.0, 0.0))
-        # the play of an axis' own readout is its backlash, which is listed
-        if high - low > travel and not (cls is LearnedReadout and name == where["axis"]):
+        if high - low > travel:
             yield _played(cls, angle_channel(name), travel, len(TURNS), where)
     if knots := even_knots("speed", span, 7):
         yield curve_over(cls, "speed", knots, **where)

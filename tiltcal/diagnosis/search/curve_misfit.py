@@ -10,9 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, refit_linearly
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES, log_bayes_factor
 from tiltcal.diagnosis.search.state import State, laws, refitted, without
+from tiltcal.effects.learned import Learned
 
 SHARES = np.array([1e-5, 1e-4, 1.6e-3, 0.02, 0.16, 0.45])
 """Energy that a listed law takes up of what a curve leaves of its law, in energies of the curve,
@@ -46,17 +48,37 @@ def misfit_odds(gain: float, energy: float) -> float:
     return as_misfit - as_cause
 
 
-def taken_in(state: State, k: int) -> State:
-    """A state whose k-th cause completes the form of that nameless one which explains most in its
-    channels.
-    """
-    fitted, groups = state.fitted, state.fitted.findings()
+def nearest_curve(state: State, k: int) -> int:
+    """The nameless cause that explains most in the channels of the k-th."""
     rest = without(state, k)
-    own = _explained(rest.fitted, fitted)
-    j = max(
-        (j for j, law in enumerate(laws(fitted)) if j != k and not law.listed),
+    own = _explained(rest.fitted, state.fitted)
+    return max(
+        (j for j, law in enumerate(laws(state.fitted)) if j != k and not law.listed),
         key=lambda j: own @ _explained(without(state, j, k).fitted, rest.fitted),
     )
+
+
+def same_curve(state: State, k: int) -> int | None:
+    """An earlier nameless cause at the place of the k-th and over its coordinate: the sum of both
+    is one law.
+    """
+    every = laws(state.fitted)
+    alike = (j for j in range(k) if _followed(every[j]) == _followed(every[k]))
+    return None if every[k].listed else next(alike, None)
+
+
+def _followed(law: Hypothesis) -> tuple[object, ...] | None:
+    """Where a nameless curve acts, and what it follows; None for a name."""
+    effect = law.effect
+    if law.listed or not isinstance(effect, Learned):
+        return None
+    place = type(effect), effect.sensor, effect.axis, effect.slot, effect.turn, effect.per_input
+    return *place, effect.coordinate, effect.beside, effect.lag, effect.play
+
+
+def taken_in(state: State, k: int, j: int) -> State:
+    """A state whose k-th cause completes the form of its j-th."""
+    fitted, groups = state.fitted, state.fitted.findings()
     law, terms, prices = laws(fitted)[j], [], list(state.prices)
     for i, places in enumerate(groups):
         terms += [fitted.terms[p] for p in places] if i != k else []

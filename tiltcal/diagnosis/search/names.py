@@ -11,7 +11,13 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.best_shape import in_shapes
-from tiltcal.diagnosis.search.curve_misfit import curve_energy, misfit_odds, taken_in
+from tiltcal.diagnosis.search.curve_misfit import (
+    curve_energy,
+    misfit_odds,
+    nearest_curve,
+    same_curve,
+    taken_in,
+)
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, possible
 from tiltcal.diagnosis.search.model_search import proposals
 from tiltcal.diagnosis.search.scan import Scan
@@ -101,16 +107,25 @@ def _most_probable_in_place(
 
 
 def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:
-    """A state whose listed causes are listed things, and which of its causes they were: one that
-    is more probably what a nameless curve leaves of its law completes that curve's form.
+    """A state whose causes are laws of their own, and which of its causes they were: a listed one
+    that is more probably what a nameless curve leaves of its law completes that curve's form, and
+    so does a further curve of the same place and coordinate.
     """
     kept = list(range(len(state.fitted.findings())))
-    while (
-        k := next((k for k in range(len(kept)) if _is_misfit(state, k, scan)), None)
-    ) is not None:
-        state = taken_in(state, k)
-        del kept[k]
-    return state, tuple(kept)
+    while True:
+        part = next((kj for k in range(len(kept)) if (kj := _part(state, k, scan))), None)
+        if part is None:
+            return state, tuple(kept)
+        state = taken_in(state, *part)
+        del kept[part[0]]
+
+
+def _part(state: State, k: int, scan: Scan) -> tuple[int, int] | None:
+    """A cause that completes another one, and that one; None where it is a law of its own."""
+    if _is_misfit(state, k, scan):
+        return k, nearest_curve(state, k)
+    j = same_curve(state, k)
+    return None if j is None else (k, j)
 
 
 def _is_misfit(state: State, k: int, scan: Scan) -> bool:

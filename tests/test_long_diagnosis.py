@@ -11,6 +11,7 @@ from tiltcal.diagnosis.data_quality import long_recordings
 from tiltcal.diagnosis.data_quality.long_recordings import LongRecording, read_long
 from tiltcal.diagnosis.data_quality.prepare import static_noise
 from tiltcal.diagnosis.diagnose import diagnose, read_for_diagnosis, read_static
+from tiltcal.diagnosis.hypotheses import block_averaging
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings import span_means
@@ -23,9 +24,9 @@ POSES = [(0, 0), (90, 0), (180, 0), (-90, 0), (90, 90), (-90, 90), (45, 30), (0,
 
 
 def tumble(effects=(), sequence=None, table="dual"):
-    """Six minutes of a triad at 100 Hz on a table that moves every fifteen seconds."""
+    """Four minutes of a triad at 100 Hz on a table that moves every fifteen seconds."""
     step = {"action": "move", "rate_deg_s": 40, "dwell_s": 12}
-    usual = [step | {"outer_deg": a, "inner_deg": b} for a, b in POSES * 3]
+    usual = [step | {"outer_deg": a, "inner_deg": b} for a, b in POSES * 2]
     return parse_scenario(
         {
             "schema": 1,
@@ -69,7 +70,9 @@ def short_is_long(monkeypatch):
     monkeypatch.setattr(span_means, "LONGEST", 15_000)
     monkeypatch.setattr(long_recordings, "LONGEST", 15_000)
     monkeypatch.setattr(diagnosing, "LONGEST", 15_000)
-    monkeypatch.setattr(diagnosing, "AVERAGES", 16_000)
+    monkeypatch.setattr(diagnosing, "AVERAGES", 11_000)
+    monkeypatch.setattr(block_averaging, "MOST_ROWS", 8_000)
+    monkeypatch.setattr(block_averaging, "ROWS", 4_500)
     monkeypatch.setattr(long_recordings, "PART", 10_000)
 
 
@@ -77,7 +80,7 @@ def short_is_long(monkeypatch):
 def test_averages_tell_what_the_samples_tell(file):
     read = read_for_diagnosis(file, tumble())
     assert isinstance(read, LongRecording)
-    assert 12_000 < len(read.recording) < 16_001  # so many that they are averaged in blocks, again
+    assert 8_000 < len(read.recording) < 11_001  # so many that they are averaged in blocks, again
     assert [f.effect.id for f in read.faults] == ["data_outlier"]
     # events of an amended scenario find the recording that they were seen in
     assert read.recording.fingerprint == read_recording(file).fingerprint

@@ -48,6 +48,8 @@ def arrow_table(
     """These columns of a recording as an Arrow table: numbers, null for NaN, and text.
 
     Args:
+        recording: whose columns they are.
+        names: of the columns, in their order.
         written: a text as the file has it.
     """
     import pyarrow as pa

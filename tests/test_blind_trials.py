@@ -312,14 +312,15 @@ def most(n, rate):
 
 
 PROOF = [
-    *(("placing_sweep", t) for t in ("null", "null", "single", "data", "unlisted")),
-    *(("vertical_turn", t) for t in ("null", "single", "data", "unlisted")),
-    *((k, t) for k in ("six_faces", "six_any") for t in ("null", "impossible")),
+    *(("placing_sweep", t) for t in ("null", "single", "data", "unlisted")),
+    *(("vertical_turn", t) for t in ("null", "single")),
+    *(("six_faces", t) for t in ("null", "impossible")),
+    ("six_any", "impossible"),
 ]
 
 
 @pytest.mark.slow
-def test_a_dozen_blind_trials_hold_what_is_promised(tmp_path):
+def test_a_few_blind_trials_hold_what_is_promised(tmp_path):
     """Rates as promised leave these many failures at most; one in ten thousand correct products
     would break a line.
     """

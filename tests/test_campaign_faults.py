@@ -5,6 +5,7 @@ the results have the same bytes however they were made.
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -46,19 +47,19 @@ scenario = "bench.toml"
 runs = {runs}
 [[factor]]
 field = "effect.acc_bias.bias_y_ug"
-values = [-1500, 0]
+values = [{values}]
 """
 PROGRAM = [sys.executable, "-m", "tiltcal"]
 COMMAND = [*PROGRAM, "campaign", "c.toml"]
 SLOW = "seconds = 0.15"
 
 
-def write(folder: Path, runs: int, options: str = "") -> None:
-    """A campaign of two points with this many runs each."""
+def write(folder: Path, runs: int, options: str = "", values: str = "-1500, 0") -> None:
+    """A campaign of two points, or of others, with this many runs each."""
     (folder / "lab.py").write_text(METHOD)
     method = f'[[method]]\nname = "lab:slow"\noptions = {{ {options} }}\n'
     (folder / "bench.toml").write_text(HEAD + EFFECTS + SEQUENCE + method)
-    (folder / "c.toml").write_text(CAMPAIGN.format(runs=runs))
+    (folder / "c.toml").write_text(CAMPAIGN.format(runs=runs, values=values))
 
 
 def run(*words: str, status: int = 0) -> str:
@@ -178,25 +179,25 @@ def test_a_process_that_is_killed_from_outside_costs_nothing(whole):
 
 
 def test_poison_is_a_recorded_result_and_can_be_tried_again(here):
-    write(here, 4, "ends = 6, hangs = 7, eats = 8")
+    write(here, 4, "ends = 6, hangs = 7, eats = 8", values="0")
     limits = ("-o", "out", "-j", "2", "--time-limit", "3", "--memory-limit", "700")
     said = run(*limits)
     table = pq.read_table("out/results.parquet")
-    assert table.column("verdict").to_pylist() == ["good", "error", "error", "error"] * 2
+    assert table.column("verdict").to_pylist() == ["good", "error", "error", "error"]
     reasons = [
         "its process ended by signal SIGKILL",
         "it took more than 3 s",
         "it took more than 700 MiB",
     ]
-    assert table.column("error").to_pylist() == [None, *reasons] * 2
+    assert table.column("error").to_pylist() == [None, *reasons]
     page = Path("out/results.html").read_text()
-    assert all(said.count(words) == 2 and page.count(words) == 2 for words in reasons)
+    assert all(said.count(words) == 1 and page.count(words) == 1 for words in reasons)
     summary = json.loads(Path("out/results.summary.json").read_text())
-    assert summary["faults"] == {"ended": 2, "time": 2, "memory": 2}
-    assert [f["seed"] for f in summary["failed"]] == [6, 7, 8] * 2
+    assert summary["faults"] == {"ended": 1, "time": 1, "memory": 1}
+    assert [f["seed"] for f in summary["failed"]] == [6, 7, 8]
     # a finished campaign is not made again, unless it is asked for
     assert not re.search(r"runs, .* a second", run(*limits))
-    assert re.search(r"of 8 runs, .* a second", run(*limits, "--again"))
+    assert re.search(r"of 4 runs, .* a second", run(*limits, "--again"))
 
 
 @pytest.mark.usefixtures("ten")
@@ -271,3 +272,25 @@ def test_a_damaged_part_leaves_no_half_merged_campaign(here, capsys):
         assert main(["merge", "part", "-o", "whole"]) == 2
         assert "journal" in capsys.readouterr().err
         assert list((here / "whole").iterdir()) == []
+
+
+@pytest.mark.usefixtures("ten")
+def test_a_full_disk_loses_nothing_that_was_recorded(whole):
+    """A limit of the size of files stands for the end of the disk."""
+
+    def little_room():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+
+    command = [*COMMAND, "-o", "out", "-j", "2"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, preexec_fn=little_room
+    )
+    assert done.returncode == 2
+    assert "make room and run the same command again" in done.stderr
+    assert not Path("out/results.parquet").exists()
+    made = Path("made").stat().st_size
+    assert 3 <= made < 10
+    run("-o", "out", "-j", "2")
+    assert Path("out/results.parquet").read_bytes() == whole
+    # two were being made, and the one that there was no room for; the queue may have gone on
+    assert Path("made").stat().st_size <= 10 + 4

@@ -6,6 +6,7 @@ from tiltcal.cli import app, main
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.calibrate import parse_options
 from tiltcal.cli.commands import COMMANDS
+from tiltcal.cli.options import DEFAULT_BUDGET
 from tiltcal.core.errors import TiltcalError
 
 
@@ -32,6 +33,7 @@ DIAGNOSE = {
 def test_options_stand_before_or_after_the_recordings(form):
     found = parsed(DIAGNOSE[form])
     assert found.pop("recordings") == ["a.csv", "b.csv"]
+    assert found.pop("allowed") == DEFAULT_BUDGET
     assert {name: str(value) for name, value in found.items()} == {
         "scenario": "s.toml",
         "static": "c.csv",

@@ -150,7 +150,8 @@ def test_investigate_explains_physics_that_is_not_its_own(
     from blind.lab import Blindfolded, drawn, lay_out
     from blind.loop import judged
 
-    cases = (drawn("placing_sweep", [77, k], Blindfolded) for k in range(300))
+    # those before are other effects: what an oracle draws stays the same
+    cases = (drawn("placing_sweep", [77, k], Blindfolded) for k in range(100, 300))
     case = next(
         c
         for c in cases

@@ -1,6 +1,7 @@
 """Long recordings as averages over spans of time: what the samples say, in bounded memory."""
 
 import json
+import re
 import subprocess
 import sys
 from itertools import pairwise
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from tiltcal.api.calibrating import estimate
+from tiltcal.cli import main
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings import span_means
@@ -85,6 +87,22 @@ def test_a_short_recording_and_one_of_coarse_codes_are_taken_as_they_are(
     assert AVERAGED not in read_averaged(path).metadata
 
 
+def test_coarse_codes_of_more_rows_than_there_is_memory_for_are_refused(
+    tmp_path, monkeypatch, capsys
+):
+    """They are not averaged: the whole recording would be in memory."""
+    rows, rng = 30_000, np.random.default_rng(1)
+    coarse = {"accel_x_LSB": np.round(rng.normal(0, 0.5, rows))}
+    write_recording(Recording.from_columns(np.arange(rows) / 100, coarse), tmp_path / "coarse.npz")
+    monkeypatch.setattr(span_means, "LONGEST", 10_000)
+    command = ["noise", str(tmp_path / "coarse.npz"), "--allow-memory", "2"]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "whose codes are coarse, so that it is not averaged" in said
+    assert "cut it into shorter recordings, or allow it with --allow-memory 3" in said
+    assert main([*command[:-1], "4"]) == 0
+
+
 def test_allan_deviation_in_pieces_is_that_of_the_whole():
     rng = np.random.default_rng(4)
     values = 3.0 + rng.normal(0, 1, 100_000) + np.cumsum(rng.normal(0, 1e-3, 100_000))
@@ -140,10 +158,19 @@ def at_rest(rows):
     return Recording.from_columns(np.arange(rows) / 100, values)
 
 
-def test_noise_of_a_long_recording_is_that_of_its_samples(tmp_path, monkeypatch):
+def test_noise_of_a_long_recording_is_that_of_its_samples_and_says_how(
+    tmp_path, monkeypatch, capsys
+):
     write_recording(at_rest(60_000), path := tmp_path / "rest.csv")
     whole = noise_models(read_recording(path))
+    assert not any(model.notes for model in whole.values())
     monkeypatch.setattr(span_means, "LONGEST", 10_000)
+    said = r"rest\.csv was read as averages over 0\.0[67] s \([67] samples\) to find its rests"
+    assert main(["noise", str(path)]) == 0
+    assert len(re.findall(said, " ".join(capsys.readouterr().out.split()))) == 1
+    assert main(["noise", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert all(re.search(said, model["notes"][0]) for model in told.values())
     for name, model in noise_models_of(path).items():
         assert model.values["N"] == pytest.approx(whole[name].values["N"], rel=1e-3)
         assert model.held == whole[name].held
@@ -151,6 +178,7 @@ def test_noise_of_a_long_recording_is_that_of_its_samples(tmp_path, monkeypatch)
 
 PEAK = """
 import json, resource, sys
+from tiltcal.cli import main
 from tiltcal.recordings import span_means
 from tiltcal.recordings.rest_noise import noise_models_of
 span_means.LONGEST = 50_000

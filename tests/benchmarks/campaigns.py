@@ -1,7 +1,7 @@
 """What a campaign costs beside its runs, and what a million and a milliard of runs would take.
 
-Ratios are of one session, first the campaign, then the same runs by hand with
-`concurrent.futures`; costs of an engine are of tasks that do nothing.
+Ratios are of one session: the campaign and the same runs by hand with `concurrent.futures`, each a
+program of its own, in turn; costs of an engine are of tasks that do nothing.
 """
 
 import json
@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -36,9 +37,17 @@ def main() -> None:
     """Print the costs and the projection."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        seconds, disk, journal = _campaign(folder)
-        by_hand = _by_hand()
-        print(f"  by hand with concurrent.futures: {by_hand:.1f} s")
+        used = [_children_seconds()]
+        before = _by_hand_apart()
+        used.append(_children_seconds())
+        wall, seconds, disk, journal = _campaign(folder)
+        used.append(_children_seconds())
+        by_hand = (before + _by_hand_apart()) / 2
+        used.append(_children_seconds())
+        print(f"  by hand with concurrent.futures, before and after: {by_hand:.1f} s; ", end="")
+        print(f"the campaign takes {wall / by_hand:.2f} of it, ", end="")
+        hand, own, again = (b - a for a, b in pairwise(used))
+        print(f"and {2 * own / (hand + again):.2f} of its processor time")
         _resume(folder)
         costs = {engine: _light(engine, folder) for engine in ("processes", "dask")}
     _projection(seconds, disk + journal, costs)
@@ -56,8 +65,8 @@ def _command(folder: Path, *words: str) -> tuple[float, str]:
     return time.perf_counter() - start, done.stdout
 
 
-def _campaign(folder: Path) -> tuple[float, float, float]:
-    """Seconds a run, and bytes a run in the results and in the journal."""
+def _campaign(folder: Path) -> tuple[float, float, float, float]:
+    """Seconds of the command and of a run, and bytes a run in the results and in the journal."""
     (folder / "c.toml").write_text(f'schema = 1\nscenario = "{SCENARIO}"\nruns = {RUNS}\n')
     wall, said = _command(folder, "--json")
     each = json.loads(said)["seconds_of_runs"] / RUNS
@@ -69,18 +78,24 @@ def _campaign(folder: Path) -> tuple[float, float, float]:
         (folder / "out" / f"results.{x}").stat().st_size / RUNS for x in ("parquet", "journal")
     ]
     print(f"  bytes a run: {sizes[0]:.0f} in the results, {sizes[1]:.0f} in the journal")
-    return each, *sizes
+    return wall, each, *sizes
 
 
-def _by_hand() -> float:
+def _by_hand_apart() -> float:
+    """Seconds of a program that makes the same runs by hand."""
+    program = "from tests.benchmarks.campaigns import by_hand; by_hand()"
+    start = time.perf_counter()
+    subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parents[2], check=True)
+    return time.perf_counter() - start
+
+
+def by_hand() -> None:
     """The same runs and a table of their rows, without journal, limits and report."""
     table = CampaignTable.model_validate({"schema": 1, "scenario": str(SCENARIO), "runs": RUNS})
     calls = [task_of(run, simulator).arguments for run in runs_of(campaign_of(table, SCENARIO))]
-    start = time.perf_counter()
     with ProcessPoolExecutor(JOBS, mp_context=get_context("spawn")) as executor:
         rows = list(executor.map(_rows, calls))
     table_of([row for found in rows for row in found])
-    return time.perf_counter() - start
 
 
 def _rows(call: tuple[str, int, Callable[[], object]]) -> list[dict[str, object]]:
@@ -114,7 +129,16 @@ def _record(task: Task, outcome: Outcome) -> str:
 
 
 def _own_seconds() -> float:
-    used = resource.getrusage(resource.RUSAGE_SELF)
+    return _seconds_of(resource.RUSAGE_SELF)
+
+
+def _children_seconds() -> float:
+    return _seconds_of(resource.RUSAGE_CHILDREN)
+
+
+def _seconds_of(who: int) -> float:
+    """Processor time so far, s."""
+    used = resource.getrusage(who)
     return used.ru_utime + used.ru_stime
 
 

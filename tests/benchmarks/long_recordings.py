@@ -1,13 +1,16 @@
-"""Seconds and peak memory of commands on long recordings, each in a process of its own."""
+"""Seconds and peak memory of commands on long recordings, each in a process of its own.
+LONG_HOURS="24" takes other lengths.
+"""
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-HOURS = (3, 6, 12, 24)
+HOURS = tuple(int(h) for h in os.environ.get("LONG_HOURS", "3 6 12 24").split())
 HEAD = """schema = 1
 name = "long"
 seed = 5
@@ -44,10 +47,11 @@ sys.exit(main(sys.argv[1:]))
 
 
 def sequence(hours: int) -> str:
-    """Thirty moves an hour between the poses of a tumble."""
+    """Thirty moves an hour between the poses of a tumble, each with a label: eight columns."""
     return "".join(
         f'[[sequence]]\naction = "move"\nouter_deg = {(-90, 0, 90, 180, 45, -45, 135)[k % 7]}\n'
         f"inner_deg = {(0, 90, 180, 270, 30)[k % 5]}\nrate_deg_s = 40\ndwell_s = 113.5\n"
+        f'label = "pose {k + 1}"\n'
         for k in range(30 * hours)
     )
 
@@ -69,7 +73,7 @@ def run(words: list[str], folder: Path) -> tuple[float, float]:
 
 
 def main() -> None:
-    """An eighth, a quarter, a half and the whole of a day at 100 Hz."""
+    """Parts of a day at 100 Hz, and the whole."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for hours in HOURS:
@@ -84,18 +88,20 @@ def main() -> None:
                 run(["calibrate", "first.parquet", *given, *fitted], folder)
             for words in (
                 ["simulate", "truth.toml", "-o", "run.parquet"],
+                ["simulate", "truth.toml", "-o", "run.csv"],
                 ["correct", "CAL.json", "run.parquet", "-o", "corrected.parquet"],
                 ["correct", "CAL.json", "run.parquet", "-o", "corrected.csv"],
                 ["calibrate", "run.parquet", *given, "--method", "six_position"],
-                ["calibrate", "corrected.csv", *given, "--method", "six_position"],
+                ["calibrate", "run.csv", *given, "--method", "six_position"],
                 ["diagnose", "run.parquet", *given],
+                ["diagnose", "run.csv", *given],
                 ["simulate", "rest.toml", "-o", "rest.parquet"],
                 ["noise", "rest.parquet"],
             ):
                 seconds, peak = run(words, folder)
                 print(
-                    f"{hours} h x 100 Hz: {words[0]}, {_file(words)}: {seconds:.1f} s, peak RSS"
-                    f" {peak:.0f} MiB",
+                    f"{hours} h x 100 Hz: {words[0]}, {_file(words)}: {seconds:.1f} s,"
+                    f" {0.36 * hours / seconds:.3g} million rows/s, peak RSS {peak:.0f} MiB",
                     flush=True,
                 )
 

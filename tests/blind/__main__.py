@@ -8,7 +8,6 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -17,48 +16,38 @@ from blind.catalogue import AUTHORS
 from blind.plans import BENCHMARK_SEED, benchmark, plan
 from blind.reliability import reliability
 from blind.reliability import show as show_reliability
+from blind.spread import Spread, in_processes, shard
 from blind.table import lines, show
 from blind.trial import trial
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Exit status 0: nothing fell short beyond chance; 1: something did; 130: interrupted."""
+def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -> int:
+    """Run trials and score them.
+
+    Args:
+        spread: makes the trials, in any order; by default in processes of this machine.
+
+    Exit status 0: nothing fell short beyond chance; 1: something did.
+    """
     args = _parser().parse_args(arguments)
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="blind-"))
     jobs = benchmark() if args.benchmark else plan(args.n, args.kinds, args.types, args.authors)
     first, step = args.shard
     jobs = jobs[first - 1 :: step]
     seed = BENCHMARK_SEED if args.benchmark else args.seed
+    command = shlex.split(args.diagnoser)
+    calls = [(folder, j.kind, j.type_, j.k, seed, command, args.time_limit, j.author) for j in jobs]
     results = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        waiting: set[Future[Any]] = {
-            pool.submit(
-                trial,
-                folder,
-                job.kind,
-                job.type_,
-                job.k,
-                seed,
-                shlex.split(args.diagnoser),
-                args.time_limit,
-                job.author,
-            )
-            for job in jobs
-        }
-        try:
-            while waiting:
-                ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in ready:
-                    results.append(future.result())
-                    _tell(results[-1], len(results), len(jobs))
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
-            print(
-                f"interrupted after {len(results)} of {len(jobs)}; run again with -o {folder} to"
-                " go on",
-                file=sys.stderr,
-            )
-            return 130
+    try:
+        for result in (spread or in_processes(args.jobs))(trial, calls):
+            results.append(result)
+            _tell(result, len(results), len(jobs))
+    except KeyboardInterrupt:
+        print(
+            f"interrupted after {len(results)} of {len(jobs)}; run again with -o {folder} to go on",
+            file=sys.stderr,
+        )
+        raise
     return _finish(results, folder, args.json)
 
 
@@ -102,14 +91,6 @@ def _tell(r: dict[str, Any], n: int, of: int) -> None:
     )
 
 
-def _shard(words: str) -> tuple[int, int]:
-    """``i/n``: every n-th trial, from the i-th on."""
-    first, _, step = words.partition("/")
-    if not (first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step)):
-        raise argparse.ArgumentTypeError(f"found {words}, need i/n with i from 1 to n")
-    return int(first), int(step)
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="blind", description=__doc__)
     parser.add_argument("--n", type=int, default=5)
@@ -121,11 +102,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--benchmark", action="store_true")
     parser.add_argument("--diagnoser", default=f"{shlex.quote(sys.executable)} -m tiltcal")
     parser.add_argument("--time-limit", type=float, default=300.0)
-    parser.add_argument("--shard", type=_shard, default=(1, 1))
+    parser.add_argument("--shard", type=shard, default=(1, 1))
     parser.add_argument("-o", "--output")
     parser.add_argument("--json", action="store_true")
     return parser
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -13,7 +13,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from blind.judge import TWINS
 from blind.lab import KINDS, write_case
 from blind.motion import Plan
 from blind.rotations import DEG
+from blind.spread import Spread, in_processes, shard
 from blind.table import wilson
 from blind.trial import _run
 
@@ -75,7 +75,9 @@ def run_case(
     result |= {"rivals": case.hidden.found.inseparable, "seconds": time.perf_counter() - start}
     result |= judged(place / "out", case.hidden.spec.id)
     result["quick"] = result["minutes"] < scheme_minutes(kind)
-    done.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    part = place / "result.part"
+    part.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    part.rename(done)
     return result
 
 
@@ -141,8 +143,46 @@ def show(results: Sequence[Plain]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run and print."""
+def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -> int:
+    """Run and print.
+
+    Args:
+        spread: makes the investigations, in any order; by default in processes of this machine.
+    """
+    args = _parser().parse_args(arguments)
+    seed = secrets.randbelow(2**31) if args.seed is None else args.seed
+    folder = Path(args.output or tempfile.mkdtemp(prefix="blind-loop-"))
+    print(f"seed {seed}, files in {folder}", file=sys.stderr, flush=True)
+    command = shlex.split(args.command)
+    first, step = args.shard
+    calls = [
+        (folder, kind, seed, k, command, args.time_limit)
+        for k in range(args.n)
+        for kind in args.kinds
+    ][first - 1 :: step]
+    results = []
+    try:
+        for r in (spread or in_processes(args.jobs))(run_case, calls):
+            results.append(r)
+            print(
+                f"{len(results)}/{len(calls)} {r['kind']} {r['truth']}: {r['verdicts']}"
+                f" {r['minutes']:.1f} min",
+                file=sys.stderr,
+                flush=True,
+            )
+    except KeyboardInterrupt:
+        print(
+            f"interrupted after {len(results)} of {len(calls)}; run again with --seed {seed}"
+            f" -o {folder} to go on",
+            file=sys.stderr,
+        )
+        raise
+    results.sort(key=lambda r: (r["kind"], r["truth"]))
+    print(json.dumps(results, indent=1) if args.json else show(results))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="blind.loop", description=__doc__)
     parser.add_argument("--n", type=int, default=5, help="cases of each kind")
     parser.add_argument("--seed", type=int, default=None)
@@ -150,29 +190,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-j", "--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--command", default=f"{shlex.quote(sys.executable)} -m tiltcal")
     parser.add_argument("--time-limit", type=float, default=1800.0)
+    parser.add_argument("--shard", type=shard, default=(1, 1))
     parser.add_argument("-o", "--output")
-    args = parser.parse_args(arguments)
-    seed = secrets.randbelow(2**31) if args.seed is None else args.seed
-    folder = Path(args.output or tempfile.mkdtemp(prefix="blind-loop-"))
-    print(f"seed {seed}, files in {folder}", file=sys.stderr, flush=True)
-    results = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        jobs = [
-            pool.submit(run_case, folder, kind, seed, k, shlex.split(args.command), args.time_limit)
-            for k in range(args.n)
-            for kind in args.kinds
-        ]
-        for job in jobs:
-            results.append(job.result())
-            r = results[-1]
-            print(
-                f"{r['kind']} {r['truth']}: {r['verdicts']} {r['minutes']:.1f} min",
-                file=sys.stderr,
-                flush=True,
-            )
-    print(show(results))
-    return 0
+    parser.add_argument("--json", action="store_true")
+    return parser
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -69,7 +69,7 @@ def require_honest(scenario: Scenario, subject: str) -> Scenario:
 def explain(
     scenario: Scenario,
     recordings: Sequence[Recording | LongRecording],
-    static: Recording | None = None,
+    static: Recording | LongRecording | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
     """Why these recordings differ from the scenario; the answer is re-simulated through MuJoCo.

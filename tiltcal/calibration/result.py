@@ -285,7 +285,7 @@ def tilt_angles(f: Array, sensor: Sensor, g: float) -> dict[str, Array]:
     ``asin(f / |f|)``.
     """
     found = {}
-    length = np.linalg.norm(f, axis=1) if f.shape[1] == 3 else np.full(len(f), g)
+    length = np.sqrt(np.einsum("ij,ij->i", f, f)) if f.shape[1] == 3 else np.full(len(f), g)
     for i, axis in enumerate(sensor.axes):
         if axis in ("x", "y"):
             found[axis] = tilt_of_force(f[:, i] / np.maximum(length, 1e-12), 1.0)

@@ -16,7 +16,7 @@ from tiltcal.cli.certificate import (
     require_statements,
     write_reports,
 )
-from tiltcal.cli.options import DescribedBy, Json, SegmentsFile
+from tiltcal.cli.options import DEFAULT_BUDGET, DescribedBy, Json, MoreBudget, SegmentsFile
 from tiltcal.cli.output import print_json, print_table, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import silent
@@ -57,6 +57,7 @@ def calibrate(
     report: ReportFile = None,
     dcc: DccFile = None,
     stated: Statements = NOTHING_STATED,
+    allowed: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Estimate parameters with covariance, tests and a verdict.
@@ -75,6 +76,7 @@ def calibrate(
 
     Exit status: 0 good; 1 suspect or cannot_tell; 2 unusable input.
     """
+    allowed.apply()
     require_statements(stated, dcc)
     described = load_scenario(scenario)
     read = [read_averaged(file) for file in (recording_file, *more)]

@@ -1,5 +1,6 @@
 """``tiltcal campaign``, ``sweep`` and ``merge``."""
 
+import importlib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -198,9 +199,18 @@ def _made(
             if again:
                 forget_faults(found, journal)
             with progress_line() as progress, open_engine(engine, jobs) as opened:
-                made = make_runs(found, shard, journal, opened, limits, simulator, progress)
+                made = make_runs(
+                    found, shard, journal, opened, limits, simulator, progress, _load_libraries
+                )
         known = None if made or again else known_summary(found, place)
         return _shown(known, place, as_json) if known else _finished(found, place, as_json)
+
+
+def _load_libraries() -> None:
+    """Import what results are written with: not after the last run, when every process waits."""
+    for name in ("scipy.stats", "pyarrow.parquet", "tiltcal.report.campaign"):
+        importlib.import_module(name)
+    importlib.import_module("pyarrow").array([0.0])  # imports pandas, where it is installed
 
 
 def _finished(found: Campaign, place: Place, as_json: bool) -> int:

@@ -29,7 +29,7 @@ def correct(
 
     Adds <sensor>_<axis>_corrected_<unit> and, where defined, tilt_x_deg and
     tilt_y_deg. The suffix of -o sets the format: .csv, .parquet or .npz (NPZ is
-    read and written whole).
+    written whole).
 
       tiltcal correct CAL.json run.csv -o corrected.csv
     """

@@ -6,11 +6,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.api.diagnosing import explain, honest_scenario, results_json, write_results
-from tiltcal.cli.options import DescribedBy, Json
+from tiltcal.cli.options import DEFAULT_BUDGET, DescribedBy, Json, MoreBudget
 from tiltcal.cli.output import print_json, progress_line, say
 from tiltcal.core.claimed_folder import claimed
-from tiltcal.diagnosis.diagnose import read_for_diagnosis
-from tiltcal.recordings.recording_files import read_recording
+from tiltcal.diagnosis.diagnose import read_for_diagnosis, read_static
 
 
 def diagnose(
@@ -27,6 +26,7 @@ def diagnose(
         bool, Parameter(help="Exit with status 1 unless the verdict is match.")
     ] = False,
     output: Annotated[Path | None, Parameter(alias="-o", help="Folder for the results.")] = None,
+    allowed: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Locate, name and model physics that the scenario leaves out.
@@ -38,11 +38,12 @@ def diagnose(
       tiltcal diagnose run.csv --scenario bench.toml -o out
       tiltcal diagnose run.csv --scenario out/amended.toml --check
     """
+    allowed.apply()
     honest = honest_scenario(scenario)
     with claimed(output):
         with progress_line() as progress:
             data = [read_for_diagnosis(path, honest, progress) for path in recordings]
-            at_rest = read_recording(static) if static else None
+            at_rest = read_static(static) if static else None
             found = explain(honest, data, at_rest, progress)
         if output:
             write_results(found, output, honest, found.recordings, recordings)

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from tiltcal.cli.options import Json
+from tiltcal.cli.options import DEFAULT_BUDGET, Json, MoreBudget
 from tiltcal.cli.output import paragraph, print_json, print_table, say
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
 from tiltcal.effects import Effect
@@ -22,6 +22,7 @@ def noise(
     recording_file: Annotated[Path, Parameter("REC", help="Recording at rest.")],
     /,
     *,
+    allowed: MoreBudget = DEFAULT_BUDGET,
     as_json: Json = False,
 ) -> int:
     """Estimate Allan coefficients from a recording at rest.
@@ -30,6 +31,7 @@ def noise(
     simulate this noise. The longest dwell is used. A slope that the recording
     does not show is reported as such.
     """
+    allowed.apply()
     models = noise_models_of(recording_file)
     if as_json:
         print_json({name: _as_json(model) for name, model in models.items()})
@@ -42,13 +44,16 @@ def noise(
         "N is per root hertz of a two-sided density: the standard deviation of a sample is"
         " N sqrt(rate); data sheets often give sqrt(2) N."
     )
+    for note in dict.fromkeys(note for model in models.values() for note in model.notes):
+        paragraph(f"note: {note}")
     say("\n" + "\n".join(effect_tables(models)))
     return 0
 
 
 def _as_json(model: NoiseModel) -> dict[str, object]:
     curve = {"tau_s": model.curve.tau.tolist(), "deviation": model.curve.deviation.tolist()}
-    return {"values": model.values, "sigmas": model.sigmas, "held": model.held, **curve}
+    found = {"values": model.values, "sigmas": model.sigmas, "held": model.held, **curve}
+    return {**found, "notes": list(model.notes)}
 
 
 def _cell(model: NoiseModel, term: str, unit: str) -> str:

@@ -2,18 +2,21 @@
 code with this one.
 """
 
+import importlib
 import os
-import subprocess
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from tiltcal.cli.options import SEED, SEVERAL, WHOLE, Json
-from tiltcal.cli.signals import INTERRUPTED, Terminated
+from tiltcal.cli.options import SEED, SEVERAL, WHOLE, EngineName, Jobs, Json
 from tiltcal.core.assets import beside
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.tasks.engines import ADDRESS, open_engine
+from tiltcal.core.tasks.run_tasks import values_as_made
 
 
 def prove(
@@ -39,12 +42,20 @@ def prove(
             help="The frozen set of 200 cases; --n --kinds --types --authors --seed do not count.",
         ),
     ] = False,
+    investigate: Annotated[
+        bool,
+        Parameter(
+            negative=(),
+            help="Trials of `tiltcal investigate` from poor first recordings.",
+        ),
+    ] = False,
     diagnoser: Annotated[
         str | None,
         Parameter(help="Command that is judged; this program by default. See the guide."),
     ] = None,
     seed: Annotated[int, SEED, Parameter(help="Seed of the trials.")] = 0,
-    jobs: Annotated[int, WHOLE, Parameter(alias="-j", help="Trials at the same time.")] = 1,
+    jobs: Jobs = 1,
+    engine: EngineName = "processes",
     shard: Annotated[
         str,
         Parameter(help="i/n: only every n-th trial; all shards share the folder of -o."),
@@ -70,8 +81,41 @@ def prove(
       tiltcal prove --n 30 -j 4 -o proof
       tiltcal prove --n 100 --types null unlisted --kinds dual_tumble three_rates
       tiltcal prove --benchmark --diagnoser 'python mine.py' -o mine
+      tiltcal prove --investigate --n 15 -j 4 -o loop
+
+    With --engine dask://HOST:PORT the workers need the folder of -o, and the tests
+    folder on their PYTHONPATH.
 
     Exit status 1: a success rate is too low to be explained by chance.
+    """
+    tests = _tests_folder(trials)
+    if engine.startswith(ADDRESS) and output is None:
+        raise TiltcalError(
+            "command line of `tiltcal prove`",
+            found=f"--engine {engine} and no -o",
+            need="a folder that all workers share",
+            do="add -o",
+        )
+    words = ["--n", f"{n}", "--seed", f"{seed}", "--shard", shard]
+    words += ["--kinds", *kinds] if kinds else []
+    words += ["--output", str(output.absolute())] if output else []
+    words += ["--json"] if as_json else []
+    if investigate:
+        _refuse_besides({"--types": types, "--authors": authors, "--benchmark": benchmark})
+        words += ["--command", diagnoser] if diagnoser else []
+        return _run("blind.loop", words, tests, engine, jobs)
+    words += ["--types", *types] if types else []
+    words += ["--authors", *authors] if authors else []
+    words += ["--benchmark"] if benchmark else []
+    words += ["--diagnoser", diagnoser] if diagnoser else []
+    return _run("blind.__main__", words, tests, engine, jobs)
+
+
+def _tests_folder(trials: Path | None) -> Path:
+    """The folder with the program of the trials.
+
+    Raises:
+        TiltcalError: there is none.
     """
     tests = trials or beside("tests")
     if tests is None or not (tests / "blind" / "__main__.py").is_file():
@@ -81,19 +125,46 @@ def prove(
             need="the folder tests/blind of the source",
             do="run in a source checkout, or name its tests folder with --trials",
         )
-    command = [sys.executable, "-P", "-m", "blind", "--n", f"{n}", "--seed", f"{seed}"]
-    command += ["--jobs", f"{jobs}", "--shard", shard]
-    command += ["--kinds", *kinds] if kinds else []
-    command += ["--types", *types] if types else []
-    command += ["--authors", *authors] if authors else []
-    command += ["--benchmark"] if benchmark else []
-    command += ["--diagnoser", diagnoser] if diagnoser else []
-    command += ["--output", str(output)] if output else []
-    command += ["--json"] if as_json else []
-    environment = os.environ | {"PYTHONPATH": str(tests)}
+    return tests.absolute()
+
+
+def _refuse_besides(options: dict[str, Any]) -> None:
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise TiltcalError(
+            "command line of `tiltcal prove`",
+            found=f"--investigate and {given[0]}",
+            need="one of them",
+            do="leave one out",
+        )
+
+
+def _run(module: str, words: Sequence[str], tests: Path, engine: str, jobs: int) -> int:
+    """Run a program of the trials, its calls spread over an engine; the exit status."""
+    with _importable(tests), open_engine(engine, jobs) as opened:
+        program: Any = importlib.import_module(module)
+
+        def spread(function: Any, calls: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+            return values_as_made(function, calls, opened)
+
+        try:
+            status: int = program.main(words, spread)
+        except SystemExit as error:  # of its argument parser, which has said why
+            return int(error.code or 0)
+        return status
+
+
+@contextmanager
+def _importable(folder: Path) -> Iterator[None]:
+    """Modules of a folder can be imported, here and in processes that are started."""
+    path, before = sys.path[:], os.environ.get("PYTHONPATH")
+    sys.path.insert(0, str(folder))
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(folder), *([before] if before else [])])
     try:
-        return subprocess.run(command, env=environment, check=False).returncode
-    except Terminated:
-        raise
-    except KeyboardInterrupt:  # the trials have printed how to continue
-        return INTERRUPTED
+        yield
+    finally:
+        sys.path[:] = path
+        if before is None:
+            del os.environ["PYTHONPATH"]
+        else:
+            os.environ["PYTHONPATH"] = before

@@ -11,7 +11,12 @@ from tiltcal.core.progress import Progress, silent
 from tiltcal.diagnosis.conclusions.answering import answered, simulated, testable, untested
 from tiltcal.diagnosis.conclusions.finding import Diagnosis
 from tiltcal.diagnosis.data_quality.fault import Fault
-from tiltcal.diagnosis.data_quality.long_recordings import AVERAGES, LongRecording, read_long
+from tiltcal.diagnosis.data_quality.long_recordings import (
+    AVERAGES,
+    LongRecording,
+    read_beginning,
+    read_long,
+)
 from tiltcal.diagnosis.data_quality.prepare import (
     PreparedData,
     averaged_blocks,
@@ -41,9 +46,10 @@ from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.table.readout import IndexError_
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.recordings.pieces import estimated_rows
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
-from tiltcal.recordings.span_means import spans_of
+from tiltcal.recordings.span_means import LONGEST, spans_of
 from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
@@ -56,7 +62,7 @@ def diagnose(
     scenario: Scenario,
     recordings: Sequence[Recording | LongRecording],
     *,
-    static: Recording | None = None,
+    static: Recording | LongRecording | None = None,
     laboratory: Laboratory | None = None,
     progress: Progress = silent,
     noise: type[NoiseModel] = WhiteFlickerWalk,
@@ -77,17 +83,21 @@ def diagnose(
     Raises:
         TiltcalError: a column is missing, or nothing in a recording has a model.
     """
-    given = [r if isinstance(r, LongRecording) else LongRecording(r) for r in recordings]
+    given = [_as_read(r) for r in recordings]
+    still = None if static is None else _as_read(static)
+    every = given if still is None else [*given, still]
     with determining(", ".join(r.recording.source for r in given), "how it differs"):
         progress("reading")
         prepared = _prepared(scenario, given, noise)
         if not testable(prepared):
-            return _saying(untested(prepared), given)
+            return _saying(untested(prepared), every)
         progress("computing the signature of every effect")
         lines = spectral_lines_of(prepared.observations, prepared.start)
         whole = prepared.observations
         prepared = averaged_blocks(prepared, block_of(whole, lines))
-        at_rest = None if static is None else static_noise(prepared.observations, static, noise)
+        at_rest = (
+            None if still is None else static_noise(prepared.observations, still.recording, noise)
+        )
         build_dictionary(prepared.whitened.columns, prepared.start, lines, prepared.blurred)
         if search is not None:
             said = search(prepared)
@@ -95,23 +105,43 @@ def diagnose(
             said = _explained(prepared, lines, at_rest, progress)
         progress("re-simulating")
         answer, amended = answered(prepared, said)
-        answer = _saying(answer, given)
+        answer = _saying(answer, every)
         return answer if laboratory is None else simulated(answer, laboratory, whole, amended)
 
 
 def read_for_diagnosis(
     path: Path, scenario: Scenario, progress: Progress = silent
 ) -> Recording | LongRecording:
-    """A recording; averages of a long one on a table, what is in its samples being found before.
+    """A recording; of a long one averages, what is in its samples being found before, or its
+    beginning, where averages would not tell what its samples tell.
 
     Raises:
         TiltcalError: it is no recording, or a column is missing.
     """
-    spans = spans_of(path, AVERAGES) if scenario.rig.axes else None
-    if spans is None:
+    if estimated_rows(path) <= LONGEST:
         return read_recording(path)
+    if not scenario.rig.axes:
+        return read_beginning(path, "recordings by hand are not averaged")
+    spans = spans_of(path, AVERAGES)
+    if spans is None:
+        return read_beginning(path, "coarse codes are not averaged")
     with one_thread(), determining(path.name, "how it differs"):
         return read_long(path, scenario, spans, _kept, progress)
+
+
+def read_static(path: Path) -> Recording | LongRecording:
+    """A record at rest, for its noise; of a long one the beginning.
+
+    Raises:
+        TiltcalError: it is no recording.
+    """
+    if estimated_rows(path) <= LONGEST:
+        return read_recording(path)
+    return read_beginning(path, "they are enough to tell the noise")
+
+
+def _as_read(recording: Recording | LongRecording) -> LongRecording:
+    return recording if isinstance(recording, LongRecording) else LongRecording(recording)
 
 
 def _kept(prepared: PreparedData, samples: int) -> bool:

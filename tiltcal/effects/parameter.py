@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from typing import Literal
 
 from tiltcal.core.units import PARAMETER_UNITS
@@ -110,7 +110,7 @@ class PerTable:
         return _on_all_tables(self, tuple(every_table()))
 
 
-@cache
+@lru_cache(maxsize=64)  # all tables, and those before a model brought its own
 def _on_all_tables(each: PerTable, names: tuple[str, ...]) -> tuple[Parameter, ...]:
     found: dict[str, set[str]] = {name: set() for name in each.order()}
     for table in (find_table(name) for name in names):

@@ -14,6 +14,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.csv_cells import cell_of, comment_of, text_of
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import split_unit
+from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.samples import Labels
 
@@ -154,16 +155,6 @@ def _column(cells: Any, name: str) -> Array | Labels:
     return np.array([words[text] for text in texts], dtype=object)
 
 
-def to_numpy(column: Any, number: bool) -> Array | Labels:
-    """An Arrow column as floats, NaN for null, or as text, (n,); each word is made only once."""
-    if number:
-        return np.array(column.to_numpy(zero_copy_only=False), dtype=float)
-    coded = column.dictionary_encode()
-    coded = coded.combine_chunks() if hasattr(coded, "num_chunks") else coded
-    words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-    return words[coded.indices.fill_null(len(words) - 1).to_numpy(zero_copy_only=False)]
-
-
 def _bad_cell(path: Path, names: list[str], skip: int, reason: str) -> TiltcalError:
     """The first line that does not read, found slowly because it is only needed once."""
     try:
@@ -247,33 +238,3 @@ def _quoted(name: str) -> str:
 
 
 EMPTY = [" " * k for k in range(9)]  # cells that hold nothing
-
-
-def arrow_table(
-    recording: Recording, names: Sequence[str], written: Callable[[str], str] = str
-) -> Any:
-    """These columns of a recording as an Arrow table: numbers, null for NaN, and text.
-
-    Args:
-        written: a text as the file has it.
-    """
-    import pyarrow as pa
-
-    def array_of(texts: Labels) -> Any:
-        words = {t: written(t) if t else None for t in set(texts)}
-        return pa.array([words[t] for t in texts], pa.string())
-
-    texts = recording.texts
-    return pa.table(
-        [
-            array_of(texts[name])
-            if name in texts
-            else pa.array(
-                recording.time if name == "time_s" else recording.column(name),
-                pa.float64(),
-                from_pandas=True,
-            )
-            for name in names
-        ],
-        names=list(names),
-    )

@@ -2,9 +2,10 @@
 
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -13,7 +14,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
 from tiltcal.recordings.csv_files import is_number, require_few
-from tiltcal.recordings.parquet_files import METADATA, metadata_of
+from tiltcal.recordings.parquet_files import METADATA, PIECE, metadata_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.samples import Labels
 
@@ -28,22 +29,80 @@ def read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
     Raises:
         TiltcalError: it is no archive, claims more than it holds, or an array is no column.
     """
-    columns: dict[str, Array | Labels] = {}
-    metadata: dict[str, str] = {}
+    with _checked(path, whole=True) as (archive, members, _):
+        columns: dict[str, Array | Labels] = {}
+        for name in _columns_of(members):
+            with archive.open(members[name]) as stream:
+                columns[name] = _column(name, npy.read_array(stream, allow_pickle=False))
+        return columns, _metadata(archive, members, path)
+
+
+def npz_head(path: Path) -> tuple[dict[str, str], list[str]]:
+    """Metadata and column names.
+
+    Raises:
+        TiltcalError: as ``read_npz`` does.
+    """
+    with _checked(path, whole=False) as (archive, members, _):
+        return _metadata(archive, members, path), _columns_of(members)
+
+
+def npz_rows(path: Path) -> int:
+    """How many rows the arrays have; 0 where it is no archive of columns: reading it says why."""
+    try:
+        with _checked(path, whole=False) as (_, __, rows):
+            return rows
+    except TiltcalError:
+        return 0
+
+
+def npz_pieces(path: Path) -> Iterator[dict[str, Array | Labels]]:
+    """The columns piece by piece, (n,) each: every array is read, and unpacked, as it is needed.
+
+    Raises:
+        TiltcalError: as ``read_npz`` does.
+    """
+    with _checked(path, whole=False) as (archive, members, rows), ExitStack() as stack:
+        streams = {
+            name: stack.enter_context(archive.open(members[name])) for name in _columns_of(members)
+        }
+        kinds = {name: _head(stream)[1] for name, stream in streams.items()}
+        for first in range(0, rows, PIECE):
+            count = min(PIECE, rows - first)
+            yield {
+                name: _column(name, _next(stream, kinds[name], count))
+                for name, stream in streams.items()
+            }
+
+
+def _next(stream: IO[bytes], kind: np.dtype[Any], count: int) -> Any:
+    """The next values of an array, (count,)."""
+    if not kind.itemsize:
+        return np.zeros(count, kind)
+    return np.frombuffer(stream.read(count * kind.itemsize), kind, count)
+
+
+@contextmanager
+def _checked(
+    path: Path, whole: bool
+) -> Iterator[tuple[zipfile.ZipFile, dict[str, zipfile.ZipInfo], int]]:
+    """An archive whose arrays are columns, its members by name, and its rows.
+
+    Args:
+        whole: whether all of it will be in memory at the same time.
+
+    Raises:
+        TiltcalError: as ``read_npz`` does; also for what is found wrong within the block.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist()}
-            _require_within_budget(path, members)
+            _require_within_budget(path, members, whole)
             require_few(len(members), path)
             shapes = {name: _shape(archive, member) for name, member in members.items()}
             _require_one_length(path, shapes)
-            for name, member in members.items():
-                with archive.open(member) as stream:
-                    values = npy.read_array(stream, allow_pickle=False)
-                if name == METADATA:
-                    metadata = metadata_of(str(values), path)
-                else:
-                    columns[name] = _column(name, values)
+            rows = [shape[0] for name, shape in shapes.items() if name != METADATA]
+            yield archive, members, max(rows, default=0)
     except _UNREADABLE as error:
         raise TiltcalError(
             f"recording {path.name}",
@@ -51,7 +110,19 @@ def read_npz(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
             need="an NPZ archive, one array a column",
             do="check the file",
         ) from error
-    return columns, metadata
+
+
+def _columns_of(members: Mapping[str, zipfile.ZipInfo]) -> list[str]:
+    return [name for name in members if name != METADATA]
+
+
+def _metadata(
+    archive: zipfile.ZipFile, members: Mapping[str, zipfile.ZipInfo], path: Path
+) -> dict[str, str]:
+    if METADATA not in members:
+        return {}
+    with archive.open(members[METADATA]) as stream:
+        return metadata_of(str(npy.read_array(stream, allow_pickle=False)), path)
 
 
 _UNREADABLE = (
@@ -66,9 +137,11 @@ _UNREADABLE = (
 )
 
 
-def _require_within_budget(path: Path, members: Mapping[str, zipfile.ZipInfo]) -> None:
-    """Refuse an archive that unpacks to more than may be in memory."""
-    size = sum(m.file_size for m in members.values())
+def _require_within_budget(path: Path, members: Mapping[str, zipfile.ZipInfo], whole: bool) -> None:
+    """Refuse an archive that unpacks to more than may be in memory, or to more rows than are
+    allowed.
+    """
+    size = sum(m.file_size for m in members.values()) if whole else 0
     require_within(
         f"recording {path.name}",
         rows=max((m.file_size for m in members.values()), default=0) / LARGEST,
@@ -77,19 +150,25 @@ def _require_within_budget(path: Path, members: Mapping[str, zipfile.ZipInfo]) -
     )
 
 
+def _head(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and type of an array, as its header says; the stream is at its first value then."""
+    version = npy.read_magic(stream)
+    read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, kind = read_head(stream)
+    return shape, kind
+
+
 def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, ...]:
     """The shape of an array whose header claims exactly what the archive holds."""
     with archive.open(member) as stream:
-        version = npy.read_magic(stream)
-        read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, _, dtype = read_head(stream)
+        shape, kind = _head(stream)
         held = member.file_size - stream.tell()
-    if dtype.kind not in TEXTS or dtype.hasobject:
-        raise ValueError(f"array {member.filename} of type {dtype}")
+    if kind.kind not in TEXTS or kind.hasobject:
+        raise ValueError(f"array {member.filename} of type {kind}")
     count = 1
     for length in shape:
         count *= length
-    if min(shape, default=0) < 0 or count * dtype.itemsize != held:
+    if min(shape, default=0) < 0 or count * kind.itemsize != held:
         raise ValueError(f"array {member.filename} that claims {count} values in {held} bytes")
     return shape
 

@@ -9,7 +9,8 @@ from typing import Any
 from tiltcal.core.arrays import Array
 from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
-from tiltcal.recordings.csv_files import arrow_table, is_number, require_few, to_numpy
+from tiltcal.recordings.arrow_columns import arrow_table, to_numpy
+from tiltcal.recordings.csv_files import is_number, require_few
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.samples import Labels
 
@@ -29,7 +30,8 @@ def read_parquet(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]
     metadata, _ = parquet_head(path)
     try:
         _require_within_budget(path, whole=True)
-        return _columns(parquet.read_table(path), path), metadata
+        with parquet.ParquetFile(path) as file:  # read_table would import pandas
+            return _columns(file.read(), path), metadata
     except (pa.ArrowException, OSError) as error:
         raise _unreadable(path, error) from error
 

@@ -1,7 +1,7 @@
 """Long recordings read and written piece by piece, in memory that does not grow with their length.
 
-CSV comes by blocks of text, Parquet by batches of rows. NPZ holds each column whole: it is read and
-written in one piece.
+CSV comes by blocks of text, Parquet by batches of rows, NPZ by pieces of every array. An NPZ file
+is written in one piece: it holds each column whole.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.budget import require_within
 from tiltcal.core.files import replacing, require_file
 from tiltcal.recordings.csv_files import csv_head, csv_pieces, csv_writer, estimated_csv_rows
+from tiltcal.recordings.npz_files import npz_head, npz_pieces, npz_rows
 from tiltcal.recordings.parquet_files import (
     parquet_head,
     parquet_pieces,
@@ -22,6 +24,7 @@ from tiltcal.recordings.parquet_files import (
 )
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import (
+    SUFFIXES,
     assemble,
     read_recording,
     require_suffix,
@@ -30,6 +33,7 @@ from tiltcal.recordings.recording_files import (
 from tiltcal.recordings.samples import Labels
 from tiltcal.recordings.stamps import require_onward
 
+COPIES = 3  # of an NPZ archive's columns in memory: its pieces, the whole, and what is written
 Write = Callable[[Recording], None]
 """Appends a piece of a recording to a file."""
 
@@ -44,22 +48,23 @@ def read_pieces(path: Path | str, ordered: bool = True) -> Iterator[Recording]:
         TiltcalError: as ``read_recording`` and ``Recording.require_increasing`` do.
     """
     path = require_file(Path(path), "recording")
-    if path.suffix not in (".csv", ".parquet") or path.stat().st_size == 0:
-        whole = read_recording(path)
-        yield whole.require_increasing() if ordered else whole
-        return
+    if path.suffix not in SUFFIXES or path.stat().st_size == 0:
+        read_recording(path)  # says what is wrong
     if path.suffix == ".csv":
         metadata, names, _ = csv_head(path)
         pieces = csv_pieces(path)
-    else:
+    elif path.suffix == ".parquet":
         metadata, names = parquet_head(path)
         pieces = parquet_pieces(path)
+    else:
+        metadata, names = npz_head(path)
+        pieces = npz_pieces(path)
     yield from _ahead(_assembled(pieces, names, metadata, path.name, ordered))
 
 
 def estimated_rows(path: Path | str) -> int:
-    """About how many rows a recording has, without reading it: as Parquet states, by the length of
-    the first lines of CSV; 0 where that is not known.
+    """About how many rows a recording has, without reading it: as Parquet and NPZ state, by the
+    length of the first lines of CSV; 0 where that is not known.
 
     Raises:
         TiltcalError: the file is missing, or no recording.
@@ -67,6 +72,8 @@ def estimated_rows(path: Path | str) -> int:
     path = require_file(Path(path), "recording")
     if path.suffix == ".parquet":
         return stated_rows(path)
+    if path.suffix == ".npz":
+        return npz_rows(path)
     return estimated_csv_rows(path) if path.suffix == ".csv" else 0
 
 
@@ -127,7 +134,14 @@ def writing(path: Path | str) -> Iterator[Write]:
     path = require_suffix(Path(path))
     if path.suffix == ".npz":
         pieces: list[Recording] = []
-        yield pieces.append
+
+        def keep(piece: Recording) -> None:
+            pieces.append(piece)
+            cells = sum(len(p) for p in pieces) * len(piece.written_names)
+            less = "write it as Parquet, which takes it piece by piece"
+            require_within(f"output {path}", size=COPIES * 8 * cells, less=less)
+
+        yield keep
         write_recording(joined(pieces), path)
         return
     with replacing(path) as temporary:

@@ -261,7 +261,7 @@ class Recording(Tabular):
 
     def to_arrow(self) -> "pa.Table":
         """The table for Arrow; null where a channel was not sampled."""
-        from tiltcal.recordings.csv_files import arrow_table
+        from tiltcal.recordings.arrow_columns import arrow_table
 
         return arrow_table(self, self.written_names)
 

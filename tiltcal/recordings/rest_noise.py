@@ -1,6 +1,7 @@
 """Allan coefficients of each channel from the longest rest of a recording."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,10 @@ from tiltcal.recordings.pieces import part_of, read_pieces
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
-from tiltcal.recordings.span_means import read_averaged, spans_of
+from tiltcal.recordings.span_means import averaging_note, read_averaged, require_room, spans_of
 from tiltcal.setup.tables import axis_of
 from tiltcal.statistics.allan import AllanDeviation, NoiseModel, allan_deviation, fit_noise
-from tiltcal.statistics.running_allan import RunningAllan
+from tiltcal.statistics.running_allan import DENSE, RunningAllan
 
 NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's columns
 
@@ -25,12 +26,13 @@ def noise_models_of(path: Path | str) -> dict[str, NoiseModel]:
     """The noise model of each sensor channel of a file.
 
     A long recording is read in pieces, twice: its rests are found in averages over spans of time,
-    the Allan deviation is that of its samples.
+    the Allan deviation is that of its samples, and a note of each model says so.
 
     Raises:
         TiltcalError: there is no sensor channel, or no rest.
     """
     if spans_of(path) is None:
+        require_room(path)
         return noise_models(read_recording(path).require_increasing())
     recording = read_averaged(path)
     names, rest = _channels(recording), _longest(recording)
@@ -45,7 +47,19 @@ def noise_models_of(path: Path | str) -> dict[str, NoiseModel]:
             if name in running:
                 running[name].add(values[known])
     curves = {name: found.deviation(rates[name]) for name, found in running.items()}
-    return {name: _fitted(recording.source, name, curve) for name, curve in curves.items()}
+    notes = (_how_it_was_read(recording),)
+    return {
+        name: replace(_fitted(recording.source, name, curve), notes=notes)
+        for name, curve in curves.items()
+    }
+
+
+def _how_it_was_read(recording: Recording) -> str:
+    return (
+        f"{averaging_note(recording)} to find its rests; the Allan deviation is that of all"
+        f" samples, beyond averaging times of {DENSE} samples from at most {DENSE} second"
+        " differences within each"
+    )
 
 
 def noise_models(recording: Recording) -> dict[str, NoiseModel]:

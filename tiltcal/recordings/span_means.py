@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.budget import require_within
 from tiltcal.core.quantisation import code_grid
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.means_table import read_log_or_means
@@ -23,6 +24,7 @@ from tiltcal.statistics.dwell_noise import second_difference_noise
 LONGEST = 500_000  # rows of a recording that is taken sample by sample
 AVERAGED = "averaged over"  # metadata: the length of the spans
 ENOUGH = 0.5  # share of a span's usual samples below which it is left out: beside a gap
+COPIES = 6  # of a recording's columns in memory while it is taken sample by sample
 CODED = 20_000  # samples that tell the codes
 
 
@@ -52,12 +54,32 @@ def read_averaged(path: Path | str) -> Recording:
     """A recording, or a table of means; where it is long, averaged over spans of time.
 
     Raises:
-        TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do.
+        TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do; or it has coarse codes, and
+            more rows than there is memory for.
     """
     spans = spans_of(path)
     if spans is None:
+        require_room(path)
         return read_log_or_means(path)
     return joined([averaged(piece, spans) for piece in whole_spans(read_pieces(path), spans)])
+
+
+def require_room(path: Path | str) -> None:
+    """Refuse a long recording that is taken sample by sample, where that needs more memory than is
+    allowed.
+
+    Raises:
+        TiltcalError: stating how much it would be.
+    """
+    rows = estimated_rows(path)
+    if rows <= LONGEST:
+        return
+    cells = rows * len(next(read_pieces(path, ordered=False)).written_names)
+    require_within(
+        f"recording {Path(path).name}, whose codes are coarse, so that it is not averaged",
+        size=COPIES * 8 * cells,
+        less="cut it into shorter recordings",
+    )
 
 
 def averaging_note(recording: Recording) -> str | None:

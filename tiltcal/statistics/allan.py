@@ -65,12 +65,14 @@ class NoiseModel:
         sigmas: standard uncertainties.
         held: which slopes the record holds.
         curve: what it was fitted to.
+        notes: how the record was read, where not sample by sample.
     """
 
     values: dict[str, float]
     sigmas: dict[str, float]
     held: dict[str, bool]
     curve: AllanDeviation
+    notes: tuple[str, ...] = ()
 
 
 def allan_deviation(values: Array, rate_hz: float, tau: Array | None = None) -> AllanDeviation:

@@ -59,7 +59,7 @@ class DisposableProcess:
         """End the process, for good; another thread's call in it is lost."""
         self._closed = True
         if (process := self._process) is not None:
-            _kill(process)
+            _kill(process, signal.SIGTERM)
             self._ended(process)
 
     def _running(self) -> subprocess.Popen[bytes]:
@@ -90,9 +90,9 @@ class DisposableProcess:
         return status
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
+def _kill(process: subprocess.Popen[bytes], number: signal.Signals = signal.SIGKILL) -> None:
     with suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
+        os.killpg(process.pid, number)
 
 
 def _lost(status: int, seconds: float) -> Outcome:

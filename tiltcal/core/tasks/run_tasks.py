@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from itertools import islice
+from threading import Thread
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
@@ -88,6 +89,41 @@ def values_of(
     return [found[k].value for k in range(len(tasks))]
 
 
+def values_as_made(
+    function: Callable[..., Any],
+    calls: Iterable[tuple[Any, ...]],
+    engine: Engine,
+    limits: Limits | None = None,
+) -> Iterator[Any]:
+    """What a function returns for each of some arguments, in the order in which the calls end.
+
+    Args:
+        function: at the top of a module.
+        calls: its arguments.
+        engine: where it is called.
+        limits: of time and memory of one call.
+
+    Raises:
+        TiltcalError: a call raised or lost its process, or the engine lost it; after all others
+            are through.
+    """
+    limits = limits or Limits()
+    failures = []
+    tasks = (Task(f"{k + 1}", function, arguments) for k, arguments in enumerate(calls))
+    for task, outcome in outcomes(tasks, engine, limits):
+        if (failure := outcome.failure(limits)) is None:
+            yield outcome.value
+        else:
+            failures.append(f"call {task.key}: {failure}")
+    if failures:
+        raise TiltcalError(
+            "engine",
+            found=f"{len(failures)} calls without a result; first, {failures[0]}",
+            need="an answer from each",
+            do="run the same command again: what is finished is not made again",
+        )
+
+
 def make_all(
     tasks: Iterable[Task],
     total: int,
@@ -96,26 +132,32 @@ def make_all(
     limits: Limits,
     recorded: Callable[[Task, Outcome], str],
     progress: Progress = silent,
+    meanwhile: Callable[[], None] | None = None,
 ) -> int:
     """Make all tasks that the journal does not have; how many these were.
 
     Args:
         total: how many there are, with those that it has.
         recorded: the record of an outcome, as it goes into the journal.
+        meanwhile: called in another thread when the first task is handed out.
 
     Raises:
         TiltcalError: the engine lost tasks, or there is no room for the journal.
     """
     rate = Rate(total)
     had = 0
+    began = list[Thread]()
 
     def missing() -> Iterator[Task]:
         nonlocal had
         for task in tasks:
             if task.key in journal:
                 had += 1
-            else:
-                yield task
+                continue
+            if not began:
+                began.append(Thread(target=meanwhile, daemon=True))
+                began[0].start()
+            yield task
 
     for task, outcome in outcomes(missing(), engine, limits):
         journal.record(task.key, recorded(task, outcome))

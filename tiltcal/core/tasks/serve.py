@@ -9,6 +9,7 @@ import os
 import pickle
 import resource
 import signal
+import sys
 import time
 from dataclasses import replace
 from typing import BinaryIO
@@ -22,12 +23,18 @@ def main() -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the process that asks
+    signal.signal(signal.SIGTERM, _end)
     while (call := _next(calls)) is not None:
         outcome = _made(*call)
         pickle.dump(outcome, answers)
         answers.flush()
         if outcome.fault:
             return
+
+
+def _end(*_: object) -> None:
+    """Unwind the call, so that it can end what it started in sessions of their own."""
+    sys.exit(128 + signal.SIGTERM)
 
 
 def _next(calls: BinaryIO) -> tuple[Limits, bytes] | None:

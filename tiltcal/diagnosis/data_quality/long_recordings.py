@@ -91,7 +91,7 @@ def read_long(
     if any(isinstance(f.effect, OF_SAMPLES) for f in prepared.faults) or not kept(
         prepared, spans.samples
     ):
-        return _beginning(path, spans)
+        return read_beginning(path, f"what they show would be lost in averages over {spans.words}")
     progress("averaging")
     notes: list[str] = []
     raw = joined([averaged(part, spans) for part in _parts(path, spans, notes)])
@@ -123,15 +123,27 @@ def _fingerprint(path: Path) -> str:
     return fingerprint_of(chain([first.time], (p.time for p in pieces)), readings)
 
 
-def _beginning(path: Path, spans: Spans) -> LongRecording:
-    """The beginning of a recording, sample by sample."""
+def read_beginning(path: Path, why: str) -> LongRecording:
+    """The beginning of a recording, sample by sample: as many rows as are taken so.
+
+    Args:
+        path: of the recording.
+        why: the rest is left out, in words.
+
+    Raises:
+        TiltcalError: as ``read_pieces`` does.
+    """
     notes: list[str] = []
-    parts = islice(_parts(path, spans, notes), -(-LONGEST // PART))
-    recording = joined(list(parts))
-    recording = part_of(recording, 0, min(len(recording), LONGEST))
+    pieces, kept = _onward(read_pieces(path, ordered=False), notes), list[Recording]()
+    while sum(len(p) for p in kept) <= LONGEST and (piece := next(pieces, None)) is not None:
+        kept.append(piece)
+    recording = joined(kept)
+    if len(recording) <= LONGEST:
+        return LongRecording(recording, (), tuple(notes))
+    recording = part_of(recording, 0, LONGEST)
     words = (
-        f"{recording.source}: only the first {np.ptp(recording.time):.6g} s were diagnosed, sample"
-        f" by sample: what they show would be lost in averages over {spans.words}"
+        f"{recording.source}: only the first {np.ptp(recording.time):.6g} s were read, sample by"
+        f" sample: {why}"
     )
     return LongRecording(recording, (), tuple(notes), words)
 

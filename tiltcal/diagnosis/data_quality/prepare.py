@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.core.numerical import undetermined
 from tiltcal.diagnosis.data.channels import undo_labelling_faults, written
-from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.diagnosis.data.observe import observe
 from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.data_quality.inspection import inspect, once
@@ -187,7 +188,8 @@ def averaged_blocks(prepared: PreparedData, block: int) -> PreparedData:
 def static_noise(
     observations: Observations, static: Recording, law: type[NoiseModel]
 ) -> tuple[NoiseFit, ...]:
-    """The noise of each channel from a record at rest.
+    """The noise of each channel from a record at rest, averaged over as many samples as the
+    channel's values are.
 
     Raises:
         TiltcalError: it lacks a sensor, or readings of it.
@@ -206,7 +208,8 @@ def static_noise(
             if channel.axis != "norm"
             else np.linalg.norm(samples.values, axis=1)
         )
-        values = values[~np.isnan(values)]
+        known = ~np.isnan(values)
+        values = _at_the_step(values[known], static.time[samples.rows][known], channel)
         if len(values) < FEWEST_AT_REST:
             raise undetermined(
                 static.source,
@@ -216,6 +219,17 @@ def static_noise(
         level = cosines(np.ones(len(values)))[:, None]
         found.append(estimate_noise(cosines(values - values.mean()), level, law))
     return tuple(found)
+
+
+def _at_the_step(values: Array, time: Array, channel: Channel) -> Array:
+    """Means of consecutive values, one for each step of a channel, (m,).
+
+    Args:
+        values: SI, (n,); time: of these, s, (n,).
+    """
+    steps = [float(np.median(np.diff(t))) if len(t) > 1 else 1.0 for t in (channel.time, time)]
+    block = max(round(steps[0] / steps[1]), 1)
+    return values[: len(values) // block * block].reshape(-1, block).mean(axis=1)
 
 
 def calibrated(

@@ -1,6 +1,6 @@
 """Random setting of an axis: each stop has its own rotation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,15 +62,11 @@ def find_setting_error(
     noise = noise_within_stops(fitted, whitened)
     if noise is None:
         return None
-    trials = stops_by_axis(observations, fitted)
     limit = float(np.log(ALPHA) - np.log(max(total, 1)))
-    chances = {
-        axis: _chance(stops, fitted, whitened, noise, limit) for axis, stops in trials.items()
-    }
-    axis = min(chances, key=lambda a: chances[a], default=None)
-    if axis is None or chances[axis] > limit:
+    axis, stops = _least_probable(fitted, whitened, noise, limit)
+    if not stops:
         return None
-    stops, within = trials[axis], whitened.under(models(noise))
+    within = whitened.under(models(noise))
     gain, values, variances = rotations_of_stops(stops, refit(fitted, within), within)
     first = rotations_of_stops(stops, refit(start, within), within)[0]
     # so many sizes take their share of chance as well
@@ -91,6 +87,20 @@ def find_setting_error(
     error = sigma / np.sqrt(2 * len(values))
     fault = Fault(effect, names, axes, words, sigma={"sigma": error})
     return SettingError(fault, stops, values, variances)
+
+
+def _least_probable(
+    fitted: FittedModel, whitened: WhitenedModel, noise: Sequence[NoiseFit], limit: float
+) -> tuple[str, list[Stop]]:
+    """The axis whose stops would agree with the least probability, and these; none above the
+    limit.
+    """
+    found, least = ("", list[Stop]()), limit
+    for axis, stops in stops_by_axis(whitened.observations, fitted):
+        chance = _chance(stops, fitted, whitened, noise, limit)
+        if chance < least or (chance == least and not found[1]):
+            found, least = (axis, stops), chance
+    return found
 
 
 def _chance(
@@ -164,11 +174,16 @@ def beside_stops(
     return refit(replace(fitted, terms=tuple(fitted.terms[k] for k in kept)), whitened)
 
 
-def stops_by_axis(observations: Observations, fitted: FittedModel) -> dict[str, list[Stop]]:
-    """The stops of each axis that stops often enough."""
-    axes = observations.scenario.rig.axis_names
-    every = {axis: _stops(observations, axis, fitted) for axis in axes}
-    return {axis: stops for axis, stops in every.items() if len(stops) >= FEWEST}
+def stops_by_axis(
+    observations: Observations, fitted: FittedModel
+) -> Iterator[tuple[str, list[Stop]]]:
+    """The stops of each axis that stops often enough; one axis at a time, as there may be hundreds
+    of stops.
+    """
+    for axis in observations.scenario.rig.axis_names:
+        stops = _stops(observations, axis, fitted)
+        if len(stops) >= FEWEST:
+            yield axis, stops
 
 
 def _stops(observations: Observations, axis: str, fitted: FittedModel) -> list[Stop]:
@@ -201,11 +216,12 @@ def rotations_of_stops(
     lengths = [len(c.values) for c in whitened.observations.channels]
     left = project(fitted.basis, whitened.residual(fitted.effects))
     scaled = [whitened.whiten(s.columns) for s in stops]
-    # with the model's own columns, which explain nothing of what they leave: a stop's column is
-    # not projected, because it would change every channel then
-    along = BlockDesignMatrix([*columns_of(fitted.basis), *scaled], lengths).explained(left)
     energy = np.array([sum(float(c @ c) for c in w.values()) for w in scaled])
     values = np.array([sum(float(c @ left[i]) for i, c in w.items()) for w in scaled]) / np.maximum(
         energy, 1e-300
     )
-    return along, values, 1 / np.maximum(energy, 1e-300)
+    # with the model's own columns, which explain nothing of what they leave: a stop's column is
+    # not projected, because it would change every channel then
+    matrix = BlockDesignMatrix([*columns_of(fitted.basis), *scaled], lengths)
+    del scaled  # of hundreds of stops: the matrix has a copy
+    return matrix.explained(left), values, 1 / np.maximum(energy, 1e-300)

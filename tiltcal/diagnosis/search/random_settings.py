@@ -56,14 +56,16 @@ def cost_with_random_settings(state: State) -> float:
     """
     fitted, whitened = state.fitted, state.whitened
     noise = noise_within_stops(fitted, whitened)
-    stops = stops_by_axis(whitened.observations, fitted)
-    if noise is None or not stops:
+    if noise is None:
         return np.inf
     within = repriced(state, whitened.as_fitted(noise))
-    evidence = max(_evidence(every, within.fitted, within.whitened) for every in stops.values())
+    stops = stops_by_axis(whitened.observations, fitted)
+    evidences = [_evidence(every, within.fitted, within.whitened) for _, every in stops]
+    if not evidences:
+        return np.inf
     names = len({h.id for h in whitened.hypotheses if h.listed})
     prior = np.log(SOMETHING * (1 - UNLISTED) / names)
-    return within.cost - evidence - float(prior)
+    return within.cost - max(evidences) - float(prior)
 
 
 def _evidence(stops: Sequence[Stop], fitted: FittedModel, within: WhitenedModel) -> float:

@@ -131,8 +131,19 @@ def make_runs(
     limits: Limits,
     make_laboratory: Callable[[], Laboratory],
     progress: Progress,
+    meanwhile: Callable[[], None] | None = None,
 ) -> int:
     """Make all runs of a shard that the journal does not have; how many these were.
+
+    Args:
+        campaign: whose runs they are.
+        shard: the part of it.
+        journal: of what is finished.
+        engine: where they are made.
+        limits: of time and memory of each.
+        make_laboratory: called once in each process; a function at the top of a module.
+        progress: is told the rate and the time left.
+        meanwhile: called in another thread when the first run is handed out.
 
     Raises:
         TiltcalError: the engine lost runs, or there is no room for the journal.
@@ -147,7 +158,8 @@ def make_runs(
     def recorded(task: Task, outcome: Outcome) -> str:
         return record_text(by_key.pop(task.key), outcome, limits)
 
-    return make_all(tasks(), shard.total(campaign), journal, engine, limits, recorded, progress)
+    total = shard.total(campaign)
+    return make_all(tasks(), total, journal, engine, limits, recorded, progress, meanwhile)
 
 
 def forget_faults(campaign: Campaign, journal: Journal) -> None:

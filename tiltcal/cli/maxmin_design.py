@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.cli.design import clock_given, problem_of
 from tiltcal.cli.design_options import Aim, TableTime
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import print_json, print_table, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.core.tasks.engines import Engine
@@ -46,7 +46,8 @@ def design_visible_poses(
     terms = 1 + seen.spanned.shape[1]
     if count <= terms:
         _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms absorb all of them")
-    found = blind_to_nothing(seen, clock, count, seed, engine=engine)
+    with progress_line() as progress:
+        found = blind_to_nothing(seen, clock, count, seed, engine=engine, progress=progress)
     if found.shares.min() < SEEN:
         _refuse(count, "more", f"they do not show {seen.names[int(found.shares.argmin())]}")
     problem, _ = problem_of(replace(aim, terms=()), table, scenario, clock)

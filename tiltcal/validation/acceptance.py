@@ -12,8 +12,7 @@ import numpy as np
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress, silent
-from tiltcal.core.tasks.run_tasks import Rate
+from tiltcal.core.progress import Progress, Rate, silent
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable

@@ -115,4 +115,5 @@ class Stages:
         rest = pace * here - (now - self._began)
         if rest >= 0:
             return f"about {duration(rest + pace * after)} left"
-        return f"{duration(pace * after)} or more left"
+        pace = (now - self._start) / (before + here)
+        return f"{duration(max(pace * after, 1.0))} or more left"

@@ -48,7 +48,7 @@ from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 AVERAGES = 250_000  # that are left of a recording, at most
 PART = 100_000  # rows that are held sample by sample
 AVERAGING, RESIDUALS = "averaging", "averaging residuals"
-SHARES = {AVERAGING: 30, RESIDUALS: 70}  # of the time, per cent, measured
+SHARES = {AVERAGING: 14, RESIDUALS: 86}  # of the time, per cent, measured
 OF_SAMPLES = (AdcQuantisation, AdcStuckBit, DataJitter, DataTruncation)
 """Faults that every sample tells, and no average."""
 

@@ -47,11 +47,13 @@ class NextBlock:
     Args:
         proposal: None where no block of this table can split anything.
         statement: in words; twins: pairs out of reach, with what would be needed.
+        considered: every block that was compared, the best first.
     """
 
     proposal: Proposal | None
     statement: str
     twins: tuple[str, ...] = ()
+    considered: tuple[Proposal, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -120,7 +122,7 @@ def next_block(
         )
     blocks = [b for b in candidates(table) if within(b, table)]
     design = propose(asked, blocks, scenario, limits.minutes, progress)
-    return NextBlock(design.best, _statement(design), _twins(design))
+    return NextBlock(design.best, _statement(design), _twins(design), design.proposals)
 
 
 def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> TableLimits:

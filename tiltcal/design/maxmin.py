@@ -82,16 +82,18 @@ class Goal:
     log_det: float
 
     def shares(self, angles: Array) -> Array:
-        """Share of each effect, (effects,)."""
+        """Share of each effect, (effects,). angles: rad, (n, axes)."""
         energy = Field(self.seen, angles).left_over(_even(angles)).mean(axis=0)
         return np.asarray(energy / self.references)
 
     def efficiency(self, angles: Array) -> float:
-        """D-efficiency of the linear terms: det(F'F / n)^(1/q) over the most."""
+        """D-efficiency of the linear terms: det(F'F / n)^(1/q) over the most. angles: rad, (n,
+        axes).
+        """
         return float(np.exp(Field(self.seen, angles).log_det(_even(angles))[0] - self.log_det))
 
     def merit(self, angles: Array) -> float:
-        """Least share, lessened where the linear terms lose too much."""
+        """Least share, lessened where the linear terms lose too much. angles: rad, (n, axes)."""
         return float(self.shares(angles).min() - 10 * max(REQUIRED - self.efficiency(angles), 0.0))
 
 
@@ -107,8 +109,11 @@ def blind_to_nothing(
     """The max-min design of some poses.
 
     Args:
-        seen: the effects; clock: what the table may do.
-        poses: how many; seed: of the drafts; starts: how many drafts.
+        seen: the effects.
+        clock: what the table may do.
+        poses: how many.
+        seed: of the drafts.
+        starts: how many drafts.
         engine: where drafts are improved; this process if not given. The design is the same.
         progress: is told what is being done, and how long it takes.
     """
@@ -174,7 +179,8 @@ def goal_of(seen: Signatures, field: Field, part: Part = unmeasured) -> tuple[Go
     at most.
 
     Args:
-        seen: the effects; field: of all poses of the grid.
+        seen: the effects.
+        field: of all poses of the grid.
         part: is told what part of the effects is done.
     """
     found = []
@@ -187,7 +193,9 @@ def goal_of(seen: Signatures, field: Field, part: Part = unmeasured) -> tuple[Go
 
 
 def climbed(angles: Array, goal: Goal, clock: Clock, iterations: int) -> Array:
-    """The poses after ascent of the soft minimum of the shares, the linear terms kept."""
+    """The poses after ascent of the soft minimum of the shares, the linear terms kept. angles: rad,
+    (n, axes).
+    """
     n, axes = angles.shape
     bounds = [pair or (-np.inf, np.inf) for pair in clock.limits]
     low, high = np.tile(np.array(bounds).T, n)

@@ -111,7 +111,7 @@ def poses_worth(problem: Problem) -> int:
 
 def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Array]:
     """Straight lines over the angles, folded into the limits: steps of one size, so that moves are
-    cheap.
+    cheap. Angles in rad, (n, axes).
     """
     clock, axes = problem.clock, problem.model.axes
     worth = poses_worth(problem)
@@ -129,7 +129,7 @@ def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Ar
 
 
 def folded(angles: Array, clock: Clock) -> Array:
-    """Angles reflected at the limits, as often as needed."""
+    """Angles reflected at the limits, as often as needed. angles: rad, (n, axes)."""
     found = angles.copy()
     for k, pair in enumerate(clock.limits):
         if pair is not None:

@@ -85,6 +85,11 @@ def _names(line: str, path: Path, number: int) -> list[str]:
 
 
 def read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
+    """All columns, (n,) each, and the metadata.
+
+    Raises:
+        TiltcalError: a cell is no number, naming its row and column.
+    """
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
@@ -206,6 +211,7 @@ def _reads_as_number(cell: str) -> bool:
 
 
 def write_csv_file(recording: Recording, path: Path) -> None:
+    """Write a recording as CSV."""
     with path.open("wb") as out:
         write_csv(recording, out)
 
@@ -255,6 +261,8 @@ def arrow_table(
     """These columns of a recording as an Arrow table: numbers, null for NaN, and text.
 
     Args:
+        recording: that is written.
+        names: of the columns.
         written: a text as the file has it.
     """
     import pyarrow as pa

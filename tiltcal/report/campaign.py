@@ -21,6 +21,8 @@ def write_campaign_report(results: Results, summary: dict[str, Any], path: Path)
     """Write the report.
 
     Args:
+        results: of the campaign.
+        path: of the file.
         summary: of these results.
     """
     figures: list[Plot] = []

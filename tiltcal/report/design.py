@@ -27,9 +27,11 @@ def write_design(
     """Write the report of a design.
 
     Args:
-        plan: the design; path: of the file.
+        plan: the design.
+        path: of the file.
         title: name of its scenario.
-        poses: of the plan; table: in these poses.
+        poses: of the plan.
+        table: in these poses.
         missing: what no pose of the plan shows or separates, a sentence each.
     """
     write_page(

@@ -34,7 +34,8 @@ def write_diagnosis(
     """Write the report of one diagnosis.
 
     Args:
-        diagnosis: the answer; path: of the file.
+        diagnosis: the answer.
+        path: of the file.
         sources: names of its recordings.
         poses: of its recordings.
         table: in these poses.

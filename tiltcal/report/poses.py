@@ -71,8 +71,10 @@ def poses_at(
     """The poses of a design.
 
     Args:
+        axes: names of the axes that tilt.
         setup: rig; its nominal mounting holds throughout.
-        up: in the body frame, (n, 3); angles: of ``axes``, rad, (n, axes).
+        up: in the body frame, (n, 3).
+        angles: of ``axes``, rad, (n, axes).
         starts: of the readings, s, (n,).
         group: what the poses belong to, in words.
     """
@@ -87,7 +89,8 @@ def poses_of_steps(steps: Sequence[Step], setup: Setup, group: str) -> list[Pose
     """The dwells of a sequence of steps.
 
     Args:
-        steps: in laboratory words; setup: whose table follows them.
+        steps: in laboratory words.
+        setup: whose table follows them.
         group: what the poses belong to, in words.
     """
     schedule = build_schedule(tuple(steps), setup.rig)

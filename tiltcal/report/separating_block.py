@@ -34,8 +34,10 @@ def write_separating_block(
     Args:
         plan: the block, or why there is none.
         path: of the file.
-        setup: that was diagnosed; title: its name.
-        poses: of the block; table: in these poses.
+        setup: that was diagnosed.
+        title: its name.
+        poses: of the block.
+        table: in these poses.
     """
     best = plan.proposal
     write_page(

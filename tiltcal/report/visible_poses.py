@@ -30,9 +30,11 @@ def write_visible_poses(
 
     Args:
         found: the poses and the share of each effect.
-        plan: the same poses with their times; path: of the file.
+        plan: the same poses with their times.
+        path: of the file.
         title: name of the scenario.
-        poses: of the plan; table: in these poses.
+        poses: of the plan.
+        table: in these poses.
         unseen: effects that no dwell shows, by what excites them.
     """
     write_page(

@@ -126,7 +126,12 @@ def run_scenario(
     """Simulate, calibrate, judge.
 
     Args:
-        laboratory: of this process; workers: other processes, which make the same runs.
+        scenario: that is run.
+        source: its file, for messages.
+        allow_commands: whether it may run programs as methods.
+        progress: is told the rate and the time left.
+        laboratory: of this process.
+        workers: other processes, which make the same runs.
         kept: runs that were made before, and takes those that are made.
 
     Raises:

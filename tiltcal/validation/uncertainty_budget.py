@@ -99,7 +99,8 @@ def make_budget(
     (``usual_sources``).
 
     Args:
-        method: its name, or a function; recording, setup: what it is called with.
+        method: its name, or a function.
+        recording, setup: what it is called with.
         tables: the stated sources.
         progress: is told how many runs of the method are left, and how long they take.
         options: of the method.

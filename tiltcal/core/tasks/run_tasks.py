@@ -78,7 +78,8 @@ def values_of(
     process.
 
     Args:
-        function: at the top of a module; calls: its arguments.
+        function: at the top of a module.
+        calls: its arguments.
         engine: where it is called; this process if not given.
         part: is told what part of the calls has returned.
 
@@ -114,6 +115,11 @@ def make_all(
     """Make all tasks that the journal does not have; how many these were.
 
     Args:
+        tasks: all of them, also those that the journal has.
+        journal: of what is finished.
+        engine: where they are made.
+        limits: of time and memory of each.
+        progress: is told the rate and the time left.
         total: how many there are, with those that it has.
         recorded: the record of an outcome, as it goes into the journal.
 

@@ -80,7 +80,8 @@ def read_long(
     """What is diagnosed in place of a long recording on a table.
 
     Args:
-        path: of the recording; scenario: what is known of it.
+        path: of the recording.
+        scenario: what is known of it.
         spans: to average over.
         kept: whether averages over so many samples keep every spectral line.
         progress: is told what is being done.

@@ -164,7 +164,9 @@ def _stop_columns(observations: Observations, axis: str, fitted: FittedModel) ->
 def rotations_of_stops(
     columns: Sequence[Columns], fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[float, Array, Array]:
-    """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
+    """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances.
+    Angles and variances: (stops,).
+    """
     lengths = [len(c.values) for c in whitened.observations.channels]
     left = project(fitted.basis, whitened.residual(fitted.effects))
     scaled = [whitened.whiten(c) for c in columns]

@@ -128,6 +128,9 @@ def next_block(
 def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> TableLimits:
     """What the table may do: the whole circle, unless the user or an inclinometer's range says
     otherwise.
+
+    Raises:
+        TiltcalError: a limit names an axis that the table does not have.
     """
     given = dict(limits.angles or {})
     flat = any(s.kind == "inclinometer" for s in scenario.sensor)

@@ -33,7 +33,8 @@ def build_dictionary(
 
     Args:
         columns: they are added to.
-        fitted: the calibrated scenario; lines: spectral lines of what it leaves.
+        fitted: the calibrated scenario.
+        lines: spectral lines of what it leaves.
         blurred: whether the table's angles are truncated.
         part: is told what part of the hypotheses is done.
     """

@@ -75,7 +75,8 @@ def most_probable(
     alone, and from the noise within the stops.
 
     Args:
-        start: the calibrated scenario; whitened: all hypotheses.
+        start: the calibrated scenario.
+        whitened: all hypotheses.
         gate: the noise under a model.
         found: is told the number of causes of the best model so far.
     """
@@ -101,6 +102,8 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
     """Search and noise in turn, until neither changes the other; never a model that costs more.
 
     Args:
+        state: to begin with.
+        gate: the noise under a model.
         visited: models that a search went on from; they are added to.
     """
     best, visited = state if state.fitted.terms else None, [] if visited is None else visited

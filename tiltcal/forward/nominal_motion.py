@@ -210,7 +210,7 @@ class SeveralPlaces(NominalMotion):
         return found
 
     def each(self, effect: Learned) -> dict[str, Array]:
-        """Change of the readings by one of each coefficient of a curve, by sensor, SI, (n, k, p)."""
+        """Change of the readings by one of each coefficient, by sensor, SI, (n, k, p)."""
         found: dict[str, Array] = {}
         for part in self._moved_by(effect):
             found |= part.each(effect)

@@ -105,7 +105,7 @@ def _named(finding: Finding) -> str:
         f"{name} {value:.4g} ± {sigma:.2g}"
         for name, (value, sigma) in list(finding.parameters.items())[:2]
     )
-    place = " ".join((*finding.sensors, *finding.axes))
+    place = " ".join((*finding.sensors, ", ".join(finding.axes))).strip()
     return f"{what}{f' on {place}' if place else ''}{f' ({sizes})' if sizes else ''}"
 
 

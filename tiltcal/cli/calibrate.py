@@ -136,10 +136,9 @@ def print_calibration(c: Calibration) -> None:
             for r in parameter_rows(c, {})
         ],
     )
-    print_table(
-        ["test", "", "statement"],
-        [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests],
-    )
+    tests = [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests]
+    if tests:
+        print_table(["test", "", "statement"], tests)
     for name, (rms, unit) in c.heldout_shown.items():
         paragraph(f"held-out residual of {name}: {rms:.4g} {unit} (whole directions held out)")
     for w in c.warnings:

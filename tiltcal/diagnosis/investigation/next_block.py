@@ -117,8 +117,7 @@ def next_block(
     if not asked:
         return NextBlock(
             None,
-            "What is ambiguous is the meaning of the data, not physics: no motion splits it. "
-            + _by_hand(diagnosis),
+            "No motion of the table separates the alternatives. What does: " + _by_hand(diagnosis),
         )
     blocks = [b for b in candidates(table) if within(b, table)]
     design = propose(asked, blocks, scenario, limits.minutes, progress)

@@ -113,8 +113,7 @@ class Bench:
         Args:
             angles: rad, (count, 2), any turn.
             dwell: s, (count,).
-            live: those that take part,
-                (count,).
+            live: those that take part, (count,).
 
         Returns:
             Nats gained, (count,); whether the episode is over, (count,); seconds spent, (count,).

@@ -24,12 +24,13 @@ demo: setup  ## simulate, calibrate and verify on built-in scenarios; prints a t
 test: setup  ## the whole test suite
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
 
-check: setup  ## format, lint, types, import contract, ids of effects, statistics of the source
+check: setup  ## format, lint, types, import contract, ids of effects, docstrings, statistics of the source
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m tests.checks.effect_ids
+	$(BIN)/python -m tests.checks.docstrings
 	$(BIN)/python -m tests.checks.structure
 
 bench: setup  ## accuracy, speed and memory figures (never part of the tests)

@@ -193,7 +193,7 @@ def test_hand_held_and_the_meaning_of_data_are_left_to_words() -> None:
     )
     plan = next_block(known, [recording], told, {**amended, "effect": []}, Limits(), silent)
     assert plan.proposal is None
-    assert "meaning of the data" in plan.statement
+    assert "No motion of the table" in plan.statement
 
 
 def test_too_few_poses_ask_for_more() -> None:

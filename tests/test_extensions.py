@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -120,6 +121,17 @@ def test_its_method_is_judged_like_ours_on_its_table(tiltcal):
     report = json.loads(tiltcal("run", "faces.toml", "--json"))
     (judged,) = report["scenarios"][0]["methods"]
     assert (judged["method"], judged["accepted"]) == ("opposite_faces", True)
+
+
+def test_the_page_on_methods_shows_what_its_commands_print(tiltcal, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
+    tiltcal("simulate", "faces.toml", "-o", "faces.csv")
+    words = ["--scenario", "faces.toml", "--method", "opposite_faces"]
+    printed = tiltcal("calibrate", "faces.csv", *words) + tiltcal("run", "faces.toml")
+    rows = [x for x in printed.splitlines() if re.match(r" (accel|a gimbal)|opposite_faces:", x)]
+    page = (Path(__file__).parents[1] / "docs" / "extend_method.md").read_text(encoding="utf-8")
+    assert len(rows) == 8
+    assert [row for row in rows if row not in page.splitlines()] == []
 
 
 def test_mujoco_and_the_closed_form_agree_on_its_table(run):

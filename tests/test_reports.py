@@ -5,6 +5,7 @@ the keyboard, and what comes from files stays text.
 import json
 import shutil
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -16,24 +17,38 @@ from tiltcal.api.table_scene import table_in, table_picture
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli import main
 from tiltcal.design.identifiability import reference_scenario
+from tiltcal.design.recording_blocks import CIRCLE, TableLimits, candidates
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
 from tiltcal.diagnosis.conclusions.law_plots import angles_of
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.investigation.discriminating_blocks import Pair, Proposal
+from tiltcal.diagnosis.investigation.next_block import NextBlock
 from tiltcal.diagnosis.investigation.progress_log import Entry, Investigation
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import AngleEffect, FrameEffect
-from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.laboratory.scenario import load_scenario, parse_scenario
 from tiltcal.report.certificate import certificate_page, make_certificate
 from tiltcal.report.diagnosis import lead, write_diagnosis
 from tiltcal.report.investigation import write_investigation
-from tiltcal.report.poses import poses_of
+from tiltcal.report.poses import poses_of, poses_of_steps
+from tiltcal.report.separating_block import write_separating_block
 from tiltcal.report.stated import Stated
 
 HOSTILE = "</script><script>document.title='run'</script><b>\"'&amp;"
 MARKED = "<script>document.title='run'<!--.toml"
-PAGES = ("diagnosis", "verification", "campaign", "design", "investigation", "certificate")
+PAGES = (
+    "diagnosis",
+    "verification",
+    "campaign",
+    "design",
+    "visible_poses",
+    "separating_block",
+    "investigation",
+    "certificate",
+)
 DRAWN = tuple(page for page in PAGES if page != "certificate")  # one that is printed has no plots
 LIMIT = 6 * 2**20  # bytes
+VISIBLE = ("--blind-to-nothing", "14", "--terms", "acc_K2", "acc_Kip", "acc_drift")
 PHONE = {"width": 390, "height": 844}
 DESK = {"width": 1280, "height": 900}
 
@@ -67,11 +82,14 @@ def pages(good, remounted, tmp_path_factory):
         ["run", out / "claims.toml", "-o", out / "run"],
         ["sweep", out / MARKED, *words, "-o", out / "s.parquet"],
         ["design", out / "model.toml", "--budget-s", "60", "-o", out / "design"],
+        ["design", out / "model.toml", *VISIBLE, "-o", out / "visible"],
     ):
         assert main([str(word) for word in command]) == 0
     shutil.copy(out / "run" / "report.html", out / "verification.html")
     shutil.copy(out / "s.html", out / "campaign.html")
     shutil.copy(out / "design" / "report.html", out / "design.html")
+    shutil.copy(out / "visible" / "report.html", out / "visible_poses.html")
+    write_block(out / "separating_block.html", load_scenario(out / "model.toml"))
     answer = json.loads(json.dumps(found.to_json()))
     entry = Entry(HOSTILE, HOSTILE, 2.0, 0.9, "sequence_1.csv", "recording_1.csv")
     state = Investigation((), (entry, entry), ("ambiguous",) * 2, HOSTILE)
@@ -80,6 +98,18 @@ def pages(good, remounted, tmp_path_factory):
     made = replace(made, picture=table_picture(made.setup))
     (out / "certificate.html").write_text(certificate_page(made), encoding="utf-8")
     return {name: out / f"{name}.html" for name in PAGES}
+
+
+def write_block(path, scenario):
+    """The report of a block whose words and rivals are markup."""
+    limits = TableLimits(scenario.rig, dict.fromkeys(scenario.rig.axis_names, CIRCLE), 30.0, 3.0)
+    blocks = [replace(b, words=HOSTILE) for b in islice(candidates(limits), 3)]
+    pairs = (Pair(HOSTILE, "acc_K2", 30.0, 13.0), Pair("acc_K2", HOSTILE, 90.0, 13.0))
+    proposals = tuple(Proposal(b, 1.0 + k, pairs) for k, b in enumerate(blocks))
+    plan = NextBlock(proposals[0], HOSTILE, (HOSTILE,), proposals)
+    poses = poses_of_steps(blocks[0].steps, scenario, HOSTILE)
+    table = table_in(poses, scenario)
+    write_separating_block(plan, path, scenario, scenario.name, poses, table)
 
 
 @pytest.fixture(scope="module")

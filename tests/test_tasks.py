@@ -11,11 +11,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import pytest
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.progress import Rate
 from tiltcal.core.tasks.disposable import DisposableProcess, call_apart, close_all
 from tiltcal.core.tasks.engines import Engine, open_engine
 from tiltcal.core.tasks.journal import open_journal
 from tiltcal.core.tasks.outcome import Limits
-from tiltcal.core.tasks.run_tasks import Rate, Task, make_all, outcomes, values_of
+from tiltcal.core.tasks.run_tasks import Task, make_all, outcomes, values_of
 
 USUAL = Limits(30.0, 600)
 NO_NEGATIVE = "TypeError: bad operand type for unary -: 'Limits'"

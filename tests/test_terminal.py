@@ -3,16 +3,32 @@ quiet when it is asked for, and progress with the time left.
 """
 
 import json
+import os
+import pty
 import re
+import shutil
+import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from tiltcal.cli import main
+from tiltcal.cli.commands import COMMANDS
 from tiltcal.cli.output import fitted_widths, print_table
+from tiltcal.core.progress import Stages
 
-STATEMENT = re.compile(r"note: |held-out residual of \w+: |(.*, )?six_position: ")
-"""Lines that are one sentence: they may be long."""
+VISIBLE = ("--blind-to-nothing", "14", "--terms", "acc_K2", "acc_Kip", "acc_drift")
+CAMPAIGN = """\
+schema = 1
+scenario = "bench.toml"
+name = "dwell and noise"
+[[factor]]
+field = "effect.acc_noise.white_ug_rthz"
+values = [20, 100]
+"""
+LEFT = r".* (about|or more|[\d.e+]+ a second,) .*left"
 
 
 @pytest.fixture
@@ -22,6 +38,15 @@ def narrow(monkeypatch):
 
 def made(good, *names):
     return [str(good / name) for name in names]
+
+
+def named(words, good):
+    """The words of a command line, with the files that they stand for."""
+    files = {"SCENARIO": "bench.toml", "REC": "run.csv", "CAL": "CAL.json"}
+    if "CAMPAIGN" in words:
+        shutil.copy(good / "bench.toml", "bench.toml")
+        Path("CAMPAIGN").write_text(CAMPAIGN)
+    return [str(good / files[w]) if w in files else w for w in words]
 
 
 @pytest.mark.parametrize(
@@ -39,18 +64,28 @@ def made(good, *names):
         ("calibrate", "REC", "--scenario", "SCENARIO", "--method", "six_position", "--budget"),
         ("run", "SCENARIO"),
         ("design", "SCENARIO", "--budget-s", "60", "--terms", "bias"),
+        ("diagnose", "REC", "--scenario", "SCENARIO", "-o", "out"),
+        ("verify", "SCENARIO", "-o", "out"),
+        ("campaign", "CAMPAIGN", "-o", "out"),
+        ("design", "SCENARIO", *VISIBLE),
         ("sweep", "SCENARIO", "--effect", "acc_K2.k2_x_ug_g2=0:90:2", "-o", "k2.parquet"),
     ],
     ids=lambda words: "-".join(words[:2]),
 )
 @pytest.mark.usefixtures("here", "narrow")
 def test_lines_in_a_pipe_fit_80_columns(words, good, capsys):
-    files = {"SCENARIO": "bench.toml", "REC": "run.csv", "CAL": "CAL.json"}
-    assert main([str(good / files[w]) if w in files else w for w in words]) in (0, 1)
+    assert main(named(words, good)) in (0, 1)
     out = capsys.readouterr().out
-    wide = [line for line in out.splitlines() if len(line) > 80 and not STATEMENT.match(line)]
     assert out
-    assert not wide
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+@pytest.mark.usefixtures("narrow")
+def test_help_fits_80_columns(command, capsys):
+    assert main([*command.split(), "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if len(line) > 80] == []
 
 
 def test_columns_shrink_between_words_and_never_below_one():
@@ -89,12 +124,18 @@ def test_quiet_leaves_errors_and_results(good, here, capsys):
     assert main(["segments", recording]) == 0
 
 
-@pytest.mark.usefixtures("here")
-def test_the_budget_says_how_long_it_takes(good, monkeypatch):
+@pytest.fixture
+def told(monkeypatch):
+    """What commands tell of their progress."""
     from tiltcal.cli import output
 
-    told = []
-    monkeypatch.setattr(output._Lines, "show", lambda _, text: told.append(text))
+    words = []
+    monkeypatch.setattr(output._Lines, "show", lambda _, text: words.append(text))
+    return words
+
+
+@pytest.mark.usefixtures("here")
+def test_the_budget_says_how_long_it_takes(good, told):
     scenario, recording = made(good, "bench.toml", "run.csv")
     words = ["calibrate", recording, "--scenario", scenario, "--method", "six_position"]
     assert main([*words, "--report", "page.html"]) == 0
@@ -102,6 +143,68 @@ def test_the_budget_says_how_long_it_takes(good, monkeypatch):
     counts = [re.fullmatch(pattern, text).groups() for text in told]
     assert counts[-1][0] == counts[-1][1]
     assert len(counts) == int(counts[-1][1])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("diagnose", "REC", "--scenario", "SCENARIO"),
+        ("design", "SCENARIO", "--budget-s", "60", "--terms", "bias"),
+        ("design", "SCENARIO", *VISIBLE),
+        ("film", "SCENARIO", "--seconds", "0.2", "-o", "film.mp4"),
+        ("verify", "SCENARIO"),
+        ("campaign", "CAMPAIGN", "-o", "out"),
+    ],
+    ids=lambda words: f"{words[0]}-{len(words)}",
+)
+@pytest.mark.usefixtures("here")
+def test_long_work_tells_the_time_left_unless_quiet(words, good, told):
+    assert main(named(words, good)) in (0, 1)
+    assert [text for text in told if re.fullmatch(LEFT, text)]
+    told.clear()
+    assert main([*named(words, good), "--quiet"]) in (0, 1)
+    assert told == []
+
+
+def test_the_time_left_follows_the_shares_of_the_stages(monkeypatch):
+    now, told = [0.0], []
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    stages = Stages(told.append, {"first": 1.0, "second": 2.0, "third": 1.0})
+    stages.begin("first")
+    for now[0], act, argument in (
+        (1.0, stages.part, 0.5),  # an eighth of the work in 1 s
+        (2.0, stages.begin, "second"),
+        (3.0, stages.still, "one found"),
+        (9.0, stages.still, "two found"),  # beyond its share: what is left is a lower bound
+        (9.0, stages.begin, "third"),
+        (9.0, stages.part, 0.5),
+    ):
+        act(argument)
+    assert told == [
+        "first",
+        "first: about 7 s left",
+        "second: about 6 s left",
+        "second (one found): about 5 s left",
+        "second (two found): 3 s or more left",
+        "third: about 3 s left",
+        "third: about 1 s left",
+    ]
+
+
+def test_on_a_terminal_progress_is_one_line_with_the_time_left(good):
+    """A diagnosis on a pseudo-terminal: its last words on progress are followed by none."""
+    scenario, recording = made(good, "bench.toml", "run.csv")
+    program = [sys.executable, "-m", "tiltcal", "diagnose", recording, "--scenario", scenario]
+    reader, writer = pty.openpty()
+    done = subprocess.run(
+        program, stderr=writer, stdout=subprocess.PIPE, text=True, check=True, timeout=60
+    )
+    os.close(writer)
+    shown = os.read(reader, 1 << 20).decode()
+    os.close(reader)
+    assert re.search(r"searching for effects.*: .*left", shown)
+    assert shown.count("\n") <= shown.count("\x1b[1A") + 1  # each line is written over
+    assert done.stdout.startswith("match")
 
 
 def test_no_colour_in_a_pipe(capsys):

@@ -143,7 +143,7 @@ def test_the_median_reaches_what_physics_allows():
     """PHYSICS 6 (4): bound 0.516 arcsec; a median is sqrt(pi/2) worse."""
     bound = SIGMA / (G * np.sqrt(2 * SAMPLES))
     assert bound / ARCSEC == pytest.approx(0.516, abs=0.001)
-    draws = 4000
+    draws = draws_of(4000)
     band = chi2.ppf([P, 1 - P], draws) / draws
     median = np.mean(monte_carlo(draws, "reversal by median", "median") ** 2) / bound**2
     assert band[0] * np.pi / 2 < median * (1 + 1 / SAMPLES)
@@ -156,7 +156,7 @@ def test_a_median_of_codes_defeats_the_dither():
     there).
     """
     code = 30.5e-6 * G0
-    draws = 2000
+    draws = draws_of(2000)
     mean = np.sqrt(np.mean(monte_carlo(draws, "codes by mean", "mean", code) ** 2)) / ARCSEC
     median = np.sqrt(np.mean(monte_carlo(draws, "codes by median", "median", code) ** 2)) / ARCSEC
     spread = 3.29 * np.sqrt(1 / (2 * draws) + 1 / (2 * 400))  # both figures are Monte Carlo
@@ -170,7 +170,7 @@ def test_the_uncertainty_is_consistent_for_an_inclinometer():
     setup = Setup(site=SETUP.site, rig=SETUP.rig, sensor=(INCL,))
     rng = rng_of("reversal consistency")
     angles = np.array([0.0, 180.0, 0.0])
-    draws, total = 4000, 0.0
+    draws, total = draws_of(4000), 0.0
     for _ in range(draws):
         tilt = np.arcsin(readings(0.01, -0.02, angles, 1e-3) / G)
         draw = log_of(

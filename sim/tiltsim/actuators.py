@@ -37,7 +37,7 @@ INNER = 1e-5  # kg m2, of a ring's hinge itself, which keeps two hinges of one b
 
 def install_drives(spec: "mujoco.MjSpec", mechanisms: Sequence[Mechanism], gravity: float) -> None:
     """Friction, damping, ballasts and cables of the servos, whose stiffness is already what it will
-    be.
+    be. gravity: m/s2.
     """
     for servo in spec.actuators:
         joint, kp = spec.joint(servo.name), float(servo.gainprm[0])
@@ -164,7 +164,9 @@ class Torques:
         ]
 
     def plan(self, time: Array) -> None:
-        """The torques that do not depend on the state, at the instants of the next steps, (n,)."""
+        """The torques that do not depend on the state, at the instants of the next steps, (n,).
+        time: s.
+        """
         if self.rings:
             self.wound = winding(self.schedule, time)[:, None] * self.hold
 
@@ -180,7 +182,7 @@ class Torques:
 
 def winding(schedule: Schedule, time: Array) -> Array:
     """0 at rest; 0 to 1 in the course of each motion between two stops, with continuous
-    acceleration, (n,).
+    acceleration, (n,). time: s.
     """
     legs = schedule.legs
     which = np.asarray(schedule.leg_of(time))

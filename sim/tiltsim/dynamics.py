@@ -106,7 +106,7 @@ class DynamicCourse:
         return self.scenario.schedule.times
 
     def drive(self, time: Array) -> Drive:
-        """Readout, structure and (hand-held) attitude at these times, (n,)."""
+        """Readout, structure and (hand-held) attitude at these times, (n,). time: s."""
         asked = self.scenario.schedule.drive(time)
         if not self.scenario.rig.axes:
             return replace(asked, attitude=self.log.attitude(time))

@@ -41,7 +41,7 @@ class Log:
 
     def attitude(self, time: Array) -> Attitude:
         """Attitude of a free body at these times: that of the row before, then a small rotation
-        vector u.
+        vector u. time: s, (n,).
 
         Its body rate is w = u' - u x u' / 2 + u x (u x u') / 6 (Bortz), so that u' = w + u x w / 2
         + ...

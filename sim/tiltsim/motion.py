@@ -101,7 +101,7 @@ def read_states(
     rig: Rig, q: Array, v: Array, a: Array, world: World, time: Array
 ) -> tuple[Array, ...]:
     """Force, rate, up, north and angular acceleration in the body frame at given joint states, (n,
-    3) each.
+    3) each. q, v, a: rad, rad/s and rad/s2, (n, joints); time: s, (n,).
 
     States that repeat (a dwell) are computed once.
     """

@@ -92,7 +92,8 @@ def designed(
 
     Args:
         scenario: whose table moves.
-        problem: terms, clock and criterion; unseen: effects that it leaves out.
+        problem: terms, clock and criterion.
+        unseen: effects that it leaves out.
         everything: whether terms that no poses tell are reported instead of refused.
         seed: of the search.
         progress: is told what is being done.

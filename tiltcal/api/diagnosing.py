@@ -110,8 +110,10 @@ def write_results(
     """Write the files of a diagnosis.
 
     Args:
-        found: the answer; folder: where its files go.
-        scenario: that was diagnosed; recordings: of it.
+        found: the answer.
+        folder: where its files go.
+        scenario: that was diagnosed.
+        recordings: of it.
         files: of the recordings, for `design --split`; none where they are not known.
     """
     import tomli_w

@@ -182,11 +182,15 @@ class Scenario(laboratory.Scenario):
             nuisance: terms that are fitted but not of interest.
             sensor: its name, if the scenario has several accelerometers.
             criterion: tilt (or I), D, A, or both.
-            grade: of the instrument, sets the prior sizes; prior: one relative size instead.
+            grade: of the instrument, sets the prior sizes.
+            prior: one relative size instead.
             floor_ug: error of a pose mean that averaging does not reduce.
             range_deg: working range about level for the tilt error.
-            rate_deg_s: of moves; settle_s: after each; dwell_s: shortest and longest reading.
-            angles_deg: axis -> lowest and highest angle; step_deg: angles are its multiples.
+            rate_deg_s: of moves.
+            settle_s: after each.
+            dwell_s: shortest and longest reading.
+            angles_deg: axis -> lowest and highest angle.
+            step_deg: angles are its multiples.
             seed: of the search.
             progress: is told what is being done.
 

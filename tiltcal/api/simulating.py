@@ -1,12 +1,12 @@
 """Simulating: the MuJoCo laboratory, recordings of a scenario, and their truth."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import entry_points
 
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress, silent
+from tiltcal.core.progress import Progress, Rate, silent
 from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
 from tiltcal.forward.kinematics import closed_form
@@ -25,13 +25,26 @@ def simulator(progress: Progress = silent) -> Laboratory:
     """
     for entry in entry_points(group="tiltcal.laboratories"):
         if entry.name == "mujoco":
-            return entry.load()(progress=lambda done, steps: progress(f"step {done} of {steps}"))
+            return entry.load()(progress=_in_steps(progress))
     raise TiltcalError(
         "simulator",
         found="none installed",
         need="the package tiltsim",
         do="install tiltcal with its simulator",
     )
+
+
+def _in_steps(progress: Progress) -> Callable[[int, int], None]:
+    """Tells the steps that are done, of how many; fewer than before begin another run."""
+    rate, before = Rate(0), 0
+
+    def told(done: int, steps: int) -> None:
+        nonlocal rate, before
+        if rate.made + before >= done or not before:
+            rate, before = Rate(steps, "steps"), done
+        progress(rate.after(done - before, before))
+
+    return told
 
 
 def seed_used(scenario: Scenario, noise: bool, seed: int | None) -> int | None:

@@ -20,7 +20,7 @@ class Corrected:
     range: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def count(self, chunk: Recording, added: dict[str, Array], calibration: Calibration) -> None:
-        """Add a chunk."""
+        """Add a chunk. added: columns of the chunk, (n,) each."""
         self.rows += len(chunk)
         for name in added:
             self._widen(chunk, name)

@@ -97,11 +97,14 @@ def corrected_columns(
     course: Course | None = None,
 ) -> dict[str, Array]:
     """The columns that correction adds, full length: corrected readings in their own unit, and tilt
-    where defined.
+    where defined. (n,) each.
 
     ``<sensor>_<axis>_corrected_<unit>``, ``tilt_x_deg``, ``tilt_y_deg``.
 
     Args:
+        recording: what is corrected.
+        calibration: whose terms are taken away.
+        setup: of the recording.
         force: what g-sensitivities follow; the recording's own unless given.
         course: of the temperature; the recording's own unless given.
     """

@@ -34,6 +34,7 @@ def triad_noise(models: Mapping[str, NoiseModel], quantity: str, source: str) ->
     """The noise of the first triad of that quantity.
 
     Args:
+        source: of the recording, for messages.
         models: column -> noise, as the Allan variance of a recording at rest gives it.
         quantity: acceleration or rate.
 
@@ -113,6 +114,7 @@ def sdf_imu(
     correlation time is long.
 
     Args:
+        accel, gyro: noise of the two triads.
         bias: acceleration and rate -> bias of each axis, SI; zeros where it is not known.
     """
     lines = [f"<!-- update_rate {accel.rate:.6g} Hz; SI units -->", "<imu>"]

@@ -223,6 +223,7 @@ def require_finite(found: Calibration, source: str) -> None:
     """Refuse the result of a method that is not in numbers.
 
     Args:
+        found: the result.
         source: the recording that it comes from.
 
     Raises:
@@ -281,8 +282,8 @@ def calibration_from(table: Mapping[str, Any], subject: str = "calibration") -> 
 
 
 def tilt_angles(f: Array, sensor: Sensor, g: float) -> dict[str, Array]:
-    """Elevations of body x and y from corrected forces, rad: ``asin(f / g)``; of a triad
-    ``asin(f / |f|)``.
+    """Elevations of body x and y from corrected forces, rad: ``asin(f / g)``; of a triad ``asin(f /
+    |f|)``. f: m/s2, (n, k); (n,) each.
     """
     found = {}
     length = np.sqrt(np.einsum("ij,ij->i", f, f)) if f.shape[1] == 3 else np.full(len(f), g)

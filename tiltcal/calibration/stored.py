@@ -107,7 +107,9 @@ class StoredCalibration(Stored):
 
     @property
     def matrix(self) -> "np.typing.NDArray[np.float64]":
-        """The covariance in the order of the parameters; of the sigmas where none is stated."""
+        """The covariance in the order of the parameters; of the sigmas where none is stated. (p,
+        p).
+        """
         stated = self.covariance
         if stated is None or not stated.names:
             return np.diag([e.sigma**2 for e in self.parameters.values()])

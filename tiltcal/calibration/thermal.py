@@ -59,7 +59,8 @@ class Course:
         """From readings; ``before`` is the course up to here, where a recording comes in pieces.
 
         Args:
-            time: s; temperature: degC, (n,), no gaps.
+            time: s.
+            temperature: degC, (n,), no gaps.
             smoothing: time constant of the low-pass that takes noise and codes off, s.
             memory: that is followed.
             before: the pieces before this one.
@@ -189,7 +190,7 @@ class ThermalTerms:
 
 def held(values: Array, start: float = np.nan) -> Array:
     """Values with the last known one held where there is none; before the first, ``start`` or the
-    first known, (n,).
+    first known, (n,). start: in the unit of the values.
     """
     known = np.flatnonzero(~np.isnan(values))
     if not len(known):
@@ -216,7 +217,7 @@ class ThermalStream:
 
 
 def at_rows(course: Course, rows: Index) -> Course:
-    """The course at some rows."""
+    """The course at some rows. rows: (m,)."""
     return replace(
         course, time=course.time[rows], level=course.level[rows], memory=course.memory[rows]
     )

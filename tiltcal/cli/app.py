@@ -28,8 +28,8 @@ Simulate a table and an instrument with known errors in MuJoCo. Calibrate
 recordings, with uncertainties and a verdict. Verify algorithms, including
 yours, against the injected errors. Find out which physics a model leaves out.
 
-Every command takes --json (machine-readable output) and --quiet (no progress and
-no notices on stderr), before or after its name.
+Every command takes --json (machine-readable output) and --quiet (no progress
+and no notices on stderr), before or after its name.
 """
 JSON, QUIET = "--json", "--quiet"
 FIRST_STEPS = """\

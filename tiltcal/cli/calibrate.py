@@ -17,7 +17,7 @@ from tiltcal.cli.certificate import (
     write_reports,
 )
 from tiltcal.cli.options import DEFAULT_BUDGET, DescribedBy, Json, MoreBudget, SegmentsFile
-from tiltcal.cli.output import print_json, print_table, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, print_table, progress_line
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import silent
 from tiltcal.laboratory.scenario import load_scenario
@@ -138,15 +138,14 @@ def print_calibration(c: Calibration) -> None:
             for r in parameter_rows(c, {})
         ],
     )
-    print_table(
-        ["test", "", "statement"],
-        [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests],
-    )
+    tests = [[t.name, "passed" if t.passed else "FAILED", t.statement] for t in c.tests]
+    if tests:
+        print_table(["test", "", "statement"], tests)
     for name, (rms, unit) in c.heldout_shown.items():
-        say(f"held-out residual of {name}: {rms:.4g} {unit} (whole directions held out)")
+        paragraph(f"held-out residual of {name}: {rms:.4g} {unit} (whole directions held out)")
     for w in c.warnings:
-        say(f"note: {w}")
-    say(
+        paragraph(f"note: {w}")
+    paragraph(
         f"{c.method}: {len(c.poses)} dwells, chi2/dof {c.chi2_per_dof:.3g} with {c.dof} degrees of"
         f" freedom; verdict: {c.verdict}{'' if c.tests else ' (no test of its own)'}"
     )

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tiltcal.cli.output import print_table, say
+from tiltcal.cli.output import paragraph, print_table
 
 HEADER = ("method", "runs", "verdicts", "NEES/dof", "95 %", "tilt after, arcsec", "95 %", "bound")
 ALL_PARAMETERS = ("tilt_after_arcsec", "nees_per_dof")
@@ -24,11 +24,13 @@ def print_summary(summary: dict[str, Any]) -> None:
             _print_sensitivity(method, cell["values"], found.get("sensitivity", {}))
     for failed in summary["failed"]:
         where = ", ".join(f"{k} = {_text(v)}" for k, v in failed["values"].items())
-        say(f"no result: {failed['method']}, {where}, seed {failed['seed']}: {failed['error']}")
+        paragraph(
+            f"no result: {failed['method']}, {where}, seed {failed['seed']}: {failed['error']}"
+        )
     for fault, count in summary["faults"].items():
-        say(f"{count} runs lost their process ({fault})")
+        paragraph(f"{count} runs lost their process ({fault})")
     missing = summary["runs_planned"] - summary["runs"]
-    say(f"{summary['runs']} of {summary['runs_planned']} runs" + _missing(missing))
+    paragraph(f"{summary['runs']} of {summary['runs_planned']} runs" + _missing(missing))
 
 
 def _missing(count: int) -> str:
@@ -59,7 +61,7 @@ def _print_sensitivity(method: str, values: dict[str, Any], found: dict[str, Any
         print_table(header, rows, title=f"sensitivity: {method} {where}".rstrip())
     for name, indices in found.items():
         if "reason" in indices:
-            say(f"{method}, {name}: no sensitivity indices, {indices['reason']}")
+            paragraph(f"{method}, {name}: no sensitivity indices, {indices['reason']}")
 
 
 def _index(index: dict[str, Any]) -> list[str]:

@@ -16,7 +16,7 @@ from tiltcal.api.simulating import simulator
 from tiltcal.cli.demo_case import bench, concealed, ordinary
 from tiltcal.cli.diagnose import diagnose
 from tiltcal.cli.options import SEED, Json
-from tiltcal.cli.output import print_table, progress_line, say, tell
+from tiltcal.cli.output import paragraph, print_table, progress_line, say, tell
 from tiltcal.cli.verify import finish
 from tiltcal.core.assets import folder
 from tiltcal.core.files import make_folder, write_text
@@ -125,7 +125,7 @@ def show(found: tuple[dict[str, Any], dict[str, Any]], out: Path, seed: int) -> 
         ["fit", "before", "after"],
         [[words, _figure(before[k]), _figure(after[k])] for k, words in names.items()],
     )
-    say(f"{answer['verdict']}: {answer['statement']}")
+    paragraph(f"{answer['verdict']}: {answer['statement']}")
     say(f"report of the diagnosis: {out / 'diagnosis' / 'report.html'}")
 
 

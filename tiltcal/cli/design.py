@@ -78,7 +78,7 @@ def design(
       tiltcal design --textbook quadratic --budget-s 300
       tiltcal design --split out/diagnosis.json --scenario bench.toml -o next
 
-    The last one writes sequence.csv and next_block.json.
+    The last one writes sequence.csv, next_block.json and report.html.
     """
     if split is not None:
         from tiltcal.cli.separating_block import design_separating_block
@@ -170,7 +170,7 @@ def show(found: DesignedSequence) -> None:
             " that include the drift"
         )
     if found.unseen:
-        say("not visible in any pose: " + ", ".join(found.unseen))
+        paragraph("not visible in any pose: " + ", ".join(found.unseen))
     if found.inseparable:
         names = ", ".join(found.inseparable)
-        say(f"not separable from the other terms by these poses: {names}")
+        paragraph(f"not separable from the other terms by these poses: {names}")

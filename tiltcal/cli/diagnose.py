@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from tiltcal.api.diagnosing import explain, honest_scenario, results_json, write_results
 from tiltcal.cli.options import DEFAULT_BUDGET, DescribedBy, Json, MoreBudget
-from tiltcal.cli.output import print_json, progress_line, say
+from tiltcal.cli.output import paragraph, print_json, progress_line
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.diagnosis.diagnose import read_for_diagnosis, read_static
 
@@ -50,5 +50,5 @@ def diagnose(
     if as_json:
         print_json(results_json(found, recordings))
     else:
-        say(found.headline())
+        paragraph(found.headline())
     return 1 if check and found.verdict != "match" else 0

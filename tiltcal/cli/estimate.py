@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.calibrate import parse_options
 from tiltcal.cli.options import DescribedBy, Json
-from tiltcal.cli.output import print_json, say, tell
+from tiltcal.cli.output import paragraph, print_json, tell
 from tiltcal.core.units import DEG
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording, require_suffix, write_recording
@@ -59,5 +59,5 @@ def estimate(
     else:
         words = ", ".join(f"{name} {value:.6g}" for name, value in last.items())
         tell(f"{output}: {len(recording)} samples, answered {answered:.1%}")
-        say(f"last answer: {words}")
+        paragraph(f"last answer: {words}")
     return 0

@@ -147,7 +147,8 @@ def _propose(file: Path, budget: Budget, output: Path | None, as_json: bool) -> 
         say(text.rstrip("\n"))
     else:
         doubts = len(proposal.doubts)
-        tell(f"{output}: proposed; {doubts} things it cannot know, see there")
+        what = "thing" if doubts == 1 else "things"
+        tell(f"{output}: proposed; {doubts} {what} it cannot know, see there")
     return 0
 
 

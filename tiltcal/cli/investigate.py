@@ -11,7 +11,7 @@ from tiltcal.api.diagnosing import explain, honest_scenario, write_results
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
-from tiltcal.cli.output import print_json, progress_line, say, tell
+from tiltcal.cli.output import paragraph, print_json, progress_line, tell
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
@@ -126,8 +126,10 @@ def _show(state: Investigation, output: Path, as_json: bool) -> None:
         print_json(state.to_json())
         return
     for entry in state.entries:
-        say(f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time")
-    say(f"{state.verdicts[-1]}: {state.statement}")
+        paragraph(
+            f"recorded {entry.recording}: {entry.block}, {entry.minutes:.1f} min of table time"
+        )
+    paragraph(f"{state.verdicts[-1]}: {state.statement}")
     tell(f"{output}/log.md")
     tell(f"{output}/report.html")
 

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tiltcal.api.table_scene import table_in
 from tiltcal.cli.design import clock_given, problem_of
 from tiltcal.cli.design_options import Aim, TableTime
-from tiltcal.cli.output import print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder
 from tiltcal.core.tasks.engines import Engine
@@ -21,6 +22,8 @@ from tiltcal.design.steps import printable, write_plan
 from tiltcal.design.time_budget import Clock
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
+from tiltcal.report.design import poses_of_plan
+from tiltcal.report.visible_poses import write_visible_poses
 
 SEEN = 0.002  # smallest share at which an effect counts as visible
 
@@ -46,14 +49,20 @@ def design_visible_poses(
     terms = 1 + seen.spanned.shape[1]
     if count <= terms:
         _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms absorb all of them")
-    found = blind_to_nothing(seen, clock, count, seed, engine=engine)
+    with progress_line() as progress:
+        found = blind_to_nothing(seen, clock, count, seed, engine=engine, progress=progress)
     if found.shares.min() < SEEN:
         _refuse(count, "more", f"they do not show {seen.names[int(found.shares.argmin())]}")
     problem, _ = problem_of(replace(aim, terms=()), table, scenario, clock)
     plan = timed(found, problem, still.axes)
     up = still.up(plan.angles)
     if output:
-        write_plan(plan, scenario, up, make_folder(output))
+        folder = make_folder(output)
+        write_plan(plan, scenario, up, folder)
+        poses = poses_of_plan(plan, up, scenario)
+        page, table_shown = folder / "report.html", table_in(poses, scenario)
+        missing = by_need(found)
+        write_visible_poses(found, plan, page, scenario.name, poses, table_shown, missing)
     if as_json:
         print_json(plan.to_json() | summary(found))
     else:
@@ -71,19 +80,24 @@ def show(found: MaxMin) -> None:
     ]
     rows += [[name, f"{share:.3f}", "order"] for name, share in found.in_order.items()]
     print_table(["effect", "share of the best possible", "shown by"], rows)
-    say(
+    paragraph(
         f"least share {found.shares.min():.4f}; no design exceeds {found.bounds[0]:.4f}, none that"
         f" keeps {100 * REQUIRED:g} % of the linear D-efficiency {found.bounds[1]:.4f} (convex"
         f" bounds over all poses of a grid; references within {100 * found.reference_gap:.2f} %);"
         f" D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
     )
-    say("absorbed by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
-    say("not visible in any sequence of dwells here:")
+    paragraph("absorbed by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
+    paragraph("not visible in any sequence of dwells here:")
+    for needs, names in by_need(found).items():
+        paragraph(f"  {', '.join(names)}: needs {needs}")
+
+
+def by_need(found: MaxMin) -> dict[str, list[str]]:
+    """Effects that neither the poses nor their order show, by what excites them."""
     excited: dict[str, list[str]] = {}
     for name in unseen(found):
         excited.setdefault(CATALOGUE[name.split()[0]].excited_by, []).append(name)
-    for needs, names in excited.items():
-        say(f"  {', '.join(names)}: needs {needs}")
+    return excited
 
 
 def unseen(found: MaxMin) -> list[str]:

@@ -5,16 +5,20 @@ from pathlib import Path
 from typing import Any
 
 from tiltcal.api.diagnosing import honest_scenario
+from tiltcal.api.table_scene import table_in
 from tiltcal.cli.axis_limits import axis_limits
 from tiltcal.cli.design_options import Separation, TableTime
-from tiltcal.cli.output import print_json, progress_line, say, tell
+from tiltcal.cli.output import paragraph, print_json, progress_line, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, require_file, write_json, write_text
 from tiltcal.core.read_back import read_toml
 from tiltcal.diagnosis.investigation.investigate import AMENDED
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
 from tiltcal.diagnosis.investigation.stored import read_diagnosis
+from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording_files import read_recording
+from tiltcal.report.poses import Pose, poses_of_steps
+from tiltcal.report.separating_block import write_separating_block
 from tiltcal.setup.sequence_files import sequence_text
 from tiltcal.setup.setup import Rig
 
@@ -51,22 +55,30 @@ def design_separating_block(
         amended_table = read_toml(amended, "amended scenario", AMENDED)
         plan = next_block(scenario, data, diagnosis, amended_table, limits, progress)
     if output:
-        _write(plan, scenario.rig, make_folder(output))
+        _write(plan, scenario, make_folder(output))
     _show(plan, scenario.rig, output, as_json)
     return 0 if plan.proposal is not None else 1
 
 
-def _write(plan: NextBlock, rig: Rig, folder: Path) -> None:
+def _write(plan: NextBlock, scenario: Scenario, folder: Path) -> None:
     write_json(folder / "next_block.json", plan.to_json())
+    poses: list[Pose] = []
     if plan.proposal is not None:
-        write_text(folder / "sequence.csv", sequence_text(plan.proposal.block.steps, rig))
+        steps = plan.proposal.block.steps
+        write_text(folder / "sequence.csv", sequence_text(steps, scenario.rig))
+        poses = poses_of_steps(steps, scenario, "proposed block")
+    table = table_in(poses, scenario)
+    write_separating_block(plan, folder / "report.html", scenario, scenario.name, poses, table)
 
 
 def _show(plan: NextBlock, rig: Rig, output: Path | None, as_json: bool) -> None:
     if as_json:
         print_json(plan.to_json())
         return
-    (say if output else tell)(plan.statement)
+    if output:
+        paragraph(plan.statement)
+    else:
+        tell(plan.statement)
     if plan.proposal is not None and not output:
         say(sequence_text(plan.proposal.block.steps, rig).rstrip("\n"))
 

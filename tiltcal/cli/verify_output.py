@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from tiltcal.cli.output import print_table, say
+from tiltcal.cli.output import paragraph, print_table
 from tiltcal.core.units import ARCSEC
 from tiltcal.validation.acceptance import MethodResult, ScenarioResult, Verification
 from tiltcal.validation.accuracy import TiltError
@@ -30,9 +30,11 @@ def print_verification(verification: Verification) -> None:
     print_table((*HEADER, "judged"), [_row(r, m) for r, m in pairs])
     for r, m in pairs:
         for line in _remarks(m):
-            say(f"{r.scenario.name}, {m.title}: {line}")
+            paragraph(f"{r.scenario.name}, {m.title}: {line}")
     good = sum(r.accepted for r in verification.results)
-    say(f"{good} of {len(verification.results)} scenarios accepted in {verification.seconds:.1f} s")
+    paragraph(
+        f"{good} of {len(verification.results)} scenarios accepted in {verification.seconds:.1f} s"
+    )
 
 
 def _run(row: Row) -> list[str]:

@@ -12,6 +12,7 @@ from tiltcal.cli.options import Json, between
 from tiltcal.cli.output import print_json, progress_line, tell
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.progress import Rate, told_each
 from tiltcal.core.units import DEG
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
@@ -104,9 +105,10 @@ def film(
     """
     shown = _shown(file, scenario, seconds, FILMED_HZ)
     with progress_line() as progress:
-        progress("drawing")
+        rate = Rate(len(shown.labels), "pictures")
         pictures = stage().pictures(shown.setup, shown.drive, *FILM)
-        count = write_film(output, pictures, *FILM, FILMED_HZ)
+        drawn = told_each(pictures, rate, progress)
+        count = write_film(output, drawn, *FILM, FILMED_HZ)
     _told(output, shown, count, as_json)
     return 0
 

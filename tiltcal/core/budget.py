@@ -79,6 +79,7 @@ def require_within(
     """Refuse work that is over the budget, before it begins.
 
     Args:
+        subject: whose work it is, for the message.
         rows: of a recording. size: bytes in memory at the same time. seconds: of computing.
         less: how to ask for less, as an imperative.
 

@@ -39,7 +39,8 @@ def members(
 
     Args:
         group: of the entry points. Each names one thing, a sequence of them, or a module.
-        valid: whether something is what the group is for; what: its name, for messages.
+        valid: whether something is what the group is for.
+        what: its name, for messages.
         within: what a module brings.
 
     Raises:

@@ -115,18 +115,20 @@ def parse_up(label: str) -> Array | None:
 
 def tilt_of_force(force: Array, g: float) -> Array:
     """Elevation of body axes above the horizontal plane, ``asin(f / g)``, rad. Beyond +-g it stays
-    at +-90 deg.
+    at +-90 deg. force: m/s2, (n,).
     """
     return np.asarray(np.arcsin(np.clip(force / g, -1.0, 1.0)))
 
 
 def force_of_tilt(tilt: Array, g: float) -> Array:
-    """Specific force along an axis of elevation ``tilt`` (rad): ``g sin(tilt)``."""
+    """Specific force along an axis of elevation ``tilt`` (rad): ``g sin(tilt)``. tilt: (n,);
+    m/s2.
+    """
     return np.asarray(g * np.sin(tilt))
 
 
 def base_rotation(roll: float, pitch: float) -> Array:
-    """R_base = Rx(roll) Ry(pitch): roll about East, pitch about North."""
+    """R_base = Rx(roll) Ry(pitch): roll about East, pitch about North. Both in rad; (3, 3)."""
     return rotation("x", roll) @ rotation("y", pitch)
 
 
@@ -174,8 +176,8 @@ def normal_gravity(latitude: float, height: float = 0.0) -> float:
 
 
 def input_axis(elevation: float, azimuth: float) -> Array:
-    """Unit vector of a FOG's input axis: azimuth from body x towards y, elevation towards z
-    (rad).
+    """Unit vector of a FOG's input axis: azimuth from body x towards y, elevation towards z (rad).
+    (3,).
     """
     return np.array([cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)])
 
@@ -201,7 +203,7 @@ def sphere(n: int) -> Array:
 
 
 def unit(v: Sequence[float] | Array) -> Array:
-    """``v`` divided by its length."""
+    """``v`` divided by its length. v: (3,)."""
     w = np.asarray(v, dtype=float)
     return np.asarray(w / np.linalg.norm(w))
 

@@ -1,9 +1,119 @@
-"""Telling what a long run is doing, in words."""
+"""Telling what a long run is doing, in words, with the time left."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TypeVar
 
+T = TypeVar("T")
 Progress = Callable[[str], None]
+Part = Callable[[float], None]
+"""Is told what part of some work is done, 0 to 1."""
 
 
 def silent(words: str) -> None:
     """Tell nobody."""
+
+
+def unmeasured(done: float) -> None:
+    """Tell nobody how much is done."""
+
+
+def duration(seconds: float) -> str:
+    """A time in words: s, min or h."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+class Rate:
+    """Progress in words, with the rate and the time left.
+
+    Args:
+        total: of tasks.
+        unit: what they are called.
+    """
+
+    def __init__(self, total: int, unit: str = "runs") -> None:
+        self.made = 0
+        self._total, self._unit, self._start = total, unit, time.monotonic()
+
+    def after_one(self, had: int = 0) -> str:
+        """Words after one more task; ``had``: tasks that were finished before."""
+        return self.after(self.made + 1, had)
+
+    def after(self, made: int, had: int = 0) -> str:
+        """Words after ``made`` tasks; ``had``: tasks that were finished before."""
+        self.made = made
+        done = had + made
+        if not made:
+            return f"{done} of {self._total} {self._unit}"
+        rate = made / max(time.monotonic() - self._start, 1e-9)
+        left = (self._total - done) / rate
+        return f"{done} of {self._total} {self._unit}, {rate:.3g} a second, {duration(left)} left"
+
+
+def told_each(items: Iterable[T], rate: Rate, progress: Progress) -> Iterator[T]:
+    """The same items; each one that was taken is told, with the rate and the time left."""
+    for item in items:
+        yield item
+        progress(rate.after_one())
+
+
+class Stages:
+    """Progress of work in stages, with the time left, by the usual share of each stage.
+
+    A stage that tells its parts is extrapolated from them. One that cannot know how long it takes
+    is expected to take its share; when that time is over, the time left is a lower bound and said
+    to be one.
+
+    Args:
+        progress: is told the words.
+        shares: of the time that each stage usually takes, by its name, in order. Any scale.
+    """
+
+    def __init__(self, progress: Progress, shares: Mapping[str, float]) -> None:
+        self._progress, self._shares = progress, dict(shares)
+        self._names = list(shares)
+        self._stage, self._part, self._detail = -1, 0.0, ""
+        self._start = self._began = time.monotonic()
+
+    def begin(self, name: str) -> None:
+        """A stage begins; those before it are over. ``name``: a key of the shares."""
+        self._stage = self._names.index(name)
+        self._part, self._detail, self._began = 0.0, "", time.monotonic()
+        self._tell()
+
+    def part(self, done: float) -> None:
+        """A part of the stage is done, 0 to 1."""
+        self._part = done
+        self._tell()
+
+    def still(self, detail: str) -> None:
+        """The stage goes on; how much of it is done is not known. ``detail``: what was reached."""
+        self._detail = detail
+        self._tell()
+
+    def _tell(self) -> None:
+        name = self._names[self._stage]
+        words = f"{name} ({self._detail})" if self._detail else name
+        left = self._left()
+        self._progress(words if left is None else f"{words}: {left}")
+
+    def _left(self) -> str | None:
+        """Time left in words; None while there is nothing to extrapolate from."""
+        now = time.monotonic()
+        shares = [self._shares[name] for name in self._names]
+        before, here = sum(shares[: self._stage]), shares[self._stage]
+        after = sum(shares) - before - here
+        if self._part > 0:
+            done = before + here * self._part
+            left = (now - self._start) * (sum(shares) - done) / done
+            return f"about {duration(left)} left"
+        if not before:
+            return None
+        pace = (self._began - self._start) / before
+        rest = pace * here - (now - self._began)
+        if rest >= 0:
+            return f"about {duration(rest + pace * after)} left"
+        pace = (now - self._start) / (before + here)
+        return f"{duration(max(pace * after, 1.0))} or more left"

@@ -18,7 +18,7 @@ def code_width(column: Array) -> float:
 
 def code_grid(column: Array) -> float | None:
     """The code that all values of a column are whole multiples apart of, in its unit; None where
-    there is no such grid.
+    there is no such grid. column: (n,).
 
     A text file rounds codes of a converter to its own digits, so the smallest step is refined by
     larger and larger ones.

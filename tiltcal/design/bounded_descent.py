@@ -24,7 +24,9 @@ Function = Callable[[Array], tuple[float, Array]]
 
 
 def minimise(function: Function, start: Array, low: Array, high: Array, iterations: int) -> Array:
-    """The best point found. function: value and gradient; low, high: bounds, (n,)."""
+    """The best point found. function: value and gradient; low, high: bounds, (n,). start: in the
+    units of the function.
+    """
     x = np.clip(start, low, high)
     value, gradient = function(x)
     memory: deque[tuple[Array, Array]] = deque(maxlen=MEMORY)

@@ -80,14 +80,14 @@ def planes(step: int, table: Table = DUAL) -> Array:
 
 def angles_of(up: Array, table: Table) -> Array:
     """Angles of the axes that tilt, for directions of up on a straight mount, rad, (n, tilting
-    axes).
+    axes). up: (n, 3).
     """
     found = [table_angles(Rig(table=table.name), u, 0, "classic sequence") for u in up]
     return np.array(found)[:, -len(table.tilting) :]
 
 
 def nearest_order(up: Array) -> Array:
-    """Directions reordered so that each is the nearest of those left."""
+    """Directions reordered so that each is the nearest of those left. up: (n, 3)."""
     left, order = list(range(1, len(up))), [0]
     while left:
         k = max(left, key=lambda i: float(up[i] @ up[order[-1]]))

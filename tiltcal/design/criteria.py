@@ -23,19 +23,19 @@ CRITERIA = ("both", "tilt", "D", "A", "I")
 
 def gain(information: Array, interest: Mask) -> float:
     """Nats gained on the parameters of interest, the others fitted: 1/2 log det of their marginal
-    information.
+    information. information: (p, p); interest: (p,).
     """
     whole = np.linalg.slogdet(information)[1]
     return float(whole - np.linalg.slogdet(information[np.ix_(~interest, ~interest)])[1]) / 2
 
 
 def tilt_rms(information: Array, loss: Array) -> float:
-    """Rms tilt error per axis over the working range, rad."""
+    """Rms tilt error per axis over the working range, rad. information, loss: (p, p)."""
     return float(np.sqrt(np.sum(np.linalg.inv(information) * loss)))
 
 
 def value(information: Array, model: Model, criterion: str) -> float:
-    """The criterion."""
+    """The criterion. information: (p, p)."""
     return value_and_slope(information, model, criterion)[0]
 
 

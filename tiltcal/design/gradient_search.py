@@ -52,7 +52,9 @@ class Problem:
         one_of(self.criterion, CRITERIA, "criterion")
 
     def dwells(self, angles: Array, z: Array) -> Array:
-        """Seconds of each dwell: the free time shared out, none beyond the longest, (n,)."""
+        """Seconds of each dwell: the free time shared out, none beyond the longest, (n,). angles:
+        rad, (n, axes); z: shares before the softmax, (n,).
+        """
         share = np.exp(z - z.max())
         dwell = (
             self.clock.shortest + max(float(self.clock.spare(angles)), 0.0) * share / share.sum()
@@ -67,11 +69,15 @@ class Problem:
         return np.asarray(np.minimum(dwell, self.clock.longest))
 
     def information(self, angles: Array, dwell: Array) -> Array:
-        """Information of a sequence with its true table times, (p, p)."""
+        """Information of a sequence with its true table times, (p, p). angles: rad, (n, axes);
+        dwell: s, (n,).
+        """
         return self.model.information(angles, dwell, self.clock.middles(angles, dwell))
 
     def rated(self, angles: Array, z: Array) -> Draft:
-        """A draft with its true value; minus infinity where the moves alone overrun."""
+        """A draft with its true value; minus infinity where the moves alone overrun. angles: rad,
+        (n, axes); z: shares before the softmax, (n,).
+        """
         if float(self.clock.spare(angles)) < 0:
             return Draft(angles, z)
         information = self.information(angles, self.dwells(angles, z))

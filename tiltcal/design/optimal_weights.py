@@ -48,7 +48,8 @@ def most_log_det(field: Field, rounds: int = 200) -> float:
 
 
 def best_weights(field: Field, references: Array, rounds: int = 300) -> Array:
-    """Weights with the greatest least share.
+    """Weights with the greatest least share. references: most of each effect, (effects,); the
+    weights, (n,).
 
     Multiplicative ascent of the mix of effects that a soft minimum picks, ever sharper.
     """
@@ -71,14 +72,15 @@ def certified(
     field: Field, references: Array, best: Array, planes: int = CUTS, log_det: float | None = None
 ) -> tuple[float, float]:
     """The greatest least share found, and what no weights can pass, by cutting planes (Kelley
-    1960).
+    1960). references: (effects,); best: (n,).
 
     Terms fitted with other weights v leave at least the energy that the best terms leave, so that
     share_e(w) <= sum_x w(x) r_e(x; v) for all w and v, and log det is concave. Each round solves a
     linear programme over w and takes v between its solution and the best weights so far.
 
     Args:
-        field: of all poses; references: most of each effect.
+        field: of all poses.
+        references: most of each effect.
         best: weights to start from.
         planes: how many v.
         log_det: of the linear terms, which the weights have to keep; any unless given.

@@ -102,7 +102,7 @@ class Plan:
 
 
 def forecast(problem: Problem, angles: Array, dwell: Array) -> Forecast:
-    """Expected results of a sequence."""
+    """Expected results of a sequence. angles: rad, (n, axes); dwell: s, (n,)."""
     model = problem.model
     information = problem.information(angles, dwell)
     covariance = np.linalg.inv(information) * np.outer(model.prior, model.prior)

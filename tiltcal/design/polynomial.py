@@ -69,7 +69,7 @@ def spread_out(blocks: Array) -> Array:
 
 def textbook_model(kind: str, drift: bool, horizon: float) -> Model:
     """A textbook model on the dual table, with a linear bias drift over ``horizon`` seconds as a
-    nuisance if asked for.
+    nuisance if asked for. horizon: s.
     """
     one_of(kind, KINDS, "textbook model")
     stems = ["bias", "x", "y", "z", *_NAMES[kind]]

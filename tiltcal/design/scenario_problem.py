@@ -29,7 +29,8 @@ def clock_of(
     Args:
         scenario: whose table moves.
         budget_s: table time.
-        rate_deg_s: of moves; settle_s: after each.
+        rate_deg_s: of moves.
+        settle_s: after each.
         dwell_s: shortest and longest reading.
         angles_deg: axis -> lowest and highest angle; axes that are not named turn without end.
         step_deg: angles are its multiples; 0: any angle.

@@ -13,11 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.progress import Progress, silent
+from tiltcal.core.progress import Part, Progress, Stages, silent, unmeasured
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.tasks.run_tasks import values_of
 from tiltcal.design.gradient_search import Draft, Problem, ascend
 from tiltcal.design.time_budget import Clock
+
+PATHS, BEST = "improving paths", "improving the best paths"
+# measured: of the ascent of a draft; part of a round
+ITERATIONS_OF_A_TRIAL = 1.0
+CHANGES = 0.5
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,18 @@ class Effort:
     rounds: int = 2
     trials: int = 40
 
+    @property
+    def shares(self) -> dict[str, float]:
+        """Work of each stage of the search, in iterations of the ascent of a draft."""
+        change = self.then + ITERATIONS_OF_A_TRIAL * self.trials
+        found = {PATHS: float(self.starts * self.first), BEST: float(self.kept * self.then)}
+        rounds = {self.round_name(k): self.kept * change for k in range(self.rounds)}
+        return found | rounds
+
+    def round_name(self, number: int) -> str:
+        """What a round of changes is called in messages; ``number``: from 0."""
+        return f"other numbers and orders, round {number + 1} of {self.rounds}"
+
 
 def search(
     problem: Problem,
@@ -53,28 +70,34 @@ def search(
         starts: drafts to improve beside the regular paths (classic sequences).
         seed: of the paths.
         effort: how much is tried.
-        notice: told what goes on.
+        notice: told what goes on, and how long it takes.
         engine: where drafts are improved; this process if not given. The design is the same.
     """
-    rng = np.random.default_rng(seed)
+    rng, stages = np.random.default_rng(seed), Stages(notice, effort.shares)
     drafts = [problem.rated(d.angles, d.z) for d in starts]
     begun = [problem.rated(a, np.zeros(len(a))) for a in paths(problem, rng, effort.starts)]
-    notice(f"{effort.starts} paths")
-    drafts += _ascended(problem, begun, effort.first, engine)
+    stages.begin(PATHS)
+    drafts += _ascended(problem, begun, effort.first, engine, stages.part)
     best = sorted(drafts, key=lambda d: -d.value)[: effort.kept]
-    best = _ascended(problem, best, effort.then, engine)
+    stages.begin(BEST)
+    best = _ascended(problem, best, effort.then, engine, stages.part)
     for round_ in range(effort.rounds):
-        notice(f"other numbers and orders, round {round_ + 1} of {effort.rounds}")
+        stages.begin(effort.round_name(round_))
         best = [changed(problem, d, rng, effort.trials) for d in best]
+        stages.part(CHANGES)
         best = _ascended(problem, best, effort.then, engine)
     final = max(best, key=lambda d: d.value)
     return on_steps(problem, final) if problem.clock.step > 0 else final
 
 
 def _ascended(
-    problem: Problem, drafts: Sequence[Draft], iterations: int, engine: Engine | None
+    problem: Problem,
+    drafts: Sequence[Draft],
+    iterations: int,
+    engine: Engine | None,
+    part: Part = unmeasured,
 ) -> list[Draft]:
-    return values_of(ascend, [(problem, d, iterations) for d in drafts], engine)
+    return values_of(ascend, [(problem, d, iterations) for d in drafts], engine, part)
 
 
 def poses_worth(problem: Problem) -> int:
@@ -88,7 +111,7 @@ def poses_worth(problem: Problem) -> int:
 
 def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Array]:
     """Straight lines over the angles, folded into the limits: steps of one size, so that moves are
-    cheap.
+    cheap. Angles in rad, (n, axes).
     """
     clock, axes = problem.clock, problem.model.axes
     worth = poses_worth(problem)
@@ -106,7 +129,7 @@ def paths(problem: Problem, rng: np.random.Generator, count: int) -> Iterator[Ar
 
 
 def folded(angles: Array, clock: Clock) -> Array:
-    """Angles reflected at the limits, as often as needed."""
+    """Angles reflected at the limits, as often as needed. angles: rad, (n, axes)."""
     found = angles.copy()
     for k, pair in enumerate(clock.limits):
         if pair is not None:

@@ -77,7 +77,7 @@ class Signatures:
 
     def linear(self, angles: Array) -> Array:
         """What bias, scale and cross-axis terms add at poses, (n, channels, terms): 1 and the
-        independent parts of up.
+        independent parts of up. angles: rad, (n, axes).
         """
         up = self.still.up(angles)
         parts = np.column_stack([np.ones(len(up)), up @ self.spanned])
@@ -144,7 +144,9 @@ class Field:
         return np.asarray(rest @ self.member)
 
     def left_over(self, weight: Array) -> Array:
-        """The same with the terms fitted with these weights to these poses."""
+        """The same with the terms fitted with these weights to these poses. weight: (n,); the
+        energies, (n, effects).
+        """
         return self.energy(self.fitted(weight))
 
     def log_det(self, weight: Array) -> tuple[float, Array]:
@@ -167,7 +169,9 @@ def catalogue_signatures(
     them.
 
     Args:
-        still: the table; sensor: whose readings; grade: whose plausible sizes.
+        still: the table.
+        sensor: whose readings.
+        grade: whose plausible sizes.
         allowed: poses that stand for all allowed ones, rad, (n, axes).
         only: ids to keep; all unless given.
 

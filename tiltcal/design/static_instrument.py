@@ -64,7 +64,7 @@ class Still:
         return np.asarray(v @ self.scenario.rig.mount_rotation)
 
     def drive(self, angles: Array, time: Array) -> Drive:
-        """The table at rest at each of these angles."""
+        """The table at rest at each of these angles. angles: rad, (n, axes); time: s, (n,)."""
         zero = np.zeros(len(angles))
         where = {name: Jet(angles[:, k], zero, zero) for k, name in enumerate(self.axes)}
         axes = {
@@ -97,18 +97,18 @@ class Poses:
         return 0.0, float(len(self.angles))
 
     def drive(self, time: Array) -> Drive:
-        """The drive at the poses' own times."""
+        """The drive at the poses' own times. time: s, (n,)."""
         return self.still.drive(self.angles, time)
 
 
 def watch(still: Still, angles: Array) -> NominalMotion:
-    """What effects change at poses, one second apart."""
+    """What effects change at poses, one second apart. angles: rad, (n, axes)."""
     return NominalMotion(still.scenario, Poses(still, angles), np.arange(len(angles), dtype=float))
 
 
 def still_sense(still: Still, sensor: Sensor, angles: Array, time: Array) -> Sense:
     """What a sensor senses at poses; one row more, at the horizon, tells effects how long the
-    recording is.
+    recording is. angles: rad, (n, axes); time: s, (n,).
     """
     return sense_of(still, sensor, still.up(angles), time, angles)
 
@@ -116,7 +116,9 @@ def still_sense(still: Still, sensor: Sensor, angles: Array, time: Array) -> Sen
 def sense_of(
     still: Still, sensor: Sensor, up: Array, time: Array, angles: Array | None = None
 ) -> Sense:
-    """The same at directions of up in the body frame, (n, 3)."""
+    """The same at directions of up in the body frame, (n, 3). time: s, (n,); angles: rad, (n,
+    axes).
+    """
     g = still.scenario.site.gravity
     up = np.vstack([up, up[-1:]])
     elapsed = np.append(time, still.horizon)

@@ -94,7 +94,7 @@ def designed_table(scenario: Scenario, steps: list[Step], name: str) -> dict[str
 
 def printable(plan: Plan, up: Array) -> str:
     """The printed list for the table: poses, then the expected standard uncertainty of each
-    parameter.
+    parameter. up: in the body frame, (n, 3).
     """
     clock, model, what = plan.problem.clock, plan.problem.model, plan.forecast
     head = "".join(f"{name + ' deg':>12}" for name in plan.axes)

@@ -44,7 +44,9 @@ class TabulatedColumns:
 
 
 def harmonics(angles: Array) -> Array:
-    """Products over the axes of 1, cos a, sin a, cos 2a ..., (n, (2 ORDER + 1)^axes)."""
+    """Products over the axes of 1, cos a, sin a, cos 2a ..., (n, (2 ORDER + 1)^axes). angles: rad,
+    (n, axes). The shape is (n, terms).
+    """
     found = np.ones((len(angles), 1))
     for a in angles.T:
         k = np.outer(a, np.arange(1, ORDER + 1))
@@ -76,8 +78,8 @@ def tabulate(
 
 
 def changes_of(still: Still, sensor: Sensor, effects: Sequence[Effect], angles: Array) -> Array:
-    """What each effect changes at its size, to first order, in the sensing form (force), (n, k,
-    p).
+    """What each effect changes at its size, to first order, in the sensing form (force), (n, k, p).
+    angles: rad, (n, axes).
     """
     found = np.zeros((len(angles), len(sensor.axes), len(effects)))
     seen = watch(still, angles)

@@ -77,18 +77,20 @@ class Clock:
         return np.asarray(np.cumsum(self.moves(angles) + self.settle + dwell, axis=-1) - dwell / 2)
 
     def total(self, angles: Array, dwell: Array) -> float:
-        """Table time of a sequence, s."""
+        """Table time of a sequence, s. angles: rad, (n, axes); dwell: s, (n,)."""
         return float(self.moves(angles).sum() + self.settle * len(angles) + dwell.sum())
 
     def spare(self, angles: Array) -> Array:
-        """Time left for reading when every dwell has its shortest length, s, (...)."""
+        """Time left for reading when every dwell has its shortest length, s, (...). angles: rad,
+        (n, axes).
+        """
         n = angles.shape[-2]
         return np.asarray(
             self.budget - self.moves(angles).sum(axis=-1) - n * (self.settle + self.shortest)
         )
 
     def inside(self, angles: Array) -> Array:
-        """Angles brought within the limits and onto the steps, (n, axes)."""
+        """Angles brought within the limits and onto the steps, (n, axes). angles: rad."""
         found = np.array(angles, dtype=float)
         if self.step > 0:
             found = np.round(found / self.step) * self.step
@@ -105,7 +107,7 @@ class Clock:
 
 def unwound(angles: Array, limits: tuple[tuple[float, float] | None, ...]) -> Array:
     """The same poses with each axis going the short way round from pose to pose, where it turns
-    without end; (n, axes).
+    without end; (n, axes). angles, limits: rad.
     """
     found = np.array(angles, dtype=float)
     for k, pair in enumerate(limits):

@@ -59,7 +59,7 @@ class PosePath:
         return 0.0, self.still.horizon
 
     def drive(self, time: Array) -> Drive:
-        """The drive at ``time``, which has to be this way's own."""
+        """The drive at ``time``, which has to be this way's own. time: s, (n,)."""
         before = np.vstack([np.zeros(self.angles.shape[1]), self.angles[:-1]])
         part = np.linspace(0, 1, ON_THE_WAY)[:, None]
         along = (before[:, None, :] + part * (self.angles - before)[:, None, :]).reshape(
@@ -72,7 +72,7 @@ def visiting_order(
     seen: Signatures, angles: Array, clock: Clock, rng: np.random.Generator
 ) -> tuple[Array, dict[str, float]]:
     """The poses in an order that hides no drift and no direction of approach, and what it shows of
-    each effect.
+    each effect. angles: rad, (n, axes).
 
     Several orders are improved by exchanges; each is judged by what it leaves of the effects that
     only an order shows, over the most that any of these and of some random orders leaves. The one
@@ -152,7 +152,7 @@ def _wrapped(turn: Array) -> Array:
 
 
 def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[str, float]:
-    """Energy of each such effect that the ordinary terms leave."""
+    """Energy of each such effect that the ordinary terms leave. ordered: angles, rad, (n, axes)."""
     way = PosePath(seen.still, ordered, clock)
     watch = NominalMotion(seen.still.scenario, way, way.time)
     Q = [np.linalg.qr(F)[0] for F in seen.linear(ordered).transpose(1, 0, 2)]

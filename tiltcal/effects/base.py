@@ -1,6 +1,5 @@
-"""What an effect is. One class holds one physical effect, written once: injected, fitted, named,
-printed and tested from it. What else is known of it, such as the shapes that a scan tries, is in
-``traits``.
+"""What an effect is. One class holds one physical effect: injected, fitted, named, printed and
+tested from it. What else is known of it, such as the shapes that a scan tries: ``traits``.
 
 The places where an effect may act, each an abstract class that asks one question:
 
@@ -166,7 +165,7 @@ class AngleEffect(Effect):
         )
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        """Its face in a run by time steps; none: the algebra adds it afterwards."""
+        """Its face in a run by time steps; none: the algebra adds it afterwards. gravity: m/s2."""
         return self.mechanisms(rig, gravity) if self.mechanised else ()
 
 
@@ -194,7 +193,7 @@ class FrameEffect(Effect):
         return ()
 
     def dynamics(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
-        """Its face in a run by time steps; none: the reader turns the frame afterwards."""
+        """As of an ``AngleEffect``; none: the reader turns the frame afterwards. gravity: m/s2."""
         return self.mechanisms(rig, gravity) if self.mechanised else ()
 
 
@@ -222,7 +221,7 @@ class WritingEffect(Effect):
         return written
 
     def untold(self, axis: str, time: Array, written: Array) -> Mask | None:
-        """Rows, (n,), whose motion the written readout does not tell; None: it tells all."""
+        """Rows, (n,), whose motion the written readout does not tell; None: none. time: s."""
         return None
 
     def stamps(self, time: Array) -> Array:

@@ -30,12 +30,14 @@ AT_REST = 1e-3  # rad/s: less is no motion of a table, Earth's rate among it
 def coordinate_of(
     name: str, sense: Sense, own: Array, lag: float = 0.0, travel: float = 0.0
 ) -> Array:
-    """A coordinate along what a sensor senses, (n,); ``own`` is the channel's true input.
+    """A coordinate along what a sensor senses, (n,).
 
     A late rate of warming is that of the late temperature: both begin with sensor and thermometer
     of one temperature.
 
     Args:
+        name: of the coordinate; sense: what the sensor senses.
+        own: the channel's true input, SI, (n,).
         lag: s, by which the coordinate is felt late.
         travel: width of a play that it moves, SI: its state, in [-1, 1], is felt instead; 0: none.
     """
@@ -77,6 +79,7 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
     Counts and directions jump while the table moves; their derivatives are left out.
 
     Args:
+        name: of the coordinate; drive: along which.
         travel: width of a play that an angle moves, rad: its state is felt instead; 0: none.
     """
     if (axis := axis_of(name)) is not None:

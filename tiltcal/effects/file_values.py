@@ -13,6 +13,9 @@ LARGEST = 1e30  # of a size: its powers are still numbers
 def check_allowed(parameter: Parameter, number: float, value: Any, subject: str) -> None:
     """Widths, deviations and times are not negative; what divides (it has a default) is not
     zero.
+
+    Raises:
+        TiltcalError: the number is not allowed.
     """
     if parameter.positive and number < 0:
         raise TiltcalError(subject, found=f"{value}", need="a value >= 0", do="correct its sign")
@@ -23,12 +26,16 @@ def check_allowed(parameter: Parameter, number: float, value: Any, subject: str)
 
 
 def file_names(known: Mapping[str, Parameter]) -> list[str]:
+    """The keys of parameters in files: names with their units."""
     return [f"{name}{p.suffix}" for name, p in known.items()]
 
 
 def parameter_of(key: str, known: Mapping[str, Parameter], subject: str) -> tuple[str, float]:
     """Bare name and SI factor of a key such as ``k2_x_ug_g2``; any unit of the same quantity will
     do.
+
+    Raises:
+        TiltcalError: no parameter has this name, or the unit is of another quantity.
     """
     for name, parameter in known.items():
         if key == f"{name}{parameter.suffix}":
@@ -52,6 +59,11 @@ def parameter_of(key: str, known: Mapping[str, Parameter], subject: str) -> tupl
 
 
 def number_of(value: Any, subject: str) -> float:
+    """A number of a file.
+
+    Raises:
+        TiltcalError: it is none, or too large.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         raise TiltcalError(
             subject,

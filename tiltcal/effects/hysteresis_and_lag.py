@@ -12,7 +12,8 @@ from tiltcal.setup.trajectory import Jet
 
 
 def play(u: Array, width: float) -> Array:
-    """State of a play (backlash) operator of half-width ``width / 2``, in [-1, 1], (n,).
+    """State of a play (backlash) operator of half-width ``width / 2``, in [-1, 1], (n,). width: in
+    the unit of the input.
 
     The output follows the input only where it is pushed; (input - output) / (width / 2) is
     returned, 0 before the first motion. It depends on turning points only, so runs of equal
@@ -36,7 +37,8 @@ def play(u: Array, width: float) -> Array:
 
 def rounded_play(u: Array, width: float, start: float = 0.0) -> Array:
     """State of a memory that gives way gradually, in [-1, 1], (n,): dz = (sign(du) - z) |du| /
-    width (Dahl 1968), ``start`` at first.
+    width (Dahl 1968), ``start`` at first. width: in the unit of the input; start: of the state,
+    without unit.
     """
     if width <= 0 or len(u) == 0:
         return play(u, width)
@@ -236,7 +238,7 @@ def vibration_power(force: Array, rate_hz: float) -> Array:
 
 
 def moving_mean(u: Array, width: float) -> Array:
-    """Centred mean over ``width`` samples, ends held, (n,)."""
+    """Centred mean over ``width`` samples, ends held, (n,). width: without unit."""
     from scipy.ndimage import uniform_filter1d
 
     return np.asarray(uniform_filter1d(u, max(round(width), 1), axis=0, mode="nearest"))

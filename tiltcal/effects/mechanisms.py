@@ -34,7 +34,7 @@ class Shake:
     frequency: float
 
     def jets(self, time: Array) -> tuple[Jet, Jet, Jet]:
-        """Displacement, velocity, acceleration along East, North, Up."""
+        """Displacement, velocity, acceleration along East, North, Up. time: s, (n,)."""
         p = 2 * np.pi * self.frequency
         c, s = np.cos(p * time), np.sin(p * time)
         return tuple(  # type: ignore[return-value]

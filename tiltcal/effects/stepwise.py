@@ -100,7 +100,8 @@ class SteppedLag:
 
 def lag_weights(tau: float, step: float) -> Array:
     """Weights of the last four samples, the oldest first, (4,), in y_k = decay y_(k-1) + sum: see
-    ``hysteresis_and_lag.smooth_lag``, whose cubic spline would need the samples to come.
+    ``hysteresis_and_lag.smooth_lag``, whose cubic spline would need the samples to come. tau, step:
+    s.
     """
     if tau <= 0:
         return np.array([0.0, 0.0, 0.0, 1.0])

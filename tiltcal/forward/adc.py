@@ -19,7 +19,9 @@ SETTLING = 8  # time constants of the low-pass that run before the first sample
 
 
 def fine_grid(converter: Converter, time: Array, delay: float) -> Array:
-    """The instants at which the analogue signal is needed for samples at ``time``, s."""
+    """The instants at which the analogue signal is needed for samples at ``time``, s. time: (n,);
+    delay: s; the instants, (m,).
+    """
     step = 1 / _fine_rate(converter)
     tau = 1 / (2 * np.pi * converter.lowpass_hz)
     lead = SETTLING * tau + 3 / converter.output_hz + 4 * converter.turn_s + delay
@@ -52,7 +54,7 @@ def converted(converter: Converter, grid: Array, signal: Array, instants: list[A
 
 
 def coded(converter: Converter, reading: Array) -> Array:
-    """Readings as whole codes, clipped at the ends of the range, m/s2."""
+    """Readings as whole codes, clipped at the ends of the range, m/s2. reading: m/s2, (n,)."""
     top = 2 ** (converter.bits - 1)
     return np.asarray(np.clip(np.rint(reading / converter.code), -top, top - 1) * converter.code)
 

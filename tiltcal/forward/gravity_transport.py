@@ -18,7 +18,8 @@ LONGEST = 20.0  # s of a turn over which a gyro is trusted
 
 def turns_between(time: Array, stop: Index) -> list[tuple[int, int]]:
     """Last row of each dwell and first row of the next, where both are long enough to know
-    gravity's direction, and the log does not pause between.
+    gravity's direction, and the log does not pause between. time: s, (n,); stop: number of the
+    dwell at each row, (n,).
     """
     edges: list[tuple[int, int]] = []
     resumes = pauses(time)
@@ -51,7 +52,9 @@ class Windows:
 
     @classmethod
     def around(cls, time: Array, spans: Sequence[tuple[int, int]]) -> "Windows":
-        """The windows of turns given by the last row before and the first row after each."""
+        """The windows of turns given by the last row before and the first row after each. time: s,
+        (n,).
+        """
         reach = max(round(EDGE / float(np.median(np.diff(time)))), 4)
         starts = np.array([max(first - reach, 0) for first, _ in spans])
         ends = np.array([min(last + reach, len(time) - 1) for _, last in spans])

@@ -47,7 +47,7 @@ class NominalMotion:
 
     @classmethod
     def of(cls, setup: Setup, course: Course, time: Array) -> "NominalMotion":
-        """The nominal motion, of each sensor where it sits."""
+        """The nominal motion, of each sensor where it sits. time: s, (n,)."""
         places = dict.fromkeys(s.place for s in setup.sensor)
         if len(places) < 2 and None in places:
             return cls(setup, course, time)
@@ -60,7 +60,7 @@ class NominalMotion:
         return parts[0] if len(parts) == 1 else SeveralPlaces(setup, parts)
 
     def through(self, matrices: Mapping[str, Array]) -> "NominalMotion":
-        """The same motion through other sensor matrices."""
+        """The same motion through other sensor matrices. matrices: by sensor, (axes, 3)."""
         other = copy(self)
         other.matrices = matrices
         return other
@@ -199,15 +199,18 @@ class SeveralPlaces(NominalMotion):
         self.ideal = {name: values for p in parts for name, values in p.ideal.items()}
 
     def through(self, matrices: Mapping[str, Array]) -> NominalMotion:
+        """The same motion through other sensor matrices, by sensor, (axes, 3)."""
         return SeveralPlaces(self.setup, [part.through(matrices) for part in self.parts])
 
     def changes(self, effect: Effect) -> dict[str, Array]:
+        """Change of the readings of each sensor that changes, SI, (n, k)."""
         found: dict[str, Array] = {}
         for part in self._moved_by(effect):
             found |= part.changes(effect)
         return found
 
     def each(self, effect: Learned) -> dict[str, Array]:
+        """Change of the readings by one of each coefficient, by sensor, SI, (n, k, p)."""
         found: dict[str, Array] = {}
         for part in self._moved_by(effect):
             found |= part.each(effect)

@@ -146,6 +146,7 @@ def sense_of(
     rate: Array,
     rows: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None,
 ) -> Sense:
+    """What a sensor senses by hand. force: m/s2, (n, 3); rate: rad/s, (n, 3); rows: (m,)."""
     time = motion.time if rows is None else motion.time[rows]
     temperature = motion.temperature()
     warm = np.zeros(len(motion)) if temperature is None else temperature - temperature.mean()
@@ -169,6 +170,7 @@ def sense_of(
 
 
 def forward(sensor: Sensor, effects: Sequence[Effect], sense: Sense) -> Array:
+    """The readings of a sensor with its own effects, in their order, SI, (n, k)."""
     reading = sense.true_input()
     mine = [
         e
@@ -190,7 +192,7 @@ def at_rest(
     stop: Index | None = None,
 ) -> Array:
     """The triad's reading in its dwells: |f| = g along the dwell's own mean direction; NaN while
-    moving.
+    moving. force: m/s2, (n, 3); the reading has the same shape.
     """
     means = dwell_means(force, stops_of(motion) if stop is None else stop)
     length = np.linalg.norm(means, axis=1)

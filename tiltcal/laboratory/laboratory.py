@@ -1,6 +1,4 @@
-"""Laboratories: who makes recordings. What needs recordings gets a Laboratory as an argument, a
-simulated one or a real table.
-"""
+"""Laboratories: who makes recordings, a simulated one or a real table."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -69,7 +67,11 @@ class SimulatedLaboratory:
     mover: Mover = field(default=closed_form)
 
     def course(self, scenario: Scenario, seed: int | None) -> Course:
-        """What the table does: the scenario's schedule, prescribed."""
+        """The scenario's schedule, prescribed.
+
+        Raises:
+            TiltcalError: it has ``[dynamics]``.
+        """
         if scenario.dynamics is not None:
             raise TiltcalError(
                 f"scenario {scenario.name}",
@@ -164,7 +166,8 @@ class SimulatedLaboratory:
         """What the model says ``motion`` should have read.
 
         Args:
-            scenario: the model; motion: its readout, or by hand its readings, is the motion.
+            scenario: the model.
+            motion: its readout, or by hand its readings, is the motion.
             seed: of the noise that is added; None: no noise.
             by_others: by hand, predict each sensor from the others alone. Otherwise its own
                 readings count as well, which leaves less noise but follows its errors.
@@ -274,8 +277,7 @@ def _metadata(scenario: Scenario, seed: int | None) -> dict[str, str]:
 
 
 def true_readings(setup: Setup, up: Array, effects: Sequence[Effect]) -> dict[str, Array]:
-    """What each accelerometer or inclinometer reads at rest in given attitudes, by its own effects
-    alone, without noise.
+    """What accelerometers and inclinometers read at rest by their own effects, without noise.
 
     Args:
         setup: site, rig, sensors.

@@ -40,7 +40,7 @@ class Stamps:
         return cls(start, rate_hz, int(np.floor((end - start) * rate_hz + 1e-9)) + 1)
 
     def part(self, first: int, last: int) -> Array:
-        """Stamps of the samples from ``first`` to before ``last``, s."""
+        """Stamps of the samples from ``first`` to before ``last``, s. (last - first,)."""
         return self.start + np.arange(first, min(last, self.n)) / self.rate_hz
 
     def before(self, time: float) -> int:
@@ -56,6 +56,7 @@ def require_recordable(scenario: Scenario, in_one_go: bool = True) -> None:
     """Refuse a recording that is over the budget, before anything of it is allocated.
 
     Args:
+        scenario: that would be recorded.
         in_one_go: whether all of it is in memory at the same time.
 
     Raises:
@@ -77,7 +78,7 @@ def require_recordable(scenario: Scenario, in_one_go: bool = True) -> None:
 
 
 def whole(stamps: dict[str, Stamps]) -> dict[str, Array]:
-    """All stamps of each sensor, s."""
+    """All stamps of each sensor, s. (n,) each."""
     return {name: s.part(0, s.n) for name, s in stamps.items()}
 
 
@@ -116,7 +117,7 @@ def in_pieces(
 
 def piece_stamps(stamps: dict[str, Stamps]) -> Iterator[dict[str, Array]]:
     """The stamps of each sensor, piece by piece, s; a piece is an interval of time. The last takes
-    what is left, so that none is small.
+    what is left, so that none is small. (n,) each.
     """
     most = max(stamps.values(), key=lambda s: s.n)
     done = dict.fromkeys(stamps, 0)
@@ -129,7 +130,7 @@ def piece_stamps(stamps: dict[str, Stamps]) -> Iterator[dict[str, Array]]:
 
 def first_stamps(scenario: Scenario, stamps: dict[str, Stamps]) -> Array:
     """The stamps beside the beginnings of the legs of a sequence, s: where mountings and labels
-    change.
+    change. (m,).
     """
     starts = [leg.t0 for leg in scenario.schedule.legs]
     found = [

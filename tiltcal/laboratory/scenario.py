@@ -126,7 +126,11 @@ def parse_scenario(table: dict[str, Any], source: str = "scenario") -> Scenario:
 
 
 def load_as(kind: type[Kind], path: Path | str) -> Kind:
-    """``load_scenario`` for a subclass of Scenario."""
+    """``load_scenario`` for a subclass of Scenario.
+
+    Raises:
+        TiltcalError: as ``parse_as`` does, or the file is no text.
+    """
     path = require_file(Path(path), "scenario")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -167,7 +171,11 @@ def _with_links(table: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
-    """``parse_scenario`` for a subclass of Scenario."""
+    """``parse_scenario`` for a subclass of Scenario.
+
+    Raises:
+        TiltcalError: as ``parse_scenario`` does.
+    """
     problems: list[str] = []
     scenario = None
     try:

@@ -23,6 +23,7 @@ def sensor_columns(
     n: int,
     seed: int | None,
 ) -> dict[str, Array]:
+    """Columns of a sensor, (n,) each, NaN: not sampled. values: SI, (m, axes); rows: (m,)."""
     written = to_column(sensor, values, sensor.column_unit, seed is not None)
     columns = {}
     for i, axis in enumerate(sensor.axes):
@@ -35,7 +36,9 @@ def sensor_columns(
 def columns_like(
     sensor: Sensor, values: Array, motion: Recording, seed: int | None
 ) -> dict[str, Array]:
-    """The columns of ``motion``, where it has them, with predicted values."""
+    """The columns of ``motion``, where it has them, with predicted values. values: SI, (n,
+    axes).
+    """
     columns = {}
     for i, axis in enumerate(sensor.axes):
         name = (

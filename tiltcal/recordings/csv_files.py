@@ -86,6 +86,11 @@ def _names(line: str, path: Path, number: int) -> list[str]:
 
 
 def read_csv(path: Path) -> tuple[dict[str, Array | Labels], dict[str, str]]:
+    """All columns, (n,) each, and the metadata.
+
+    Raises:
+        TiltcalError: a cell is no number, naming its row and column.
+    """
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
@@ -197,6 +202,7 @@ def _reads_as_number(cell: str) -> bool:
 
 
 def write_csv_file(recording: Recording, path: Path) -> None:
+    """Write a recording as CSV."""
     with path.open("wb") as out:
         write_csv(recording, out)
 

@@ -82,6 +82,8 @@ def fetch(dataset: Dataset, into: Path, source: str | None = None) -> list[Path]
     """The files of a data set in a folder; those that are there and whole are not fetched again.
 
     Args:
+        dataset: what is fetched.
+        into: the folder.
         source: an address or a folder that holds the files, instead of where they are published.
 
     Raises:

@@ -151,7 +151,7 @@ def _fits(u: Array, width: int, degree: int, noise: Array) -> Mask:
 
 def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:
     """Standard deviation of a readout from row to row at rest, rad, at least that of its codes;
-    None if it hardly rests.
+    None if it hardly rests. angle: rad, (n,).
     """
     both = still[1:] & still[:-1]
     both[parted - 1] = False  # what moved within a pause is no noise

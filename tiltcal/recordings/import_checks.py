@@ -104,7 +104,9 @@ def _time_faults(time: Array) -> Iterator[Finding]:
 
 
 def wrap_mask(time: Array) -> Mask:
-    """Steps at which a counter falls from near its highest to near its lowest value, (n - 1,)."""
+    """Steps at which a counter falls from near its highest to near its lowest value, (n - 1,).
+    time: in the unit of the counter.
+    """
     step, low, high = np.diff(time), float(np.min(time)), float(np.max(time))
     span = high - low
     falls = (step < -span / 2) & (time[:-1] > high - span / 20) & (time[1:] < low + span / 20)

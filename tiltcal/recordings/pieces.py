@@ -42,6 +42,7 @@ def read_pieces(path: Path | str, ordered: bool = True) -> Iterator[Recording]:
     """The pieces of a recording in their order: together what ``read_recording`` reads.
 
     Args:
+        path: of the recording.
         ordered: whether time has to run forward.
 
     Raises:

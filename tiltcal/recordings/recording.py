@@ -61,7 +61,9 @@ class Recording(Tabular):
         source: str = "recording",
         origin: str | None = None,
     ) -> "Recording":
-        """Group columns of full length, (n,) each with NaN for 'not sampled', into blocks."""
+        """Group columns of full length, (n,) each with NaN for 'not sampled', into blocks.
+        time: s.
+        """
         groups: dict[bytes, dict[str, Array]] = {}
         for name, values in columns.items():
             missing = np.isnan(values)
@@ -212,7 +214,11 @@ class Recording(Tabular):
 
     @property
     def joins(self) -> Array:
-        """Stamps at which another recording begins, s, (j,); none of a single recording."""
+        """Stamps at which another recording begins, s, (j,); none of a single recording.
+
+        Raises:
+            TiltcalError: the metadata do not hold numbers.
+        """
         stated = self.metadata.get(JOINS, "")
         try:
             return np.array([float(word) for word in stated.split(",") if word.strip()])

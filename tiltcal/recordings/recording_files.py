@@ -84,6 +84,9 @@ def assemble(
     """A recording from columns as read, (n,) each: floats, or objects for text.
 
     Args:
+        columns: (n,) each.
+        metadata: of the file.
+        source: where it comes from.
         before: rows of the file before these, for messages.
 
     Raises:

@@ -25,6 +25,7 @@ def repair(
     """A table after the repairs that are wanted, in the order of ``REPAIRS``, and what they did.
 
     Args:
+        labels: the words of the rows, where there are any.
         time: s, (n,).
         columns: name with unit -> values, (n,) each.
         wanted: names of repairs.

@@ -45,11 +45,11 @@ class Replay:
         return float(self.time[0]), float(self.time[-1])
 
     def with_angles(self, angles: dict[str, Array]) -> "Replay":
-        """The same with other angles, its stops told from them."""
+        """The same with other angles, its stops told from them. angles: rad, (n,) each."""
         return replace(self, angles=angles, stop=numbered_stops(self.time, angles))
 
     def drive(self, time: Array) -> Drive:
-        """The drive at these times; between the stamps by interpolation."""
+        """The drive at these times; between the stamps by interpolation. time: s, (n,)."""
         axes = {}
         nearest = nearest_rows(self.time, time)
         for name, angle in self.angles.items():
@@ -90,7 +90,9 @@ class Replay:
         return rests_between(self.time, self.stop, leaves, comes)
 
     def standing(self, time: Array, axes: dict[str, Jet]) -> Drive:
-        """A drive at these times whose axes are known already: nothing is differentiated."""
+        """A drive at these times whose axes are known already: nothing is differentiated. time: s,
+        (n,).
+        """
         nearest = nearest_rows(self.time, time)
         return Drive(
             time,
@@ -166,7 +168,7 @@ def _near(time: Array, read: Array) -> Mask:
 
 
 def nearest_rows(stamps: Array, time: Array) -> Index:
-    """The row whose stamp is nearest to each time, (n,). stamps: increasing."""
+    """The row whose stamp is nearest to each time, (n,). stamps: increasing. Both in s."""
     between = (stamps[1:] + stamps[:-1]) / 2
     return np.searchsorted(between, time)
 

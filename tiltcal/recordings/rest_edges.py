@@ -97,7 +97,7 @@ def edges(
     time: Array, angle: Array, still: Mask, noise: float, parted: Index = NOWHERE
 ) -> tuple[Array, Array]:
     """The instants at which moves leave a rest, and those at which they reach one, in samples; none
-    where they cannot be determined.
+    where they cannot be determined. time: s, (n,); angle: rad, (n,).
 
     Args:
         time, angle, still, noise: see ``corners``.

@@ -45,7 +45,8 @@ class RigFit:
         """What a scenario with another table or mounting has to change, in words.
 
         Args:
-            table: that the scenario states; mount: R_mount that it states, (3, 3).
+            table: that the scenario states.
+            mount: R_mount that it states, (3, 3).
         """
         turned = zip(self.table.axis_names, self.senses, strict=True)
         words = [f'set table = "{self.table.name}"'] if self.table.name != table else []
@@ -59,6 +60,7 @@ def up_in_head(table: Table, angles: Array) -> Array:
     """The direction of up in the head of a table, (m, 3).
 
     Args:
+        table: its kind.
         angles: of its axes, outermost first, rad, (m, k).
     """
     from scipy.spatial.transform import Rotation

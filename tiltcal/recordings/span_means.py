@@ -46,7 +46,7 @@ class Spans:
         return f"{self.samples * self.step:.4g} s ({self.samples} samples)"
 
     def numbers(self, time: Array) -> Index:
-        """The span that each stamp lies in, (n,); a stamp is the middle of its step."""
+        """The span that each stamp lies in, (n,); a stamp is the middle of its step. time: s."""
         return np.floor((time / self.step + 0.5) / self.samples).astype(np.intp)
 
 
@@ -94,6 +94,7 @@ def spans_of(path: Path | str, rows: int | None = None) -> Spans | None:
     Coarse codes are not averaged: single samples tell what rounding leaves in a mean.
 
     Args:
+        path: of the recording.
         rows: that are left of it, at most; ``LONGEST`` unless given.
     """
     all_rows = estimated_rows(path)
@@ -116,6 +117,8 @@ def whole_spans(pieces: Iterable[Recording], spans: Spans, rows: int = 1) -> Ite
     """The same recording in pieces that end where a span ends.
 
     Args:
+        pieces: of a recording, one after another.
+        spans: at whose ends the pieces end.
         rows: that each piece has at least, but the only one of a shorter recording.
     """
     ready: list[Recording] = []

@@ -14,7 +14,8 @@ def require_onward(time: Array, source: str, before: int = 0, last: float = -np.
     Args:
         time: s, (n,).
         source: for the message.
-        before: rows of the recording before these; last: the stamp of the last of them, s.
+        before: rows of the recording before these.
+        last: the stamp of the last of them, s.
 
     Raises:
         TiltcalError: naming the first row where time does not run forward.
@@ -43,6 +44,7 @@ def require_measurable(values: Array, time: Array, name: str, source: str) -> No
     """Refuse numbers that no instrument gives, and whose powers are no numbers.
 
     Args:
+        name, source: of the channel and its recording, for the message.
         values: of a column, (n,), NaN where it was not sampled. time: their stamps, s, (n,).
 
     Raises:

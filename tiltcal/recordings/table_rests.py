@@ -21,7 +21,7 @@ WANDER = 2e-3
 
 def at_rest(time: Array, angles: Array) -> tuple[Mask, Index]:
     """Rows at which a readout (n, axes) has not moved, (n,), and the first after each pause of the
-    log that parts motions.
+    log that parts motions. time: s, (n,); angles: rad.
     """
     resting = resting_rows(time, angles)
     parted = breaks(time, angles, resting)

@@ -20,7 +20,8 @@ def smooth_temperature(time: Array, values: Array) -> Array:
     by more than any room does.
 
     Args:
-        time: stamps, s, (n,); values: readings, NaN where there is none, (n,).
+        time: stamps, s, (n,).
+        values: readings, NaN where there is none, (n,).
 
     Source: Reinsch (1967), smoothing by spline functions: the residual is given, not the
     smoothness.

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.units import readable_unit
 from tiltcal.report.page import write_page
 from tiltcal.report.plots import Plot, Trace, axes, colour, line, points
 from tiltcal.validation.campaign.campaign_file import Campaign
@@ -21,12 +22,21 @@ def write_campaign_report(results: Results, summary: dict[str, Any], path: Path)
     """Write the report.
 
     Args:
+        results: of the campaign.
+        path: of the file.
         summary: of these results.
     """
     figures: list[Plot] = []
     for method in summary["cells"][0]["methods"] if summary["cells"] else ():
         figures += _figures(results, summary, method)
-    write_page(path, "campaign", lead=lead(summary), summary=summary, figures=figures)
+    write_page(
+        path,
+        "campaign",
+        lead=lead(summary),
+        summary=summary,
+        figures=figures,
+        readable=readable_unit,
+    )
 
 
 def lead(summary: dict[str, Any]) -> str:

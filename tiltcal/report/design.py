@@ -27,12 +27,13 @@ def write_design(
     """Write the report of a design.
 
     Args:
-        plan: the design; path: of the file.
+        plan: the design.
+        path: of the file.
         title: name of its scenario.
-        poses: of the plan; table: in these poses.
+        poses: of the plan.
+        table: in these poses.
         missing: what no pose of the plan shows or separates, a sentence each.
     """
-    clock = plan.problem.clock
     write_page(
         path,
         "design",
@@ -44,8 +45,8 @@ def write_design(
         gains=_gains(plan),
         parameters=plan.to_json()["parameters"],
         scenes=[p for p in (sphere_plot(poses), table) if p is not None],
-        steps=_steps(plan, poses),
-        clock={"budget": clock.budget, "rate": clock.rate / DEG, "settle": clock.settle},
+        steps=steps_of_plan(plan, poses),
+        clock=clock_words(plan),
         missing=missing,
     )
 
@@ -109,7 +110,16 @@ def _gains(plan: Plan) -> Plot:
     )
 
 
-def _steps(plan: Plan, poses: Sequence[Pose]) -> list[dict[str, str]]:
+def clock_words(plan: Plan) -> str:
+    """What the table allowed, in words."""
+    clock = plan.problem.clock
+    return (
+        f"{clock.budget:g} s of table time, moves at {clock.rate / DEG:g} °/s, {clock.settle:g} s"
+        " to settle"
+    )
+
+
+def steps_of_plan(plan: Plan, poses: Sequence[Pose]) -> list[dict[str, str]]:
     """Rows of the list of poses."""
     return [
         {

@@ -34,7 +34,8 @@ def write_diagnosis(
     """Write the report of one diagnosis.
 
     Args:
-        diagnosis: the answer; path: of the file.
+        diagnosis: the answer.
+        path: of the file.
         sources: names of its recordings.
         poses: of its recordings.
         table: in these poses.
@@ -104,7 +105,7 @@ def _named(finding: Finding) -> str:
         f"{name} {value:.4g} ± {sigma:.2g}"
         for name, (value, sigma) in list(finding.parameters.items())[:2]
     )
-    place = " ".join((*finding.sensors, *finding.axes))
+    place = " ".join((*finding.sensors, ", ".join(finding.axes))).strip()
     return f"{what}{f' on {place}' if place else ''}{f' ({sizes})' if sizes else ''}"
 
 

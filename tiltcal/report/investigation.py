@@ -29,7 +29,8 @@ def write_investigation(
         state: where it stands.
         answers: diagnosis.json of each diagnosis, the first one first.
         path: of the file; its diagnoses lie beside it.
-        poses: of all recordings; table: in these poses.
+        poses: of all recordings.
+        table: in these poses.
     """
     write_page(
         path,

@@ -20,7 +20,8 @@ def write_scene(path: Path, scene: Scene, labels: Sequence[str], rate_hz: float)
 
     Args:
         path: of the HTML file.
-        scene: the table's solids at each instant; labels: what to say of each instant.
+        scene: the table's solids at each instant.
+        labels: what to say of each instant.
         rate_hz: instants a second of playing.
 
     Raises:
@@ -70,7 +71,8 @@ def write_film(path: Path, pictures: Iterator[bytes], width: int, height: int, r
 
     Args:
         path: of the file.
-        pictures: RGB, row by row; width, height: of each, px.
+        pictures: RGB, row by row.
+        width, height: of each, px.
         rate_hz: pictures a second.
 
     Raises:

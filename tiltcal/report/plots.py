@@ -91,7 +91,7 @@ def points(
 
 
 def line(x: ArrayLike, y: ArrayLike, name: str, place: int, **more: Any) -> Trace:
-    """A series of points joined by a line."""
+    """A series of points joined by a line. x, y: (n,)."""
     return points(x, y, name, place, **({"mode": "lines"} | more))
 
 

@@ -13,6 +13,8 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.recordings.static_poses import find_poses
+from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 
@@ -69,8 +71,10 @@ def poses_at(
     """The poses of a design.
 
     Args:
+        axes: names of the axes that tilt.
         setup: rig; its nominal mounting holds throughout.
-        up: in the body frame, (n, 3); angles: of ``axes``, rad, (n, axes).
+        up: in the body frame, (n, 3).
+        angles: of ``axes``, rad, (n, axes).
         starts: of the readings, s, (n,).
         group: what the poses belong to, in words.
     """
@@ -78,6 +82,31 @@ def poses_at(
     return [
         Pose(u, where, float(start), group, setup.rig.mount_rotation)
         for u, where, start in zip(up, named, starts, strict=True)
+    ]
+
+
+def poses_of_steps(steps: Sequence[Step], setup: Setup, group: str) -> list[Pose]:
+    """The dwells of a sequence of steps.
+
+    Args:
+        steps: in laboratory words.
+        setup: whose table follows them.
+        group: what the poses belong to, in words.
+    """
+    schedule = build_schedule(tuple(steps), setup.rig)
+    legs = [leg for leg in schedule.legs if leg.stop >= 0]
+    drive = schedule.drive(np.array([(leg.t0 + leg.t1) / 2 for leg in legs]))
+    up = closed_form(setup, drive).up
+    starts = [start for start, _ in drive.mounts[1:]]
+    return [
+        Pose(
+            up[k],
+            {name: float(np.asarray(jet.x)[k] / DEG) for name, jet in drive.axes.items()},
+            leg.t0,
+            group,
+            drive.mounts[int(np.searchsorted(starts, leg.t0, side="right"))][1],
+        )
+        for k, leg in enumerate(legs)
     ]
 
 

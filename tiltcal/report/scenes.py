@@ -73,7 +73,7 @@ def table_plot(scene: Scene, labels: Sequence[str]) -> Plot | None:
     ]
     everywhere = np.concatenate([c.reshape(-1, 3) for c in corners])
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
-    reach = 0.66 * float((high - low).max())
+    reach = 0.78 * float((high - low).max())
     return Plot(
         first,
         f"The table in {len(shown)} of {count} poses; choose one with the slider, drag to turn."

@@ -57,6 +57,6 @@ def _same_rest(angles: Array, resting: Mask, row: int, noise: Array, codes: Arra
 
 
 def stretches(n: int, breaks: Index) -> list[slice]:
-    """The rows between breaks, of n."""
+    """The rows between breaks, of n. breaks: first rows after them, (m,)."""
     ends = [0, *(int(row) for row in breaks), n]
     return [slice(a, b) for a, b in pairwise(ends)]

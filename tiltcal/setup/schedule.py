@@ -40,7 +40,7 @@ class Leg:
     stop: int = -1
 
     def progress(self, time: Array) -> Jet:
-        """Share of ``dq`` covered, with its derivatives."""
+        """Share of ``dq`` covered, with its derivatives. time: s, (n,)."""
         t = time - self.t0
         if self.law == "rest":
             zero = np.zeros_like(t)
@@ -95,7 +95,7 @@ class Schedule:
         return self.legs[0].t0, self.legs[-1].t1
 
     def leg_of(self, time: Array) -> Index:
-        """Number of the leg at each time, (n,)."""
+        """Number of the leg at each time, (n,). time: s."""
         starts = np.array([leg.t0 for leg in self.legs])
         return np.clip(np.searchsorted(starts, time, side="right") - 1, 0, len(self.legs) - 1)
 
@@ -105,7 +105,7 @@ class Schedule:
         return words[self.leg_of(time)]
 
     def mountings(self, time: Array) -> tuple[tuple[int, str], ...]:
-        """(first row, mount) of each mounting."""
+        """(first row, mount) of each mounting. time: s."""
         which = self.leg_of(time)
         texts = [self.legs[0].mount] + [leg.mount for leg in self.legs[1:]]
         found: list[tuple[int, str]] = []
@@ -125,7 +125,9 @@ class Schedule:
         return found.led_in(self.legs[0].stop < 0)
 
     def drive(self, time: Array) -> Drive:
-        """The drive at these times (before the first and after the last instant it rests)."""
+        """The drive at these times (before the first and after the last instant it rests). time: s,
+        (n,).
+        """
         which = self.leg_of(time)
         inside = np.clip(time, *self.times)
         edges = [*np.flatnonzero(np.diff(which, prepend=-1)).tolist(), len(time)]
@@ -156,6 +158,7 @@ class Schedule:
 
 
 def rotations(vectors: Array) -> Array:
+    """Rotation matrices, (n, 3, 3), of rotation vectors, rad, (n, 3)."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec(vectors).as_matrix())

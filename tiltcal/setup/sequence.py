@@ -88,6 +88,7 @@ class Step(Part):
 
     @classmethod
     def keys(cls) -> list[str]:
+        """All keys, those of the angles of every known table included."""
         return [*super().keys(), *_angle_keys()]
 
     @property

@@ -25,7 +25,9 @@ class Jet:
 
     @cached_property
     def cos_sin(self) -> tuple[Array | float, Array | float]:
-        """Cosine and sine of the angle, kept: one axis is turned about many times."""
+        """Cosine and sine of the angle, kept: one axis is turned about many times. (n,) each, or
+        numbers.
+        """
         return np.cos(self.x), np.sin(self.x)
 
     def __add__(self, other: "Jet") -> "Jet":
@@ -57,7 +59,7 @@ class Jet:
 
 def sampled_jet(time: Array, x: Array) -> Jet:
     """A jet of a slowly varying quantity known at samples only, by finite differences. time, x:
-    (n,).
+    (n,). time: s.
     """
     if len(time) < 3 or np.ptp(x) == 0:
         return Jet(x, np.zeros_like(x), np.zeros_like(x))
@@ -131,7 +133,9 @@ class Rests:
 
     @classmethod
     def told(cls, rests: "Callable[[], Rests] | None", time: Array, stop: Index) -> "Rests":
-        """What ``rests`` says, or else the rows of each stop: see ``Drive``."""
+        """What ``rests`` says, or else the rows of each stop: see ``Drive``. time: s, (n,); stop:
+        (n,).
+        """
         return cls.of_rows(time, stop) if rests is None else rests()
 
     @classmethod
@@ -139,7 +143,8 @@ class Rests:
         """From the first row of each stop to its last.
 
         Args:
-            time: s, (n,); stop: number of the stop of each row, -1 while moving, (n,).
+            time: s, (n,).
+            stop: number of the stop of each row, -1 while moving, (n,).
         """
         first = np.flatnonzero((stop >= 0) & (np.concatenate([[-1], stop[:-1]]) != stop))
         last = np.flatnonzero((stop >= 0) & (np.concatenate([stop[1:], [-1]]) != stop))
@@ -154,7 +159,7 @@ class Rests:
         )
 
     def holds(self, time: Array) -> npt.NDArray[np.bool_]:
-        """Whether it rests, (n,)."""
+        """Whether it rests, (n,). time: s."""
         at = np.searchsorted(self.begin, time, side="right") - 1
         return (
             (at >= 0) & (time <= self.end[np.maximum(at, 0)])
@@ -177,7 +182,7 @@ class Rests:
         return np.where((at >= 0) & np.isfinite(began), time - began, 0.0)
 
     def moves(self, time: Array) -> Array:
-        """How many moves have begun, (n,)."""
+        """How many moves have begun, (n,). time: s."""
         return np.searchsorted(self.end, time).astype(float)
 
 
@@ -189,7 +194,7 @@ class Course(Protocol):
         """First and last instant, s."""
 
     def drive(self, time: Array) -> Drive:
-        """The drive at these times, (n,)."""
+        """The drive at these times, (n,). time: s."""
 
 
 @dataclass(frozen=True)

@@ -107,6 +107,7 @@ def curve_of(m: Index, variance: Array, n: int, rate_hz: float) -> AllanDeviatio
     """The deviation of Allan variances.
 
     Args:
+        rate_hz: of the samples.
         m: samples of each averaging time, (k,).
         variance: at each, in the square of the unit of the record, (k,).
         n: samples of the record.

@@ -37,7 +37,8 @@ def rounding_variance(codes: Array, residuals: Sequence[Array], means: Array) ->
 
     Args:
         codes: widths, 0 where a channel has none, (k,).
-        residuals: of each dwell, (n_i, k); means: of each, (m, k); in the unit of the codes.
+        residuals: of each dwell, (n_i, k).
+        means: of each, (m, k); in the unit of the codes.
     """
     found = np.zeros_like(means)
     dof = max(sum(len(r) - 1 for r in residuals), 1)

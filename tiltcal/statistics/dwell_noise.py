@@ -16,7 +16,7 @@ MAD_TO_SIGMA = 1.4826  # standard deviation of a normal over its median absolute
 
 def second_difference_noise(values: Array) -> float:
     """White noise of evenly sampled values from their second differences, in which no slow signal
-    is left: standard deviation of a sample, robust against outliers.
+    is left: standard deviation of a sample, robust against outliers. values: (n,).
     """
     second = values[2:] - 2 * values[1:-1] + values[:-2]
     return float(MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6))

@@ -89,6 +89,7 @@ class NoiseModel(ABC):
         Without more knowledge of a model this one.
 
         Args:
+            bins: of the spectrum.
             price: -log prior of a model, nats.
         """
         return self
@@ -111,7 +112,9 @@ class NoiseModel(ABC):
         return {"white": Amplitude(self.white, min(low, self.white), max(high, self.white))}
 
     def drift_density(self, s: Array) -> Array:
-        """The part of the density that begins at nothing with each recording: a random walk."""
+        """The part of the density that begins at nothing with each recording: a random walk. s:
+        (n,).
+        """
         return np.zeros_like(s)
 
     def slow_noise(self, rate_hz: float) -> Array:
@@ -121,12 +124,16 @@ class NoiseModel(ABC):
         return np.zeros(2)
 
     def with_excess(self, weights: Array, excess: float) -> "NoiseModel":
-        """A model with more noise: ``weights @ spectrum`` grows by ``excess``, SI^2."""
+        """A model with more noise: ``weights @ spectrum`` grows by ``excess``, SI^2. weights:
+        (n,).
+        """
         expected = float(weights @ self.spectrum(len(weights)))
         return self.scaled(float(np.sqrt(1 + excess / expected)))
 
     def spectrum(self, n: int) -> Array:
-        """Variance of each of n cosine coefficients, SI^2; the level has that of its neighbour."""
+        """Variance of each of n cosine coefficients, SI^2; the level has that of its neighbour.
+        (n,).
+        """
         return np.asarray(self.density(sines(n)))
 
     def drift_spectrum(self, n: int) -> Array:
@@ -159,7 +166,7 @@ def sines(n: int) -> Array:
 
 
 def robust_white(residual: Array) -> float:
-    """White noise from second differences, in which no slow signal is left."""
+    """White noise from second differences, in which no slow signal is left. residual: (n,)."""
     second = residual[2:] - 2 * residual[1:-1] + residual[:-2]
     return max(second_difference_noise(residual), 0.05 * float(np.std(second)), ARITHMETIC)
 

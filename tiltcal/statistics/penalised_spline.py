@@ -106,7 +106,7 @@ class SplineBasis:
 
     @cached_property
     def moves(self) -> tuple[Index, ...]:
-        """Rows of ``differences`` of each move: those between two rests."""
+        """Rows of ``differences`` of each move: those between two rests. (m,) each."""
         rows = np.flatnonzero(np.diff(self.differences.indptr) > 0)
         return tuple(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) if len(rows) else ()
 
@@ -135,7 +135,8 @@ def most_probable_course(basis: SplineBasis, readings: Sequence[LinearReadings])
     A move is judged by the readings from the rest before it to the rest after it.
 
     Args:
-        basis: where the knots and the rests are; readings: of one or several sensors, not empty.
+        basis: where the knots and the rests are.
+        readings: of one or several sensors, not empty.
     """
     system = _System.of(basis, readings)
     weights = np.array([_smoothness(system.of_move(rows)) for rows in basis.moves])

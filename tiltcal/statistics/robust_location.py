@@ -137,5 +137,7 @@ WEIGHT: dict[str, Callable[[Array], Array]] = {
 
 
 def influence(name: str, r: Array) -> Array:
-    """The influence function of an M-estimator: residual times weight."""
+    """The influence function of an M-estimator: residual times weight. r: residuals over their
+    scale, (n,).
+    """
     return np.asarray(r * WEIGHT[name](r))

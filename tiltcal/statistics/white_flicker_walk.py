@@ -35,24 +35,30 @@ class WhiteFlickerWalk(NoiseModel):
     walk: float = 0.0
 
     def density(self, s: Array) -> Array:
+        """See ``NoiseModel``; s: (n,)."""
         return np.asarray(self.white**2 + self.flicker**2 / s + self.drift_density(s))
 
     def drift_density(self, s: Array) -> Array:
+        """See ``NoiseModel``; s: (n,)."""
         return np.asarray(self.walk**2 / s**2)
 
     def slow_noise(self, rate_hz: float) -> Array:
+        """See ``NoiseModel``, (2,)."""
         return np.array([self.flicker, self.walk * np.sqrt(rate_hz)])
 
     def scaled(self, factor: float) -> Self:
+        """See ``NoiseModel``."""
         return type(self)(factor * self.white, factor * self.flicker, factor * self.walk)
 
     def with_excess(self, weights: Array, excess: float) -> NoiseModel:
+        """See ``NoiseModel``; weights: (n,)."""
         each = float(weights @ type(self)(0.0, 1.0).spectrum(len(weights)))
         flicker = float(np.sqrt(self.flicker**2 + excess / each))
         return type(self)(self.white, flicker, self.walk)
 
     @classmethod
     def most_likely(cls, bins: SpectrumBins) -> Self:
+        """See ``NoiseModel``."""
         low = 1 / float(bins.inverse.max())
         starts = np.array([[1.0, 1e-2 * low, 1e-1 * low**2], [1.0, low, 1e-4 * low**2]])
         return cls._at(min((search(bins, s) for s in starts), key=lambda found: found[0])[1], bins)
@@ -111,7 +117,7 @@ class WhiteFlickerWalk(NoiseModel):
 
 
 def deviance(bins: SpectrumBins, v: Array) -> float:
-    """-2 log likelihood at the variances v = (sw^2, sf^2, sr^2) / scale."""
+    """-2 log likelihood at the variances v = (sw^2, sf^2, sr^2) / scale. v: (3,)."""
     S = _shares(bins) @ v
     return float(bins.weight @ np.log(S) + (bins.power / S).sum())
 
@@ -122,7 +128,8 @@ def _shares(bins: SpectrumBins) -> Array:
 
 
 def search(bins: SpectrumBins, start: Array, fixed: int | None = None) -> tuple[float, Array]:
-    """Smallest deviance from a start, flicker or walk held, and where.
+    """Smallest deviance from a start, flicker or walk held, and where. start: variances without
+    unit, (3,).
 
     By scoring: the expected curvature of the deviance is that of a weighted least-squares problem
     with non-negative variances.

@@ -12,8 +12,7 @@ import numpy as np
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.budget import require_within
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress, silent
-from tiltcal.core.tasks.run_tasks import Rate
+from tiltcal.core.progress import Progress, Rate, silent
 from tiltcal.laboratory.laboratory import Laboratory
 from tiltcal.laboratory.scenario import Scenario, load_scenario
 from tiltcal.laboratory.scenario_tables import EstimatorTable, MethodTable
@@ -127,7 +126,12 @@ def run_scenario(
     """Simulate, calibrate, judge.
 
     Args:
-        laboratory: of this process; workers: other processes, which make the same runs.
+        scenario: that is run.
+        source: its file, for messages.
+        allow_commands: whether it may run programs as methods.
+        progress: is told the rate and the time left.
+        laboratory: of this process.
+        workers: other processes, which make the same runs.
         kept: runs that were made before, and takes those that are made.
 
     Raises:

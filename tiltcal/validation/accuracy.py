@@ -192,7 +192,7 @@ def _bare(calibration: Calibration) -> Calibration:
 
 def estimated_up(f: Array, g: float) -> Array:
     """Unit vectors of the estimated up from corrected forces: a triad's own direction, or two
-    channels and |f| = g.
+    channels and |f| = g. f: m/s2, (n, k); the unit vectors, (n, 3).
     """
     if f.shape[1] == 2:
         f = np.column_stack([f, np.sqrt(np.maximum(g * g - (f * f).sum(axis=1), 0.0))])

@@ -43,7 +43,7 @@ def table_truth(
     setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
 ) -> dict[str, float]:
     """The injected value of each parameter of the smooth fits: the true bias over the table's
-    angles, in the same terms.
+    angles, in the same terms. mount: (3, 3).
     """
     truth: dict[str, float] = {}
     for sensor, axis, table in _tables(setup, calibration):
@@ -59,7 +59,8 @@ def table_truth(
 def table_errors(
     setup: Setup, effects: Sequence[Effect], calibration: Calibration, mount: Array
 ) -> tuple[float, float, float, float]:
-    """Tilt error, rad rms, of a horizontal axis over the table's angles and between them.
+    """Tilt error, rad rms, of a horizontal axis over the table's angles and between them. mount:
+    (3, 3).
 
     Returns:
         Before correction, after it, what entry noise and interpolation let expect, and the

@@ -59,7 +59,11 @@ class KeptRuns:
         self._journal = journal
 
     def result(self, scenario: Scenario, k: int) -> SeedResult | None:
-        """Run k of a scenario, without its recording; None where it is not kept."""
+        """Run k of a scenario, without its recording; None where it is not kept.
+
+        Raises:
+            TiltcalError: the record is damaged.
+        """
         text = self._journal.record_of(_key(scenario, k)) if _keepable(scenario) else None
         if text is None:
             return None

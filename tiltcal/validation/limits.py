@@ -24,7 +24,8 @@ def limits_of(scenario: Scenario, table: MethodTable, rows: Sequence[Row]) -> li
     """All limits of a method over its runs.
 
     Args:
-        scenario: that was run; table: the method's part of it.
+        scenario: that was run.
+        table: the method's part of it.
         rows: one a run, none of them with an error.
     """
     certain: list[Limit] = []

@@ -20,8 +20,7 @@ import numpy as np
 
 from tiltcal.calibration.methods.registry import Method, calibrate, find_method
 from tiltcal.calibration.result import Calibration
-from tiltcal.core.progress import Progress, silent
-from tiltcal.core.tasks.run_tasks import Rate
+from tiltcal.core.progress import Progress, Rate, silent
 from tiltcal.laboratory.scenario_tables import SourceTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.segmentation import dwells, find_segments
@@ -100,7 +99,8 @@ def make_budget(
     (``usual_sources``).
 
     Args:
-        method: its name, or a function; recording, setup: what it is called with.
+        method: its name, or a function.
+        recording, setup: what it is called with.
         tables: the stated sources.
         progress: is told how many runs of the method are left, and how long they take.
         options: of the method.

@@ -90,7 +90,9 @@ def sources(tables: Iterable[SourceTable], setup: Setup, stops: Sequence[Segment
         for key, size in (table.model_extra or {}).items():
             shifts, unit = _shifts(table, key, setup, stops, f"budget {k}")
             where = table.axis or table.sensor
-            words = f"{table.id}{f'[{where}]' if where else ''} {key.removesuffix('_' + unit)}"
+            stem = key.removesuffix(f"_{unit}")
+            named = f"{table.id}{f'[{where}]' if where else ''}"
+            words = named if stem == table.id else f"{named} {stem}"
             found.append(Source(words, float(size), unit, table.distribution, shifts))
     return found
 

@@ -150,7 +150,9 @@ def _solved(
     """The matrix, and the error of f in ``f = inverse (left - slope f)`` by repeated insertion.
 
     Args:
-        largest: size of ``left``; places: of it; left: its error.
+        largest: size of ``left``.
+        places: of it.
+        left: its error.
 
     Raises:
         TiltcalError: the insertion does not converge.

@@ -16,7 +16,9 @@ def places_for(bound: float, bits: int) -> int:
 
 
 def integers(values: Array, places: int) -> list[int]:
-    """Values times 2^places, rounded; flat, exact whatever their size."""
+    """Values times 2^places, rounded; flat, exact whatever their size. values: of any shape, such
+    as (n,).
+    """
     found = []
     for value in np.ravel(values):
         mantissa, exponent = frexp(float(value))
@@ -86,7 +88,8 @@ class FixedMatrix:
         """Of real numbers.
 
         Args:
-            matrix: (k, m); constant: (k,).
+            matrix: (k, m).
+            constant: (k,).
             limits: largest size of each input, (m,), in its unit.
             places: of each input, (m,).
             reach: a larger bound of the result, where it is not that of these limits.

@@ -53,5 +53,5 @@ def _sensor(s: SensorTerms, warm: Array) -> dict[str, Any]:
 
 
 def row_of(values: Array) -> list[str]:
-    """Numbers as C has them."""
+    """Numbers as C has them. values: (n,)."""
     return [repr(float(v)) for v in values]

@@ -32,7 +32,8 @@ def walk_density(rate: Array, variance: Array, time: Array, columns: Array) -> f
     out; prior: no walk or one of any size, with equal odds, its logarithm uniform.
 
     Args:
-        rate: mean of each part, rad/s, (n,); variance: of it by white noise, (n,).
+        rate: mean of each part, rad/s, (n,).
+        variance: of it by white noise, (n,).
         time: of the middle of each part, s, (n,).
         columns: what else the parts respond to, (n, p): a constant and the Earth's rate.
 

@@ -160,6 +160,6 @@ def fitted_sensitivity(fit: Fit, sensor: str) -> Array:
 
 
 def leave_out_rms(residuals: Sequence[Array]) -> float:
-    """Root mean square over all left-out residuals, SI."""
+    """Root mean square over all left-out residuals, SI. residuals: of each part left out, (n,)."""
     stacked = np.concatenate([np.ravel(r) for r in residuals])
     return float(np.sqrt(np.mean(stacked**2)))

@@ -136,11 +136,11 @@ class Blocks:
     steady: Mask
 
     def fit(self, used: Mask) -> Fit:
-        """Least squares over some of the blocks."""
+        """Least squares over some of the blocks. used: (blocks,)."""
         return fit_blocks(self.names, self.columns[:, used], self.target[used], self.whiten)
 
     def held_out(self, used: Mask) -> float:
-        """Rms of blocks left out of the fit, in FOLDS stretches, rad/s."""
+        """Rms of blocks left out of the fit, in FOLDS stretches, rad/s. used: (blocks,)."""
         chosen = np.flatnonzero(used)
         part = np.arange(len(chosen)) * FOLDS // len(chosen)
         left = []

@@ -185,7 +185,8 @@ def _columns_test(turns: Turns, rests: Poses) -> Test:
 def solve(
     turns: Turns, static: StaticRates, names: Sequence[str], start: Array | None = None
 ) -> tuple[Fit, bool]:
-    """All parameters from turns and rests together; the fit and whether it converged.
+    """All parameters from turns and rests together; the fit and whether it converged. start:
+    parameters to start from, SI, (p,).
 
     Where the model is incomplete, neither group fits to its noise: each is weighted by the inverse
     of its own misfit. The residuals returned are those without the weights.

@@ -37,7 +37,7 @@ class Turns:
     sigma: Array
 
     def subset(self, mask: Array) -> "Turns":
-        """Some of the turns."""
+        """Some of the turns. mask: (turns,)."""
         return Turns(*(values[mask] for values in vars(self).values()))
 
     def __len__(self) -> int:
@@ -62,7 +62,7 @@ class Series:
         return np.column_stack([np.interp(time, self.time, v) for v in self.values.T])
 
     def between(self, start: float, end: float) -> "Series":
-        """The samples of an interval, both ends included."""
+        """The samples of an interval, both ends included. start, end: s."""
         inside = (self.time >= start) & (self.time <= end)
         return Series(self.time[inside], self.values[inside])
 

@@ -25,7 +25,7 @@ FACES = {
 
 
 def gain(M: Array) -> float:
-    """The common gain of a sensitivity matrix: cube root of its determinant's size."""
+    """The common gain of a sensitivity matrix: cube root of its determinant's size. M: (3, 3)."""
     return float(max(abs(np.linalg.det(M)), 1e-300) ** (1 / 3))
 
 

@@ -30,7 +30,8 @@ def solve_with_drift(
 
     Args:
         poses: means and slopes.
-        g: m/s2; terms: 6 or 9.
+        g: m/s2.
+        terms: 6 or 9.
         start, length: of the recording, s.
     """
     elapsed = _elapsed(poses, start, length)
@@ -56,7 +57,7 @@ def solve_with_drift(
 
 
 def without_slope(poses: Poses, fit: Fit, start: float, length: float) -> Poses:
-    """The poses with the fitted drift taken off their means."""
+    """The poses with the fitted drift taken off their means. start, length: of the recording, s."""
     drift = np.array([fit.value(f"{poses.sensor.name}.drift_{a}") for a in AXES])
     return replace(poses, means=_level(poses, drift, _elapsed(poses, start, length)))
 

@@ -44,7 +44,8 @@ def model_of(x: Array) -> tuple[Array, Array]:
 
 
 def solve(poses: Poses, g: float, terms: int, start: Array | None = None) -> tuple[Fit, bool]:
-    """Maximum likelihood from pose means; the fit and whether it converged.
+    """Maximum likelihood from pose means; the fit and whether it converged. start: parameters to
+    start from, SI, (p,).
 
     The noise of a norm depends weakly on the parameters: it is computed at the last solution and
     held constant during each solution.
@@ -93,7 +94,8 @@ def _whitened(y: Array, g: float, sigma: Array, x: Array) -> tuple[Array, Array]
 
 def start_of(y: Array, g: float, terms: int) -> Array:
     """Axis-aligned ellipsoid through the readings, by linear least squares; the nominal parameters
-    where the quadric is no ellipsoid or an implausible one.
+    where the quadric is no ellipsoid or an implausible one. y: means of the poses, m/s2, (n, 3);
+    the parameters, SI, (p,).
     """
     x = np.zeros(terms)
     scaled = y / g

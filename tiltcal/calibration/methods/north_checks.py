@@ -104,7 +104,9 @@ def _resolution_test(fit: Fit, rivals: list[float]) -> Test:
 def north_notes(
     table: Turntable, fit: Fit, rivals: list[float], sure: bool, roll: float, pitch: float
 ) -> list[str]:
-    """Ambiguity of the azimuth, and the effect of the tilt correction."""
+    """Ambiguity of the azimuth, and the effect of the tilt correction. roll, pitch: of the base,
+    rad.
+    """
     notes = []
     if not sure:
         others = " or ".join(f"{table.azimuth(h, roll, pitch) / DEG:.4g} deg" for h in rivals)
@@ -132,7 +134,9 @@ def north_notes(
 
 
 def walk_note(density: float, angles: Array) -> str:
-    """The random walk of the FOG's bias in words, and whether a position was repeated."""
+    """The random walk of the FOG's bias in words, and whether a position was repeated. angles: of
+    the positions, rad, (n,).
+    """
     words = (
         f"random walk of the FOG's bias: {np.sqrt(density * 3600) / DEG_H:.3g} deg/h per square"
         " root of an hour; its share is in the azimuth's sigma"
@@ -144,5 +148,5 @@ def walk_note(density: float, angles: Array) -> str:
 
 
 def wrapped(angle: float) -> float:
-    """An angle in -pi ... pi."""
+    """An angle in -pi ... pi. angle: rad."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)

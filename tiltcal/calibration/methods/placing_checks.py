@@ -22,7 +22,7 @@ REMOUNT = {"x": "Rz(90)", "y": "identity"}
 
 
 def require_mounting(poses: Poses, which: Index, g: float, source: str) -> None:
-    """Refuse readings that contradict the stated mounting.
+    """Refuse readings that contradict the stated mounting. which: numbers of the poses, (n,).
 
     Raises:
         TiltcalError: naming the time, and the mounting that the readings look like.

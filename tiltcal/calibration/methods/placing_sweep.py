@@ -120,7 +120,7 @@ class Table:
     drift: float | None
 
     def at_nodes(self, node: npt.NDArray[np.intp]) -> "Table":
-        """The entries at some of the nodes."""
+        """The entries at some of the nodes. node: numbers of the nodes, (n,)."""
         keep = np.isin(self.node, node)
         return replace(
             self,

@@ -223,6 +223,7 @@ def run_command(command: Sequence[str], recording: Recording, setup: Setup) -> C
     """A program as the method: it gets files and writes CAL.json; no shell.
 
     Args:
+        recording, setup: what the method is given.
         command: words with {recording}, {scenario}, {cal} where the paths go.
 
     Raises:

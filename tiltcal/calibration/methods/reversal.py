@@ -58,7 +58,9 @@ def dwell_angles(poses: Poses, recording: Recording) -> Array:
 
 
 def off_half_turn(angles: Array) -> float:
-    """How far the best pair of dwells is from half a turn, rad."""
+    """How far the best pair of dwells is from half a turn, rad. angles: of the dwells, rad,
+    (n,).
+    """
     return float(np.abs(np.angle(-np.exp(1j * (angles[:, None] - angles[None, :])))).min())
 
 

@@ -33,7 +33,9 @@ class Reversal:
     mount: Array
 
     def turn(self, k: int, angle: float) -> Array:
-        """Base-frame horizontal force to reading, (2, 2)."""
+        """Base-frame horizontal force to reading, (2, 2). angle: of the table at the dwell k,
+        rad.
+        """
         return np.asarray((self.mount.T @ rotation("z", -angle))[:2, :2])
 
     def fit(
@@ -60,6 +62,7 @@ def solve(reversal: Reversal) -> Fit:
 
 def explain(reversal: Reversal, time: Array | None = None) -> str:
     """The single faults that make the dwells agree, those that fit alike as one class, in words.
+    time: (n,).
 
     Args:
         reversal: that does not fit.

@@ -164,7 +164,7 @@ class Part:
         return notes
 
     def parameters(self) -> tuple[dict[str, Estimate], list[Array]]:
-        """Estimates by name, and the covariance of each channel."""
+        """Estimates by name, and the covariance of each channel. The covariances are (p, p), SI."""
         keep, values, covariances, _ = estimate(self.choice, self.blocks)
         powers = np.maximum(self.choice.design.power[keep], 0)
         force = np.where(self.choice.design.axis[keep] >= 0, G0, 1.0)

@@ -23,7 +23,11 @@ MOST_POSES = 60  # unknown attitudes, each with its own constant
 
 
 def temperature_of(recording: Recording) -> Array:
-    """Temperature at every row, degC, the last reading held where there is none."""
+    """Temperature at every row, degC, the last reading held where there is none. (n,).
+
+    Raises:
+        TiltcalError: the recording has no temperature.
+    """
     column = recording.channel("temperature")
     values = None if column is None else held(recording.column(column))
     span = 0.0 if values is None else float(np.ptp(values))
@@ -57,7 +61,11 @@ def stretches_at_rest(
 def blocks_of(
     recording: Recording, setup: Setup, sensor: Sensor, stretches: Sequence[Segment]
 ) -> tuple[Blocks, bool]:
-    """Block means of a sensor, less the force where attitudes are known."""
+    """Block means of a sensor, less the force where attitudes are known.
+
+    Raises:
+        TiltcalError: no stretch is long enough for a block.
+    """
     samples = recording.sensor(sensor)
     values = samples.values
     if sensor.kind == "inclinometer":

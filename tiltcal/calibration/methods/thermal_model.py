@@ -101,7 +101,7 @@ class Design:
         return cls(np.column_stack(columns), np.array(power), np.array(axis))
 
     def chosen(self, model: Model) -> Index:
-        """Columns of a model."""
+        """Columns of a model. Their numbers, (p,)."""
         bias = (self.axis < 0) & (self.power <= model.bias)
         axes = (self.axis >= 0) & (self.power <= model.axes)
         return np.flatnonzero(bias | axes)
@@ -142,7 +142,8 @@ def compared(
     Args:
         blocks: of one sensor.
         courses: memories that are tried, with the course of the temperature under each.
-        reference: T0, degC; scale: half the range, degC.
+        reference: T0, degC.
+        scale: half the range, degC.
     """
     fold = folds_of(blocks)
     warm = (blocks.mean(courses[0][1].level) - reference) / scale
@@ -204,7 +205,9 @@ def smallest(found: Sequence[Choice]) -> Choice:
 
 
 def memories(time: Array, span: float) -> Iterator[Memory]:
-    """The memories that are tried on a recording over a range of temperature."""
+    """The memories that are tried on a recording over a range of temperature. time: s, (n,); span:
+    of temperature, K.
+    """
     yield Memory()
     shortest = SHORTEST_LAG * float(np.median(np.diff(time)))
     for constant in np.geomspace(shortest, LONGEST_LAG * float(np.ptp(time)), LAGS):
@@ -238,7 +241,9 @@ def estimate(choice: Choice, blocks: Blocks) -> tuple[Index, Array, Array, Array
 
 
 def names(sensor: str, axis: str, design: Design, keep: Index) -> list[str]:
-    """Names of the parameters of one channel, "" where a column is no parameter of the sensor."""
+    """Names of the parameters of one channel, "" where a column is no parameter of the sensor.
+    keep: numbers of the columns, (p,).
+    """
     found = []
     for power, j in zip(design.power[keep], design.axis[keep], strict=True):
         prefix = f"temp{power}_" if power > 0 else ""

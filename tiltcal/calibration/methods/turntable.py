@@ -108,7 +108,7 @@ def _refined(table: Turntable, axes: Array, heading: float) -> float:
 
 def solve(table: Turntable, heading: float, roll: float, pitch: float) -> tuple[Fit, bool]:
     """Heading, bias and (with accelerometers) tilt and their constants together; the heading is
-    returned as azimuth.
+    returned as azimuth. heading, roll, pitch: to start from, rad.
     """
     names = ["base.azimuth", f"{table.names[0]}.bias_a"]
     if table.force is not None:

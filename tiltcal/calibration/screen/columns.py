@@ -20,7 +20,8 @@ def columns_test(time: Array, rate: Array, force: Array) -> Test:
 
     Args:
         time: s, (n,), steps of 0.05 ... 0.5 s.
-        rate: rad/s less its bias; force: g, both (n, 3).
+        rate: rad/s less its bias.
+        force: g, both (n, 3).
     """
     name = "columns of gyro and accelerometer"
     f, w, dt = (force[1:] + force[:-1]) / 2, (rate[1:] + rate[:-1]) / 2, np.diff(time)

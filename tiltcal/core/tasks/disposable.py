@@ -35,7 +35,9 @@ class DisposableProcess:
         """What became of a call.
 
         Args:
-            function: importable by its name in another process; arguments: what pickle takes.
+            limits: of time and memory.
+            function: importable by its name in another process.
+            arguments: what pickle takes.
         """
         start = time.perf_counter()
         try:
@@ -112,7 +114,9 @@ def call_apart(function: Callable[..., Any], arguments: tuple[Any, ...], limits:
     A call whose process was ended is made once more: that may have been no fault of the call.
 
     Args:
-        function: importable by its name in another process; arguments: what pickle takes.
+        limits: of time and memory.
+        function: importable by its name in another process.
+        arguments: what pickle takes.
     """
     if not hasattr(_own, "process"):
         _own.process = DisposableProcess()

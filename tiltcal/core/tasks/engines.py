@@ -35,6 +35,7 @@ def open_engine(name: str = "processes", jobs: int = 1) -> Iterator[Engine]:
     ``dask://HOST:PORT``, a scheduler that runs already.
 
     Args:
+        name: as above.
         jobs: tasks at the same time; a scheduler that runs already has its own workers.
 
     Raises:

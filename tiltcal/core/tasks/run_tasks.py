@@ -2,7 +2,6 @@
 finished.
 """
 
-import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from threading import Thread
 from typing import Any
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress, silent
+from tiltcal.core.progress import Part, Progress, Rate, silent, unmeasured
 from tiltcal.core.tasks.disposable import call_apart
 from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.tasks.journal import Journal
@@ -71,19 +70,35 @@ def outcomes(
 
 
 def values_of(
-    function: Callable[..., Any], calls: Iterable[tuple[Any, ...]], engine: Engine | None
+    function: Callable[..., Any],
+    calls: Iterable[tuple[Any, ...]],
+    engine: Engine | None,
+    part: Part = unmeasured,
 ) -> list[Any]:
     """What a function returns for each of some arguments, in order; without an engine in this
     process.
 
+    Args:
+        function: at the top of a module.
+        calls: its arguments.
+        engine: where it is called; this process if not given.
+        part: is told what part of the calls has returned.
+
     Raises:
         TiltcalError: what the function raised first, or a call lost its process.
     """
-    if engine is None:
-        return [function(*arguments) for arguments in calls]
     limits = Limits()
     tasks = [Task(f"{k}", function, arguments) for k, arguments in enumerate(calls)]
-    found = {int(task.key): outcome for task, outcome in outcomes(tasks, engine, limits)}
+    if engine is None:
+        values = []
+        for task in tasks:
+            values.append(function(*task.arguments))
+            part(len(values) / len(tasks))
+        return values
+    found: dict[int, Outcome] = {}
+    for task, outcome in outcomes(tasks, engine, limits):
+        found[int(task.key)] = outcome
+        part(len(found) / len(tasks))
     for k in range(len(tasks)):
         found[k].require(f"call {k + 1} of {len(tasks)}", limits)
     return [found[k].value for k in range(len(tasks))]
@@ -137,6 +152,11 @@ def make_all(
     """Make all tasks that the journal does not have; how many these were.
 
     Args:
+        tasks: all of them, also those that the journal has.
+        journal: of what is finished.
+        engine: where they are made.
+        limits: of time and memory of each.
+        progress: is told the rate and the time left.
         total: how many there are, with those that it has.
         recorded: the record of an outcome, as it goes into the journal.
         meanwhile: called in another thread when the first task is handed out.
@@ -163,29 +183,3 @@ def make_all(
         journal.record(task.key, recorded(task, outcome))
         progress(rate.after_one(had))
     return rate.made
-
-
-class Rate:
-    """Progress in words, with the rate and the time left.
-
-    Args:
-        total: of tasks.
-    """
-
-    def __init__(self, total: int) -> None:
-        self.made = 0
-        self._total, self._start = total, time.monotonic()
-
-    def after_one(self, had: int) -> str:
-        """Words after one more task; ``had``: tasks that were finished before."""
-        self.made += 1
-        done = had + self.made
-        rate = self.made / max(time.monotonic() - self._start, 1e-9)
-        left = (self._total - done) / rate
-        return f"{done} of {self._total} runs, {rate:.3g} a second, {_duration(left)} left"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

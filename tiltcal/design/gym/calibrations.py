@@ -97,7 +97,7 @@ class Bench:
         self.restart(np.ones(self.count, dtype=bool))
 
     def restart(self, which: Mask) -> None:
-        """Begin again: the prior, axes at zero, the whole time left."""
+        """Begin again: the prior, axes at zero, the whole time left. which: (count,)."""
         self.covariance[which] = np.eye(self.covariance.shape[-1])
         self.drift[which], self.elapsed[which], self.angles[which], self.steps[which] = (
             1.0,
@@ -111,8 +111,9 @@ class Bench:
         ends its episode.
 
         Args:
-            angles: rad, (count, 2), any turn; dwell: s, (count,); live: those that take part,
-                (count,).
+            angles: rad, (count, 2), any turn.
+            dwell: s, (count,).
+            live: those that take part, (count,).
 
         Returns:
             Nats gained, (count,); whether the episode is over, (count,); seconds spent, (count,).
@@ -150,8 +151,8 @@ class Bench:
         return np.asarray(nats)
 
     def sigmas(self) -> Array:
-        """Posterior over prior standard deviation of the parameters of interest, (count, 3,
-        width).
+        """Posterior over prior standard deviation of the parameters of interest, (count, 3, width).
+        The shape is (count, 3, width).
         """
         spread = np.sqrt(np.diagonal(self.covariance, axis1=2, axis2=3)[..., : self.task.width])
         return np.broadcast_to(spread, (self.count, 3, self.task.width))

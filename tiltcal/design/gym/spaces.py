@@ -64,7 +64,9 @@ def menu() -> Array:
 def action_of(
     angles: Array, dwell: Array, task: Task
 ) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]":
-    """The continuous action of poses, (n, 3): the inverse of ``pose_of``."""
+    """The continuous action of poses, (n, 3): the inverse of ``pose_of``. angles: rad, (n, axes);
+    dwell: s, (n,).
+    """
     wrapped = (angles + np.pi) % (2 * np.pi) - np.pi
     share = (dwell - task.shortest_s) / (task.longest_s - task.shortest_s)
     return np.column_stack([wrapped / np.pi, 2 * share - 1]).astype(np.float32)

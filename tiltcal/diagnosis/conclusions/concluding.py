@@ -204,7 +204,8 @@ def amended_of(
     """The scenario with calibration and findings.
 
     Args:
-        fitted: the model; observations: whose scenario.
+        fitted: the model.
+        observations: whose scenario.
         faults: of the data: the first findings, in order.
         numbers: of the finding that each term of the model belongs to, from 1, by its place.
     """

@@ -70,7 +70,8 @@ def laws_of(
     """The law of each finding of a model.
 
     Args:
-        fitted: the model; observations: whose channels.
+        fitted: the model.
+        observations: whose channels.
         left: residuals of the model by channel, SI, (n,).
     """
     whole = observations.predict(fitted.effects)

@@ -92,7 +92,8 @@ def noise_report(
     Args:
         observations: whose channels.
         residuals: of each channel, SI, (n,).
-        fits: of each channel; source: where they were taken from.
+        fits: of each channel.
+        source: where they were taken from.
     """
     found: dict[str, ChannelNoise] = {}
     notes: list[str] = []

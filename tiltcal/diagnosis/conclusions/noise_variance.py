@@ -58,7 +58,8 @@ def noise_dependences(
 
     Args:
         observations: whose channels.
-        residuals: of each channel, SI, (n,); noise: of each.
+        residuals: of each channel, SI, (n,).
+        noise: of each.
     """
     tests = [
         dict(_tests(_coordinates(observations, channel, r), model.whiten(r)))

@@ -25,8 +25,10 @@ def parts_of(
     """The parts of a finding, the leading one first.
 
     Args:
-        fitted: the model; places: of the finding's terms.
-        law: its terms together; observations: whose channels.
+        fitted: the model.
+        places: of the finding's terms.
+        law: its terms together.
+        observations: whose channels.
     """
     return tuple(
         _part(
@@ -72,7 +74,9 @@ def fitted_as(parts: Sequence[Part]) -> str:
 def strongest(
     signal: Sequence[Array], observations: Observations
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sensors and axes that hold a signal, given by channel, the strongest first."""
+    """Sensors and axes that hold a signal, given by channel, the strongest first. signal: SI, (n,)
+    each.
+    """
     energy: dict[tuple[str, str], float] = {}
     for channel, part in zip(observations.channels, signal, strict=True):
         key = channel.sensor, channel.axis

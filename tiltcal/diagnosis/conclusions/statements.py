@@ -182,7 +182,8 @@ def summary(
     Args:
         findings, verdict: of it.
         reason: why nothing was tested, where that is the verdict.
-        before, after: figures of the fit; noise: that is left.
+        before, after: figures of the fit.
+        noise: that is left.
     """
     told = " ".join(f.statement for f in findings)
     if verdict == "cannot_tell" or before is None or after is None or noise is None:
@@ -203,7 +204,8 @@ def untold(rig: Rig, samples: int, columns: int) -> str:
 
     Args:
         rig: what the sensors stand on.
-        samples: readings that have a model; columns: independent parameters fitted to them.
+        samples: readings that have a model.
+        columns: independent parameters fitted to them.
     """
     by_hand = "several seconds at rest in more attitudes than there are adjustable terms"
     on_table = "poses with the table read while the sensors are sampled, more than there are terms"

@@ -50,7 +50,8 @@ def whole_law(
     the recording does not exclude it.
 
     Args:
-        fitted: the model; whitened: its columns.
+        fitted: the model.
+        whitened: its columns.
         places: of the finding's terms, the leading one first.
         removed: the finding taken out of the model.
     """
@@ -113,7 +114,8 @@ def _of_unused(columns: Array, lead: int, unused: Array, size: float) -> tuple[A
     them the recording does not tell, (q,).
 
     Args:
-        columns: of all terms of the finding, the leading ones first, (n, p); unused: of the sizes
+        columns: of all terms of the finding, the leading ones first, (n, p).
+        unused: of the sizes
             left at zero, (n, q).
         size: standard deviation of each of them before the recording, of its plausible size.
     """

@@ -40,8 +40,10 @@ class BlockGrid:
         shortly after, few while it rests.
 
         Args:
-            time: of samples, s, (n,); block: samples.
-            angles: of each axis, rad, (n,); stop: number of the stop, -1 while moving, (n,).
+            time: of samples, s, (n,).
+            block: samples.
+            angles: of each axis, rad, (n,).
+            stop: number of the stop, -1 while moving, (n,).
         """
         turned = sum(
             (np.abs(np.diff(a, prepend=a[0])) for a in angles.values()), np.zeros(len(time))

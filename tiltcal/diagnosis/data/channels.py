@@ -30,7 +30,7 @@ def written(recording: Recording, sensor: Sensor, axis: str) -> Array:
 
 
 def rewritten(recording: Recording, columns: Mapping[str, Array]) -> Recording:
-    """A copy with these columns in place of its own."""
+    """A copy with these columns in place of its own. columns: (n,) each."""
     return Recording.from_columns(
         recording.time,
         columns,
@@ -54,7 +54,7 @@ def changed(
     recording: Recording, sensor: Sensor, axis: str, rows: Index, value: float | Array
 ) -> Recording:
     """A copy with some rows of a channel set to a value, or one each, as written (NaN: not
-    sampled).
+    sampled). rows: (m,); value: in the unit of the column.
     """
     if not len(rows):
         return recording
@@ -89,7 +89,7 @@ def _sampled(rows: Index) -> Index:
 
 
 def without_readout(recording: Recording, rows: Index) -> Recording:
-    """A copy whose table was not read on some rows."""
+    """A copy whose table was not read on some rows. rows: (m,)."""
     columns = {n: recording.column(n).copy() for n in recording.column_names}
     for name in columns:
         if axis_of(name) is not None:
@@ -105,7 +105,7 @@ def at_least(k: int, n: int, p: float) -> float:
 
 
 def repeat_chance(values: Array) -> float:
-    """Chance that two independent samples of a noisy column fall on the same code."""
+    """Chance that two independent samples of a noisy column fall on the same code. values: (n,)."""
     noise = second_difference_noise(values)
     width = code_width(values)
     if width <= 0:

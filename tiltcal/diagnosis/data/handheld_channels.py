@@ -54,7 +54,7 @@ class HandheldObservations(Observations):
         return self._sources
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
-        """What each channel should have read."""
+        """What each channel should have read. SI, (n,) each."""
         states = [of.state(as_met(effects, of.recording.fingerprint)) for of in self._recorded]
         return [part.predict(states[part.channel.recording]) for part in self._parts]
 
@@ -74,7 +74,7 @@ class HandheldObservations(Observations):
         self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
     ) -> dict[int, tuple[list[int], Array]]:
         """Change of each channel by each size alone, all at once; only delays are differences of
-        predictions.
+        predictions. By channel: numbers of the sizes, and the changes, SI, (sizes, n).
         """
         other = tuple(e for e in around if e.role != "found")
         if isinstance(effect, DelayEffect):
@@ -105,7 +105,8 @@ class HandheldObservations(Observations):
         return found
 
     def saturating(self, number: int) -> list[Array]:
-        """Polynomials of the direction of up for readings at rest, as many as the poses allow.
+        """Polynomials of the direction of up for readings at rest, as many as the poses allow. (n,)
+        each.
 
         Without them the scatter from pose to pose, which is physics, would be counted as flicker.
         """
@@ -134,7 +135,7 @@ class HandheldObservations(Observations):
     def outlier_signals(
         self, effects: Sequence[Effect], stops: Sequence[Index]
     ) -> Iterator[Signal]:
-        """The misfit of FOGs, and the readings of all other sensors."""
+        """The misfit of FOGs, and the readings of all other sensors. stops: rows of each, (m,)."""
         for c, r in zip(self.channels, self.residuals(effects), strict=True):
             if self.scenario.named(c.sensor).kind == "fog":
                 yield Signal(c.recording, c.sensor, c.axis, c.rows, r)
@@ -153,7 +154,7 @@ class HandheldObservations(Observations):
 
     def as_unsteady(self, number: int, residual: Array, mean: Array, fit: NoiseFit) -> NoiseFit:
         """The noise of readings at rest, no less than the difference between rests: wandering
-        biases turn with the pose.
+        biases turn with the pose. residual, mean: of the channel, SI, (n,).
         """
         channel = self.channels[number]
         if (channel.derived and channel.axis != "norm") or channel.stop.min() < 0:

@@ -65,7 +65,8 @@ class HandheldRecording:
 
     @cached_property
     def readings(self) -> dict[str, Array]:
-        """Readings of the triads that the motion is taken from; they depend on no effect.
+        """Readings of the triads that the motion is taken from; they depend on no effect. By triad,
+        SI, (n, 3).
 
         What a FOG is compared with sample by sample is without most of its noise. What is
         integrated needs no smoothing, and a hand that trembles at the edge of a rest does turn it.

@@ -27,7 +27,7 @@ BRIEF = 0.1  # share of a rest: what lasts longer is no nudge, but something to 
 
 
 def rests_of(stop: Index) -> Iterator[Index]:
-    """Rows of each rest."""
+    """Rows of each rest. stop: number of the rest at each row, -1 between them, (n,)."""
     for k in range(int(stop.max(initial=-1)) + 1):
         rows = np.flatnonzero(stop == k)
         if len(rows):
@@ -35,7 +35,9 @@ def rests_of(stop: Index) -> Iterator[Index]:
 
 
 def inner(time: Array, stop: Index) -> Mask:
-    """Rows of rests without their edges, where the hand has not settled or begins to move, (n,)."""
+    """Rows of rests without their edges, where the hand has not settled or begins to move, (n,).
+    time: s.
+    """
     found = np.zeros(len(time), bool)
     for rows in rests_of(stop):
         edge = min(EDGE, (time[rows[-1]] - time[rows[0]]) / 4)
@@ -45,7 +47,7 @@ def inner(time: Array, stop: Index) -> Mask:
 
 def undisturbed(rows: Mask, stop: Index, time: Array, values: Array) -> Mask:
     """Those rows without disturbances: values, (n, k), briefly far from the median of their rest. A
-    short rest is left out with them.
+    short rest is left out with them. time: s.
     """
     found = rows.copy()
     for rest in rests_of(np.where(rows, stop, -1)):
@@ -80,7 +82,7 @@ def direction_polynomials(force: Array, stop: Index) -> list[Array]:
 
 def rest_steps(stop: Index) -> Array:
     """The operators of the step of the mean from each rest to the next, on cosine coefficients, (m
-    - 1, n).
+    - 1, n). stop: number of the rest at each row, (n,); each operator is (m - 1, n).
     """
     rows = list(rests_of(stop))
     operators = np.zeros((len(rows), len(stop)))
@@ -100,7 +102,8 @@ def no_less(fit: NoiseFit, steps: Array, residual: Array, mean: Array) -> NoiseF
     Args:
         fit: white, flicker and walk as the spectrum of all rows has them.
         steps: operators of the step from each rest to the next on cosine coefficients, (m, n).
-        residual: SI, (n,); mean: cosine coefficients of what may be in it at any size, (n, p).
+        residual: SI, (n,).
+        mean: cosine coefficients of what may be in it at any size, (n, p).
     """
     model, n = fit.model, len(residual)
     Q = column_space(steps @ mean)

@@ -109,7 +109,7 @@ class Observations(ABC):
         self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
     ) -> dict[int, tuple[list[int], Array]]:
         """Change of each channel by each of these sizes alone: their numbers, and the changes,
-        (len(numbers), n).
+        (numbers, n). SI.
         """
         found: dict[int, tuple[list[int], list[Array]]] = {}
         for k, name in enumerate(names):
@@ -174,7 +174,7 @@ class Observations(ABC):
     def outlier_signals(
         self, effects: Sequence[Effect], stops: Sequence[Index]
     ) -> Iterator[Signal]:
-        """Everything in which a single value may be far off.
+        """Everything in which a single value may be far off. stops: (m,) each.
 
         Args:
             effects: of the model.

@@ -114,7 +114,7 @@ class TableObservations(Observations):
         return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
-        """What each channel should have read.
+        """What each channel should have read. SI, (n,) each.
 
         Of blocks: the prediction at their middles, and how far the mean over a block was from that
         at first, of the motion's bend within it; what is quick beside a block is predicted at every
@@ -246,7 +246,9 @@ class TableObservations(Observations):
     def columns(
         self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
     ) -> dict[int, tuple[list[int], Array]]:
-        """Change of each channel by each size alone; those of a curve all at once."""
+        """Change of each channel by each size alone; those of a curve all at once. By channel:
+        numbers of the sizes, and the changes, SI, (sizes, n).
+        """
         if not isinstance(effect, Learned) or self.quick(effect):
             return super().columns(effect, names, around)
         which = [int(name[1:]) for name in names]

@@ -148,7 +148,7 @@ def _in_runs(mask: Mask) -> bool:
 
 
 def noise_of(values: Array) -> float:
-    """White noise of a column from its second differences, one code at least."""
+    """White noise of a column from its second differences, one code at least. values: (n,)."""
     code = code_width(values) / np.sqrt(12)
     return float(max(second_difference_noise(values), code, 1e-15))
 

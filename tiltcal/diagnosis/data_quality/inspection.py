@@ -88,7 +88,9 @@ def in_order(
     go back or repeat a stamp.
 
     Args:
-        last: the latest stamp before these rows, s; before: rows before them.
+        recording: as it was read.
+        last: the latest stamp before these rows, s.
+        before: rows before them.
     """
     time = recording.time
     good = np.isfinite(time)

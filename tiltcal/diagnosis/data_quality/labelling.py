@@ -136,6 +136,8 @@ LEAST = 1e-3  # of the square of the largest reading: below it the columns mean 
 
 
 def misfit_of(y: Array, f: Array, P: Array) -> float:
-    """Mean square of what is left of ``y`` after ``P f`` and a constant."""
+    """Mean square of what is left of ``y`` after ``P f`` and a constant. y: (n, i); f: (n, k); P:
+    (i, k).
+    """
     left = y - f @ P.T
     return float(np.mean((left - left.mean(axis=0)) ** 2))

@@ -53,7 +53,8 @@ def _fitted_to_fog(rate: Array, y: Array, input_vector: Array) -> tuple[float, f
     The columns as they are written, unless they fit far worse.
 
     Args:
-        rate: of the triad, rad/s, (n, 3); y: of the FOG, (n,); both without their means.
+        rate: of the triad, rad/s, (n, 3).
+        y: of the FOG, (n,); both without their means.
         input_vector: of the FOG, (3,).
     """
     trials = []

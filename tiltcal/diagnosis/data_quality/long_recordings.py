@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.progress import Progress
+from tiltcal.core.progress import Part, Progress, Stages
 from tiltcal.diagnosis.data.channels import as_written, rewritten, undo_labelling_faults
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.data.observe import observe
@@ -32,7 +32,7 @@ from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.fingerprint import fingerprint_of
-from tiltcal.recordings.pieces import joined, part_of, read_pieces
+from tiltcal.recordings.pieces import estimated_rows, joined, part_of, read_pieces
 from tiltcal.recordings.recording import Recording, is_reading
 from tiltcal.recordings.replay import forget_replays
 from tiltcal.recordings.span_means import (
@@ -47,6 +47,8 @@ from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 AVERAGES = 250_000  # that are left of a recording, at most
 PART = 100_000  # rows that are held sample by sample
+AVERAGING, RESIDUALS = "averaging", "averaging residuals"
+SHARES = {AVERAGING: 14, RESIDUALS: 86}  # of the time, per cent, measured
 OF_SAMPLES = (AdcQuantisation, AdcStuckBit, DataJitter, DataTruncation)
 """Faults that every sample tells, and no average."""
 
@@ -78,7 +80,8 @@ def read_long(
     """What is diagnosed in place of a long recording on a table.
 
     Args:
-        path: of the recording; scenario: what is known of it.
+        path: of the recording.
+        scenario: what is known of it.
         spans: to average over.
         kept: whether averages over so many samples keep every spectral line.
         progress: is told what is being done.
@@ -92,14 +95,17 @@ def read_long(
         prepared, spans.samples
     ):
         return read_beginning(path, f"what they show would be lost in averages over {spans.words}")
-    progress("averaging")
+    stages, rows = Stages(progress, SHARES), estimated_rows(path)
     notes: list[str] = []
-    raw = joined([averaged(part, spans) for part in _parts(path, spans, notes)])
+    stages.begin(AVERAGING)
+    read = _told(_parts(path, spans, notes), rows, stages.part)
+    raw = joined([averaged(part, spans) for part in read])
     meant = find_labelling_faults(scenario, raw)
+    stages.begin(RESIDUALS)
     sought = _Model(scenario, tuple(meant), raw)
     parts = [
         sought.averaged_residuals(part, spans)
-        for part in _parts(path, spans, [])
+        for part in _told(_parts(path, spans, []), rows, stages.part)
         if _was_read(part, scenario)
     ]
     whole = sought.with_model(joined([recording for recording, _ in parts]))
@@ -107,6 +113,15 @@ def read_long(
     forget_replays()  # of the parts
     faults = once([*meant, *(f for _, found in parts for f in found)])
     return LongRecording(whole, tuple(faults), tuple(notes), averaging_note(raw) or "")
+
+
+def _told(parts: Iterable[Recording], rows: int, part: Part) -> Iterator[Recording]:
+    """The same parts; ``part`` is told what part of the rows they are."""
+    read = 0
+    for one in parts:
+        yield one
+        read += len(one)
+        part(min(read / rows, 1.0))
 
 
 def _was_read(part: Recording, scenario: Scenario) -> bool:

@@ -75,7 +75,7 @@ def _lost(recording: Recording, sensor: Sensor, time: float, lost: int) -> Fault
 
 def lost_as_another(own: Sequence[tuple[Channel, Array]], time: float, lost: int) -> bool:
     """Whether a sensor lost what another one lost: the loss explains most of its misfit from that
-    instant on.
+    instant on. own: channels with their residuals, SI, (n,); time: s.
     """
     before = after = 0.0
     for channel, p in own:

@@ -87,6 +87,9 @@ def prepare(
     """Repair the faults of the data step by step, and fit the adjustable terms.
 
     Args:
+        scenario: what is known of the set-up.
+        recordings: of it, as they were read.
+        law: kind of noise model that is fitted to each channel.
         seen: faults that were found in the data and repaired before.
     """
     sound, faults, notes = _sound(scenario, recordings)

@@ -58,6 +58,9 @@ def drop_below_code(
     for curves, without the part that calibration absorbs.
 
     Args:
+        fitted: the model.
+        whitened: all hypotheses under its noise.
+        floors: of the channels with coarse codes, SI.
         blurred: whether the table's angles are cut.
     """
     observations = whitened.observations

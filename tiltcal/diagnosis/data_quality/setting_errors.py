@@ -212,7 +212,9 @@ def _stops(observations: Observations, axis: str, fitted: FittedModel) -> list[S
 def rotations_of_stops(
     stops: Sequence[Stop], fitted: FittedModel, whitened: WhitenedModel
 ) -> tuple[float, Array, Array]:
-    """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances."""
+    """Fall of the deviance by a free angle at each stop, those angles, rad, and their variances.
+    Angles and variances: (stops,).
+    """
     lengths = [len(c.values) for c in whitened.observations.channels]
     left = project(fitted.basis, whitened.residual(fitted.effects))
     scaled = [whitened.whiten(s.columns) for s in stops]

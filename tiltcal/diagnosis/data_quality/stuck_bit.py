@@ -123,6 +123,9 @@ def with_bits(
     and those without.
 
     Args:
+        recordings: that lack the bits.
+        observations: of them.
+        fitted: to the observations.
         bits: SI, by sensor and axis.
     """
     restored = [

@@ -85,7 +85,9 @@ def _covariance(r: Array, s: Array, moving: Mask) -> tuple[float, float, float]:
     common.
 
     Args:
-        r: residuals, (2, n); s: their slopes, SI/s, (2, n); moving: (n,).
+        r: residuals, (2, n).
+        s: their slopes, SI/s, (2, n).
+        moving: (n,).
     """
     n = r.shape[1] // 2 * 2
     steps = np.diff(r[:, :n].reshape(2, -1, 2), axis=2)[:, :, 0]

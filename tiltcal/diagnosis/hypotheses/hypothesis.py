@@ -95,6 +95,7 @@ class Hypothesis:
 
 
 def with_values(effect: Effect, values: Mapping[str, float]) -> Effect:
+    """The same effect at other values, SI."""
     return replace(effect, values=dict(values))
 
 

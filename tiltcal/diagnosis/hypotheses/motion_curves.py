@@ -41,6 +41,8 @@ def motion_of_readings(
     """Additions to the reading of a channel that follow what went before.
 
     Args:
+        rig: whose axes move; span: what the recordings span.
+        sensor, axis: of the channel.
         inputs: forces and rates that the sensor may feel.
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}

@@ -27,7 +27,7 @@ class Remembering(Observations):
         self._kept: dict[str, Columns] = {}
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
-        """What each channel should have read."""
+        """What each channel should have read. SI, (n,) each."""
         return self.inner.predict(effects)
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:
@@ -59,7 +59,7 @@ class Joined(Observations):
         self.stops = [*old.stops, *self.new.stops]
 
     def predict(self, effects: Sequence[Effect]) -> list[Array]:
-        """What each channel should have read."""
+        """What each channel should have read. SI, (n,) each."""
         return [*self.old.predict(effects), *self.new.predict(effects)]
 
     def changes(self, effect: Effect, around: Sequence[Effect]) -> Columns:

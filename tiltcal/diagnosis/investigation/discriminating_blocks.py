@@ -11,12 +11,13 @@ experiments for discriminating between two rival models", Biometrika 62 (1975).
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import erf, sqrt
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.progress import Progress
+from tiltcal.core.progress import Progress, Rate
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.data.observations import Observations
@@ -135,18 +136,19 @@ def propose(
     """
     tried: dict[str, tuple[Block, list[Pair]]] = {}
 
-    def attempt(block: Block) -> None:
-        if block.name not in tried and block.seconds(scenario.rig) <= 60 * most_minutes:
-            progress(f"evaluating block {block.name}")
-            tried[block.name] = (block, judged(block, asked, scenario))
+    def evaluate(blocks: Iterable[Block]) -> None:
+        short = [b for b in blocks if b.seconds(scenario.rig) <= 60 * most_minutes]
+        rate = Rate(len(short), "blocks")
+        for block in short:
+            if block.name not in tried:
+                tried[block.name] = (block, judged(block, asked, scenario))
+            progress(f"evaluating blocks: {rate.after_one()}")
 
-    for block in blocks:
-        attempt(block)
+    evaluate(blocks)
     design = _ranked(tried, scenario)
     if design.best is not None and design.best.chance < ENOUGH:
         best = [p.block for p in design.proposals[:SHORT_LIST]]
-        for one, other in ((a, b) for k, a in enumerate(best) for b in best[k + 1 :]):
-            attempt(one + other)
+        evaluate(one + other for one, other in combinations(best, 2))
         design = _ranked(tried, scenario)
     return design
 

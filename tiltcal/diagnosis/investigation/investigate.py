@@ -74,7 +74,7 @@ def investigate(
                 at,
                 replace(
                     state,
-                    statement=f"Not explained within {at.blocks} blocks. {answer['statement']}",
+                    statement=f"Not explained within {_blocks(at.blocks)}. {answer['statement']}",
                 ),
             )
         plan = _plan(at, state, answer, progress)
@@ -201,3 +201,7 @@ def _plan(
     plan = next_block(at.scenario, recordings, answer, amended, at.limits, progress)
     write_json(folder / "next_block.json", plan.to_json())
     return plan
+
+
+def _blocks(count: int) -> str:
+    return f"{count} block{'' if count == 1 else 's'}"

@@ -47,11 +47,13 @@ class NextBlock:
     Args:
         proposal: None where no block of this table can split anything.
         statement: in words; twins: pairs out of reach, with what would be needed.
+        considered: every block that was compared, the best first.
     """
 
     proposal: Proposal | None
     statement: str
     twins: tuple[str, ...] = ()
+    considered: tuple[Proposal, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As the file has it."""
@@ -115,17 +117,19 @@ def next_block(
     if not asked:
         return NextBlock(
             None,
-            "What is ambiguous is the meaning of the data, not physics: no motion splits it. "
-            + _by_hand(diagnosis),
+            "No motion of the table separates the alternatives. What does: " + _by_hand(diagnosis),
         )
     blocks = [b for b in candidates(table) if within(b, table)]
     design = propose(asked, blocks, scenario, limits.minutes, progress)
-    return NextBlock(design.best, _statement(design), _twins(design))
+    return NextBlock(design.best, _statement(design), _twins(design), design.proposals)
 
 
 def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> TableLimits:
     """What the table may do: the whole circle, unless the user or an inclinometer's range says
     otherwise.
+
+    Raises:
+        TiltcalError: a limit names an axis that the table does not have.
     """
     given = dict(limits.angles or {})
     flat = any(s.kind == "inclinometer" for s in scenario.sensor)

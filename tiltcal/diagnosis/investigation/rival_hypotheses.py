@@ -74,7 +74,8 @@ def questions(
     Args:
         scenario: as the diagnosis had it.
         recordings: that were diagnosed.
-        diagnosis: the table of diagnosis.json; amended: that of amended.toml.
+        diagnosis: the table of diagnosis.json.
+        amended: that of amended.toml.
     """
     open_ = [f for f in diagnosis["findings"] if len(f["class"]) > 1]
     found = [e for e in parse_scenario(dict(amended), "amended.toml").effects if e.role == "found"]

@@ -52,7 +52,7 @@ class BlockDesignMatrix:
         return found
 
     def explained(self, vectors: Sequence[Array]) -> float:
-        """Energy of a vector by channel in the columns' space."""
+        """Energy of a vector by channel in the columns' space. vectors: (n,) each."""
         own, joint = self._parts()
         total = sum(float(np.sum((Q.T @ v) ** 2)) for Q, v in zip(own, vectors, strict=True))
         along = sum((Q.T @ v for Q, v in zip(joint, vectors, strict=True)), np.zeros(1))

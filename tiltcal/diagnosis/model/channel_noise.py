@@ -32,7 +32,7 @@ def noise_under(
     law: type[NoiseModel] = WhiteFlickerWalk,
 ) -> list[NoiseFit]:
     """The noise of each channel when all fitted columns (and ``extra`` cosine coefficients) may
-    hold any size in it.
+    hold any size in it. extra: by channel, (m, n).
     """
     observations = columns.observations
     effects = fitted.effects

@@ -87,8 +87,11 @@ class ColumnStore:
         """Keep columns of a hypothesis in a channel; all of them stand on one column block.
 
         Args:
-            channel: its number; curve: of which kind the hypothesis is; owner: its number.
-            numbers: of the columns, (p,); waves: (p, n).
+            channel: its number.
+            curve: of which kind the hypothesis is.
+            owner: its number.
+            numbers: of the columns, (p,).
+            waves: (p, n).
         """
         shelf = self._open.get((channel, curve))
         if shelf is None or shelf.used + len(numbers) > len(shelf.numbers):
@@ -107,7 +110,9 @@ class ColumnStore:
         return ColumnStore(list(self.all), {}, dict(self._places))
 
     def of(self, wanted: Mask) -> list[ColumnBlock]:
-        """Those on which a wanted hypothesis has a column; wanted: by the hypothesis's number."""
+        """Those on which a wanted hypothesis has a column; wanted: by the hypothesis's number.
+        wanted: (hypotheses,).
+        """
         return [shelf for shelf in self.all if wanted[shelf.owners[: shelf.used]].any()]
 
     def column(self, number: int) -> list[tuple[int, Waves]]:

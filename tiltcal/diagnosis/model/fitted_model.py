@@ -97,7 +97,7 @@ class FittedModel:
         return found
 
     def sigmas(self, k: int) -> Array:
-        """Standard uncertainties of the values of found term k, SI."""
+        """Standard uncertainties of the values of found term k, SI. (values,)."""
         assert self.covariance is not None
         before = [*self.nuisance, *self.terms[:k]]
         start = sum(len(t.names) for t in before)

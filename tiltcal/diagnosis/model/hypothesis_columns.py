@@ -124,7 +124,9 @@ class HypothesisColumns:
         }
 
     def blocks(self, wanted: Mask) -> list[ColumnBlock]:
-        """The blocks that hold a column of a wanted hypothesis; wanted: by its number."""
+        """The blocks that hold a column of a wanted hypothesis; wanted: by its number. wanted:
+        (hypotheses,).
+        """
         return self._store.of(wanted)
 
     def waves(self, hypothesis: Hypothesis, name: str, around: Sequence[Effect]) -> Columns:

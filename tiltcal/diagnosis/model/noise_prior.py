@@ -61,7 +61,9 @@ def above_grades(channel: Channel, observations: Observations, model: NoiseModel
 
 
 def price_of(above: Array) -> float:
-    """-log prior of flicker and random walk so many times those of the worst grade, nats."""
+    """-log prior of flicker and random walk so many times those of the worst grade, nats. above:
+    (2,).
+    """
     return 0.5 * float(((np.log(np.maximum(above, 1.0)) / np.log(SPREAD)) ** 2).sum())
 
 

@@ -37,7 +37,7 @@ class NormalEquations:
         return float(self.target[list(chosen)] @ self.solve(chosen))
 
     def solve(self, chosen: Sequence[int]) -> Array:
-        """Least squares on some columns, (len(chosen),)."""
+        """Least squares on some columns, (len(chosen),). The shape is (m,)."""
         return np.asarray(self._inverse(chosen) @ self.target[list(chosen)])
 
     def _inverse(self, chosen: Sequence[int]) -> Array:
@@ -62,7 +62,8 @@ def normal_equations(
 
     Args:
         members: numbers of the hypotheses.
-        basis: orthonormal, by channel, (n, q); target: free of it, whitened, by channel, (n,).
+        basis: orthonormal, by channel, (n, q).
+        target: free of it, whitened, by channel, (n,).
         whitened: holds the columns.
     """
     along = np.zeros((len(whitened.columns.places(members)), 1 + basis[0].shape[1]))
@@ -80,7 +81,8 @@ def explained_beside(
 
     Args:
         columns: by channel, (n,) each.
-        basis: orthonormal, by channel, (n, q); target: free of it, by channel, (n,).
+        basis: orthonormal, by channel, (n, q).
+        target: free of it, by channel, (n,).
     """
     matrix = BlockDesignMatrix(columns, [len(r) for r in target])
     inside = np.zeros((matrix.count, basis[0].shape[1]))

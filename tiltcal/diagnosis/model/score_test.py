@@ -18,7 +18,7 @@ SURVIVES = 1e-3  # share of a direction's energy that has to be left beside the 
 
 def lengths(energy: Array) -> Array:
     """Lengths of columns from their energies; infinite, so that nothing is left of it when divided,
-    for a column that is too small for the single precision in which columns are kept.
+    for a column that is too small for the single precision in which columns are kept. energy: (p,).
     """
     return np.where(energy > np.finfo(np.float32).tiny, np.sqrt(energy), np.inf)
 
@@ -54,7 +54,7 @@ class ScoreTest:
         return float((((vectors.T @ (self.A[index] / size)) ** 2) / values).sum()), len(values)
 
     def estimate(self, keep: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """Expected values of these columns, SI, and their covariance."""
+        """Expected values of these columns, SI, and their covariance. (m,) and (m, m)."""
         index = self._index(keep)
         values, vectors, size = self._directions(index)
         unit = np.array([self.hypothesis.size(self.names[i]) for i in index])

@@ -86,7 +86,7 @@ class WhitenedModel:
         return {i: wave / self.roots[i] for i, wave in waves.items()}
 
     def residual(self, effects: Sequence[Effect]) -> list[Array]:
-        """Whitened residual of each channel."""
+        """Whitened residual of each channel. (n,) each."""
         left = self.observations.residuals(effects)
         return [cosines(r) / root for r, root in zip(left, self.roots, strict=True)]
 
@@ -134,7 +134,7 @@ class WhitenedModel:
         return total
 
     def inner_products(self, blocks: Sequence[ColumnBlock]) -> dict[int, Array]:
-        """U'U of each hypothesis with a column in some blocks, by its number."""
+        """U'U of each hypothesis with a column in some blocks, by its number. (m, m) each."""
         weights = [(1 / root).astype(np.float32) for root in self.roots]
         energies = np.zeros(self.columns.width)
         owners: set[int] = set()

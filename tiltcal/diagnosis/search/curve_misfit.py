@@ -39,7 +39,8 @@ def misfit_odds(gain: float, energy: float) -> float:
     a cause of any size, nats.
 
     Args:
-        gain: of the listed law, fall of the deviance; energy: of the nameless causes.
+        gain: of the listed law, fall of the deviance.
+        energy: of the nameless causes.
     """
     as_misfit, as_cause = (
         float(log_bayes_factor(np.array([gain]), np.asarray(widths)[:, None])[0])

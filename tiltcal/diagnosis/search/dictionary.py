@@ -7,6 +7,7 @@ from itertools import chain
 
 import numpy as np
 
+from tiltcal.core.progress import Part, unmeasured
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
 from tiltcal.diagnosis.hypotheses.curves import curves
@@ -18,22 +19,38 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
 from tiltcal.effects.spans import SpectralLines
 
+OFTEN = 50  # hypotheses between words on progress
+
 
 def build_dictionary(
-    columns: HypothesisColumns, fitted: FittedModel, lines: SpectralLines, blurred: bool = False
+    columns: HypothesisColumns,
+    fitted: FittedModel,
+    lines: SpectralLines,
+    blurred: bool = False,
+    part: Part = unmeasured,
 ) -> None:
-    """Add the columns of every hypothesis; blurred: whether the table's angles are truncated."""
+    """Add the columns of every hypothesis.
+
+    Args:
+        columns: they are added to.
+        fitted: the calibrated scenario.
+        lines: spectral lines of what it leaves.
+        blurred: whether the table's angles are truncated.
+        part: is told what part of the hypotheses is done.
+    """
     observations = columns.observations
     effects = fitted.effects
     span = ranges_of(observations, lines)
     nuisance = [t.hypothesis for t in fitted.nuisance]
     steps = step_hypotheses(observations.scenario, instants(observations))
     every_curve = steps_beside(curves(observations, span))
-    for hypothesis in chain(
-        listed_hypotheses(observations.scenario, span, nuisance), steps, every_curve
-    ):
+    listed = listed_hypotheses(observations.scenario, span, nuisance)
+    every = list(chain(listed, steps, every_curve))
+    for k, hypothesis in enumerate(every, 1):
         if not (blurred and needs_motion(hypothesis.effect)):
             columns.add(hypothesis, effects)
+        if k % OFTEN == 0:
+            part(k / len(every))
 
 
 def extend_dictionary(

@@ -85,7 +85,7 @@ def explained_by(
     whitened: WhitenedModel,
 ) -> Explanation | None:
     """A hypothesis with its deviation, from its normal equations with its family; otherwise as
-    ``explain``.
+    ``explain``. basis: by channel, (n, p); target: (n,) each.
     """
     number = normal.owner[0]
     hypothesis = whitened.hypotheses[number]
@@ -116,10 +116,12 @@ def evidence_in_place(
     target: Sequence[Array],
     whitened: WhitenedModel,
 ) -> tuple[float, float]:
-    """Evidence for given terms of one cause, nats, and their gain.
+    """Evidence for given terms of one cause, nats, and their gain. basis: by channel, (n, p);
+    target: (n,) each.
 
     Args:
-        terms: the law, then its deviation; tried: columns that this may be made of.
+        terms: the law, then its deviation.
+        tried: columns that this may be made of.
         basis, target, whitened: as in ``explain``.
     """
     lengths = [len(r) for r in target]

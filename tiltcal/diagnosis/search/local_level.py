@@ -25,7 +25,7 @@ def local_level(
     whitened: WhitenedModel,
 ) -> float:
     """Mean power of what a line leaves in its neighbourhood, in units of the noise, at least one;
-    one for a hypothesis that is no line in time.
+    one for a hypothesis that is no line in time. basis: by channel, (n, p); target: (n,) each.
     """
     if hypothesis.law.spectral_line != "time":
         return 1.0

@@ -6,7 +6,7 @@ exchanged and dropped as long as that lowers it (a stochastic-search neighbourho
 Hans, Dobra and West, J. Am. Stat. Assoc. 102, 2007), from several starts of the noise.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -65,9 +65,20 @@ def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[
     return sorted(found, key=lambda p: -p.score)
 
 
-def most_probable(start: FittedModel, whitened: WhitenedModel, gate: NoiseGate) -> State:
+def most_probable(
+    start: FittedModel,
+    whitened: WhitenedModel,
+    gate: NoiseGate,
+    found: Callable[[int], None] = lambda _: None,
+) -> State:
     """The model of the least cost, from the noise of a model without causes, from its white part
     alone, and from the noise within the stops.
+
+    Args:
+        start: the calibrated scenario.
+        whitened: all hypotheses.
+        gate: the noise under a model.
+        found: is told the number of causes of the best model so far.
     """
     nothing = gate.left_by(start, whitened)
     best, visited = State(refit(start, nothing), nothing), list[Visit]()
@@ -75,6 +86,7 @@ def most_probable(start: FittedModel, whitened: WhitenedModel, gate: NoiseGate) 
         state = settled(State(refit(start, first), first), gate, visited)
         if state.cost < best.cost:
             best = state
+        found(len(best.causes))
     return best
 
 
@@ -90,6 +102,8 @@ def settled(state: State, gate: NoiseGate, visited: list[Visit] | None = None) -
     """Search and noise in turn, until neither changes the other; never a model that costs more.
 
     Args:
+        state: to begin with.
+        gate: the noise under a model.
         visited: models that a search went on from; they are added to.
     """
     best, visited = state if state.fitted.terms else None, [] if visited is None else visited

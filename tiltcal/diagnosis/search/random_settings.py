@@ -112,7 +112,8 @@ def common_width(values: Array, variances: Array) -> float:
     """Evidence for rotations that have one normal prior, averaged over its width, nats.
 
     Args:
-        values: of each stop, rad, (n,); variances: of these estimates, rad^2, (n,).
+        values: of each stop, rad, (n,).
+        variances: of these estimates, rad^2, (n,).
     """
     return _of_process(values, variances, np.eye(len(values)))
 

@@ -126,7 +126,7 @@ class MountCompliance(FrameEffect):
 
     def mechanisms(self, rig: Rig, gravity: float) -> tuple[Mechanism, ...]:
         """Two hinges in series, x then y, each with its ballast; a positive bend hangs the ballast
-        below (-z).
+        below (-z). gravity: m/s2.
         """
         cx, cy = self.value("bend_x"), self.value("bend_y")
         mass, length = 0.5, 0.05  # the instrument's own

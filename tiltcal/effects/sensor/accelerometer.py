@@ -42,7 +42,7 @@ class AccTerm(TermEffect):
     @abstractmethod
     def column(self, fi: Array, fp: Array, fo: Array) -> Array:
         """Reading per unit coefficient, from the force along input, pendulous and output axis,
-        m/s2.
+        m/s2. (n,) each.
         """
 
 

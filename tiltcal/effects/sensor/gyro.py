@@ -35,7 +35,7 @@ class GyrTerm(RowWiseTerm):
 
     @abstractmethod
     def column(self, w: Array) -> Array:
-        """Reading per unit coefficient, from the rate along the axis, rad/s."""
+        """Reading per unit coefficient from the rate along the axis, rad/s, (n,) each."""
 
 
 class GyrBias(GyrTerm):
@@ -252,7 +252,7 @@ class FogAxisError(RowWiseTerm):
 
 
 def transverse(a: Array) -> tuple[Array, Array]:
-    """The two unit vectors across an input axis: b1 = a x z / |a x z| (x where a is z), a x b1."""
+    """The unit vectors, (3,), across an input axis: b1 = a x z / |a x z| (x if a is z), a x b1."""
     b1 = np.cross(a, [0.0, 0.0, 1.0])
     b1 = b1 / np.linalg.norm(b1) if np.linalg.norm(b1) > 1e-9 else np.array([1.0, 0.0, 0.0])
     return b1, np.cross(a, b1)

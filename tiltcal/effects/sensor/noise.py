@@ -29,6 +29,7 @@ def draw_noise(
     """One channel of noise, (n,).
 
     Args:
+        rate_hz: of the samples.
         n: samples, at ``rate_hz``.
         white: N; the standard deviation of a sample is N sqrt(rate).
         flicker: B, bias instability: the Allan floor is sqrt(2 ln 2 / pi) B. A sum of first-order

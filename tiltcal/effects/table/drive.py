@@ -254,7 +254,9 @@ class SettlingTransient(AngleEffect):
 
 
 def ringing(drive: Drive, amplitude: float, frequency: float, tau: float) -> Jet:
-    """A decaying cosine from the end of each move on; nothing before the first, (n,)."""
+    """A decaying cosine from the end of each move on; nothing before the first, (n,). amplitude:
+    rad; frequency: Hz; tau: s.
+    """
     rests = Rests.told(drive.rests, drive.time, drive.stop)
     t, rings = rests.since(drive.time), rests.holds(drive.time) & (np.cumsum(drive.stop < 0) > 0)
     rate = -1 / tau + 2j * np.pi * frequency

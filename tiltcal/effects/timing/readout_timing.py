@@ -101,7 +101,9 @@ class ReadoutRate(WritingEffect):
 
 
 def sent_rows(time: Array, written: Array, interval: float) -> Index:
-    """Rows at which a held readout was new: where it changed, and at rest once an interval."""
+    """Rows at which a held readout was new: where it changed, and at rest once an interval. time:
+    s, (n,); written: (n,); interval: s.
+    """
     step = float(np.median(np.diff(time)))
     new = np.flatnonzero(np.concatenate([[True], np.diff(written) != 0]))
     kept: list[int] = []

@@ -74,7 +74,9 @@ class Fitting:
         return lambda _: triad(np.array([s(b.data.sensordata) for b, s in sensors]), name)
 
     def read(self, observation: Any) -> tuple[Any, dict[str, Array]]:
-        """The observation that the policy gets, and all readings."""
+        """The observation that the policy gets, and all readings. The readings are (k,) each,
+        SI.
+        """
         inputs = {name: take(observation) for name, take in self.inputs.items()}
         found = self.instrument.step(inputs.get("force"), inputs.get("rate"))
         single = not isinstance(self.env, VectorEnv)

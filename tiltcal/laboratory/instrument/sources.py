@@ -51,7 +51,7 @@ def taken(observation: Any, where: Any) -> Array:
 
 
 def put(observation: Any, where: Any, values: Array) -> Any:
-    """A copy of the observation with other values at a place."""
+    """A copy of the observation with other values at a place. values: (k,)."""
     if isinstance(where, str):
         kind = np.asarray(observation[where]).dtype
         return {**observation, where: values.astype(kind)}

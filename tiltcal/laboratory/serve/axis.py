@@ -74,11 +74,11 @@ class AxisDrive:
         return tuple(float(np.asarray(part)[0]) for part in (jet.x, jet.v, jet.a))  # type: ignore[return-value]
 
     def moving(self, time: float) -> bool:
-        """Whether it moves, or will without a further demand."""
+        """Whether it moves, or will without a further demand. time: s."""
         return self.pieces[-1].v != 0 or time < self.pieces[-1].start
 
     def stop(self, time: float) -> None:
-        """Come to rest as fast as the limit allows."""
+        """Come to rest as fast as the limit allows. time: s."""
         self._follow(time, 0.0)
 
     def turn(self, time: float, rate: float) -> None:
@@ -106,7 +106,7 @@ class AxisDrive:
         self.pieces[-1] = Piece(self.pieces[-1].start, angle, 0.0)
 
     def seize(self, time: float, stuck: bool) -> None:
-        """Stick where it is, or come free."""
+        """Stick where it is, or come free. time: s."""
         if stuck:
             self.pieces = [Piece(time, self.at(time)[0], 0.0)]
         self.stuck = stuck

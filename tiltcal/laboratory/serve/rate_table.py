@@ -95,7 +95,7 @@ class RateTable:
         return stamps
 
     def drive(self, stamps: Array) -> Drive:
-        """What the encoders say at these stamps, and how far the axes slipped."""
+        """What the encoders say at these stamps, and how far the axes slipped. stamps: s, (n,)."""
         climate = self.scenario.climate
         slips = {n: Jet(a.slip * np.ones_like(stamps)) for n, a in self.axes.items() if a.slip}
         return Drive(

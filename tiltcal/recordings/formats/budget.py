@@ -21,6 +21,7 @@ class Budget:
         """Refuse what is larger.
 
         Args:
+            source: of the file, for the message.
             size: bytes that the file states, or that it cannot take less than.
 
         Raises:

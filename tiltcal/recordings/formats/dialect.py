@@ -59,7 +59,7 @@ def find_dialect(head: str, encoding: str, why: str) -> Dialect | None:
 
     Args:
         head: whole lines from its beginning.
-        encoding: as guessed, and why.
+        encoding, why: as guessed, and the reason.
     """
     lines = head.split("\n")
     content = [line for line in lines if line.strip() and not comment_of(line)]

@@ -15,6 +15,7 @@ def by_length(
     """Tables of equally long columns, the longest first; single values are metadata.
 
     Args:
+        source: of the file, for the names of the tables.
         columns: name and values, (n,) each.
         units: name -> unit as stated.
         prefix: name of the longest table; the others are called ``<prefix>rows_<n>``.

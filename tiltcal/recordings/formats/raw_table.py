@@ -105,6 +105,7 @@ def vectors(name: str, values: Raw) -> list[tuple[str, Raw]]:
     """An array of a file as columns.
 
     Args:
+        name: of the columns.
         values: (n,), or (n, k) with k columns, or (1, n).
 
     Returns:

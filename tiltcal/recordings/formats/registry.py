@@ -101,6 +101,7 @@ def read_raw(path: Path, words: FileWords, budget: Budget | None = None) -> RawF
     """The raw tables of a foreign file.
 
     Args:
+        path: of the file.
         words: the layout, for text.
         budget: how much memory the values may take.
 

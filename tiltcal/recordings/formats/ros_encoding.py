@@ -20,7 +20,8 @@ def imu_messages(stamps: Stamps, force: Array | None, rate: Array | None) -> Ite
 
     Args:
         stamps: ns, (n,).
-        force: m/s2, (n, 3); rate: rad/s, (n, 3).
+        force: m/s2, (n, 3).
+        rate: rad/s, (n, 3).
     """
     numbers = np.zeros((len(stamps), _IMU))
     numbers[:, 3] = 1.0
@@ -40,7 +41,8 @@ def temperature_messages(stamps: Stamps, degC: Array) -> Iterator[bytes]:
     """``sensor_msgs/Temperature``.
 
     Args:
-        stamps: ns, (n,); degC: (n,).
+        stamps: ns, (n,).
+        degC: (n,).
     """
     return _messages(stamps, b"", np.column_stack([degC, np.zeros(len(degC))]))
 
@@ -49,7 +51,9 @@ def joint_messages(stamps: Stamps, names: list[str], angles: Array) -> Iterator[
     """``sensor_msgs/JointState`` with positions only.
 
     Args:
-        stamps: ns, (n,); names: of the k axes; angles: rad, (n, k).
+        stamps: ns, (n,).
+        names: of the k axes.
+        angles: rad, (n, k).
     """
     middle = _count(len(names))
     for name in names:

@@ -200,6 +200,8 @@ def bad_cell(texts: Raw, source: str, decimal: str) -> TiltcalError:
     """The error of a column that ought to hold numbers: its first cell that is none.
 
     Args:
+        source: of the table.
+        decimal: sign of the file.
         texts: (n,), objects.
     """
     number, cell = next(

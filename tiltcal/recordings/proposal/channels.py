@@ -59,6 +59,7 @@ def channels_of(file: RawFile, decimal: str = "point") -> tuple[list[Channel], l
     """All columns of all tables, in their order, and the cells of channels that are no numbers.
 
     Args:
+        file: what was read of it.
         decimal: mark of numbers in text.
     """
     found: list[Channel] = []

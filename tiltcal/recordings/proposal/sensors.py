@@ -62,6 +62,7 @@ def find_triads(channels: Sequence[Channel], rate: float | None) -> list[Triad]:
     """The triads among the channels of one table that are no time.
 
     Args:
+        channels: of the file.
         rate: of samples, Hz; None where it is not known.
     """
     named = _named(channels, rate)

@@ -77,6 +77,7 @@ def sensors_of(recording: Recording, gravity: float) -> list[SensorGuess]:
     """The sensors that the columns name, checked by their numbers.
 
     Args:
+        recording: whose sensors are told.
         gravity: of the site, m/s2.
     """
     found = [_sensor(recording, n, axes, unit) for n, (axes, unit) in _columns(recording).items()]
@@ -174,6 +175,7 @@ def rig_of(recording: Recording, setup: Setup | None) -> RigGuess:
     """The table and the mounting.
 
     Args:
+        recording: whose table is told.
         setup: sensors, on any table; None where there is no sensor.
     """
     possible = tables_of(recording)

@@ -46,6 +46,7 @@ def find_time(channels: Sequence[Channel], stated_rate: float | None) -> TimeGue
     """The time of the channels of one table.
 
     Args:
+        channels: of the file.
         stated_rate: of samples, by the file, Hz; None where it states none.
     """
     dates = [c for c in channels if c.raw.dtype.kind == "M" or _is_stamp(c)]

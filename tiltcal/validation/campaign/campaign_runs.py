@@ -113,6 +113,9 @@ def record_text(run: PointRun, outcome: Outcome, limits: Limits) -> str:
 def recorded_of(text: str) -> Recorded:
     """What a record of the journal says; the last ones are kept, as results are read several
     times.
+
+    Raises:
+        TiltcalError: it is no record of this version.
     """
     try:
         found = checked(StoredRecord, json.loads(text), "journal", RECORDS)

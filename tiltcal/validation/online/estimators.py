@@ -93,7 +93,11 @@ def placing(
     sensor: str | None = None,
     lookup: str | None = None,
 ) -> Estimator:
-    """The on-line corrector of S0; its tables come from ``calibrate = "placing_table"``."""
+    """The on-line corrector of S0; its tables come from ``calibrate = "placing_table"``.
+
+    Raises:
+        TiltcalError: no calibration by a placing table was given.
+    """
     if calibration is None:
         raise _unfit("placing", "no calibration", 'calibrate = "placing_table" and from_s')
     return Placing(_sensor(setup, LEVELS, sensor, 2), setup.site.gravity, calibration, lookup)

@@ -124,7 +124,8 @@ def feed(
     """All answers, (n, numbers), and the mean time a sample, s.
 
     Args:
-        estimator: that is fed; title: its name in messages.
+        estimator: that is fed.
+        title: its name in messages.
         chunks: of samples.
         numbers: in an answer: tilt_x and tilt_y in rad unless the estimator names other columns.
 

@@ -5,8 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from blind import spread
 from blind.cases import make
 from blind.judge import judge
+from blind.spread import Count
 from blind.table import Line, lines, show, wilson
 from blind.trial import trial
 from scipy.stats import binom
@@ -343,3 +345,12 @@ def test_every_trial_can_be_drawn_again_from_its_name():
         make("six_any", "impossible", 1, [0, 6, 6, 0]).truth
         == make("six_any", "impossible", 1, [0, 6, 6, 0]).truth
     )
+
+
+def test_trials_tell_the_time_that_is_left(monkeypatch):
+    """Two of five in 80 s: three take 120 s."""
+    clock = iter([100.0, 150.0, 180.0])
+    monkeypatch.setattr(spread.time, "monotonic", lambda: next(clock))
+    count = Count(5)
+    assert count.after_one() == "1/5, about 3 min left:"
+    assert count.after_one() == "2/5, about 2 min left:"

@@ -16,7 +16,7 @@ from blind.catalogue import AUTHORS
 from blind.plans import BENCHMARK_SEED, benchmark, plan
 from blind.reliability import reliability
 from blind.reliability import show as show_reliability
-from blind.spread import Spread, in_processes, shard
+from blind.spread import Count, Spread, in_processes, shard
 from blind.table import lines, show
 from blind.trial import trial
 
@@ -38,10 +38,11 @@ def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -
     command = shlex.split(args.diagnoser)
     calls = [(folder, j.kind, j.type_, j.k, seed, command, args.time_limit, j.author) for j in jobs]
     results = []
+    count = Count(len(jobs))
     try:
         for result in (spread or in_processes(args.jobs))(trial, calls):
             results.append(result)
-            _tell(result, len(results), len(jobs))
+            _tell(result, count.after_one())
     except KeyboardInterrupt:
         print(
             f"interrupted after {len(results)} of {len(jobs)}; run again with -o {folder} to go on",
@@ -79,12 +80,12 @@ def _finish(results: list[dict[str, Any]], folder: Path, as_json: bool) -> int:
     return int(any(x.failed for x in table))
 
 
-def _tell(r: dict[str, Any], n: int, of: int) -> None:
+def _tell(r: dict[str, Any], count: str) -> None:
     said = "+".join(str(f) for f in r["findings"]) or "-"
     truth = "+".join(r["truth"]) or r.get("nuisance") or "-"
     lam = "+".join("-" if x is None else f"{x:.0f}" for x in r["lambda"])
     print(
-        f"{n}/{of} {r['name']:32s} {r['seconds']:5.1f} s  {truth} ({lam})"
+        f"{count} {r['name']:32s} {r['seconds']:5.1f} s  {truth} ({lam})"
         f" -> {r['verdict']}: {said} {r['note']}",
         file=sys.stderr,
         flush=True,

@@ -22,7 +22,7 @@ from blind.judge import TWINS
 from blind.lab import KINDS, write_case
 from blind.motion import Plan
 from blind.rotations import DEG
-from blind.spread import Spread, in_processes, shard
+from blind.spread import Count, Spread, in_processes, shard
 from blind.table import wilson
 from blind.trial import _run
 
@@ -160,12 +160,12 @@ def main(arguments: Sequence[str] | None = None, spread: Spread | None = None) -
         for k in range(args.n)
         for kind in args.kinds
     ][first - 1 :: step]
-    results = []
+    results, count = [], Count(len(calls))
     try:
         for r in (spread or in_processes(args.jobs))(run_case, calls):
             results.append(r)
             print(
-                f"{len(results)}/{len(calls)} {r['kind']} {r['truth']}: {r['verdicts']}"
+                f"{count.after_one()} {r['kind']} {r['truth']}: {r['verdicts']}"
                 f" {r['minutes']:.1f} min",
                 file=sys.stderr,
                 flush=True,

@@ -1,6 +1,7 @@
 """Trials over processes of this machine, or over whatever the caller spreads them."""
 
 import argparse
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import Any
@@ -8,6 +9,20 @@ from typing import Any
 Call = tuple[Any, ...]
 Spread = Callable[[Callable[..., Any], Sequence[Call]], Iterator[Any]]
 """Makes a call of a function for each of some arguments, and gives the results in any order."""
+
+
+class Count:
+    """How many of some trials are over, and the time that the others will take."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._made, self._start = total, 0, time.monotonic()
+
+    def after_one(self) -> str:
+        """Words after one more trial."""
+        self._made += 1
+        left = (time.monotonic() - self._start) / self._made * (self._total - self._made)
+        words = f"{left:.0f} s" if left < 90 else f"{left / 60:.0f} min"
+        return f"{self._made}/{self._total}, about {words} left:"
 
 
 def in_processes(jobs: int) -> Spread:

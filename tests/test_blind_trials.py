@@ -354,3 +354,5 @@ def test_trials_tell_the_time_that_is_left(monkeypatch):
     count = Count(5)
     assert count.after_one() == "1/5, about 3 min left:"
     assert count.after_one() == "2/5, about 2 min left:"
+    monkeypatch.setattr(spread.time, "monotonic", lambda: 300.0)
+    assert [count.after_one() for _ in range(3)][-1] == "5/5:"

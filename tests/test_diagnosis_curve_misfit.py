@@ -10,11 +10,11 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
-from tiltcal.diagnosis.search.curve_misfit import curve_energy, misfit_odds
+from tiltcal.diagnosis.search.curve_misfit import BEYOND_FAMILY, misfit_odds, other_energy
 from tiltcal.diagnosis.search.names import UNLISTED, named, without_misfits
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 from tiltcal.diagnosis.search.scan import Scan
-from tiltcal.diagnosis.search.state import Cause, State, laws, repriced
+from tiltcal.diagnosis.search.state import Cause, State, laws, repriced, without
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 
@@ -82,7 +82,7 @@ def test_a_law_far_larger_than_what_a_curve_may_leave_is_no_misfit():
 
 def test_a_small_law_beside_a_nameless_curve_completes_the_curve():
     state = beside("x", 150.0)
-    energy = curve_energy(state, 1)
+    energy = other_energy(state, 1)
     left, kept = without_misfits(state, Scan(state.whitened))
     assert kept == (0,)
     (law,) = laws(left.fitted)
@@ -93,6 +93,29 @@ def test_a_small_law_beside_a_nameless_curve_completes_the_curve():
     assert energy > 0
     _, (names,) = named(left, Scan(left.whitened))
     assert not names.listed
+
+
+@pytest.mark.parametrize(("axis", "kept"), [("x", (1,)), ("y", (0, 1))])
+def test_a_nameless_curve_that_is_next_to_nothing_beside_a_listed_law_completes_it(axis, kept):
+    """A square of 0.5 g on the channel of the curve has more than 10^5 times its energy; on another
+    channel it leaves nothing there.
+    """
+    state = beside(axis, 500_000.0)
+    curve = without(state, 0).fitted.deviance - state.fitted.deviance
+    assert (other_energy(state, 0) > 1e5 * curve) == (axis == "x")
+    left, found = without_misfits(state, Scan(state.whitened))
+    assert found == kept
+    assert [law.listed for law in laws(left.fitted)] == ([True] if axis == "x" else [False, True])
+    assert len(left.fitted.terms) == 2
+    assert left.fitted.deviance == pytest.approx(state.fitted.deviance, rel=1e-3)
+
+
+def test_what_a_textbook_form_leaves_is_a_small_share_of_its_law():
+    """Gain 20, energy 10^6: the shares are v = 1, 10, 100: likelihood ratios 104.9, 2675.7, 1985.1,
+    mean 1588.6, against 641.8 of any size (above).
+    """
+    odds = misfit_odds(20.0, 1e6, BEYOND_FAMILY)
+    assert odds == pytest.approx(np.log(1588.6 / 641.8), abs=0.001)
 
 
 @pytest.mark.parametrize(("axis", "kept"), [("x", (0,)), ("y", (0, 1))])

@@ -54,7 +54,7 @@ def drawn_cases(folder: Path) -> dict[str, bytes]:
 def test_trials_are_the_same_over_every_engine(engine, fake, here, capfd):
     main(["prove", *NULLS, "--diagnoser", fake, "-o", "one"])
     main(["prove", *NULLS, "--diagnoser", fake, "-o", "more", *engine])
-    assert "3/3 six_faces-null" in capfd.readouterr().err
+    assert "3/3: six_faces-null" in capfd.readouterr().err
     assert len(drawn_cases(here / "one")) == 3
     assert drawn_cases(here / "one") == drawn_cases(here / "more")
     names = [c["name"] for c in json.loads((here / "more" / "score.json").read_text())["cases"]]

@@ -20,6 +20,8 @@ class Count:
     def after_one(self) -> str:
         """Words after one more trial."""
         self._made += 1
+        if self._made == self._total:
+            return f"{self._made}/{self._total}:"
         left = (time.monotonic() - self._start) / self._made * (self._total - self._made)
         words = f"{left:.0f} s" if left < 90 else f"{left / 60:.0f} min"
         return f"{self._made}/{self._total}, about {words} left:"

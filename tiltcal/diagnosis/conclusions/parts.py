@@ -65,7 +65,7 @@ def fitted_as(parts: Sequence[Part]) -> str:
     for part in parts:
         shares.setdefault(_said(part), []).append(part.energy_share)
     words = [
-        f"{f'{len(s)} curves, each ' if len(s) > 1 else ''}{name} ({100 * sum(s):.0f} %)"
+        f"{f'{len(s)} curves, each ' if len(s) > 1 else ''}{name} ({round(100 * sum(s))} %)"
         for name, s in shares.items()
     ]
     return f" It was fitted in {len(parts)} parts (share of its signal): {'; '.join(words)}."

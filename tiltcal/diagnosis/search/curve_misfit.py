@@ -1,8 +1,8 @@
-"""What a nameless curve leaves of its law: a listed law beside it may be nothing but that.
+"""What a model of a law leaves of it: a cause of the other kind may be nothing but that.
 
-A curve is a far worse model of a law than a textbook form is of its own: it may follow another
-coordinate than the law does. What it leaves is a discrepancy with a prior (Kennedy and O'Hagan,
-J. R. Stat. Soc. B 63, 2001), whose energy is a share of the curve's own.
+A nameless curve is a far worse model of a law than a textbook form is of its own: it may follow
+another coordinate than the law does. What either leaves is a discrepancy with a prior (Kennedy and
+O'Hagan, J. R. Stat. Soc. B 63, 2001), whose energy is a share of the model's own.
 """
 
 from dataclasses import replace
@@ -21,40 +21,46 @@ SHARES = np.array([1e-5, 1e-4, 1.6e-3, 0.02, 0.16, 0.45])
 each as probable as another: three where the curve follows the coordinate of its law, three where it
 follows another one. ``docs/diagnosis_model.md`` says how they were learnt.
 """
+BEYOND_FAMILY = 10.0 ** np.array([-6.0, -5.0, -4.0])
+"""Energy that a nameless curve takes up of what a textbook form leaves of its law, in energies of
+the law: a hundredth of that by which the law deviates within its family.
+"""
 
 
-def curve_energy(state: State, k: int) -> float:
-    """What the nameless causes beside a cause explain without it, each channel as far as the cause
-    acts there: fall of the deviance.
+def other_energy(state: State, k: int) -> float:
+    """What the causes of the other kind (nameless beside a listed one, listed beside a nameless
+    one) explain without a cause, each channel as far as the cause acts there: fall of the deviance.
     """
     rest = without(state, k)
-    which = [j for j, law in enumerate(laws(rest.fitted)) if not law.listed]
+    kind = laws(state.fitted)[k].listed
+    which = [j for j, law in enumerate(laws(rest.fitted)) if law.listed != kind]
     own = _explained(rest.fitted, state.fitted)
-    curves = _explained(without(rest, *which).fitted, rest.fitted)
-    return float(own @ curves) / max(float(own.sum()), np.finfo(float).tiny)
+    others = _explained(without(rest, *which).fitted, rest.fitted)
+    return float(own @ others) / max(float(own.sum()), np.finfo(float).tiny)
 
 
-def misfit_odds(gain: float, energy: float) -> float:
-    """Log odds of the size of a listed law as what nameless causes leave of their laws, to that as
-    a cause of any size, nats.
+def misfit_odds(gain: float, energy: float, shares: Array = SHARES) -> float:
+    """Log odds of the size of a cause as what those of the other kind leave of their laws, to that
+    as a cause of any size, nats.
 
     Args:
-        gain: of the listed law, fall of the deviance.
-        energy: of the nameless causes.
+        gain: of the cause, fall of the deviance.
+        energy: of the others.
+        shares: energy that it may take up, in energies of the others, (n,).
     """
     as_misfit, as_cause = (
         float(log_bayes_factor(np.array([gain]), np.asarray(widths)[:, None])[0])
-        for widths in (energy * SHARES, ENERGIES)
+        for widths in (energy * shares, ENERGIES)
     )
     return as_misfit - as_cause
 
 
-def nearest_curve(state: State, k: int) -> int:
-    """The nameless cause that explains most in the channels of the k-th."""
+def nearest_other(state: State, k: int) -> int:
+    """The cause of the other kind that explains most in the channels of the k-th."""
     rest = without(state, k)
-    own = _explained(rest.fitted, state.fitted)
+    own, kind = _explained(rest.fitted, state.fitted), laws(state.fitted)[k].listed
     return max(
-        (j for j, law in enumerate(laws(state.fitted)) if j != k and not law.listed),
+        (j for j, law in enumerate(laws(state.fitted)) if j != k and law.listed != kind),
         key=lambda j: own @ _explained(without(state, j, k).fitted, rest.fitted),
     )
 

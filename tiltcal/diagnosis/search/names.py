@@ -12,9 +12,10 @@ from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.best_shape import in_shapes
 from tiltcal.diagnosis.search.curve_misfit import (
-    curve_energy,
+    BEYOND_FAMILY,
     misfit_odds,
-    nearest_curve,
+    nearest_other,
+    other_energy,
     same_curve,
     taken_in,
 )
@@ -28,6 +29,8 @@ from tiltcal.effects.learned import Learned
 UNLISTED = "unlisted"
 FURTHER = float(np.log(priors.SOMETHING * (1 - priors.UNLISTED)))
 """Log odds that a listed cause is there beside others."""
+NAMELESS = float(np.log(priors.SOMETHING * priors.UNLISTED))
+"""Log odds that a nameless cause is there beside others."""
 LEAST = 1e-4  # probability of a name that is shown
 SHOWN = 8  # rivals
 COARSE = 3000.0
@@ -108,8 +111,9 @@ def _most_probable_in_place(
 
 def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:
     """A state whose causes are laws of their own, and which of its causes they were: a listed one
-    that is more probably what a nameless curve leaves of its law completes that curve's form, and
-    so does a further curve of the same place and coordinate.
+    that is more probably what a nameless curve leaves of its law completes that curve's form, a
+    nameless one that is more probably what a textbook form leaves of its law completes that form,
+    and so does a further curve of the same place and coordinate.
     """
     kept = list(range(len(state.fitted.findings())))
     while True:
@@ -123,15 +127,19 @@ def without_misfits(state: State, scan: Scan) -> tuple[State, tuple[int, ...]]:
 def _part(state: State, k: int, scan: Scan) -> tuple[int, int] | None:
     """A cause that completes another one, and that one; None where it is a law of its own."""
     if _is_misfit(state, k, scan):
-        return k, nearest_curve(state, k)
+        return k, nearest_other(state, k)
     j = same_curve(state, k)
     return None if j is None else (k, j)
 
 
 def _is_misfit(state: State, k: int, scan: Scan) -> bool:
-    """Whether a listed cause is no listed thing, but what the nameless ones leave."""
-    if not laws(state.fitted)[k].listed or not curve_energy(state, k) > 0:
+    """Whether a cause is no thing of its own, but what those of the other kind leave."""
+    energy = other_energy(state, k)
+    if not energy > 0:
         return False
+    if not laws(state.fitted)[k].listed:
+        gain = without(state, k).fitted.deviance - state.fitted.deviance
+        return misfit_odds(gain, energy, BEYOND_FAMILY) > NAMELESS
     rows = _rows(state, k, scan)
     best = max((r for r in rows if r.name == UNLISTED), key=lambda r: r.score)
     return best.misfit and not _names(rows).listed
@@ -142,7 +150,7 @@ def _misfits(state: State, k: int, rows: Sequence[_Row]) -> Iterator[_Row]:
     which of the listed takes that up is as open as which is a cause, but they leave it for certain.
     The form is the same; what differs is the prior of its size, which no coarsening blurs.
     """
-    energy = curve_energy(state, k) if laws(state.fitted)[k].listed else 0.0
+    energy = other_energy(state, k) if laws(state.fitted)[k].listed else 0.0
     for row in rows:
         if energy > 0 and row.name != UNLISTED and row.gain > 0:
             odds = misfit_odds(2 * row.gain, energy) - FURTHER

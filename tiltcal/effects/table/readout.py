@@ -178,7 +178,7 @@ class TableSag(AngleEffect):
 
 CROSSING = Parameter("crossing", "deg", (0.01, 1, 5), positive=True, shape=True)
 """Travel over which lost motion passes from one side to the other; 0: at once."""
-CROSSINGS = (0.0, 0.01, 0.03, 0.1, 0.3)  # rad
+CROSSINGS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)  # rad
 
 
 def lost_motion(readout: Jet, width: float, crossing: float) -> Jet:

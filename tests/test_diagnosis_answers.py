@@ -21,7 +21,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.names import Names
+from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.laboratory.laboratory import SimulatedLaboratory

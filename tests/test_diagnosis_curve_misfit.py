@@ -11,7 +11,8 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.search.curve_misfit import BEYOND_FAMILY, misfit_odds, other_energy
-from tiltcal.diagnosis.search.names import UNLISTED, named, without_misfits
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED
+from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Cause, State, laws, repriced, without

@@ -14,7 +14,8 @@ from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit, refit_linearly
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable
-from tiltcal.diagnosis.search.names import UNLISTED, named
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED
+from tiltcal.diagnosis.search.names import named
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.state import Cause, State, repriced, without

@@ -35,7 +35,7 @@ from tiltcal.diagnosis.model.removed_finding import price_of, remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.names import Names
+from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned

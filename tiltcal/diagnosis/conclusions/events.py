@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tiltcal.diagnosis.hypotheses.instants import Instant, recording_of
-from tiltcal.diagnosis.search.names import Names
+from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.recordings.recording import Recording, stem

@@ -1,7 +1,7 @@
 """Slow variation as a finding without a name."""
 
 from tiltcal.diagnosis.conclusions.finding import Finding, Where
-from tiltcal.diagnosis.search.names import UNLISTED
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 
 

@@ -29,7 +29,7 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.removed_finding import RemovedFinding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explanation import Explanation
-from tiltcal.diagnosis.search.names import coarsened
+from tiltcal.diagnosis.search.name_probabilities import coarsened
 from tiltcal.effects.base import Effect
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording

@@ -6,7 +6,7 @@ from tiltcal.diagnosis.data_quality.fault import Fault
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.names import Names
+from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.diagnosis.search.slow_variation import SlowVariation
 from tiltcal.diagnosis.search.state import Doubt
 

@@ -1,10 +1,9 @@
 """What a cause may be: the posterior probability of every name, and of none of the listed."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
@@ -21,63 +20,23 @@ from tiltcal.diagnosis.search.curve_misfit import (
 )
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, possible
 from tiltcal.diagnosis.search.model_search import proposals
+from tiltcal.diagnosis.search.name_probabilities import (
+    UNLISTED,
+    Names,
+    Row,
+    coarsened,
+    name_probabilities,
+)
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import at_shape, shapes
 from tiltcal.diagnosis.search.state import Proposal, State, laws, refitted, with_cause, without
 from tiltcal.effects.learned import Learned
 
-UNLISTED = "unlisted"
 FURTHER = float(np.log(priors.SOMETHING * (1 - priors.UNLISTED)))
 """Log odds that a listed cause is there beside others."""
 NAMELESS = float(np.log(priors.SOMETHING * priors.UNLISTED))
 """Log odds that a nameless cause is there beside others."""
-LEAST = 1e-4  # probability of a name that is shown
-SHOWN = 8  # rivals
-COARSE = 3000.0
-"""Nats of a law at which the data count half: what is known of its form is no better (coarsened
-posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
-"""
-
-
-@dataclass(frozen=True)
-class Names:
-    """What a cause may be.
-
-    Args:
-        probability: of each name, ``unlisted`` for none of the catalogue; they sum to one.
-        alike: names that the recording cannot tell from the most probable one, which is the first;
-            none where that is no name of the catalogue.
-        rivals: (name, cosine, separation) of the nearest names, the most probable first.
-        late: whether no curve over the temperature of now explains it.
-    """
-
-    probability: Mapping[str, float]
-    alike: tuple[str, ...]
-    rivals: tuple[tuple[str, float, float], ...]
-    late: bool = False
-
-    @property
-    def listed(self) -> bool:
-        """Whether a name of the catalogue is more probable than none of them."""
-        return self.probability.get(UNLISTED, 0.0) <= 0.5
-
-
-@dataclass(frozen=True)
-class _Row:
-    """An explanation in a cause's place: log posterior odds, evidence and gain, nats; misfit:
-    whether it is what the nameless causes leave of their laws.
-    """
-
-    name: str
-    score: float
-    evidence: float
-    gain: float
-    proposal: Proposal | None = None
-    misfit: bool = False
-
-    def coarsely(self, coarse: float) -> float:
-        """Log posterior odds where the data count less by a factor; the prior does not."""
-        return self.score - self.evidence + self.evidence / coarse
+FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ from its form
 
 
 def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
@@ -85,27 +44,20 @@ def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
     found = []
     for k in range(len(state.fitted.findings())):
         state, rows = _most_probable_in_place(state, k, _rows(state, k, scan))
-        found.append(replace(_names(rows), late=_late(state, k, rows[0])))
+        found.append(replace(name_probabilities(rows), late=_late(state, k, rows[0])))
     return state, found
 
 
 def _most_probable_in_place(
-    state: State, k: int, rows: Sequence[_Row]
-) -> tuple[State, Sequence[_Row]]:
-    """A state with the most probable cause in the place of one, and the rows that stand.
-
-    Rows are compared by columns. Where a law is so large that its column is not its form, another
-    name may look better that is separably worse when fitted: it is out.
-    """
-    mine = _name(_terms(state, k))
-    names = _names(rows)
+    state: State, k: int, rows: Sequence[Row]
+) -> tuple[State, Sequence[Row]]:
+    """A state with the most probable cause in the place of one, and the rows that stand."""
+    names = name_probabilities(rows)
     stated = names.alike[0] if names.listed else UNLISTED
     best = max((r for r in rows if r.name == stated and not r.misfit), key=lambda r: r.score)
-    if best.proposal is None or stated == mine:
+    if best.proposal is None or stated == _name(_terms(state, k)):
         return state, rows
     other = refitted(with_cause(state, k, best.proposal))
-    if UNLISTED not in (mine, stated) and not other.cost < state.cost + SEPARABLE / 2:
-        return _most_probable_in_place(state, k, [r for r in rows if r.name != stated])
     return (other if np.isfinite(other.cost) else state), rows
 
 
@@ -142,10 +94,10 @@ def _is_misfit(state: State, k: int, scan: Scan) -> bool:
         return misfit_odds(gain, energy, BEYOND_FAMILY) > NAMELESS
     rows = _rows(state, k, scan)
     best = max((r for r in rows if r.name == UNLISTED), key=lambda r: r.score)
-    return best.misfit and not _names(rows).listed
+    return best.misfit and not name_probabilities(rows).listed
 
 
-def _misfits(state: State, k: int, rows: Sequence[_Row]) -> Iterator[_Row]:
+def _misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
     """What is listed in the place of a listed cause, as what the nameless ones leave of their laws:
     which of the listed takes that up is as open as which is a cause, but they leave it for certain.
     The form is the same; what differs is the prior of its size, which no coarsening blurs.
@@ -157,14 +109,14 @@ def _misfits(state: State, k: int, rows: Sequence[_Row]) -> Iterator[_Row]:
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 
-def _rows(state: State, k: int, scan: Scan) -> list[_Row]:
+def _rows(state: State, k: int, scan: Scan) -> list[Row]:
     """Everything that may stand in the place of a cause, all others being as they are."""
     scan.products.keep(state.fitted)
     rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
     basis, target = rest.fitted.basis, rest.fitted.residual
     terms = _terms(state, k)
     evidence, gain = evidence_in_place(terms, cause.tried, basis, target, whitened)
-    rows = [_Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
+    rows = [Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
     known = set()
     law = terms[0].hypothesis
     found = _at_its_shape(law, proposals(rest.fitted, whitened, scan), rest)
@@ -172,13 +124,32 @@ def _rows(state: State, k: int, scan: Scan) -> list[_Row]:
         e = p.explanation
         known.add(id(e.hypothesis))
         if not _same(e.hypothesis, law):  # once, at the shape that it has
-            rows.append(_Row(_name(e.terms), p.score, e.evidence, e.gain / 2, p))
+            rows.append(Row(_name(e.terms), p.score, e.evidence, e.gain / 2, p))
     factors = scan.log_bayes_factors(rest.fitted)
     for hypothesis, factor, odds in zip(whitened.hypotheses, factors, scan.log_odds, strict=True):
         if id(hypothesis) not in known:
             name = hypothesis.id if hypothesis.listed else UNLISTED
-            rows.append(_Row(name, float(factor + odds), float(factor), 0.0))
+            rows.append(Row(name, float(factor + odds), float(factor), 0.0))
+    rows = list(_fitted(state, k, rows))
     return [*rows, *_misfits(state, k, rows)]
+
+
+def _fitted(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
+    """Rows, those of other names that explain nearly as much as the first, or look more probable,
+    at their own fit: a column is its law's form to first order only.
+    """
+    own = rows[0]
+    for row in rows:
+        near = row.gain > (1 - FIRST_ORDER) * own.gain or row.score > own.score
+        if row.proposal is None or row.name == own.name or not near:
+            yield row
+            continue
+        worse = refitted(with_cause(state, k, row.proposal)).cost - state.cost
+        shift = own.score - worse - row.score
+        if np.isfinite(shift):
+            yield replace(
+                row, score=row.score + shift, evidence=row.evidence + shift, gain=row.gain + shift
+            )
 
 
 def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Proposal]:
@@ -219,7 +190,7 @@ def _at_its_shape(law: Hypothesis, found: Sequence[Proposal], rest: State) -> It
         yield p
 
 
-def _late(state: State, k: int, own: _Row) -> bool:
+def _late(state: State, k: int, own: Row) -> bool:
     """Whether a cause follows temperature late, and all curves over the temperature of now, at the
     places where such curves act on its sensor, are separably worse.
     """
@@ -251,44 +222,3 @@ def _terms(state: State, k: int) -> tuple[FittedTerm, ...]:
 def _name(terms: Sequence[FittedTerm]) -> str:
     law = terms[0].hypothesis
     return law.id if law.listed else UNLISTED
-
-
-def coarsened(gain: float) -> float:
-    """By how much less a difference says where a law explains this much, nats: the larger a law,
-    the more it deviates from every form that was tried.
-    """
-    return 1 + gain / COARSE
-
-
-def _names(rows: Sequence[_Row]) -> Names:
-    """Probabilities under the coarsened posterior."""
-    top = max(rows, key=lambda r: r.score)
-    whole_gain = max(max(r.gain for r in rows), np.finfo(float).tiny)
-    coarse = coarsened(whole_gain)
-    score = {
-        name: float(logsumexp([r.coarsely(coarse) for r in rows if r.name == name]))
-        for name in {r.name for r in rows}
-    }
-    whole = logsumexp(list(score.values()))
-    order = sorted(score, key=lambda name: -score[name])
-    chance = {n: float(np.exp(score[n] - whole)) for n in order}
-    shown = {n: p for n, p in chance.items() if p > LEAST}
-    best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
-    first = next(n for n in order if n != UNLISTED)
-    limit = best[first].evidence - SEPARABLE / 2
-    near = [n for n in order if n not in (first, UNLISTED) and best[n].evidence > limit]
-    if chance.get(UNLISTED, 0.0) > 0.5:
-        near, first = [], ""
-    rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]
-    return Names(
-        shown,
-        (first, *near) if first else (),
-        tuple(
-            (
-                n,
-                float(np.sqrt(min(best[n].gain / whole_gain, 1.0))),
-                float(2 * (top.evidence - best[n].evidence)),
-            )
-            for n in rivals
-        ),
-    )

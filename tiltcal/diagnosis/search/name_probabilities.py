@@ -1,0 +1,100 @@
+"""From explanations in the place of a cause to the probability of every name, and of none."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from tiltcal.design.identifiability import SEPARABLE
+from tiltcal.diagnosis.search.state import Proposal
+
+UNLISTED = "unlisted"
+LEAST = 1e-4  # probability of a name that is shown
+SHOWN = 8  # rivals
+COARSE = 3000.0
+"""Nats of a law at which the data count half: what is known of its form is no better (coarsened
+posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
+"""
+
+
+@dataclass(frozen=True)
+class Names:
+    """What a cause may be.
+
+    Args:
+        probability: of each name, ``unlisted`` for none of the catalogue; they sum to one.
+        alike: names that the recording cannot tell from the most probable one, which is the first;
+            none where that is no name of the catalogue.
+        rivals: (name, cosine, separation) of the nearest names, the most probable first.
+        late: whether no curve over the temperature of now explains it.
+    """
+
+    probability: Mapping[str, float]
+    alike: tuple[str, ...]
+    rivals: tuple[tuple[str, float, float], ...]
+    late: bool = False
+
+    @property
+    def listed(self) -> bool:
+        """Whether a name of the catalogue is more probable than none of them."""
+        return self.probability.get(UNLISTED, 0.0) <= 0.5
+
+
+@dataclass(frozen=True)
+class Row:
+    """An explanation in a cause's place: log posterior odds, evidence and gain, nats; misfit:
+    whether it is what the nameless causes leave of their laws.
+    """
+
+    name: str
+    score: float
+    evidence: float
+    gain: float
+    proposal: Proposal | None = None
+    misfit: bool = False
+
+    def coarsely(self, coarse: float) -> float:
+        """Log posterior odds where the data count less by a factor; the prior does not."""
+        return self.score - self.evidence + self.evidence / coarse
+
+
+def coarsened(gain: float) -> float:
+    """By how much less a difference says where a law explains this much, nats: the larger a law,
+    the more it deviates from every form that was tried.
+    """
+    return 1 + gain / COARSE
+
+
+def name_probabilities(rows: Sequence[Row]) -> Names:
+    """Probabilities under the coarsened posterior."""
+    top = max(rows, key=lambda r: r.score)
+    whole_gain = max(max(r.gain for r in rows), np.finfo(float).tiny)
+    coarse = coarsened(whole_gain)
+    score = {
+        name: float(logsumexp([r.coarsely(coarse) for r in rows if r.name == name]))
+        for name in {r.name for r in rows}
+    }
+    whole = logsumexp(list(score.values()))
+    order = sorted(score, key=lambda name: -score[name])
+    chance = {n: float(np.exp(score[n] - whole)) for n in order}
+    shown = {n: p for n, p in chance.items() if p > LEAST}
+    best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
+    first = next(n for n in order if n != UNLISTED)
+    limit = best[first].evidence - SEPARABLE / 2
+    near = [n for n in order if n not in (first, UNLISTED) and best[n].evidence > limit]
+    if chance.get(UNLISTED, 0.0) > 0.5:
+        near, first = [], ""
+    rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]
+    return Names(
+        shown,
+        (first, *near) if first else (),
+        tuple(
+            (
+                n,
+                float(np.sqrt(min(best[n].gain / whole_gain, 1.0))),
+                float(2 * (top.evidence - best[n].evidence)),
+            )
+            for n in rivals
+        ),
+    )

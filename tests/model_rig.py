@@ -94,9 +94,6 @@ class PlainModel:
         """Force and rate at the site, (n, 3) each, for readouts of the axes: rad, rad/s, rad/s2,
         (3, n) each.
         """
-        rates = {a: jet[1] for a, jet in angles.items()}
-        accelerations = {a: jet[2] for a, jet in angles.items()}
-        angles = {a: jet[0] for a, jet in angles.items()}
         bends = self._bends(len(time), angles)
         bend_rates = np.gradient(bends, time, axis=0)
         bend_accelerations = np.gradient(bend_rates, time, axis=0)
@@ -104,20 +101,11 @@ class PlainModel:
         names = list(self.springs)
         model, data = self.model, self.data
         for k in range(len(time)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = self._zero, 0, 0
-            for axis, mapped in self.axes.items():
-                i = self.dof(mapped.joint)
-                data.qpos[self.position(mapped.joint)] = (
-                    mapped.sign * angles[axis][k] + mapped.offset
-                )
-                data.qvel[i] = mapped.sign * rates[axis][k]
-                data.qacc[i] = mapped.sign * accelerations[axis][k]
+            self._move(angles, k, bends[k])
             for j, name in enumerate(names):
-                data.qpos[self.position(name)] = bends[k, j]
                 data.qvel[self.dof(name)] = bend_rates[k, j]
                 data.qacc[self.dof(name)] = bend_accelerations[k, j]
             wanted = data.qacc.copy()
-            mujoco.mj_fwdPosition(model, data)
             mujoco.mj_sensorPos(model, data)
             mujoco.mj_fwdVelocity(model, data)
             mujoco.mj_sensorVel(model, data)
@@ -128,38 +116,57 @@ class PlainModel:
         return found[:, :3], found[:, 3:]
 
     def load(self, angles, name):
-        """Torque of gravity about a joint, N m, (n,), at readouts of the axes, rad, (n,) each."""
-        self._set_still()
-        found = np.zeros(len(next(iter(angles.values()))))
-        for k in range(len(found)):
-            self._pose(angles, k)
-            found[k] = -self.data.qfrc_bias[self.dof(name)]
-        return found
+        """Torque of weight and inertia about a joint, N m, (n,), on a motion as in ``readings``."""
+        return self.moments(angles, name)[0]
+
+    def moments(self, angles, name, about=None):
+        """Of weight and inertia of all that a joint carries, N m: about its axis, (n,), and the
+        vector about its anchor, or a point of the world, world, (n, 3).
+        """
+        n = angles[next(iter(angles))].shape[1]
+        along, vector = np.zeros(n), np.zeros((n, 3))
+        model, data = self.model, self.data
+        joint, torque = model.joint(name), np.zeros(model.nv)
+        for k in range(n):
+            self._move(angles, k)
+            mujoco.mj_rne(model, data, 1, torque)
+            along[k] = -torque[self.dof(name)]
+            mujoco.mj_rnePostConstraint(model, data)
+            wrench = data.cfrc_int[joint.bodyid[0]]
+            reference = data.subtree_com[model.body_rootid[joint.bodyid[0]]]
+            arm = reference - (data.xanchor[joint.id] if about is None else about)
+            vector[k] = -(wrench[:3] + np.cross(arm, wrench[3:]))
+        return along, vector
 
     def _bends(self, n, angles):
-        """Deflections of the springs in equilibrium, rad, (n, springs)."""
+        """Deflections of the springs under the loads, rad, (n, springs); their own motion is left
+        out of these.
+        """
         found = np.zeros((n, len(self.springs)))
-        self._set_still()
+        torque = np.zeros(self.model.nv)
         for k in range(n if self.springs else 0):
             for _ in range(4):  # contracts by m g l / k
-                self._pose(angles, k)
-                for j, name in enumerate(self.springs):
-                    self.data.qpos[self.position(name)] = found[k, j]
-                mujoco.mj_forward(self.model, self.data)
+                self._move(angles, k, found[k])
+                mujoco.mj_rne(self.model, self.data, 1, torque)
                 for j, (name, stiffness) in enumerate(self.springs.items()):
-                    found[k, j] = -self.data.qfrc_bias[self.dof(name)] / stiffness
+                    found[k, j] = -torque[self.dof(name)] / stiffness
         return found
 
-    def _set_still(self):
-        self.data.qvel[:], self.data.qacc[:] = 0, 0
-
-    def _pose(self, angles, k):
-        self.data.qpos[:] = self._zero
+    def _move(self, angles, k, bends=()):
+        """Positions, velocities and accelerations of one row, and what follows from them."""
+        model, data = self.model, self.data
+        data.qpos[:], data.qvel[:], data.qacc[:] = self._zero, 0, 0
+        for name, bend in zip(self.springs, bends, strict=False):
+            data.qpos[self.position(name)] = bend
         for axis, mapped in self.axes.items():
-            self.data.qpos[self.position(mapped.joint)] = (
-                mapped.sign * angles[axis][k] + mapped.offset
-            )
-        mujoco.mj_forward(self.model, self.data)
+            x, v, a = angles[axis][:, k]
+            i = self.dof(mapped.joint)
+            data.qpos[self.position(mapped.joint)] = mapped.sign * x + mapped.offset
+            data.qvel[i], data.qacc[i] = mapped.sign * v, mapped.sign * a
+        wanted = data.qacc.copy()
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        data.qacc[:] = wanted
 
 
 def poses_and_moves(rng, axes, poses, dwell=1.5, move=2.5, reach=2.0):

@@ -137,7 +137,7 @@ def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Tr
         joint = str(rng.choice(robot.springs))
         _, jets = poses_and_moves(rng, list(axes), 20)
         load = PlainModel(path, axes, robot.site).load(
-            {a: j[0][::50] for a, j in jets.items()}, joint
+            {a: j[:, ::50] for a, j in jets.items()}, joint
         )
         stiffness = np.ptp(load) / (rng.uniform(60, 200) * ARCSEC)
         law = effect("joint_compliance", "bend_z_arcsec_N_m", axis=named[joint])

@@ -18,6 +18,8 @@ from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.chain import BASE
+from tiltcal.setup.loads import moments
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.laboratory import MujocoLaboratory
 from tiltsim.motion import mujoco_motion
@@ -142,16 +144,25 @@ def test_effects_of_links_are_refused_on_a_table(tmp_path):
         load_scenario(tmp_path / "s.toml")
 
 
+@pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("name", ["arm", "pusher"])
-def test_load_moments_are_the_torques_of_gravity_in_mujoco(models, name):
+def test_loads_are_those_of_inverse_dynamics_in_mujoco(models, name, moving):
     path, axes, site = models[name]
     chain = load_scenario(path.with_suffix(".toml")).rig.kind.chain
     rng = rng_of(f"loads {name}")
-    angles = {a: rng.uniform(-2, 2, 20) for a in axes}
-    plain, moments = PlainModel(path, axes, site), chain.moments(angles, GRAVITY)
+    jets = {a: rng.uniform(-2, 2, (3, 20)) * [[1], [moving], [5 * moving]] for a in axes}
+    plain = PlainModel(path, axes, site)
+    found = moments(chain, {a: Jet(*jet) for a, jet in jets.items()}, GRAVITY)
+    base = np.zeros((20, 3))
     for axis, mapped in axes.items():
-        torque = mapped.sign * plain.load(angles, mapped.joint)
-        np.testing.assert_allclose(moments[axis][:, 2], torque, atol=1e-9)
+        torque, vector = plain.moments(jets, mapped.joint)
+        size = np.linalg.norm(vector, axis=1)
+        within = {"rtol": 0, "atol": 1e-9 * size.max()}
+        np.testing.assert_allclose(found[axis][:, 2], mapped.sign * torque, **within)
+        np.testing.assert_allclose(np.linalg.norm(found[axis], axis=1), size, **within)
+        if chain.links[axis].on == BASE:
+            base += plain.moments(jets, mapped.joint, np.zeros(3))[1]
+    np.testing.assert_allclose(found[BASE], base, rtol=0, atol=1e-9 * np.abs(base).max())
 
 
 def test_urdf_is_read_like_mjcf(tmp_path):

@@ -84,7 +84,7 @@ def build(
     """The rig with what never moves built in, and the mechanisms with their true masses."""
     world = world_of(scenario, effects)
     drive = scenario.schedule.drive(np.array(scenario.schedule.times[:1]))
-    context = Context(drive, drive.axes, scenario.rig, world.gravity)
+    context = Context.along(drive, drive.axes, scenario.rig, world.gravity)
     slots = scenario.rig.kind.slots
     frames = [e for e in effects if isinstance(e, FrameEffect)]
     fixed = [

@@ -136,7 +136,7 @@ class ModelReader:
         axis = self.axes[k]
         on = self._before(k)
         place = self._placed(on, axis.origin, axis.bearing)
-        mass, centre = self._mass(k)
+        mass, centre, inertia = self._mass(k)
         words = self.words.axes[axis.name]
         return Link(
             axis=axis.name,
@@ -145,6 +145,7 @@ class ModelReader:
             offset_deg=words.offset_deg,
             mass_kg=mass,
             centre_m=centre,
+            inertia_kg_m2=inertia,
             **place,
         )
 
@@ -176,17 +177,25 @@ class ModelReader:
             return k - 1
         return self._on(int(self.model.body_parentid[self.axes[k].body]))
 
-    def _mass(self, k: int) -> tuple[float, tuple[float, float, float]]:
-        """Mass, kg, and its centre in the link's frame, m, of all bodies that turn with an axis and
-        with no axis inside it.
+    def _mass(self, k: int) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+        """Mass, kg, its centre, m, and inertia about that, kg m2 (see ``Link``), in the link's
+        frame, of all bodies that turn with an axis and with no axis inside it.
         """
         own = [b for b in range(1, self.model.nbody) if self._on(b) == k]
         masses = self.model.body_mass[own]
         total, axis = float(masses.sum()), self.axes[k]
         if total == 0:
-            return 0.0, (0.0, 0.0, 0.0)
-        centre = axis.R.T @ (masses @ self.data.xipos[own] / total - axis.origin)
-        return total, (float(centre[0]), float(centre[1]), float(centre[2]))
+            return 0.0, (0.0,) * 3, (0.0,) * 6
+        centre = masses @ self.data.xipos[own] / total
+        about = np.zeros((3, 3))
+        for body, mass in zip(own, masses, strict=True):
+            R, r = self.data.ximat[body].reshape(3, 3), self.data.xipos[body] - centre
+            about += (R * self.model.body_inertia[body]) @ R.T
+            about += mass * (r @ r * np.eye(3) - np.outer(r, r))
+        inertia = axis.R.T @ about @ axis.R
+        unlike = [inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+        place = axis.R.T @ (centre - axis.origin)
+        return total, tuple(map(float, place)), tuple(map(float, [*np.diag(inertia), *unlike]))
 
     def _site(self, name: str) -> tuple[int, Array, Array]:
         """Body, origin and frame of the instrument: a site of that name, or a body."""

@@ -16,6 +16,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, Streams, no_streams
 from tiltcal.effects.mechanisms import Spring, World
 from tiltcal.forward.kinematics import true_angles, world_of
+from tiltcal.setup.loads import load_jet
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Motion, sampled_jet
 from tiltsim.rig import ARMATURE, Rig, RigBuilder
@@ -111,6 +112,9 @@ def read_states(
         | (np.diff(v, axis=0) != 0).any(axis=1)
         | (np.diff(a, axis=0) != 0).any(axis=1)
     )
+    if rig.springs:  # the rate of a deflection reaches two rows into a dwell
+        new = np.convolve(new, np.ones(5), "same")[: len(new)] > 0
+        new[0] = True
     first = np.flatnonzero(new)
     which = np.cumsum(new) - 1
     if len(first) < len(q):
@@ -128,6 +132,7 @@ class _Runner:
     """A batch of states on all threads, block by block."""
 
     def __init__(self, rig: Rig, n: int) -> None:
+        self.rig = rig
         self.size = min(BLOCK, max(n, 1))
         try:
             self.batch = mujoco.batch.Batch(rig.model, self.size)
@@ -152,6 +157,19 @@ class _Runner:
             self.batch.forward(None if k == self.size else np.arange(k))
             yield part, bound[:k]
 
+    def load(self, q: Array, v: Array, a: Array, dofs: Sequence[int]) -> Array:
+        """Torque of weight and inertia on some joints, N m, (n, dofs): the wrench that their bodies
+        pass on, along their axes. The accelerometer asks MuJoCo for it.
+        """
+        model, axes = self.rig.model, self.batch.bind("cdof")
+        bodies = model.dof_bodyid[list(dofs)]
+        found = np.empty((len(q), len(dofs)))
+        for part, wrench in self.blocks(q, v, a, None, "cfrc_int"):
+            by_body = wrench.reshape(len(wrench), -1, 6)[:, bodies]
+            along = axes[: len(wrench)].reshape(len(wrench), -1, 6)[:, list(dofs)]
+            found[part] = -(by_body * along).sum(axis=2)
+        return found
+
     def still(self, q: Array, v: Array, output: str) -> Array:
         """An output field at each state with no acceleration prescribed."""
         return np.concatenate(
@@ -169,8 +187,8 @@ def _settle(
     first: "np.ndarray[tuple[int], np.dtype[np.intp]]",
     time: Array,
 ) -> Array:
-    """Move the compliant joints to equilibrium: bias torque + k (q - q_relaxed) = 0, by fixed point
-    (contracts by m g l / k).
+    """Move the compliant joints to equilibrium: k (q - q_relaxed) = torque of their load, by fixed
+    point (contracts by m g l / k).
 
     Returns the generalised force that holds everything else still.
     """
@@ -179,14 +197,38 @@ def _settle(
     stiffness = np.array(list(rig.springs.values()))
     relaxed = rig.model.qpos_spring[places]
     for _ in range(5):
-        bias = runner.still(q, np.zeros_like(v), "qfrc_bias")
-        q[:, places] = relaxed - bias[:, dofs] / stiffness
+        weight = -runner.still(q, np.zeros_like(v), "qfrc_bias")[:, dofs]
+        load = weight
+        if rig.inertial:  # to the last digit the weight where nothing moves
+            moving = (v != 0).any(axis=1) | (a != 0).any(axis=1)
+            load = np.where(moving[:, None], runner.load(q, v, a, dofs), weight)
+        q[:, places] = relaxed + load / stiffness
     if np.any(v):
-        # a deflection that changes turns the instrument: its rate, from the deflection against time
-        for dof, place in zip(dofs, places, strict=True):
-            jet = sampled_jet(time, q[which, place])
+        # a deflection that changes turns the instrument: its rate, from the load against time
+        other = load
+        if rig.inertial:
+            other = runner.load(q, v, _second_differences(rig, q, a, which, first, time), dofs)
+        for k, dof in enumerate(dofs):
+            parts = (weight[:, k], (load - weight)[:, k], (load - other)[:, k])
+            jet = load_jet(time, *(part[which] for part in parts)).scaled(1 / stiffness[k])
             v[:, dof], a[:, dof] = np.asarray(jet.v)[first], np.asarray(jet.a)[first]
     return runner.still(q, v, "qfrc_bias") - runner.still(q, v, "qfrc_passive")
+
+
+def _second_differences(
+    rig: Rig,
+    q: Array,
+    a: Array,
+    which: "np.ndarray[tuple[int], np.dtype[np.intp]]",
+    first: "np.ndarray[tuple[int], np.dtype[np.intp]]",
+    time: Array,
+) -> Array:
+    """Accelerations by the angles alone, (n, nv), where there are any."""
+    found = a.copy()
+    for dof in np.flatnonzero(a.any(axis=0)):
+        place = rig.model.jnt_qposadr[rig.model.dof_jntid[dof]]
+        found[:, dof] = np.asarray(sampled_jet(time, q[which, place]).a)[first]
+    return found
 
 
 def _body_frame(rig: Rig, data: Array, world: World) -> tuple[Array, ...]:

@@ -45,6 +45,7 @@ class Rig:
         free: whether the instrument is a free body.
         displaced: whether the sensors are off the axes' common point, or that point is shaken.
         centre: the common point at rest, world, m, (3,).
+        inertial: whether the springs give way to inertia too, and not to weight alone.
     """
 
     model: mujoco.MjModel
@@ -55,6 +56,7 @@ class Rig:
     free: bool = False
     displaced: bool = False
     centre: Array = field(default_factory=lambda: np.zeros(3))
+    inertial: bool = False
 
     def dof(self, joint: str) -> int:
         """Address of a joint's (first) degree of freedom; of its qpos too, but for a free body."""
@@ -131,13 +133,9 @@ class RigBuilder:
         streams: Streams = no_streams,
     ) -> None:
         """Build the turns of frame effects into their slots."""
-        rig, gravity = self.setup.rig, self.world.gravity
-        for slot in rig.kind.slots:
-            turns = [
-                t
-                for e in effects
-                for t in turns_at(e, slot, Context(drive, angles, rig, gravity, None, streams(e)))
-            ]
+        whole = Context.along(drive, angles, self.setup.rig, self.world.gravity)
+        for slot in self.setup.rig.kind.slots:
+            turns = [t for e in effects for t in turns_at(e, slot, replace(whole, rng=streams(e)))]
             body: Any = self.spec.body(slot) if turns else None
             while turns and turns[0].angle.constant:
                 R = rotation(turns[0].axis, float(turns.pop(0).angle.x))

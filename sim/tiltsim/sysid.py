@@ -200,7 +200,7 @@ class Exchange:
         angles = true_angles(setup, drive, varying, streams)
         world = world_of(setup, effects)
         model = prescribed_model(spec, self.reference.site, drive.mounts[0][1], world.lever)
-        rig = Rig(model, {}, springs, displaced=True)
+        rig = Rig(model, {}, springs, displaced=True, inertial=True)
         q, v, a = self._states(rig, angles, len(drive.time))
         return np.array(read_states(rig, q, v, a, world, drive.time))
 

@@ -2,12 +2,13 @@
 differs.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
+from tiltcal.setup.loads import Loads, Mass
 from tiltcal.setup.setup import Rig, Setup
 from tiltcal.setup.trajectory import Drive, Jet
 
@@ -200,6 +201,7 @@ class Context:
         axes: true angles of the table's axes.
         rig: table and mounting.
         gravity: m/s2.
+        loads: moments that the links of a user's own model carry.
         force: specific force in the frame of the slot, m/s2, (n, 3); None where MuJoCo will find
             it.
         rng: the effect's own random stream; None when random effects are switched off.
@@ -209,5 +211,19 @@ class Context:
     axes: Mapping[str, Jet]
     rig: Rig
     gravity: float
+    loads: Loads
     force: Array | None = None
     rng: np.random.Generator | None = None
+
+    @classmethod
+    def along(
+        cls,
+        drive: Drive,
+        axes: Mapping[str, Jet],
+        rig: Rig,
+        gravity: float,
+        masses: Sequence[Mass] = (),
+    ) -> "Context":
+        """A motion, with the loads that follow from it. gravity: m/s2."""
+        loads = Loads(rig.kind.chain, drive.time, axes, gravity, masses)
+        return cls(drive, axes, rig, gravity, loads)

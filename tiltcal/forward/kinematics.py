@@ -12,6 +12,7 @@ Newton-Euler method; checked against MuJoCo over all tables in tests/test_kinema
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -110,12 +111,13 @@ def _carried(
     """The link after the whole chain, base to mount."""
     angles = true_angles(setup, drive, effects, streams)
     frames = [e for e in effects if isinstance(e, FrameEffect)]
+    whole = Context.along(drive, angles, setup.rig, link.gravity)
 
     def slot(name: str) -> None:
         for effect in frames:
             # only what bends under load asks for it
             force = link.force() if effect.mechanised else None
-            context = Context(drive, angles, setup.rig, link.gravity, force, streams(effect))
+            context = replace(whole, force=force, rng=streams(effect))
             for turn in turns_at(effect, name, context):
                 link.turn(turn)
 

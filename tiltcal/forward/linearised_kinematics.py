@@ -72,7 +72,9 @@ class Responses:
     def __init__(self, setup: Setup, drive: Drive) -> None:
         self.setup, self.drive = setup, drive
         self._kept: dict[Place, tuple[tuple[Array | None, Array | None], ...]] = {}
-        self._context = Context(drive, true_angles(setup, drive, ()), setup.rig, setup.site.gravity)
+        self._context = Context.along(
+            drive, true_angles(setup, drive, ()), setup.rig, setup.site.gravity
+        )
 
     def turns(self, effect: Effect) -> dict[Place, Jet]:
         """The small turns of an effect that ``moves_smoothly``, place by place."""

@@ -78,4 +78,4 @@ def _probe(setup: Setup) -> Context:
     moving = Jet(PROBED, np.ones(n), np.ones(n))
     axes = dict.fromkeys(setup.rig.axis_names, moving)
     drive = Drive(PROBED, axes, 0.0, PROBED, 0.0, np.full(n, -1, np.intp))
-    return Context(drive, axes, setup.rig, setup.site.gravity)
+    return Context.along(drive, axes, setup.rig, setup.site.gravity)

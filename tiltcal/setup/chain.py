@@ -5,7 +5,7 @@ Link frames have their origin on the axis and z along it. At angle zero a link s
 parent's frame as its ``Place`` says; the base's frame is the world's: East, North, Up.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -59,6 +59,7 @@ class Link(Place):
         sign, offset_deg: -1 where the readout counts the other way than that joint, and the joint's
             angle where the readout says zero.
         mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
+        inertia_kg_m2: of it about that centre: xx, yy, zz, xy, xz, yz in the link's frame.
     """
 
     axis: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
@@ -67,6 +68,13 @@ class Link(Place):
     offset_deg: float = 0.0
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0,) * 6
+
+    @cached_property
+    def inertia(self) -> Array:
+        """About the centre of mass, in the link's frame, kg m2, (3, 3)."""
+        xx, yy, zz, xy, xz, yz = self.inertia_kg_m2
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 class Chain(Part):
@@ -116,44 +124,3 @@ class Chain(Part):
         if self.instrument.on not in seen:
             return f"the instrument on '{self.instrument.on}', which is no link"
         return None
-
-    def moments(self, angles: Mapping[str, Array], gravity: float) -> dict[str, Array]:
-        """Moment of the weight of all that an axis carries, about the origin of its link, in the
-        link's frame, N m, (n, 3) each; that of everything about the base's origin under ``BASE``.
-
-        Args:
-            angles: of the axes, rad, (n,) each.
-            gravity: m/s2; the base is taken as level.
-        """
-        R, origin = self._frames(angles)
-        n = len(next(iter(angles.values())))
-        moment = {name: np.zeros((n, 3)) for name in (BASE, *self.links)}
-        for link in self.link:
-            centre = origin[link.axis] + R[link.axis] @ np.array(link.centre_m)
-            for name in self._carriers(link.axis):
-                arm = centre - origin[name]
-                weight = link.mass_kg * gravity
-                # r x (0, 0, -weight)
-                moment[name] += weight * np.column_stack([-arm[:, 1], arm[:, 0], np.zeros(n)])
-        return {name: np.einsum("nji,nj->ni", R[name], m) for name, m in moment.items()}
-
-    def _carriers(self, axis: str) -> Sequence[str]:
-        """The axis, all that carry it, and the base."""
-        found = [axis]
-        while found[-1] != BASE:
-            found.append(self.links[found[-1]].on)
-        return found
-
-    def _frames(self, angles: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Of each link components to the base's, (n, 3, 3), and its origin there, m, (n, 3)."""
-        n = len(next(iter(angles.values())))
-        R = {BASE: np.broadcast_to(np.eye(3), (n, 3, 3))}
-        origin = {BASE: np.zeros((n, 3))}
-        for link in self.link:
-            origin[link.axis] = origin[link.on] + R[link.on] @ link.offset
-            c, s = np.cos(angles[link.axis]), np.sin(angles[link.axis])
-            turn = np.zeros((n, 3, 3))
-            turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = c, -s, s, c
-            turn[:, 2, 2] = 1
-            R[link.axis] = R[link.on] @ link.R @ turn
-        return R, origin

@@ -186,7 +186,7 @@ def angles_of(effect: Effect, drive: Drive, setup: Setup) -> dict[str, Array]:
         }
     found: dict[str, Array] = {}
     if isinstance(effect, FrameEffect) and not effect.mechanised:
-        context = Context(drive, drive.axes, rig, setup.site.gravity)
+        context = Context.along(drive, drive.axes, rig, setup.site.gravity)
         for slot in rig.kind.slots:
             for turn in effect.turns(slot, context):
                 name = f"turn of the frame {slot} about {turn.axis}"

@@ -2,16 +2,13 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from tiltcal.core.arrays import Array
 from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.mechanisms import Compliance, Context, Turn
 from tiltcal.effects.parameter import Parameter
 from tiltcal.setup.chain import BASE
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import bearing
-from tiltcal.setup.trajectory import Jet, sampled_jet
+from tiltcal.setup.trajectory import Jet
 
 SPRING = (0.05, 2.0, 20.0)  # arcsec per N m: 4 to 0.01 MN m/rad
 
@@ -50,7 +47,10 @@ class JointCompliance(_OfModel):
     title = "a joint bends under its load"
     parameters = tuple(Parameter(f"bend_{a}", "arcsec_N_m", SPRING) for a in "xyz")
     axis_wise = True
-    physics = "Gearbox and bearing of a joint give way to the moment of all that they carry."
+    physics = (
+        "Gearbox and bearing of a joint give way to the moment of all that they carry, of its"
+        " weight and of its inertia."
+    )
     equation = (
         "rotation bend_i M_i about the axes of the joint's frame before it turns; z is its axis"
     )
@@ -63,11 +63,7 @@ class JointCompliance(_OfModel):
         axis = self.axis or context.rig.axis_names[0]
         if slot != bearing(axis) or self.is_identity or context.rig.kind.chain is None:
             return ()
-        moment = _moment(axis, context)
-        c, s = context.axes[axis].cos_sin
-        x, y = moment[:, 0], moment[:, 1]
-        fixed = np.column_stack([c * x - s * y, s * x + c * y, moment[:, 2]])
-        return _bends([self.value(f"bend_{a}") for a in "xyz"], fixed, context)
+        return _bends([self.value(f"bend_{a}") for a in "xyz"], context.loads.along(axis))
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
         slot = bearing(self.axis or rig.axis_names[0])
@@ -82,7 +78,10 @@ class BaseLoadCompliance(_OfModel):
         Parameter("bend_east", "arcsec_N_m", SPRING),
         Parameter("bend_north", "arcsec_N_m", SPRING),
     )
-    physics = "The base and what it stands on give way to the moment of all that moves on it."
+    physics = (
+        "The base and what it stands on give way to the moment of all that moves on it, of its"
+        " weight and of its inertia."
+    )
     equation = "R_base gains Rx(bend_east M_east) Ry(bend_north M_north), M about the base's origin"
     source = "elastic foundation: tilt in proportion to the moment"
     excited_by = "poses in which the moment on the base differs"
@@ -92,27 +91,15 @@ class BaseLoadCompliance(_OfModel):
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "base" or self.is_identity or context.rig.kind.chain is None:
             return ()
-        moment = _moment(BASE, context)[:, :2]
-        return _bends([self.value("bend_east"), self.value("bend_north")], moment, context)
+        sizes = [self.value("bend_east"), self.value("bend_north")]
+        return _bends(sizes, context.loads.along(BASE))
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
         names = {"x": "bend_east", "y": "bend_north"}
         return [Compliance("base", a, self.value(n)) for a, n in names.items() if n in self.values]
 
 
-def _moment(axis: str, context: Context) -> Array:
-    """Moment of the weight of all that an axis carries, in its link's frame, N m, (n, 3)."""
-    chain = context.rig.kind.chain
-    assert chain is not None
-    n = len(context.drive.time)
-    angles = {name: np.broadcast_to(jet.x, n) for name, jet in context.axes.items()}
-    return chain.moments(angles, context.gravity)[axis]
-
-
-def _bends(sizes: Sequence[float], moment: Array, context: Context) -> Sequence[Turn]:
-    """Turns about coordinate axes in proportion to a moment, N m, (n, k)."""
-    return tuple(
-        Turn(axis, sampled_jet(context.drive.time, size * m))
-        for axis, size, m in zip("xyz", sizes, moment.T, strict=False)
-        if size
-    )
+def _bends(sizes: Sequence[float], moment: Sequence[Jet]) -> Sequence[Turn]:
+    """Turns about coordinate axes in proportion to a moment, N m."""
+    bends = zip("xyz", sizes, moment, strict=False)
+    return tuple(Turn(axis, jet.scaled(size)) for axis, size, jet in bends if size)

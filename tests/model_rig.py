@@ -1,5 +1,5 @@
-"""A user's own model by plain MuJoCo, with nothing of the product: poses, moves and readings, and
-springs in its joints and under its base.
+"""A user's own model by plain MuJoCo, with nothing of the product but a unit: poses, moves and
+readings, springs in its joints and under its base, and payloads.
 """
 
 import warnings
@@ -9,6 +9,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+
+from tiltcal.core.units import ARCSEC
 
 RATE = 50.0  # Hz
 GRAVITY = 9.80123
@@ -34,9 +36,19 @@ class PlainModel:
         base_stiffness: N m/rad under the root body about East and North, whose origin is the
             world's.
         axis_tilt: rad, of a joint's axis about the two axes across it, by joint.
+        payload: kg, and where in the frame of the joint's body, m, (3,), by joint.
     """
 
-    def __init__(self, path, axes, site, joint_stiffness=(), base_stiffness=None, axis_tilt=()):
+    def __init__(
+        self,
+        path,
+        axes,
+        site,
+        joint_stiffness=(),
+        base_stiffness=None,
+        axis_tilt=(),
+        payload=(),
+    ):
         self.axes, self.springs = axes, {}
         spec = mujoco.MjSpec.from_file(str(path))
         spec.option.gravity = [0, 0, -GRAVITY]
@@ -68,6 +80,10 @@ class PlainModel:
             x /= np.linalg.norm(x)
             tilted = axis + a * np.cross(x, axis) + b * np.cross(np.cross(axis, x), axis)
             joint.axis = tilted / np.linalg.norm(tilted)
+        for name, (mass, place) in dict(payload).items():
+            spec.joint(name).parent.add_body(
+                pos=place, mass=mass, inertia=[1e-9] * 3, explicitinertial=True
+            )
         if spec.site(site) is None:
             spec.body(site).add_site(name=site)
         for kind in (mujoco.mjtSensor.mjSENS_ACCELEROMETER, mujoco.mjtSensor.mjSENS_GYRO):
@@ -208,6 +224,13 @@ def scenario_text(path, axes, site, sensors=("accelerometer",), adjustable=("bia
         lines += ["[[sensor]]", f'name = "{kind}"', f'kind = "{kind}"', f"rate_hz = {RATE}"]
         lines.append(f"adjustable = [{terms}]")
     return "\n".join(lines) + "\n"
+
+
+def stated(id, axis=None, **bends):
+    """The `[[effect]]` table of a compliance of known size, rad/(N m)."""
+    lines = [f'id = "{id}"', *([f'axis = "{axis}"'] if axis else [])]
+    lines += [f"{name}_arcsec_N_m = {value / ARCSEC}" for name, value in bends.items()]
+    return "\n".join(["[[effect]]", *lines, ""])
 
 
 def _matrix(quaternion):

@@ -24,6 +24,7 @@ from model_rig import (
     PlainModel,
     poses_and_moves,
     scenario_text,
+    stated,
 )
 
 from tiltcal.core.assets import folder
@@ -95,6 +96,7 @@ PHYSICS = {
     "K2": "acc_K2",
     "eccentricity": "table_encoder_eccentricity",
     "latency": "data_latency",
+    "payload": "payload",
 }
 
 
@@ -105,6 +107,7 @@ def possible(robot, physics):
         "null": True,
         "joint spring": bool(robot.springs),
         "base spring": not moves,
+        "payload": bool(robot.springs) or not moves,
         "K2": moves,
     }.get(physics, moves)
 
@@ -115,6 +118,7 @@ class Truth:
 
     Args:
         built: keywords of the plain model; law: the `[[effect]]` tables that are the truth.
+        known: those that the honest scenario states too.
         late: samples; k2: of the x axis, 1/g.
         eccentric: axis, and its errors with the cosine and sine of the angle, rad.
         gain, bias: of the sensor's axes, what calibration may take.
@@ -127,6 +131,7 @@ class Truth:
     late: int = 0
     k2: float = 0.0
     eccentric: tuple[str, float, float] | None = None
+    known: str = ""
 
 
 def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Truth:
@@ -163,7 +168,33 @@ def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Tr
     if physics == "latency":
         late = int(rng.integers(1, 3))
         return Truth({}, effect("data_latency", "latency_ms"), **honest, late=late)
+    if physics == "payload":
+        return loaded(robot, rng, path, axes, honest)
     return Truth({}, "", **honest)
+
+
+def loaded(robot: Robot, rng: Any, path: Path, axes: Any, honest: Any) -> Truth:
+    """A payload on the last link, and a known spring that it bends."""
+    last, named = robot.joints[-1], {m.joint: a for a, m in axes.items()}
+    _, jets = poses_and_moves(rng, list(axes), 20)
+    jets = {a: j[:, ::50] for a, j in jets.items()}
+    joint = str(rng.choice(robot.springs)) if robot.springs else robot.joints[1]
+    plain = PlainModel(path, axes, robot.site)
+    carried = plain.model.body_subtreemass[plain.model.joint(joint).bodyid[0]]
+    payload = {last: (rng.uniform(0.1, 0.4) * carried, rng.uniform(-0.1, 0.1, 3))}
+    more = PlainModel(path, axes, robot.site, payload=payload).load(jets, joint)
+    stiffness = np.ptp(more - plain.load(jets, joint)) / (rng.uniform(60, 200) * ARCSEC)
+    built: dict[str, Any] = {"payload": payload}
+    if robot.springs:
+        built["joint_stiffness"] = {joint: stiffness}
+        known = stated("joint_compliance", axis=named[joint], bend_z=1 / stiffness)
+    else:
+        built["base_stiffness"] = (stiffness, 1.3 * stiffness)
+        bends = {"bend_east": 1 / stiffness, "bend_north": 1 / (1.3 * stiffness)}
+        known = stated("base_load_compliance", **bends)
+    sizes = ("mass_kg", *(f"com_{a}_mm" for a in "xyz"))
+    law = effect("payload", *sizes, axis=named[last])
+    return Truth(built, law, **honest, known=known)
 
 
 def recorded(truth: Truth, path: Path, axes: Any, site: str, rng: Any, white: float) -> Recording:
@@ -206,7 +237,7 @@ def trial(name: str, physics: str, rng: Any, place: Path, oracle: bool) -> Outco
     }
     truth = concealed(robot, physics, rng, path, axes)
     terms = ("bias", "scale", "cross_axis") if robot.site != "base_imu" else ("bias",)
-    honest = scenario_text(path, axes, robot.site, adjustable=terms)
+    honest = scenario_text(path, axes, robot.site, adjustable=terms) + truth.known
     file, right = place / "scenario.toml", place / "right.toml"
     file.write_text(honest)
     right.write_text(honest + calibration(*terms) + truth.law)
@@ -215,7 +246,7 @@ def trial(name: str, physics: str, rng: Any, place: Path, oracle: bool) -> Outco
     names = [n for f in answer.findings for n in f.names]
     held = id in names
     outcome = Outcome(bool(answer.findings), held, held and len(answer.findings) == 1)
-    if oracle:
+    if oracle and physics != "payload":  # a mass is no parameter of the oracle's
         second = recorded(truth, path, axes, robot.site, rng, 0.0)
         error = predicted_error(load_scenario(file), answer.amended, second)
         best = fitted_error(right, path, recording, second)

@@ -31,6 +31,7 @@ BESIDE = {  # the contract's list
     "joint_axis_tilt",
     "joint_compliance",
     "base_load_compliance",
+    "payload",
 }
 RANDOM = tuple(id for id, cls in CATALOGUE.items() if cls.random)
 # chance draws nothing

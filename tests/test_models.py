@@ -7,14 +7,16 @@ import gymnasium
 import numpy as np
 import pytest
 import tomli_w
-from model_rig import GRAVITY, Mapped, PlainModel, poses_and_moves, scenario_text
+from model_rig import GRAVITY, Mapped, PlainModel, poses_and_moves, scenario_text, stated
 from statistics_helpers import rng_of
 
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.forward.kinematics import closed_form
+from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
@@ -286,3 +288,55 @@ def test_a_joint_that_gives_way_is_named(models):
     scenario, recording = recorded(models, "arm", "lift", joint_stiffness={"lift": 5e4})
     (finding,) = diagnose(scenario, [recording]).findings
     assert "joint_compliance" in finding.names
+
+
+SPRING = {"lift": 5e4}  # N m/rad
+
+
+def test_a_payload_behind_a_known_spring_is_named(models, tmp_path):
+    """2 kg on the last link, which has 1 kg: nothing but the spring shows it."""
+    payload = {"wrist": (2.0, (0.1, 0.05, 0.0))}
+    _, recording = recorded(models, "arm", "payload", joint_stiffness=SPRING, payload=payload)
+    path = models["arm"][0]
+    shutil.copy(path, tmp_path / path.name)
+    known = stated("joint_compliance", axis="lift", bend_z=1 / SPRING["lift"])
+    file = tmp_path / "s.toml"
+    file.write_text(path.with_suffix(".toml").read_text() + known)
+    (finding,) = diagnose(load_scenario(file), [recording]).findings
+    assert "payload" in finding.names
+    if finding.effect == "payload":
+        value, sigma = finding.parameters["mass_kg"]
+        print(value, sigma)
+        assert abs(value - 2.0) < 4 * sigma
+
+
+@pytest.mark.parametrize(
+    ("id", "where", "sizes", "beside"),
+    [
+        ("joint_compliance", "lift", {"bend_x": 2, "bend_y": -1, "bend_z": 3}, ()),
+        ("base_load_compliance", None, {"bend_east": 0.4, "bend_north": 0.6}, ()),
+        ("payload", "wrist", {"mass": 0.5}, ("joint_compliance", "base_load_compliance")),
+        ("payload", "wrist", {"com_x": 20, "com_z": -10}, ("joint_compliance",)),
+        ("joint_compliance", "lift", {"bend_z": 3}, ("payload",)),
+    ],
+)
+def test_columns_of_loads_are_differences_of_the_closed_form(models, id, where, sizes, beside):
+    path, axes, _ = models["arm"]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    rng = rng_of(f"columns {id}")
+    time, angles = poses_and_moves(rng, list(axes), 4)
+    drive = drive_of(time, {axis: Jet(*jet) for axis, jet in angles.items()})
+    others = {
+        "joint_compliance": ("elbow", {"bend_y_arcsec_N_m": 5, "bend_z_arcsec_N_m": 20}),
+        "base_load_compliance": (None, {"bend_east_arcsec_N_m": 2}),
+        "payload": ("wrist", {"mass_kg": 3.0, "com_x_mm": 40}),
+    }
+    there = [make_effect(b, others[b][1], scenario, axis=others[b][0]) for b in beside]
+    suffixes = {p.name: p.suffix for p in CATALOGUE[id].parameters}
+    small = {f"{n}{suffixes[n]}": 1e-3 * v for n, v in sizes.items()}
+    effect = make_effect(id, small, scenario, axis=where)
+    column = NominalMotion(scenario, _Course(drive), time).changes(effect, there)["accelerometer"]
+    changed = closed_form(scenario, drive, [*there, effect]).force
+    expected = changed - closed_form(scenario, drive, there).force
+    assert np.abs(expected).max() > 0
+    np.testing.assert_allclose(column, expected, rtol=0, atol=2e-3 * np.abs(expected).max())

@@ -64,7 +64,7 @@ def _one_mounting(
     angles = true_angles(setup, drive, rest, streams)
     builder = RigBuilder(setup, world, mount)
     builder.install_shakes(drive)
-    builder.install_frames([e for e in rest if isinstance(e, FrameEffect)], drive, angles, streams)
+    builder.install_frames(rest, drive, angles, streams)
     builder.install_offsets(rest)
     builder.install_mechanisms([m for e in springs for m in e.mechanisms(setup.rig, world.gravity)])
     builder.prescribed.update(angles)

@@ -17,6 +17,7 @@ from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import rotation, unit
 from tiltcal.effects.base import Effect, FrameEffect, Streams, no_streams
+from tiltcal.effects.loads import masses_of
 from tiltcal.effects.mechanisms import Cogging, Context, Gap, Mechanism, Ring, Spring, Turn, World
 from tiltcal.forward.kinematics import link_offset, turns_at
 from tiltcal.laboratory.scenario_tables import Dynamics
@@ -127,15 +128,17 @@ class RigBuilder:
 
     def install_frames(
         self,
-        effects: Sequence[FrameEffect],
+        effects: Sequence[Effect],
         drive: Drive,
         angles: Mapping[str, Jet],
         streams: Streams = no_streams,
     ) -> None:
         """Build the turns of frame effects into their slots."""
-        whole = Context.along(drive, angles, self.setup.rig, self.world.gravity)
-        for slot in self.setup.rig.kind.slots:
-            turns = [t for e in effects for t in turns_at(e, slot, replace(whole, rng=streams(e)))]
+        frames, rig = [e for e in effects if isinstance(e, FrameEffect)], self.setup.rig
+        masses = masses_of(effects, rig)
+        whole = Context.along(drive, angles, rig, self.world.gravity, masses)
+        for slot in rig.kind.slots:
+            turns = [t for e in frames for t in turns_at(e, slot, replace(whole, rng=streams(e)))]
             body: Any = self.spec.body(slot) if turns else None
             while turns and turns[0].angle.constant:
                 R = rotation(turns[0].axis, float(turns.pop(0).angle.x))

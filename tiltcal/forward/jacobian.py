@@ -155,7 +155,9 @@ def sensitivity(
             id, {f"{name}{p.suffix}": size, **shape}, setup, sensor=sensor, axis=axis
         )
         found.append(
-            Column(id, sensor, axis, name, p.unit, size, whitened(watch.changes(effect), weight))
+            Column(
+                id, sensor, axis, name, p.unit, size, whitened(watch.changes(effect, known), weight)
+            )
         )
     return found
 

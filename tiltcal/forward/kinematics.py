@@ -26,6 +26,7 @@ from tiltcal.effects.base import (
     WorldEffect,
     no_streams,
 )
+from tiltcal.effects.loads import masses_of
 from tiltcal.effects.mechanisms import Context, Ring, Turn, World
 from tiltcal.setup.chain import Place
 from tiltcal.setup.setup import Setup
@@ -111,7 +112,8 @@ def _carried(
     """The link after the whole chain, base to mount."""
     angles = true_angles(setup, drive, effects, streams)
     frames = [e for e in effects if isinstance(e, FrameEffect)]
-    whole = Context.along(drive, angles, setup.rig, link.gravity)
+    masses = masses_of(effects, setup.rig)
+    whole = Context.along(drive, angles, setup.rig, link.gravity, masses)
 
     def slot(name: str) -> None:
         for effect in frames:

@@ -14,9 +14,11 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect
+from tiltcal.effects.loads import LoadEffect, masses_of
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.forward.kinematics import force_and_rate, true_angles
+from tiltcal.setup.loads import Mass
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
 
@@ -56,7 +58,7 @@ def moves_smoothly(effect: Effect) -> bool:
     """Whether all that an effect does is turn frames or axes by angles that do not ask for the
     force there.
     """
-    return isinstance(effect, AngleEffect) or (
+    return isinstance(effect, AngleEffect | LoadEffect) or (
         isinstance(effect, FrameEffect) and not effect.mechanised
     )
 
@@ -72,12 +74,13 @@ class Responses:
     def __init__(self, setup: Setup, drive: Drive) -> None:
         self.setup, self.drive = setup, drive
         self._kept: dict[Place, tuple[tuple[Array | None, Array | None], ...]] = {}
-        self._context = Context.along(
-            drive, true_angles(setup, drive, ()), setup.rig, setup.site.gravity
-        )
+        self._contexts: dict[tuple[Mass, ...], Context] = {}
+        self._loaded(())
 
-    def turns(self, effect: Effect) -> dict[Place, Jet]:
-        """The small turns of an effect that ``moves_smoothly``, place by place."""
+    def turns(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[Place, Jet]:
+        """The small turns of an effect that ``moves_smoothly``, place by place; beside: what is
+        there anyway, of which loads and what bends under them matter.
+        """
         rig = self.setup.rig
         if isinstance(effect, AngleEffect):
             return {
@@ -85,13 +88,31 @@ class Responses:
                 for n in rig.axis_names
                 if effect.acts_on(n, rig)
             }
+        masses = masses_of(beside, rig)
+        if isinstance(effect, LoadEffect):
+            bending = [e for e in beside if isinstance(e, FrameEffect) and e.compliances(rig)]
+            more = self._turned(bending, self._loaded((*masses, *effect.masses(rig))))
+            less = self._turned(bending, self._loaded(masses))
+            return {place: jet - less[place] for place, jet in more.items()}
         assert isinstance(effect, FrameEffect)
+        return self._turned([effect], self._loaded(masses))
+
+    def _turned(self, effects: Sequence[FrameEffect], context: Context) -> dict[Place, Jet]:
         found: dict[Place, Jet] = {}
-        for slot in rig.kind.slots:
-            for turn in effect.turns(slot, self._context):
+        for slot in self.setup.rig.kind.slots:
+            for turn in (t for e in effects for t in e.turns(slot, context)):
                 place = (slot, turn.axis)
                 found[place] = found[place] + turn.angle if place in found else turn.angle
         return found
+
+    def _loaded(self, masses: tuple[Mass, ...]) -> Context:
+        """The nominal motion with masses on its links."""
+        if masses not in self._contexts:
+            kept = dict(list(self._contexts.items())[:1])  # without any; the others change in a fit
+            axes, gravity = true_angles(self.setup, self.drive, ()), self.setup.site.gravity
+            context = Context.along(self.drive, axes, self.setup.rig, gravity, masses)
+            self._contexts = {**kept, masses: context}
+        return self._contexts[masses]
 
     def to(self, turns: Mapping[Place, Jet]) -> tuple[Array, Array]:
         """Change of force and rate by small turns, (n, 3) each; (n, 3, p) where their jets are (n,

@@ -65,14 +65,16 @@ class NominalMotion:
         other.matrices = matrices
         return other
 
-    def changes(self, effect: Effect) -> dict[str, Array]:
-        """Change of the readings of each sensor that changes, SI, (n, k)."""
+    def changes(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[str, Array]:
+        """Change of the readings of each sensor that changes, SI, (n, k); beside: see
+        ``Responses.turns``.
+        """
         if isinstance(effect, DelayEffect):
             changes = self._late(effect)
         elif isinstance(effect, SignalEffect):
             changes = {str(effect.sensor): self._signal(effect)}
         else:
-            changes = self._moved(effect)
+            changes = self._moved(effect, beside)
         return {name: self._converted(name, change, effect) for name, change in changes.items()}
 
     def each(self, effect: Learned) -> dict[str, Array]:
@@ -129,12 +131,12 @@ class NominalMotion:
             up - (effect_down(small).apply(start.copy(), sense, None) - start) / effect.straight
         ) / 2
 
-    def _moved(self, effect: Effect) -> dict[str, Array]:
+    def _moved(self, effect: Effect, beside: Sequence[Effect]) -> dict[str, Array]:
         """Change of every sensor's reading by what moves differently."""
         if moves_smoothly(effect):
-            turns = self.responses.turns(effect)
+            turns = self.responses.turns(effect, beside)
             if not one_sided(effect):
-                down = self.responses.turns(effect_down(effect))
+                down = self.responses.turns(effect_down(effect), beside)
                 turns = {place: (jet - down[place]).scaled(0.5) for place, jet in turns.items()}
             return self._read(*self.responses.to(turns))
         up = force_and_rate(self.setup, self.drive, [effect])
@@ -202,11 +204,13 @@ class SeveralPlaces(NominalMotion):
         """The same motion through other sensor matrices, by sensor, (axes, 3)."""
         return SeveralPlaces(self.setup, [part.through(matrices) for part in self.parts])
 
-    def changes(self, effect: Effect) -> dict[str, Array]:
-        """Change of the readings of each sensor that changes, SI, (n, k)."""
+    def changes(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[str, Array]:
+        """Change of the readings of each sensor that changes, SI, (n, k); beside: see
+        ``Responses.turns``.
+        """
         found: dict[str, Array] = {}
         for part in self._moved_by(effect):
-            found |= part.changes(effect)
+            found |= part.changes(effect, beside)
         return found
 
     def each(self, effect: Learned) -> dict[str, Array]:

@@ -10,6 +10,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.frames import rotation
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, WorldEffect, WritingEffect
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.loads import LoadEffect
 from tiltcal.effects.mechanisms import Context, World
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Drive, Jet
@@ -25,6 +26,8 @@ def why_not(effect: Effect, setup: Setup) -> str | None:
         return "random"
     if isinstance(effect, Learned):
         return "a curve, no law"
+    if isinstance(effect, LoadEffect):
+        return "a mass, which sysid has parameters of its own for"
     if isinstance(effect, WritingEffect):
         return "a fault of the file"
     if isinstance(effect, WorldEffect) and effect.world(World.of(setup)).shakes:

@@ -13,6 +13,7 @@ from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
 from tiltcal.effects.learned import Learned
+from tiltcal.effects.loads import masses_of
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import restored
@@ -235,7 +236,7 @@ class TableObservations(Observations):
         for number, watch in enumerate(self.watches(around)):
             changes: dict[str, Array] = {}
             for met in as_met([effect], self.recordings[number].fingerprint):
-                changes = watch.changes(met)
+                changes = watch.changes(met, around)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
                     column = self._of_blocks(i, changes[c.sensor][:, c.column])
@@ -281,13 +282,12 @@ class TableObservations(Observations):
         return self._watches[key]
 
     def depends_on(self, around: Sequence[Effect]) -> bytes:
-        """The sensor matrices of these effects."""
+        """The sensor matrices of these effects, and what the links carry by them."""
         # asked for each column of a fitted model
         if self._around is None or self._around[0] != tuple(around):
-            self._around = (
-                tuple(around),
-                b"".join(m.tobytes() for m in self._matrices(around).values()),
-            )
+            matrices = b"".join(m.tobytes() for m in self._matrices(around).values())
+            masses = masses_of(around, self.scenario.rig)
+            self._around = tuple(around), matrices + (repr(masses).encode() if masses else b"")
         return self._around[1]
 
     def _matrices(self, around: Sequence[Effect]) -> dict[str, Array]:

@@ -1,11 +1,15 @@
-"""What gives way under the load that a user's own model carries: its joints, and its base."""
+"""What gives way under the load that a user's own model carries, its joints and its base; and what
+it carries.
+"""
 
 from collections.abc import Sequence
 
 from tiltcal.effects.base import FrameEffect
+from tiltcal.effects.loads import LoadEffect
 from tiltcal.effects.mechanisms import Compliance, Context, Turn
 from tiltcal.effects.parameter import Parameter
 from tiltcal.setup.chain import BASE
+from tiltcal.setup.loads import Mass
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Jet
@@ -103,3 +107,42 @@ def _bends(sizes: Sequence[float], moment: Sequence[Jet]) -> Sequence[Turn]:
     """Turns about coordinate axes in proportion to a moment, N m."""
     bends = zip("xyz", sizes, moment, strict=False)
     return tuple(Turn(axis, jet.scaled(size)) for axis, size, jet in bends if size)
+
+
+class Payload(LoadEffect):
+    stage = "table"
+    linear = True
+    of_model = True
+    axis_wise = True
+    id = "payload"
+    title = "a link carries another mass than the model's"
+    parameters = (
+        Parameter("mass", "kg", (0.1, 0.5, 2)),
+        *(Parameter(f"com_{a}", "mm", (2, 10, 50)) for a in "xyz"),
+    )
+    physics = (
+        "A link is heavier than the model says, and its centre of mass lies elsewhere: the load of"
+        " all joints that carry it is another, and what bends under it bends otherwise."
+    )
+    equation = (
+        "mass of the link + mass, its centre of mass + com in the link's frame; seen through"
+        " joint_compliance and base_load_compliance alone"
+    )
+    source = "Khalil and Dombre 2002, Modeling, Identification and Control of Robots, ch. 12"
+    excited_by = "poses in which the load of a joint or base that bends differs"
+    look = "a known bend that follows another load than the model's"
+    follows = "load moment"
+    told_apart_by = {
+        JointCompliance.id: "the same poses without the payload",
+        BaseLoadCompliance.id: "the same poses without the payload",
+    }
+
+    def masses(self, rig: Rig) -> Sequence[Mass]:
+        if rig.kind.chain is None or self.is_identity:
+            return ()
+        link = rig.kind.chain.links[self.axis or rig.axis_names[0]]
+        x, y, z = (c + self.value(f"com_{a}") for a, c in zip("xyz", link.centre_m, strict=True))
+        return (
+            Mass(link.axis, link.mass_kg + self.value("mass"), (x, y, z)),
+            Mass(link.axis, -link.mass_kg, link.centre_m),
+        )

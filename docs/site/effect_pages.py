@@ -9,6 +9,8 @@ import numpy as np
 
 from tiltcal.design.identifiability import reference_scenario
 from tiltcal.effects import CATALOGUE, Effect, make_effect
+from tiltcal.effects.base import FrameEffect
+from tiltcal.effects.loads import LoadEffect
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 
@@ -53,9 +55,10 @@ def residual_of(id: str) -> Residual:
     )
     on_noise = id in ("data_outlier", "emi_spike", "data_stuck", "data_duplicate")
     white = [e for e in scenario.effects if e.id.endswith("_noise")] if on_noise else []
+    bends = [e for e in scenario.effects if isinstance(effect, LoadEffect) and _bends(e, scenario)]
     laboratory = SimulatedLaboratory()
     bare = scenario.model_copy(update={"effect": (), "grade": None, "seed": SEED})
-    with_, without = (_with(bare, [*vibration, *white, *e]) for e in ([effect], []))
+    with_, without = (_with(bare, [*vibration, *bends, *white, *e]) for e in ([effect], []))
     one, other = laboratory.record(with_, SEED), laboratory.record(without, SEED)
     names = [n for n in one.column_names if not n.startswith("temperature")]
     changes = {n: one.column(n) - other.column(n) for n in names} | {
@@ -63,6 +66,11 @@ def residual_of(id: str) -> Residual:
     }
     shown = {n: c for n, c in changes.items() if np.isnan(c).any() or np.nanmax(np.abs(c)) > 1e-13}
     return Residual(other.time, shown)
+
+
+def _bends(effect: Effect, scenario: Scenario) -> bool:
+    """Whether an effect shows what the links carry."""
+    return isinstance(effect, FrameEffect) and bool(effect.compliances(scenario.rig))
 
 
 def _with(scenario: Scenario, effects: list) -> Scenario:

@@ -82,8 +82,7 @@ def confuse(scenario: Scenario, grade: str = "mid_mems") -> Confusion:
     course = scenario.schedule
     rate = max(s.rate_hz for s in scenario.sensor)
     rows = rows_of(course, rate)
-    known = [e for e in scenario.effects if isinstance(e, Noise)]
-    columns = sensitivity(scenario, course, rows, grade=grade, known=known)
+    columns = sensitivity(scenario, course, rows, grade=grade, known=scenario.effects)
     return confusion(columns, adjustable_mask(columns, scenario), float(rows.weight.sum()))
 
 
@@ -218,6 +217,7 @@ def nearest_rivals(id: str, count: int = 6) -> list[tuple[str, float]]:
         scenario,
         scenario.schedule,
         rows_of(scenario.schedule, max(s.rate_hz for s in scenario.sensor)),
+        known=[e for e in scenario.effects if not isinstance(e, Noise)],
     )
     G = gram(columns)
     norms = np.sqrt(np.maximum(np.diag(G), 1e-30))

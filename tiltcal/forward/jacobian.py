@@ -130,7 +130,8 @@ def sensitivity(
         course: what the table does.
         rows: where to evaluate.
         grade: precision, mid_mems or consumer.
-        known: effects that are there anyway; their noise whitens.
+        known: effects that are there anyway; their noise whitens, and loads show through what
+            bends.
         only: ids to keep.
     """
     one_of(grade, GRADES, "grade")

@@ -151,11 +151,9 @@ def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Tr
         law = effect("base_load_compliance", "bend_east_arcsec_N_m", "bend_north_arcsec_N_m")
         return Truth({"base_stiffness": rng.uniform(1e5, 4e5, 2)}, law, **honest)
     if physics == "axis tilt":
-        # the last joint's tilt is a part of the mounting; that of one turns the next back
         tilt = rng.choice([-1, 1], 2) * rng.uniform(150, 400, 2) * ARCSEC
-        ends = [named[j] for j in robot.joints[-2:]]
         sizes = ("tilt_x_arcsec", "tilt_y_arcsec")
-        law = "".join(effect("joint_axis_tilt", *sizes, axis=a) for a in ends)
+        law = effect("joint_axis_tilt", *sizes, axis=named[robot.joints[-2]])
         return Truth({"axis_tilt": {robot.joints[-2]: tilt}}, law, **honest)
     if physics == "K2":
         k2 = rng.uniform(300, 900) * 1e-6

@@ -73,7 +73,7 @@ CASES = [
     Case("late stamps", effect("data_latency", "latency_ms"), SPRING, {}, sensed=_late),
     Case(
         "axis of the elbow",
-        TILT + TILT.replace("elbow", "wrist"),
+        TILT,
         ECCENTRIC,
         {"axis_tilt": {"elbow": (300 * ARCSEC, -200 * ARCSEC)}},
     ),

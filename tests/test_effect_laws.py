@@ -31,6 +31,7 @@ BESIDE = {  # the contract's list
     "joint_axis_tilt",
     "joint_compliance",
     "base_load_compliance",
+    "link_tilt",
     "payload",
 }
 RANDOM = tuple(id for id, cls in CATALOGUE.items() if cls.random)

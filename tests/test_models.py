@@ -340,3 +340,28 @@ def test_columns_of_loads_are_differences_of_the_closed_form(models, id, where, 
     expected = changed - closed_form(scenario, drive, there).force
     assert np.abs(expected).max() > 0
     np.testing.assert_allclose(column, expected, rtol=0, atol=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["arm", "pusher"])
+def test_a_tilted_axis_is_one_effect_whatever_its_readout_says_at_the_reference(models, name):
+    path, axes, site = models[name]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    rng = rng_of(f"tilted axis {name}")
+    time, angles = poses_and_moves(rng, list(axes), 4)
+    drive = drive_of(time, {axis: Jet(*jet) for axis, jet in angles.items()})
+    for axis, mapped in list(axes.items())[1:]:
+        tilt = rng.uniform(100, 400, 2) * ARCSEC
+        plain = PlainModel(path, axes, site, axis_tilt={mapped.joint: tilt})
+        changed = plain.readings(time, angles)[0] - closed_form(scenario, drive).force
+        columns = [
+            closed_form(
+                scenario,
+                drive,
+                [make_effect("joint_axis_tilt", {f"tilt_{a}_arcsec": 100}, scenario, axis=axis)],
+            ).force
+            - closed_form(scenario, drive).force
+            for a in "xy"
+        ]
+        design = np.column_stack([c.ravel() for c in columns])
+        left = changed.ravel() - design @ np.linalg.lstsq(design, changed.ravel())[0]
+        assert np.abs(left).max() < 5e-3 * np.abs(changed).max()

@@ -49,6 +49,8 @@ def law(id, axis=None, **sizes):
 LAWS = {
     "first joint of a body": law("joint_axis_tilt", "elbow", tilt_x_arcsec=400, tilt_y_arcsec=-300),
     "second joint of it": law("joint_axis_tilt", "wrist", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+    "first link of a body": law("link_tilt", "elbow", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+    "second link of it": law("link_tilt", "wrist", tilt_x_arcsec=400, tilt_y_arcsec=-300),
     "zero": law("table_encoder_zero", lift_zero_arcsec=500, wrist_zero_arcsec=-700),
     "eccentricity": law("table_encoder_eccentricity", "lift", cos_arcsec=300, sin_arcsec=200),
     "levelling": law("table_levelling", tilt_east_arcsec=500, tilt_north_arcsec=-300),

@@ -96,9 +96,11 @@ def build_in(
     down = np.array([0.0, 0.0, -world_of(setup, effects).gravity])
     spec.option.gravity = fixed_turn(setup, effects, "base").T @ down
     for joint in reversed(reference.joints):
-        turn = _bearing_turn(setup, effects, joint.name)
-        if not np.array_equal(turn, np.eye(3)):
-            _turn_joint(spec, reference, joint, joint.bearing @ turn @ joint.bearing.T)
+        before = _bearing_turn(setup, effects, joint.name)
+        behind = fixed_turn(setup, effects, joint.name)
+        if not all(np.array_equal(turn, np.eye(3)) for turn in (before, behind)):
+            turns = joint.bearing @ before @ joint.bearing.T, joint.R @ behind @ joint.R.T
+            _turn_joint(spec, reference, joint, *turns)
     _turn_site(spec, reference, setup, effects)
     bends = [c for e in effects if isinstance(e, FrameEffect) for c in e.compliances(setup.rig)]
     return _install_springs(spec, reference, bends, setup.site.gravity)
@@ -112,20 +114,23 @@ def _bearing_turn(setup: Setup, effects: Sequence[Effect], axis: str) -> Array:
 
 
 def _turn_joint(
-    spec: "mujoco.MjSpec", reference: Reference, joint: ModelJoint, turn: Array
+    spec: "mujoco.MjSpec", reference: Reference, joint: ModelJoint, before: Array, behind: Array
 ) -> None:
     """Turn a body about the anchor of one of its joints, from that joint on.
 
     Args:
-        turn: in the world, (3, 3).
+        before, behind: the turns before that joint and behind it at the model's reference, in the
+            world, (3, 3) each.
     """
+    turn, own = before @ behind, spec.joint(reference.model.joint(joint.joint).name)
     model, body = reference.model, spec.bodies[joint.body]  # compiled in the order of the spec
     parent, base = reference.pose(int(model.body_parentid[joint.body]))
     frame = parent @ _matrix(_orientation(body, model.body_quat[joint.body]))
     place = base + parent @ np.array(body.pos)
     turned, moved = turn @ frame, joint.origin + turn @ (place - joint.origin)
     for other in body.joints:
-        if other.name == spec.joint(model.joint(joint.joint).name).name:
+        if other.name == own.name:
+            other.axis = turned.T @ before @ frame @ np.array(other.axis)
             break
         other.axis = turned.T @ frame @ np.array(other.axis)
         other.pos = turned.T @ (place + frame @ np.array(other.pos) - moved)

@@ -143,6 +143,7 @@ class ModelReader:
             joint=words.joint,
             sign=words.sign,
             offset_deg=words.offset_deg,
+            reference_deg=float(-np.degrees(axis.zero)),
             mass_kg=mass,
             centre_m=centre,
             inertia_kg_m2=inertia,

@@ -140,7 +140,8 @@ class RigBuilder:
         for slot in rig.kind.slots:
             turns = [t for e in frames for t in turns_at(e, slot, replace(whole, rng=streams(e)))]
             body: Any = self.spec.body(slot) if turns else None
-            while turns and turns[0].angle.constant:
+            # behind a joint of the same body a constant turn is a hinge too
+            while turns and turns[0].angle.constant and slot not in rig.axis_names:
                 R = rotation(turns[0].axis, float(turns.pop(0).angle.x))
                 q = np.zeros(4)
                 mujoco.mju_mulQuat(q, np.array(body.quat), quaternion(R))

@@ -131,6 +131,8 @@ def _carried(
         link.offset(link_offset(setup, effects, bearing(name)))
         slot(bearing(name))
         link.turn(Turn(axis, angles[name]))
+        if chain is not None:
+            slot(name)
     if drive.attitude is not None:
         link.take(drive.attitude.R_wb, drive.attitude.rate, drive.attitude.acceleration)
     if chain is not None:

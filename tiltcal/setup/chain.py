@@ -58,6 +58,7 @@ class Link(Place):
         joint: of the model that it was read from.
         sign, offset_deg: -1 where the readout counts the other way than that joint, and the joint's
             angle where the readout says zero.
+        reference_deg: what the readout says where the model stands at its reference.
         mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
         inertia_kg_m2: of it about that centre: xx, yy, zz, xy, xz, yz in the link's frame.
     """
@@ -66,6 +67,7 @@ class Link(Place):
     joint: str = ""
     sign: Literal[1, -1] = 1
     offset_deg: float = 0.0
+    reference_deg: float = 0.0
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0,) * 6

@@ -64,8 +64,13 @@ class Table:
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
-        """Frames that an effect may turn or displace, outermost first."""
-        return ("base", *(bearing(name) for name in self.axis_names), "mount")
+        """Frames that an effect may turn or displace, outermost first: of a user's own model the
+        links behind their joints too.
+        """
+        if self.chain is None:
+            return ("base", *(bearing(name) for name in self.axis_names), "mount")
+        links = (slot for name in self.axis_names for slot in (bearing(name), name))
+        return ("base", *links, "mount")
 
     @cached_property
     def moving(self) -> tuple[Axis, ...]:

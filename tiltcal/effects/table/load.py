@@ -4,6 +4,9 @@ it carries.
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from tiltcal.core.units import DEG
 from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.loads import LoadEffect
 from tiltcal.effects.mechanisms import Compliance, Context, Turn
@@ -14,6 +17,7 @@ from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Jet
 
+TILT = tuple(Parameter(f"tilt_{a}", "arcsec", (5, 60, 1800)) for a in "xy")
 SPRING = (0.05, 2.0, 20.0)  # arcsec per N m: 4 to 0.01 MN m/rad
 
 
@@ -29,15 +33,46 @@ class JointAxisTilt(_OfModel):
     row_wise = True
     id = "joint_axis_tilt"
     title = "axis of a joint not where the model has it"
-    parameters = (
-        Parameter("tilt_x", "arcsec", (5, 60, 1800)),
-        Parameter("tilt_y", "arcsec", (5, 60, 1800)),
-    )
+    parameters = TILT
     axis_wise = True
-    physics = "Two joints are not at the angle to each other that the model says."
+    physics = (
+        "A joint turns about an axis that is tilted against the model's; at the model's reference"
+        " all that it carries stands where the model has it."
+    )
+    equation = (
+        "the joint's rotation R becomes T R R0^T T^-1 R0, T = Rx(tilt_x) Ry(tilt_y) in the joint's"
+        " frame, R0 at the reference"
+    )
+    source = "Hayati and Mirmirani 1985, J. Robotic Systems 2, 397"
+    excited_by = "that joint turning"
+    look = "a tilt that grows as the joint leaves the model's reference"
+    told_apart_by = {"link_tilt": "that joint and the next one turning over a wide range"}
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        axis, chain = self.axis or context.rig.axis_names[0], context.rig.kind.chain
+        if chain is None or slot not in (axis, bearing(axis)):
+            return ()
+        x, y = self.value("tilt_x"), self.value("tilt_y")
+        if slot == bearing(axis):
+            return Turn("x", Jet(x)), Turn("y", Jet(y))
+        reference = chain.links[axis].reference_deg * DEG
+        c, s = np.cos(reference), np.sin(reference)
+        return Turn("y", Jet(s * x - c * y)), Turn("x", Jet(-c * x - s * y))
+
+
+class LinkTilt(_OfModel):
+    row_wise = True
+    id = "link_tilt"
+    title = "a joint stands tilted on the link before it"
+    parameters = TILT
+    axis_wise = True
+    physics = (
+        "Two joints are not at the angle to each other that the model says, and all that follows"
+        " is turned."
+    )
     equation = "Rx(tilt_x) Ry(tilt_y) between a link and the next joint, in the joint's frame"
     source = "Hayati and Mirmirani 1985, J. Robotic Systems 2, 397"
-    excited_by = "that joint and the next one turning"
+    excited_by = "the joint before it turning"
     look = "a tilt that turns with the joint before"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:

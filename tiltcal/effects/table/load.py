@@ -4,8 +4,7 @@ it carries.
 
 from collections.abc import Sequence
 
-import numpy as np
-
+from tiltcal.core.frames import rotation
 from tiltcal.core.units import DEG
 from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.loads import LoadEffect
@@ -55,9 +54,12 @@ class JointAxisTilt(_OfModel):
         x, y = self.value("tilt_x"), self.value("tilt_y")
         if slot == bearing(axis):
             return Turn("x", Jet(x)), Turn("y", Jet(y))
-        reference = chain.links[axis].reference_deg * DEG
-        c, s = np.cos(reference), np.sin(reference)
-        return Turn("y", Jet(s * x - c * y)), Turn("x", Jet(-c * x - s * y))
+        from scipy.spatial.transform import Rotation
+
+        there = rotation("z", chain.links[axis].reference_deg * DEG)
+        back = there.T @ rotation("y", -y) @ rotation("x", -x) @ there
+        angles = Rotation.from_matrix(back).as_euler("YXZ")
+        return tuple(Turn(a, Jet(float(angle))) for a, angle in zip("yxz", angles, strict=True))
 
 
 class LinkTilt(_OfModel):

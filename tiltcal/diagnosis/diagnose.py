@@ -33,6 +33,7 @@ from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable, settled
@@ -196,13 +197,14 @@ def _explained(
     if extend_dictionary(whitened.columns, state.fitted, lines):
         state = settled(state.over(whitened.columns), gate)
     stages.begin(ALTERNATIVES)
+    random = False
     if not (floors or _knows_settings(start)):
-        state = beside_random_settings(state, start, gate)
+        state, random = beside_random_settings(state, gate)
     state, chances, doubts = believed(state, gate)
     scan = Scan(state.whitened)
     state, kept = without_misfits(state, scan)
     chances = tuple(chances[k] for k in kept)
-    state, names = named(state, scan)
+    state, names = named(state, scan, random)
     fitted, chance = state.fitted, list[Fault]()
     if floors:
         fitted = drop_below_code(fitted, state.whitened, floors, prepared.blurred)
@@ -239,7 +241,7 @@ def _by_chance(
     if _knows_settings(start):
         return fitted, []
     lawful = lawful_part(fitted, whitened)
-    setting = find_setting_error(lawful, start, whitened, gate.total)
+    setting = find_setting_error(lawful, start, whitened, gate.total, largest_misfit(lawful))
     if setting is None or is_lawful(setting):
         return fitted, []
     return beside_stops(lawful, setting.stops, whitened, gate.total), [setting.fault]

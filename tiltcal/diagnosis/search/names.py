@@ -39,11 +39,20 @@ NAMELESS = float(np.log(priors.SOMETHING * priors.UNLISTED))
 FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ from its form
 
 
-def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
-    """A state whose causes are the most probable ones in their places, and what each may be."""
+def named(state: State, scan: Scan, random: bool = False) -> tuple[State, list[Names]]:
+    """A state whose causes are the most probable ones in their places, and what each may be.
+
+    Args:
+        state: whose causes.
+        scan: of its hypotheses.
+        random: whether stops are at random about their settings: a nameless curve would take them
+            up, and is not looked for.
+    """
     found = []
     for k in range(len(state.fitted.findings())):
-        state, rows = _most_probable_in_place(state, k, _rows(state, k, scan))
+        every = _rows(state, k, scan)
+        rows: Sequence[Row] = [r for r in every if r.name != UNLISTED] if random else every
+        state, rows = _most_probable_in_place(state, k, rows)
         found.append(replace(name_probabilities(rows), late=_late(state, k, rows[0])))
     return state, found
 

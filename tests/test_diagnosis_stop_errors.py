@@ -80,10 +80,9 @@ def test_a_setting_error_is_told_beside_what_else_is_there():
 def test_a_law_that_explains_more_than_the_stops_hides_them_only_if_its_form_may(share, found):
     """A listed law leaves a hundredth of what it explains at most, a nameless curve half of it."""
     small = {**INDEX, "sigma_arcsec": 12.0}
-    truth = bench(small, {"id": "acc_bias_asym", "sensor": "accel", "bias_asym_y_ug": 1500.0})
+    truth = bench(small, {"id": "acc_K2", "sensor": "accel", "k2_z_ug_g2": 800.0})
     had = prepared(truth)
-    names = ("bias_asym_y",)
-    law = Hypothesis(CATALOGUE["acc_bias_asym"]({"bias_asym_y": 1e-4}, "accel"), names)
+    law = Hypothesis(CATALOGUE["acc_K2"]({"k2_z": 1e-4}, "accel"), ("k2_z",))
     fitted = refit(replace(had.start, terms=(FittedTerm.start(law),)), had.whitened)
     setting = find_setting_error(fitted, had.start, had.whitened, 300, share)
     assert (setting is not None) == found

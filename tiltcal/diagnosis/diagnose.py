@@ -43,6 +43,7 @@ from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.slow_variation import slow_variations
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
+from tiltcal.diagnosis.search.state import laws
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.table.readout import IndexError_
 from tiltcal.laboratory.laboratory import Laboratory
@@ -202,6 +203,8 @@ def _explained(
         state, random = beside_random_settings(state, gate)
     state, chances, doubts = believed(state, gate)
     scan = Scan(state.whitened)
+    if any(not law.listed for law in laws(state.fitted)):
+        state, _ = named(state, scan, random)  # what has a name leaves less of its law
     state, kept = without_misfits(state, scan)
     chances = tuple(chances[k] for k in kept)
     state, names = named(state, scan, random)
@@ -210,12 +213,8 @@ def _explained(
         fitted = drop_below_code(fitted, state.whitened, floors, prepared.blurred)
     else:
         fitted, chance = _by_chance(fitted, start, state.whitened, gate)
-    laws = [fitted.terms[p[0]].hypothesis for p in fitted.findings()]
-    held = [
-        k
-        for k, p in enumerate(state.fitted.findings())
-        if any(law is state.fitted.terms[p[0]].hypothesis for law in laws)
-    ]
+    remaining = laws(fitted)
+    held = [k for k, law in enumerate(laws(state.fitted)) if any(law is one for one in remaining)]
     left = gate.left_by(fitted, state.whitened)
     return Explained(
         normalise_tone_phase(fitted, prepared.observations),

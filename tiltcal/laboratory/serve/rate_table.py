@@ -2,22 +2,18 @@
 nothing of sockets and of the wall clock: its time is advanced by who owns it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.frames import parse_mount
 from tiltcal.core.units import DEG
-from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
-from tiltcal.effects.events import as_met
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.forward.signal_chain import Mover, streams_of
-from tiltcal.laboratory.instrument.instrument import Instrument
-from tiltcal.laboratory.laboratory import NEW
-from tiltcal.laboratory.scenario import Scenario, fresh
+from tiltcal.forward.signal_chain import Mover
+from tiltcal.laboratory.instrument.carried import CarriedInstrument
+from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.sensor_columns import to_column
 from tiltcal.laboratory.serve.axis import AxisDrive
 from tiltcal.laboratory.serve.frame import FrameFormat
@@ -58,14 +54,10 @@ class RateTable:
 
     def __init__(self, scenario: Scenario, seed: int | None, mover: Mover = closed_form) -> None:
         require_served(scenario)
-        self.scenario, self.mover, self.seed = scenario, mover, seed
-        effects = [e for e in as_met(scenario.effects, NEW) if not e.is_identity]
-        self.geometry = geometry_of(effects)
-        signal = [e for e in effects if isinstance(e, SignalEffect | DelayEffect)]
-        rates = [s.rate_hz for s in scenario.sensor]
-        self.rate_hz = max(rates)
-        self.instrument = Instrument(
-            fresh(scenario, sequence=()), 1 / self.rate_hz, seed=seed, lost="nan", effects=signal
+        self.scenario, self.seed = scenario, seed
+        self.rate_hz = max(s.rate_hz for s in scenario.sensor)
+        self.instrument = CarriedInstrument(
+            scenario, 1 / self.rate_hz, seed=seed, lost="nan", mover=mover
         )
         self.axes = {name: AxisDrive() for name in scenario.rig.axis_names}
         self.mount, self.interlock = scenario.rig.mount, True
@@ -96,29 +88,16 @@ class RateTable:
 
     def drive(self, stamps: Array) -> Drive:
         """What the encoders say at these stamps, and how far the axes slipped. stamps: s, (n,)."""
-        climate = self.scenario.climate
         slips = {n: Jet(a.slip * np.ones_like(stamps)) for n, a in self.axes.items() if a.slip}
-        return Drive(
-            stamps,
-            {name: axis.jet(stamps) for name, axis in self.axes.items()},
-            0.0,
-            climate.at(stamps),
-            climate.reference(0.0),
-            np.full(len(stamps), -1),
-            ((0, parse_mount(self.mount)),),
-            None,
-            np.ones(len(stamps), bool),
-            structure=slips,
-        )
+        axes = {name: axis.jet(stamps) for name, axis in self.axes.items()}
+        return self.instrument.drive(stamps, axes, self.mount, slips)
 
     def _frames(self, stamps: Array) -> Iterator[Frame]:
         drive = self.drive(stamps)
-        motion = self.mover(self.scenario, drive, self.geometry, streams_of(self.seed))
+        motions = self.instrument.motions(drive)
         angles = np.column_stack([np.asarray(jet.x) / DEG for jet in drive.axes.values()])
         for k, time in enumerate(stamps):
-            found = self.instrument.step(
-                motion.force[k], motion.rate[k], motion.angular_acceleration[k]
-            )
+            found = self.instrument.step(motions, slice(k, k + 1))
             values = angles[k].tolist()
             for sensor in self.scenario.sensor:
                 due = self.counter % round(self.rate_hz / sensor.rate_hz) == 0
@@ -169,21 +148,3 @@ def require_served(scenario: Scenario) -> None:
             need="a table with axes that carries a sensor, moved as prescribed",
             do=do,
         )
-
-
-def geometry_of(effects: Sequence[Effect]) -> list[Effect]:
-    """The effects of table, mounting and surroundings.
-
-    Raises:
-        TiltcalError: one remembers earlier motion, or changes what is written.
-    """
-    found = [e for e in effects if not isinstance(e, SignalEffect | DelayEffect)]
-    for effect in found:
-        if isinstance(effect, WritingEffect) or not effect.row_wise:
-            raise TiltcalError(
-                f"effect {effect.address}",
-                found="an effect that needs the motion as a whole",
-                need="effects that follow the present motion",
-                do="leave it out of what is served; :FAULt:SLIP and :FAULt:STICk are there",
-            )
-    return found

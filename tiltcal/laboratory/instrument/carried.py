@@ -10,8 +10,9 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mount
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
 from tiltcal.effects.events import as_met
+from tiltcal.effects.sense import Sense
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.forward.signal_chain import Mover, streams_of
+from tiltcal.forward.signal_chain import Mover, make_sense, streams_of
 from tiltcal.laboratory.instrument.instrument import Instrument
 from tiltcal.laboratory.laboratory import NEW
 from tiltcal.laboratory.scenario import Scenario, fresh
@@ -98,6 +99,16 @@ class CarriedInstrument:
         """The motion at each site of sensors, (n,) rows each: to be read by ``step``."""
         streams = streams_of(self.seed)
         return [self.mover(setup, drive, self.geometry, streams) for setup in self.setups]
+
+    def senses(self, motions: Sequence[Motion], drive: Drive) -> dict[str, Sense]:
+        """What each sensor senses of these motions, by name."""
+        return {
+            sensor.name: make_sense(sensor, setup, motion, drive)
+            for setup, instrument, motion in zip(
+                self.setups, self.instruments, motions, strict=True
+            )
+            for sensor in instrument.scenario.sensor
+        }
 
     def step(self, motions: Sequence[Motion], rows: slice) -> dict[str, Array]:
         """The readings of all sensors, SI, (envs, k) by name, in the order of the scenario.

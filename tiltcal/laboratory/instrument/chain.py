@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Surroundings:
     def sense(self, sensor: Sensor, inputs: Array, elapsed: Array) -> Sense:
         """What a sensor senses, one environment a row. inputs: (n, 9); elapsed: s, (n,)."""
         above = self.scenario.climate.at(elapsed) - self._reference
-        nowhere = np.full((len(elapsed), 3), np.nan)
+        nowhere = _nowhere(len(elapsed))
         return Sense(
             elapsed,
             elapsed,
@@ -57,6 +57,14 @@ class Surroundings:
         """T0, degC: where it is not stated the mean over the scenario's own sequence, if any."""
         start, end = self.scenario.schedule.times if self.scenario.sequence else (0.0, 0.0)
         return self.scenario.climate.reference(end - start)
+
+
+@cache
+def _nowhere(n: int) -> Array:
+    """Directions that are not known, (n, 3)."""
+    found = np.full((n, 3), np.nan)
+    found.flags.writeable = False
+    return found
 
 
 class SensorChain:
@@ -162,7 +170,10 @@ class SensorChain:
             reading = sense.true_input()
             for part in parts:
                 reading = part(reading, sense, rows)
-            columns[:, channels] = reading[:, channels]
+            if len(self.before) == 1:
+                columns = reading
+            else:
+                columns[:, channels] = reading[:, channels]
         if self.sensor.kind == "inclinometer":
             columns = tilt_of_force(columns, self.around.scenario.site.gravity)
         for part in self.after:

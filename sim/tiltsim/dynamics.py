@@ -28,7 +28,8 @@ Errors: the implicit damping c of a joint adds c dt / 2 to its inertia: a mount 
 2 % too low at 0.5 ms. Friction creeps by some 0.05 arcsec/s.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -78,10 +79,22 @@ def run_dynamics(
         driver = _Hand(scenario, effects, seed)
     else:
         driver = _Servos(scenario, effects)
-    log = _march(scenario, driver, progress)
+    with _unprinted_warnings():
+        log = _march(scenario, driver, progress)
     model = driver.rig.model
     columns = {model.joint(i).name: int(model.jnt_dofadr[i]) for i in range(model.njnt)}
     return DynamicCourse(scenario, log, columns, driver.realised)
+
+
+@contextmanager
+def _unprinted_warnings() -> Iterator[None]:
+    """MuJoCo does not print that a run diverges: it is refused in one message."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 @dataclass(frozen=True)

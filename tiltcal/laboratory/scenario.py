@@ -183,8 +183,12 @@ def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
     except ValidationError as error:
         problems = [_problem(e) for e in error.errors()]
     if scenario is not None:
-        if scenario.dynamics is not None and scenario.rig.kind.chain is not None:
-            problems.append("dynamics: a run by time steps needs a table; leave it out")
+        if scenario.dynamics is not None:
+            problems += [
+                f"dynamics: link '{link.axis}' has no servo; state its servo_N_m_rad"
+                for link in scenario.rig.link
+                if not link.servo_N_m_rad
+            ]
         problems += [
             f"effect {k} {t.id}: needs the links of a model; state it as [rig] mjcf"
             for k, t in enumerate(scenario.effect, start=1)

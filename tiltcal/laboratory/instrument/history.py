@@ -49,7 +49,7 @@ class History:
 @cache
 def nodes_about(steps: float) -> tuple[int, Array]:
     """The first of the steps ago through which a cubic gives what was between them, and the weights
-    of all.
+    of all, (NODES,).
     """
     first = max(int(np.floor(steps)) - 1, 0)  # the step after it, where there is one, counts
     nodes = range(first, first + NODES)

@@ -32,12 +32,13 @@ def scenario(*effects, rate=50, **more):
 
 
 @contextmanager
-def served(bench, *, seed=SEED, **wires):
+def served(bench, *, seed=SEED, mechanics=None, **wires):
     """A server in a thread; errors of the thread are raised at the end."""
     ready, found = threading.Event(), {}
 
     async def run():
-        server = Server(RateTable(bench, seed), Wires(**({"speed": 0.0} | wires)))
+        table = RateTable(bench, seed, mechanics=mechanics)
+        server = Server(table, Wires(**({"speed": 0.0} | wires)))
         async with server.open():
             found.update(server=server, loop=asyncio.get_running_loop(), stop=asyncio.Event())
             ready.set()

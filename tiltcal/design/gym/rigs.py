@@ -160,6 +160,8 @@ def _require_movable(scenario: Scenario, duration_s: float) -> None:
         found, do = f"table {scenario.rig.table}", "choose a rig with axes"
     elif not scenario.sensor:
         found, do = "no sensors", "add [[sensor]]"
+    elif scenario.dynamics is not None:
+        found, do = "[dynamics]", "leave it out: the motion is what the actions ask for"
     elif READOUT in [sensor.name for sensor in scenario.sensor]:
         found, do = f"a sensor named '{READOUT}'", "give it another name"
     elif not 0 < duration_s < np.inf:

@@ -33,6 +33,7 @@ class CarriedInstrument:
             without them and without quantisation.
         lost: what stands for a lost sample: the last one (``hold``) or NaN (``nan``).
         mover: what moves.
+        realised: addresses of the effects that mechanics hold, whose memory is theirs.
 
     Raises:
         TiltcalError: an effect needs the whole recording, or later samples.
@@ -47,10 +48,11 @@ class CarriedInstrument:
         seed: int | None = None,
         lost: Literal["hold", "nan"] = "hold",
         mover: Mover = closed_form,
+        realised: Sequence[str] = (),
     ) -> None:
         self.scenario, self.mover, self.seed = scenario, mover, seed
         effects = [e for e in as_met(scenario.effects, NEW) if not e.is_identity]
-        self.geometry = geometry_of(effects)
+        self.geometry = geometry_of(effects, realised)
         signal = [e for e in effects if isinstance(e, SignalEffect | DelayEffect)]
         self.setups = []
         self.instruments = []
@@ -130,15 +132,17 @@ def _by_place(scenario: Scenario) -> list[tuple[Sensor, ...]]:
     return [tuple(s for s in scenario.sensor if s.place == place) for place in places]
 
 
-def geometry_of(effects: Sequence[Effect]) -> list[Effect]:
-    """The effects of table, mounting and surroundings.
+def geometry_of(effects: Sequence[Effect], realised: Sequence[str] = ()) -> list[Effect]:
+    """The effects of table, mounting and surroundings. realised: addresses of those that mechanics
+    hold.
 
     Raises:
         TiltcalError: one remembers earlier motion, or changes what is written.
     """
     found = [e for e in effects if not isinstance(e, SignalEffect | DelayEffect)]
     for effect in found:
-        if isinstance(effect, WritingEffect) or not effect.row_wise:
+        known = effect.row_wise or effect.address in realised
+        if isinstance(effect, WritingEffect) or not known:
             raise TiltcalError(
                 f"effect {effect.address}",
                 found="an effect that needs the motion as a whole",

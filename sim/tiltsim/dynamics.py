@@ -323,7 +323,7 @@ class Servos:
             data.qpos[springs] = -data.qfrc_bias[springs] / np.array(list(rig.springs.values()))
 
     def plan(self, time: Array) -> None:
-        """Commands, gravity in the shaken base's frame, remounts."""
+        """Commands, gravity in the shaken base's frame, remounts. time: s, (n,)."""
         self.goal, self.ctrl = self._goal(time), self.data.ctrl
         self.torques.plan(time)
         self.gravity: Array | None = None

@@ -180,7 +180,7 @@ class Driver(Protocol):
     realised: tuple[str, ...]
 
     def plan(self, time: Array) -> None:
-        """Work out what to do at the instants of the next steps, (n,)."""
+        """Work out what to do at the instants of the next steps. time: s, (n,)."""
 
     def push(self, k: int) -> None:
         """Apply it before step ``k`` of the block."""
@@ -240,8 +240,8 @@ class Recorder:
         self.parts: list[tuple[Array, Array, Array, Array]] = []
 
     def add(self, time: Array, x: Array, u: Array, dt: float) -> None:
-        """Steps at these times, (n,), with positions (n, nq) and the velocities that led there, (n,
-        nv).
+        """Steps at these times, s, (n,), with positions (n, nq) and the velocities that led there,
+        (n, nv).
         """
         if self.carry is not None:
             time, x, u = (

@@ -164,6 +164,24 @@ class Stream:
         self.socket.close()
 
 
+def test_drives_trip_where_a_demand_makes_the_mechanics_diverge(tmp_path):
+    bench = arm_by_steps.arm(tmp_path, arm_by_steps.SERVOS)
+    table = RateTable(bench, None, mechanics=MujocoLaboratory().mechanics(bench))
+    say = TableCommands(table).line
+    for k in range(1, 5):
+        say(f":lim:rate {k},1e9;:lim:acc {k},1e9;:mode:rate {k};:dem:rate {k},1e9")
+    run(table, 2.0)
+    assert say(":mode? 1;:mode? 4;*stb?") == "OFF;OFF;16"
+    frames = run(table, 2.5)
+    assert np.isfinite(frames[-1].values[:-1]).all()
+    assert np.linalg.norm(frames[-1].values[4:7]) == pytest.approx(9.8, abs=0.01)
+    say(":lim:rate 1,60;:lim:acc 1,100;:mode:pos 1")
+    here = float(say(":read:pos? 1"))
+    say(f":dem:pos 1,{here + 10}")
+    run(table, 6.0)
+    assert float(say(":read:pos? 1")) == pytest.approx(here + 10, abs=0.01)
+
+
 def test_what_rings_at_the_end_of_a_move_of_a_sequence_is_refused():
     ring = {"id": "mount_resonance", "ring_x_arcsec": 30, "frequency_hz": 20, "tau_s": 0.2}
     with pytest.raises(TiltcalError, match="rings"):

@@ -74,6 +74,15 @@ class ServedMechanics:
                 self.recorder.add(times, *stepped(self.scenario, self.servos, times), self.dt)
                 self.done += n
 
+    def halt(self) -> dict[str, float]:
+        """Rest where the last sound state was: the angle of each motor there, rad."""
+        data = self.servos.data
+        assert self.recorder.carry is not None
+        data.qpos[:] = self.recorder.carry[1][-1]
+        data.qvel[:], data.qacc_warmstart[:] = 0.0, 0.0
+        self.recorder.carry = None
+        return {name: float(data.qpos[self.columns[name]]) for name in self.servos.names}
+
     def observed(self, asked: Drive) -> Drive:
         """What encoders and structure do at the times of ``asked``, none of them beyond what was
         stepped; rows that are past are forgotten.

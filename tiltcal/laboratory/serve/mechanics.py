@@ -18,7 +18,13 @@ class Mechanics(Protocol):
     def advance(self, time: float, asked: Callable[[Array], Drive]) -> None:
         """Step until the state at an instant is known, s. asked: of the motors, at the times of the
         steps to come, (n,).
+
+        Raises:
+            TiltcalError: the run diverges.
         """
+
+    def halt(self) -> dict[str, float]:
+        """After that, rest where the last sound state was: the angle of each axis there, rad."""
 
     def observed(self, asked: Drive) -> Drive:
         """What encoders and structure do at the times of ``asked``, which were stepped."""

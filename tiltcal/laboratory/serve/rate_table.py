@@ -90,8 +90,7 @@ class RateTable:
             stamps = self._within_limits(numbers / self.rate_hz)
             yield from self._frames(stamps)
         self.time = max(self.time, time)
-        if self.mechanics is not None:  # what is demanded next replaces what was asked until now
-            self.mechanics.advance(self.time, self._asked)
+        self._follow(self.time)  # what is demanded next replaces what was asked until now
 
     def _within_limits(self, stamps: Array) -> Array:
         """The stamps until an axis passes a limit of its angle, where it is stopped."""
@@ -108,11 +107,24 @@ class RateTable:
         """What the encoders say at these stamps, and how far the axes slipped. stamps: s, (n,), not
         before those of the last call.
         """
-        asked = self._asked(stamps)
         if self.mechanics is None:
-            return asked
-        self.mechanics.advance(float(stamps[-1]), self._asked)
-        return self.mechanics.observed(asked)
+            return self._asked(stamps)
+        self._follow(float(stamps[-1]))
+        return self.mechanics.observed(self._asked(stamps))
+
+    def _follow(self, time: float) -> None:
+        """Let the mechanics follow until an instant, s; where they diverge, the drives trip and the
+        axes rest.
+        """
+        if self.mechanics is None:
+            return
+        try:
+            self.mechanics.advance(time, self._asked)
+        except TiltcalError:
+            for name, angle in self.mechanics.halt().items():
+                self.axes[name].hold(self.time, angle)
+                self.axes[name].mode = "off"
+            self.mechanics.advance(time, self._asked)
 
     def _asked(self, stamps: Array) -> Drive:
         """What the axes are asked for, and how far they slipped. stamps: s, (n,)."""

@@ -276,6 +276,7 @@ def test_axes_reach_their_rate_in_two_steps_and_stop_before_their_limits():
     [
         ({"rig": {"table": "handheld"}}, {}, "table handheld"),
         ({"sensor": []}, {}, "no sensors"),
+        ({"dynamics": {}}, {}, r"\[dynamics\]"),
         ({"effect": [{"id": "table_backlash", "width_arcsec": 9}]}, {}, "motion as a whole"),
         ({}, {"duration_s": 0.0}, "positive duration"),
         ({}, {"rate_deg_s": -1.0}, "rate_deg_s"),

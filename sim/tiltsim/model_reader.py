@@ -17,6 +17,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
 from tiltcal.laboratory.model_words import ModelAxis, ModelWords
 from tiltcal.setup.chain import BASE, Chain, Link, Place
+from tiltsim.model_drives import drive_of
 from tiltsim.model_files import check_files, require_inside
 
 MOST_BODIES = 2000
@@ -136,15 +137,14 @@ class ModelReader:
         axis = self.axes[k]
         on = self._before(k)
         place = self._placed(on, axis.origin, axis.bearing)
-        mass, centre = self._mass(k)
         words = self.words.axes[axis.name]
         return Link(
             axis=axis.name,
             joint=words.joint,
             sign=words.sign,
             offset_deg=words.offset_deg,
-            mass_kg=mass,
-            centre_m=centre,
+            **self._mass(k),
+            **drive_of(self.model, axis.joint),
             **place,
         )
 
@@ -176,17 +176,28 @@ class ModelReader:
             return k - 1
         return self._on(int(self.model.body_parentid[self.axes[k].body]))
 
-    def _mass(self, k: int) -> tuple[float, tuple[float, float, float]]:
-        """Mass, kg, and its centre in the link's frame, m, of all bodies that turn with an axis and
-        with no axis inside it.
+    def _mass(self, k: int) -> dict[str, Any]:
+        """Mass, centre and inertia, as a ``Link`` has them, of all bodies that turn with an axis
+        and with no axis inside it.
         """
         own = [b for b in range(1, self.model.nbody) if self._on(b) == k]
         masses = self.model.body_mass[own]
         total, axis = float(masses.sum()), self.axes[k]
         if total == 0:
-            return 0.0, (0.0, 0.0, 0.0)
-        centre = axis.R.T @ (masses @ self.data.xipos[own] / total - axis.origin)
-        return total, (float(centre[0]), float(centre[1]), float(centre[2]))
+            return {}
+        centre = masses @ self.data.xipos[own] / total
+        inertia = np.zeros((3, 3))
+        for body, mass in zip(own, masses, strict=True):
+            frame, arm = self.data.ximat[body].reshape(3, 3), self.data.xipos[body] - centre
+            inertia += frame @ np.diag(self.model.body_inertia[body]) @ frame.T
+            inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        turned = axis.R.T @ inertia @ axis.R
+        places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+        return {
+            "mass_kg": total,
+            "centre_m": tuple(map(float, axis.R.T @ (centre - axis.origin))),
+            "inertia_kg_m2": tuple(float(turned[place]) for place in places),
+        }
 
     def _site(self, name: str) -> tuple[int, Array, Array]:
         """Body, origin and frame of the instrument: a site of that name, or a body."""

@@ -59,6 +59,11 @@ class Link(Place):
         sign, offset_deg: -1 where the readout counts the other way than that joint, and the joint's
             angle where the readout says zero.
         mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
+        inertia_kg_m2: of the same about that centre: xx, yy, zz, xy, xz, yz.
+        armature_kg_m2: inertia of the drive about the joint.
+        damping_N_m_s_rad, friction_N_m: of the joint.
+        servo_N_m_rad, servo_N_m_s_rad: stiffness and damping of the servo that moves it in a run by
+            time steps.
     """
 
     axis: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
@@ -67,6 +72,12 @@ class Link(Place):
     offset_deg: float = 0.0
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    armature_kg_m2: Annotated[float, Field(ge=0)] = 0.0
+    damping_N_m_s_rad: Annotated[float, Field(ge=0)] = 0.0
+    friction_N_m: Annotated[float, Field(ge=0)] = 0.0
+    servo_N_m_rad: Annotated[float, Field(ge=0)] = 0.0
+    servo_N_m_s_rad: Annotated[float, Field(ge=0)] = 0.0
 
 
 class Chain(Part):

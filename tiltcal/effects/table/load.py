@@ -1,19 +1,20 @@
 """What gives way under the load that a user's own model carries: its joints, and its base."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.effects.base import FrameEffect
 from tiltcal.effects.mechanisms import Compliance, Context, Turn
 from tiltcal.effects.parameter import Parameter
 from tiltcal.setup.chain import BASE
 from tiltcal.setup.setup import Rig
 from tiltcal.setup.tables import bearing
-from tiltcal.setup.trajectory import Jet, sampled_jet
+from tiltcal.setup.trajectory import Jet
 
 SPRING = (0.05, 2.0, 20.0)  # arcsec per N m: 4 to 0.01 MN m/rad
+MOMENT = 1e-3  # s before and after, from which the rate of a load follows
 
 
 class _OfModel(FrameEffect):
@@ -46,6 +47,7 @@ class JointAxisTilt(_OfModel):
 
 
 class JointCompliance(_OfModel):
+    row_wise = True
     id = "joint_compliance"
     title = "a joint bends under its load"
     parameters = tuple(Parameter(f"bend_{a}", "arcsec_N_m", SPRING) for a in "xyz")
@@ -63,10 +65,12 @@ class JointCompliance(_OfModel):
         axis = self.axis or context.rig.axis_names[0]
         if slot != bearing(axis) or self.is_identity or context.rig.kind.chain is None:
             return ()
-        moment = _moment(axis, context)
-        c, s = context.axes[axis].cos_sin
-        x, y = moment[:, 0], moment[:, 1]
-        fixed = np.column_stack([c * x - s * y, s * x + c * y, moment[:, 2]])
+
+        def fixed(angles: dict[str, Array]) -> Array:
+            x, y, z = _moment(axis, angles, context).T
+            c, s = np.cos(angles[axis]), np.sin(angles[axis])
+            return np.column_stack([c * x - s * y, s * x + c * y, z])
+
         return _bends([self.value(f"bend_{a}") for a in "xyz"], fixed, context)
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
@@ -76,6 +80,7 @@ class JointCompliance(_OfModel):
 
 
 class BaseLoadCompliance(_OfModel):
+    row_wise = True
     id = "base_load_compliance"
     title = "the base tilts under the load moment"
     parameters = (
@@ -92,27 +97,58 @@ class BaseLoadCompliance(_OfModel):
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         if slot != "base" or self.is_identity or context.rig.kind.chain is None:
             return ()
-        moment = _moment(BASE, context)[:, :2]
-        return _bends([self.value("bend_east"), self.value("bend_north")], moment, context)
+
+        def level(angles: dict[str, Array]) -> Array:
+            return _moment(BASE, angles, context)[:, :2]
+
+        return _bends([self.value("bend_east"), self.value("bend_north")], level, context)
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
         names = {"x": "bend_east", "y": "bend_north"}
         return [Compliance("base", a, self.value(n)) for a, n in names.items() if n in self.values]
 
 
-def _moment(axis: str, context: Context) -> Array:
-    """Moment of the weight of all that an axis carries, in its link's frame, N m, (n, 3)."""
+def _moment(axis: str, angles: dict[str, Array], context: Context) -> Array:
+    """Moment of the weight of all that an axis carries, in its link's frame, N m, (n, 3). angles:
+    rad, (n,) each.
+    """
     chain = context.rig.kind.chain
     assert chain is not None
-    n = len(context.drive.time)
-    angles = {name: np.broadcast_to(jet.x, n) for name, jet in context.axes.items()}
     return chain.moments(angles, context.gravity)[axis]
 
 
-def _bends(sizes: Sequence[float], moment: Array, context: Context) -> Sequence[Turn]:
-    """Turns about coordinate axes in proportion to a moment, N m, (n, k)."""
+def _bends(
+    sizes: Sequence[float], moment: Callable[[dict[str, Array]], Array], context: Context
+) -> Sequence[Turn]:
+    """Turns about coordinate axes in proportion to a moment that follows the angles, N m, (n, k).
+
+    Rate and acceleration are central differences along the motion of each row.
+    """
+    n = len(context.drive.time)
+    jets = {name: _rows(jet, n) for name, jet in context.axes.items()}
+    moving = np.any([(jet.v != 0) | (jet.a != 0) for jet in jets.values()], axis=0)
+    here = moment(_moved(jets, np.ones(n, bool), 0.0))
+    rate, change = np.zeros_like(here), np.zeros_like(here)
+    if moving.any():
+        earlier, later = (moment(_moved(jets, moving, by)) for by in (-MOMENT, MOMENT))
+        rate[moving] = (later - earlier) / (2 * MOMENT)
+        change[moving] = (later - 2 * here[moving] + earlier) / MOMENT**2
     return tuple(
-        Turn(axis, sampled_jet(context.drive.time, size * m))
-        for axis, size, m in zip("xyz", sizes, moment.T, strict=False)
+        Turn(axis, Jet(size * here[:, i], size * rate[:, i], size * change[:, i]))
+        for i, (axis, size) in enumerate(zip("xyz", sizes, strict=False))
         if size
     )
+
+
+def _rows(jet: Jet, n: int) -> Jet:
+    """A jet with a value for each row, (n,)."""
+    return Jet(*(np.broadcast_to(part, n) for part in (jet.x, jet.v, jet.a)))
+
+
+def _moved(jets: Mapping[str, Jet], rows: Mask, by: float) -> dict[str, Array]:
+    """The angles of some rows a time ``by`` from now, s, were the accelerations to stay: rad, (m,)
+    each.
+    """
+    return {
+        name: np.asarray(jet.x + by * (jet.v + by / 2 * jet.a))[rows] for name, jet in jets.items()
+    }

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.laboratory.serve.rate_table import RateTable
 from tiltcal.laboratory.serve.server import Server, Wires
+from tiltsim.laboratory import MujocoLaboratory
 
 SEED = 5
 
@@ -32,12 +33,13 @@ def scenario(*effects, rate=50, **more):
 
 
 @contextmanager
-def served(bench, *, seed=SEED, **wires):
+def served(bench, *, seed=SEED, mechanics=None, **wires):
     """A server in a thread; errors of the thread are raised at the end."""
     ready, found = threading.Event(), {}
 
     async def run():
-        server = Server(RateTable(bench, seed), Wires(**({"speed": 0.0} | wires)))
+        table = RateTable(bench, seed, mechanics=mechanics)
+        server = Server(table, Wires(**({"speed": 0.0} | wires)))
         async with server.open():
             found.update(server=server, loop=asyncio.get_running_loop(), stop=asyncio.Event())
             ready.set()
@@ -106,10 +108,15 @@ def odd_line(rng):
     return bytes(data) + rng.choice([b"\n", b"\r\n", b"\n\n", b""])
 
 
-def fuzz(count, seed):
-    """Send odd lines from three clients; how many times the server did not answer afterwards."""
+def fuzz(count, seed, dynamics=False):
+    """Send odd lines from three clients; how many times the server did not answer afterwards.
+    dynamics: whether the table is run by time steps.
+    """
     rng, silent = random.Random(seed), 0
-    with served(scenario({"id": "acc_noise", "white_ug_rthz": 50})) as server:
+    more = {"dynamics": {}} if dynamics else {}
+    bench = scenario({"id": "acc_noise", "white_ug_rthz": 50}, **more)
+    mechanics = MujocoLaboratory().mechanics(bench) if dynamics else None
+    with served(bench, mechanics=mechanics) as server:
         wires = [Wire(server.ports["command"]) for _ in range(3)]
         for number in range(count):
             k = rng.randrange(3)
@@ -145,8 +152,9 @@ def main():
     parser = argparse.ArgumentParser(prog="python -m tests.serving", description=__doc__)
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--dynamics", action="store_true", help="a table run by time steps")
     words = parser.parse_args()
-    silent = fuzz(words.count, words.seed)
+    silent = fuzz(words.count, words.seed, words.dynamics)
     print(f"{words.count} lines, seed {words.seed}: {silent} times no answer afterwards")
     return 1 if silent else 0
 

@@ -433,3 +433,15 @@ def test_gross_errors_of_a_gyro_turned_by_hand_are_all_that_is_found(rng):
         ("y",),
     )
     assert found.parameters["share_unitless"][0] == pytest.approx(30 / 6000, rel=0.1)
+
+
+def test_a_gross_error_of_a_fog_shows_at_rest_below_the_noise_of_the_gyro(rng):
+    """Forty sigma of the FOG are less than one of the gyro: its misfit does not show them."""
+    time = np.arange(6000) / 50.0
+    columns = turned_by_hand(rng, time)
+    still = np.flatnonzero((time % 20 > 1) & (time % 20 < 4))
+    columns["fog_a_rad_s"][rng.choice(still, 12, replace=False)] += 4e-4
+    faults = prepare(BY_HAND, [Recording.from_columns(time, columns)]).faults
+    assert [(f.effect.id, f.sensors, f.axes) for f in faults] == [
+        ("data_outlier", ("fog",), ("a",))
+    ]

@@ -126,6 +126,18 @@ def test_an_interpolation_error_is_a_line_over_the_angle():
     assert spectral_lines_of(found.observations, found.start).ripples[:1] == (36,)
 
 
+def test_the_skirts_of_a_line_over_few_stops_do_not_hide_it():
+    """Nineteen stops five degrees apart: 29 lines a turn look much like any other number."""
+    stops = [5.0 * ((7 * k) % 19) - 45.0 for k in range(38)]
+    sequence = tuple(
+        Step(action="move", outer_deg=a, inner_deg=0.0, rate_deg_s=30.0, dwell_s=3.0) for a in stops
+    )
+    truth = bench({"id": "table_encoder_sde", "axis": "outer", "cos_arcsec": 10.0, "lines": 29})
+    truth = truth.model_copy(update={"sequence": sequence})
+    found = prepare(honest(truth), [recorded(truth, 3)])
+    assert spectral_lines_of(found.observations, found.start).ripples == (29,)
+
+
 def test_a_gyro_tells_the_lines_of_a_turn_about_the_upright():
     """Gravity sees nothing of it: the rate of the error alone does."""
     steps = [

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded, rewritten
 from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.stats import binom, norm
+from statistics_helpers import FALSE_ALARM
 
 from tiltcal.diagnosis.data_quality.outliers import off_neighbours
 from tiltcal.diagnosis.data_quality.prepare import prepare
@@ -17,8 +18,7 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import noise_under, noise_within_stops
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
-from tiltcal.diagnosis.search.bayes_factors import SIZES
-from tiltcal.diagnosis.search.random_settings import common_width, lawful
+from tiltcal.diagnosis.search.random_settings import WIDTHS, common_width, lawful
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
@@ -67,13 +67,25 @@ def test_a_setting_error_is_told_beside_what_else_is_there():
         CATALOGUE["acc_hysteresis"]({"hysteresis_z": 1e-4, "width": 0.2}, "accel"), names
     )
     fitted = refit(replace(found.start, terms=(FittedTerm.start(hypothesis),)), found.whitened)
-    setting = find_setting_error(fitted, found.start, found.whitened, 300)
+    setting = find_setting_error(fitted, found.start, found.whitened, 300, 0.01)
     assert setting is not None
     assert setting.fault.effect.axis == "outer"
     # 31 draws: 13 %, four times that
     assert setting.fault.effect.value("sigma") == pytest.approx(np.radians(60 / 3600), rel=0.5)
     kept = beside_stops(fitted, setting.stops, found.whitened, 300)
     assert [t.hypothesis.id for t in kept.terms] == ["acc_hysteresis"]
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.01, True), (0.5, False)])
+def test_a_law_that_explains_more_than_the_stops_hides_them_only_if_its_form_may(share, found):
+    """A listed law leaves a hundredth of what it explains at most, a nameless curve half of it."""
+    small = {**INDEX, "sigma_arcsec": 12.0}
+    truth = bench(small, {"id": "acc_K2", "sensor": "accel", "k2_z_ug_g2": 800.0})
+    had = prepared(truth)
+    law = Hypothesis(CATALOGUE["acc_K2"]({"k2_z": 1e-4}, "accel"), ("k2_z",))
+    fitted = refit(replace(had.start, terms=(FittedTerm.start(law),)), had.whitened)
+    setting = find_setting_error(fitted, had.start, had.whitened, 300, share)
+    assert (setting is not None) == found
 
 
 def test_a_finding_that_the_stops_explain_as_well_falls():
@@ -83,21 +95,21 @@ def test_a_finding_that_the_stops_explain_as_well_falls():
         ("cos2", "sin2"),
     )
     fitted = refit(replace(found.start, terms=(FittedTerm.start(hypothesis),)), found.whitened)
-    setting = find_setting_error(fitted, found.start, found.whitened, 300)
+    setting = find_setting_error(fitted, found.start, found.whitened, 300, 0.01)
     assert setting is not None
     assert beside_stops(fitted, setting.stops, found.whitened, 300).terms == ()
 
 
 def test_stops_that_agree_have_no_setting_error():
     found = prepared(bench())
-    assert find_setting_error(found.start, found.start, found.whitened, 300) is None
+    assert find_setting_error(found.start, found.start, found.whitened, 300, 0.01) is None
 
 
 def test_the_evidence_for_random_settings_is_that_of_a_variance_component(rng):
     """Against the densities of the normal distributions themselves."""
     variances = rng.uniform(0.5, 2.0, 12) * ARCSEC**2
     values = rng.normal(0.0, 8.0 * ARCSEC, 12)
-    widths = np.sqrt(SIZES) * 20.0 * ARCSEC
+    widths = np.sqrt(WIDTHS) * 20.0 * ARCSEC
 
     def density(width):
         return norm.logpdf(values, 0.0, np.sqrt(variances + width**2)).sum()
@@ -118,6 +130,16 @@ def test_random_settings_follow_no_angle_and_a_law_of_an_angle_is_not_random(rng
     assert lawful(steep + noise, variances, angles)
     levels = rng.normal(0.0, 20 * ARCSEC, 6)
     assert lawful(np.repeat(levels, 5) + noise, variances, angles)
+
+
+def test_settings_between_two_widths_of_the_prior_are_no_law(rng):
+    """A Bayes factor against the truth exceeds 3 in a third of all cases at most (Markov)."""
+    k = np.arange(31)
+    angles = {"outer": np.radians(137.5 * k % 360), "inner": np.radians(222.5 * k % 360)}
+    variances = np.full(31, ARCSEC**2)
+    draws = rng.normal(0.0, np.sqrt(11.0**2 + 1.0) * ARCSEC, (300, 31))
+    found = [lawful(rotations, variances, angles) for rotations in draws]
+    assert sum(found) <= binom.ppf(1 - FALSE_ALARM, 300, 1 / 3)
 
 
 @pytest.mark.parametrize(("power", "alone"), [(9, False), (400, True)])

@@ -196,6 +196,24 @@ def test_white_noise_has_the_numbers_of_the_laboratory_with_the_seed_of_its_envi
             np.testing.assert_array_equal(live[name][:, k], lab[name])
 
 
+def test_environments_out_of_step_have_the_numbers_of_their_own_streams():
+    """Noise is computed ahead: one that begins again goes on in its streams, from a new start."""
+    noise = {"id": "acc_noise", "sensor": "accel", "white_ug_rthz": 40}
+    slow = {"flicker_ug": 50, "walk_ug_rts": 3}
+    zero, steps, again = np.zeros((3, 3)), 700, (0, 3, 130, 256, 300)
+    for more in ({}, slow):
+        instrument = Instrument(bench(noise | more), 0.01, envs=3, seed=3)
+        alone = [Instrument(bench(noise | more), 0.01, seed=3 + k) for k in range(3)]
+        for step in range(steps):
+            if step in again:  # the second begins again, out of step with the others
+                instrument.reset(np.array([False, True, False]))
+                alone[1].reset()
+            together = instrument.step(zero, zero)["accel"]
+            apart = [one.step(zero[:1], zero[:1])["accel"][0] for one in alone]
+            np.testing.assert_allclose(together, apart, rtol=0, atol=1e-17)
+        assert len(np.unique(together)) == 9
+
+
 def test_flicker_and_walk_have_the_statistics_of_the_laboratory():
     """Variances of differences over three lags."""
     rate, envs, steps = 10.0, 400, 400

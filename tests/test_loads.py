@@ -95,6 +95,30 @@ def test_the_load_itself_is_that_of_the_accelerations():
         np.testing.assert_allclose(found, moment, rtol=0, atol=1e-12 * np.abs(moment).max())
 
 
+def test_rows_apart_have_the_load_of_their_own_motion():
+    """While accelerations stay, against samples so close that differences of them are exact."""
+    time = (np.arange(801) - 400) * 1e-4
+    axes = {
+        a: Jet(1 + (2 + k * time) * time, 2 + 2 * k * time, 2.0 * k) for k, a in enumerate(REACH)
+    }
+    course = Loads(ARM, time, axes, GRAVITY)
+    apart = Loads(ARM, time, axes, GRAVITY, rows_apart=True)
+    order = rng_of("rows apart").permutation(len(time))
+    shuffled = {a: Jet(j.x[order], j.v[order], j.a) for a, j in axes.items()}
+    other = Loads(ARM, time, shuffled, GRAVITY, rows_apart=True)
+    for axis in (*REACH, BASE):
+        moment = moments(ARM, axes, GRAVITY)[axis]
+        for k, (jet, mixed) in enumerate(zip(apart.along(axis), other.along(axis), strict=True)):
+            np.testing.assert_allclose(jet.x, course.along(axis)[k].x, rtol=0, atol=1e-10)
+            wanted = sampled_jet(time, moment[:, k])
+            for part in "va":
+                found, true = getattr(jet, part), getattr(wanted, part)
+                within = 1e-4 * np.abs(true).max() + 1e-5
+                np.testing.assert_allclose(found[3:-3], true[3:-3], rtol=0, atol=within)
+                np.testing.assert_allclose(getattr(mixed, part), found[order], rtol=0, atol=1e-7)
+    assert np.abs(apart.along(BASE)[0].a).max() > 10
+
+
 def test_a_mass_on_a_link_is_like_a_link_with_that_mass():
     time = np.arange(0, 8, 0.05)
     first, last = ARM.link

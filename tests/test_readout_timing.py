@@ -71,8 +71,9 @@ def test_average_is_named_and_sized():
     recording = LABORATORY.record(parse_scenario(truth), 1)
     answer = diagnose(parse_scenario(gyro), [recording], laboratory=LABORATORY)
     (finding,) = answer.findings
-    assert answer.verdict == "explained"
     assert finding.effect == "readout_average"
+    # a law of 10^6 nats is known to no more than what a delay leaves of it, 0.06 %
+    assert set(finding.names) <= {"readout_average", "data_latency"}
     value, sigma = finding.parameters["window_ms"]
     assert sigma < 0.1
     assert value == pytest.approx(1e3 * WINDOW, abs=0.3)

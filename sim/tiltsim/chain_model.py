@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 from tiltcal.setup.chain import BASE, Chain, Link, Place
 from tiltcal.setup.tables import bearing
 
-LIGHT = 1e-3  # kg and kg m2 of frames that only hold others
+LIGHT = 1e-4  # kg, and ten times the kg m2, of frames that only hold others
 SMALLEST = 1e-6  # kg and kg m2: MuJoCo refuses a body that moves and has none
 
 
@@ -27,6 +27,13 @@ def mjcf_of(chain: Chain) -> str:
     for link in chain.link:
         bodies[link.axis] = _link(bodies[link.on], link)
     _instrument(bodies[chain.instrument.on], chain.instrument)
+    servos = SubElement(root, "actuator")
+    for link in chain.link:
+        if not link.servo_N_m_rad:
+            continue
+        servo = SubElement(servos, "position", name=link.axis, joint=link.axis)
+        servo.set("kp", repr(link.servo_N_m_rad))
+        servo.set("kv", repr(link.servo_N_m_s_rad))
     sensors = SubElement(root, "sensor")
     SubElement(sensors, "accelerometer", name="accel", site="accel")
     for name in ("gyro", "fog"):
@@ -36,12 +43,16 @@ def mjcf_of(chain: Chain) -> str:
 
 def _link(parent: Element, link: Link) -> Element:
     """A link on its parent: its place, its bearing, and what turns."""
-    fixed = _body(_body(parent, f"{link.axis}_place", LIGHT, link), bearing(link.axis), LIGHT)
-    body = SubElement(fixed, "body", name=link.axis)
-    SubElement(body, "joint", name=link.axis, type="hinge", axis="0 0 1")
-    mass = max(link.mass_kg, SMALLEST)
-    inertia = _numbers([max(0.01 * mass, SMALLEST)] * 3)
-    SubElement(body, "inertial", pos=_numbers(link.centre_m), mass=repr(mass), diaginertia=inertia)
+    place = _body(parent, f"{link.axis}_place", SMALLEST, link)
+    body = SubElement(_body(place, bearing(link.axis), SMALLEST), "body", name=link.axis)
+    joint = SubElement(body, "joint", name=link.axis, type="hinge", axis="0 0 1")
+    joint.set("armature", repr(link.armature_kg_m2))
+    joint.set("damping", repr(link.damping_N_m_s_rad))
+    joint.set("frictionloss", repr(link.friction_N_m))
+    inertial = SubElement(body, "inertial", pos=_numbers(link.centre_m))
+    inertial.set("mass", repr(max(link.mass_kg, SMALLEST)))
+    moments = [i + SMALLEST for i in link.inertia_kg_m2[:3]]
+    inertial.set("fullinertia", _numbers([*moments, *link.inertia_kg_m2[3:]]))
     return body
 
 

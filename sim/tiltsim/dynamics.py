@@ -28,7 +28,8 @@ Errors: the implicit damping c of a joint adds c dt / 2 to its inertia: a mount 
 2 % too low at 0.5 ms. Friction creeps by some 0.05 arcsec/s.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -73,15 +74,27 @@ def run_dynamics(
         TiltcalError: the run diverges, or the sequence does not fit the table.
     """
     effects = [e for e in scenario.effects if not e.is_identity]
-    driver: _Driver
+    driver: Driver
     if not scenario.rig.axes:
         driver = _Hand(scenario, effects, seed)
     else:
-        driver = _Servos(scenario, effects)
-    log = _march(scenario, driver, progress)
+        driver = Servos(scenario, effects)
+    with unprinted_warnings():
+        log = _march(scenario, driver, progress)
     model = driver.rig.model
     columns = {model.joint(i).name: int(model.jnt_dofadr[i]) for i in range(model.njnt)}
     return DynamicCourse(scenario, log, columns, driver.realised)
+
+
+@contextmanager
+def unprinted_warnings() -> Iterator[None]:
+    """MuJoCo does not print that a run diverges: it is refused in one message."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 @dataclass(frozen=True)
@@ -110,41 +123,55 @@ class DynamicCourse:
         asked = self.scenario.schedule.drive(time)
         if not self.scenario.rig.axes:
             return replace(asked, attitude=self.log.attitude(time))
-        states = self.log.joints(time)
-        parts = [np.asarray(part) for part in (states.x, states.v, states.a)]
-        joints = {name: Jet(*(part[:, i] for part in parts)) for name, i in self.columns.items()}
-        motors = {name: joints.pop(name) for name in asked.axes}
-        beyond: dict[
-            str, Jet
-        ] = {}  # of the encoders: play, and structure that rings about the axis
-        for name, axis in self.scenario.rig.axes:
-            for joint in (f"{name}_gap", f"{name}_ring_{axis}"):
-                if joint in joints:
-                    beyond[name] = joints.pop(joint) + beyond.get(name, Jet(0.0))
-        errors = readout_errors(self.scenario.effects)
-        if self.scenario.rig.readout == "command":
-            goals = true_angles(self.scenario, asked, errors)
-            beyond = {
-                name: motors[name] - goals[name] + beyond.get(name, Jet(0.0)) for name in motors
-            }
-            return replace(asked, structure=joints | beyond, realised=self.realised)
-        axes = self._readout(asked, motors, errors)
-        return replace(asked, axes=axes, structure=joints | beyond, realised=self.realised)
-
-    def _readout(
-        self, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]
-    ) -> dict[str, Jet]:
-        """What encoders say at true angles: a fixed point contracts by the errors' slope, <
-        1e-2.
-        """
-        readout = dict(true)
-        for _ in range(6 if errors else 0):
-            found = true_angles(self.scenario, replace(asked, axes=readout), errors)
-            readout = {name: readout[name] + (true[name] - found[name]) for name in true}
-        return readout
+        return observed(self.scenario, asked, self.log.joints(time), self.columns, self.realised)
 
 
-class _Driver(Protocol):
+def observed(
+    scenario: Scenario,
+    asked: Drive,
+    states: Jet,
+    columns: Mapping[str, int],
+    realised: tuple[str, ...],
+) -> Drive:
+    """What encoders and structure do in joint states.
+
+    Args:
+        scenario: whose encoders err.
+        asked: of the motors, and deviations of axes from their encoders that mechanics do not hold.
+        states: of the joints, at the times of ``asked``, (n, joints).
+        columns: joint name -> column of the states.
+        realised: addresses of the effects that the states hold.
+    """
+    parts = [np.asarray(part) for part in (states.x, states.v, states.a)]
+    joints = {name: Jet(*(part[:, i] for part in parts)) for name, i in columns.items()}
+    motors = {name: joints.pop(name) for name in asked.axes}
+    # of the encoders: play, structure that rings about the axis, and what was asked
+    beyond = dict(asked.structure)
+    for name, axis in scenario.rig.axes:
+        for joint in (f"{name}_gap", f"{name}_ring_{axis}"):
+            if joint in joints:
+                beyond[name] = joints.pop(joint) + beyond.get(name, Jet(0.0))
+    errors = readout_errors(scenario.effects)
+    if scenario.rig.readout == "command":
+        goals = true_angles(scenario, replace(asked, structure={}), errors)
+        beyond = {name: motors[name] - goals[name] + beyond.get(name, Jet(0.0)) for name in motors}
+        return replace(asked, structure=joints | beyond, realised=realised)
+    axes = _readout(scenario, replace(asked, structure={}), motors, errors)
+    return replace(asked, axes=axes, structure=joints | beyond, realised=realised)
+
+
+def _readout(
+    scenario: Scenario, asked: Drive, true: Mapping[str, Jet], errors: Sequence[Effect]
+) -> dict[str, Jet]:
+    """What encoders say at true angles: a fixed point contracts by the errors' slope, < 1e-2."""
+    readout = dict(true)
+    for _ in range(6 if errors else 0):
+        found = true_angles(scenario, replace(asked, axes=readout), errors)
+        readout = {name: readout[name] + (true[name] - found[name]) for name in true}
+    return readout
+
+
+class Driver(Protocol):
     """What pushes the joints: planned a block of steps ahead, applied step by step."""
 
     rig: Rig
@@ -153,46 +180,56 @@ class _Driver(Protocol):
     realised: tuple[str, ...]
 
     def plan(self, time: Array) -> None:
-        """Work out what to do at the instants of the next steps, (n,)."""
+        """Work out what to do at the instants of the next steps. time: s, (n,)."""
 
     def push(self, k: int) -> None:
         """Apply it before step ``k`` of the block."""
 
 
-def _march(scenario: Scenario, driver: _Driver, progress: Progress | None) -> Log:
+def _march(scenario: Scenario, driver: Driver, progress: Progress | None) -> Log:
     """Step from PREROLL before the start of the sequence to its end."""
-    model, data = driver.rig.model, driver.data
-    dt = float(model.opt.timestep)
+    dt = float(driver.rig.model.opt.timestep)
     start, end = scenario.schedule.times
     before = round(PREROLL / dt)
     steps = before + int(np.ceil((end - start) / dt))
     stride = max(1, int(driver.spacing / dt + 1e-9), -(-steps // ROWS))
     steps += stride + 4
-    recorder = _Recorder(stride)
-    step, qpos, qvel, push = mujoco.mj_step, data.qpos, data.qvel, driver.push
+    recorder = Recorder(stride)
     for first in range(0, steps, BLOCK):
         n = min(BLOCK, steps - first)
         time: Array = start + dt * np.arange(first - before, first - before + n, dtype=float)
-        driver.plan(time)
-        x, u = np.empty((n, model.nq)), np.empty((n, model.nv))
-        for k in range(n):
-            push(k)
-            x[k], u[k] = qpos, qvel
-            step(model, data)
-        if not (np.isfinite(x).all() and np.isfinite(u).all()):
-            raise TiltcalError(
-                f"scenario {scenario.name}",
-                found=f"a motion that diverges before {time[-1]:.4g} s",
-                need="a stable run by time steps",
-                do="lower dynamics.timestep_s, or the servo's stiffness",
-            )
-        recorder.add(time, x, u, dt)
+        recorder.add(time, *stepped(scenario, driver, time), dt)
         if progress is not None:
             progress(first + n, steps)
     return recorder.log()
 
 
-class _Recorder:
+def stepped(scenario: Scenario, driver: Driver, time: Array) -> tuple[Array, Array]:
+    """Step at these instants, s, (n,): positions before each step, (n, nq), and velocities, (n,
+    nv).
+
+    Raises:
+        TiltcalError: the run diverges.
+    """
+    model, data = driver.rig.model, driver.data
+    step, qpos, qvel, push = mujoco.mj_step, data.qpos, data.qvel, driver.push
+    driver.plan(time)
+    x, u = np.empty((len(time), model.nq)), np.empty((len(time), model.nv))
+    for k in range(len(time)):
+        push(k)
+        x[k], u[k] = qpos, qvel
+        step(model, data)
+    if not (np.isfinite(x).all() and np.isfinite(u).all()):
+        raise TiltcalError(
+            f"scenario {scenario.name}",
+            found=f"a motion that diverges before {time[-1]:.4g} s",
+            need="a stable run by time steps",
+            do="lower dynamics.timestep_s, or the servo's stiffness",
+        )
+    return x, u
+
+
+class Recorder:
     """Turns steps into rows: rates and accelerations by differences, thinned where nothing
     accelerates.
     """
@@ -203,8 +240,8 @@ class _Recorder:
         self.parts: list[tuple[Array, Array, Array, Array]] = []
 
     def add(self, time: Array, x: Array, u: Array, dt: float) -> None:
-        """Steps at these times, (n,), with positions (n, nq) and the velocities that led there, (n,
-        nv).
+        """Steps at these times, s, (n,), with positions (n, nq) and the velocities that led there,
+        (n, nv).
         """
         if self.carry is not None:
             time, x, u = (
@@ -238,11 +275,12 @@ def _worth_keeping(a: Array) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
     return np.asarray(keep)
 
 
-class _Servos:
+class Servos:
     """The servos of a table, the shaking of its base, and the operator who remounts."""
 
     def __init__(self, scenario: Scenario, effects: Sequence[Effect]) -> None:
         self.scenario, self.schedule = scenario, scenario.schedule
+        self.asked: Callable[[Array], Drive] = self.schedule.drive
         self.errors = readout_errors(effects)
         self.world = world_of(scenario, effects)
         mechanisms = resolved(scenario, effects, mechanisms_of(scenario, effects))
@@ -263,7 +301,7 @@ class _Servos:
         """Angles asked of the motors, rad, (n, axes): loops are closed on the encoders, errors and
         all.
         """
-        goals = true_angles(self.scenario, self.schedule.drive(time), self.errors)
+        goals = true_angles(self.scenario, self.asked(time), self.errors)
         return np.column_stack([np.asarray(goals[name].x) for name in self.names])
 
     def _balance(self) -> None:
@@ -285,7 +323,7 @@ class _Servos:
             data.qpos[springs] = -data.qfrc_bias[springs] / np.array(list(rig.springs.values()))
 
     def plan(self, time: Array) -> None:
-        """Commands, gravity in the shaken base's frame, remounts."""
+        """Commands, gravity in the shaken base's frame, remounts. time: s, (n,)."""
         self.goal, self.ctrl = self._goal(time), self.data.ctrl
         self.torques.plan(time)
         self.gravity: Array | None = None

@@ -9,6 +9,7 @@ from tiltcal.forward.signal_chain import Mover
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.scene import Scene
+from tiltcal.laboratory.serve.mechanics import Mechanics
 from tiltcal.setup.setup import Setup
 from tiltcal.setup.trajectory import Course, Drive
 from tiltsim.motion import Progress, mujoco_motion
@@ -32,6 +33,12 @@ class MujocoLaboratory(SimulatedLaboratory):
         from tiltsim.dynamics import run_dynamics
 
         return run_dynamics(scenario, seed, self.progress)
+
+    def mechanics(self, scenario: Scenario) -> Mechanics:
+        """The mechanics of a scenario's table, to be driven step by step."""
+        from tiltsim.served_mechanics import ServedMechanics
+
+        return ServedMechanics(scenario)
 
     def scene(self, setup: Setup, drive: Drive) -> Scene:
         """The nominal table as solids along a drive."""

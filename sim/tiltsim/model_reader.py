@@ -17,6 +17,7 @@ from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
 from tiltcal.laboratory.model_words import ModelAxis, ModelWords
 from tiltcal.setup.chain import BASE, Chain, Link, Place
+from tiltsim.model_drives import drive_of
 from tiltsim.model_files import check_files, require_inside
 
 MOST_BODIES = 2000
@@ -136,7 +137,6 @@ class ModelReader:
         axis = self.axes[k]
         on = self._before(k)
         place = self._placed(on, axis.origin, axis.bearing)
-        mass, centre, inertia = self._mass(k)
         words = self.words.axes[axis.name]
         return Link(
             axis=axis.name,
@@ -144,9 +144,8 @@ class ModelReader:
             sign=words.sign,
             offset_deg=words.offset_deg,
             reference_deg=float(-np.degrees(axis.zero)),
-            mass_kg=mass,
-            centre_m=centre,
-            inertia_kg_m2=inertia,
+            **self._mass(k),
+            **drive_of(self.model, axis.joint),
             **place,
         )
 
@@ -178,25 +177,28 @@ class ModelReader:
             return k - 1
         return self._on(int(self.model.body_parentid[self.axes[k].body]))
 
-    def _mass(self, k: int) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
-        """Mass, kg, its centre, m, and inertia about that, kg m2 (see ``Link``), in the link's
-        frame, of all bodies that turn with an axis and with no axis inside it.
+    def _mass(self, k: int) -> dict[str, Any]:
+        """Mass, centre and inertia, as a ``Link`` has them, of all bodies that turn with an axis
+        and with no axis inside it.
         """
         own = [b for b in range(1, self.model.nbody) if self._on(b) == k]
         masses = self.model.body_mass[own]
         total, axis = float(masses.sum()), self.axes[k]
         if total == 0:
-            return 0.0, (0.0,) * 3, (0.0,) * 6
+            return {}
         centre = masses @ self.data.xipos[own] / total
-        about = np.zeros((3, 3))
+        inertia = np.zeros((3, 3))
         for body, mass in zip(own, masses, strict=True):
-            R, r = self.data.ximat[body].reshape(3, 3), self.data.xipos[body] - centre
-            about += (R * self.model.body_inertia[body]) @ R.T
-            about += mass * (r @ r * np.eye(3) - np.outer(r, r))
-        inertia = axis.R.T @ about @ axis.R
-        unlike = [inertia[0, 1], inertia[0, 2], inertia[1, 2]]
-        place = axis.R.T @ (centre - axis.origin)
-        return total, tuple(map(float, place)), tuple(map(float, [*np.diag(inertia), *unlike]))
+            frame, arm = self.data.ximat[body].reshape(3, 3), self.data.xipos[body] - centre
+            inertia += frame @ np.diag(self.model.body_inertia[body]) @ frame.T
+            inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        turned = axis.R.T @ inertia @ axis.R
+        places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+        return {
+            "mass_kg": total,
+            "centre_m": tuple(map(float, axis.R.T @ (centre - axis.origin))),
+            "inertia_kg_m2": tuple(float(turned[place]) for place in places),
+        }
 
     def _site(self, name: str) -> tuple[int, Array, Array]:
         """Body, origin and frame of the instrument: a site of that name, or a body."""

@@ -25,7 +25,7 @@ from tiltcal.setup.setup import Setup
 from tiltcal.setup.tables import Table, bearing
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltsim.actuators import install_drives, install_rings
-from tiltsim.chain_model import mjcf_of
+from tiltsim.chain_model import SMALLEST, mjcf_of
 
 # kg m2: inertia against which every other torque vanishes, so that qacc = applied / ARMATURE
 ARMATURE = 1e15
@@ -84,7 +84,10 @@ def open_model(table: Table) -> "mujoco.MjSpec":
     instrument = folder("models") / "instrument.xml"
     included = {instrument.name: instrument.read_bytes()}
     if table.chain is not None:
-        return mujoco.MjSpec.from_string(mjcf_of(table.chain), include=included)
+        spec = mujoco.MjSpec.from_string(mjcf_of(table.chain), include=included)
+        body = spec.body("instrument")  # its mass is in the model already
+        body.mass, body.inertia = SMALLEST, [SMALLEST] * 3
+        return spec
     try:
         spec = mujoco.MjSpec.from_file(str(table.mjcf), include=included)
     except ValueError as error:
@@ -217,7 +220,7 @@ class RigBuilder:
             servo.set_to_position(kp, kv=kv)
         for name in self.setup.rig.axis_names:
             joint = spec.joint(name)
-            joint.frictionloss = dynamics.friction_N_m
+            joint.frictionloss += dynamics.friction_N_m
             harden(joint)
         install_drives(spec, mechanisms, self.world.gravity)
         install_rings(spec, mechanisms)

@@ -15,6 +15,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.laboratory.serve.mechanics import MechanicalLaboratory
 from tiltcal.laboratory.serve.rate_table import RateTable
 from tiltcal.laboratory.serve.server import Server, Wires
 
@@ -47,8 +48,9 @@ def serve(
     """Serve a simulated rate table and its instrument over TCP.
 
     Commands are those of ACUTROL-type controllers; frames of readings are
-    streamed. Motion is prescribed, within limits of rate and acceleration. It
-    runs until it is interrupted.
+    streamed. Motion is prescribed, within limits of rate and acceleration; with
+    [dynamics] in the scenario it is run by time steps. It runs until it is
+    interrupted.
 
       tiltcal serve bench.toml --port 5025 --stream-port 5026
       tiltcal record 127.0.0.1:5025 SEQUENCE.csv RECORDING.csv
@@ -57,7 +59,10 @@ def serve(
     laboratory = simulator()
     mover = laboratory.mover if isinstance(laboratory, SimulatedLaboratory) else closed_form
     used = seed_used(scenario, noise == "on", seed)
-    table = RateTable(scenario, used, mover)
+    mechanics = None
+    if scenario.dynamics is not None and isinstance(laboratory, MechanicalLaboratory):
+        mechanics = laboratory.mechanics(scenario)
+    table = RateTable(scenario, used, mover, mechanics)
     wires = Wires(host, port, stream_port, None if udp is None else address(udp), pty, speed)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -33,6 +33,7 @@ from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable, settled
@@ -42,6 +43,7 @@ from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import normalise_tone_phase
 from tiltcal.diagnosis.search.slow_variation import slow_variations
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
+from tiltcal.diagnosis.search.state import laws
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.effects.table.readout import IndexError_
 from tiltcal.laboratory.laboratory import Laboratory
@@ -196,24 +198,23 @@ def _explained(
     if extend_dictionary(whitened.columns, state.fitted, lines):
         state = settled(state.over(whitened.columns), gate)
     stages.begin(ALTERNATIVES)
+    random = False
     if not (floors or _knows_settings(start)):
-        state = beside_random_settings(state, start, gate)
+        state, random = beside_random_settings(state, gate)
     state, chances, doubts = believed(state, gate)
     scan = Scan(state.whitened)
+    if any(not law.listed for law in laws(state.fitted)):
+        state, _ = named(state, scan, random)  # what has a name leaves less of its law
     state, kept = without_misfits(state, scan)
     chances = tuple(chances[k] for k in kept)
-    state, names = named(state, scan)
+    state, names = named(state, scan, random)
     fitted, chance = state.fitted, list[Fault]()
     if floors:
         fitted = drop_below_code(fitted, state.whitened, floors, prepared.blurred)
     else:
         fitted, chance = _by_chance(fitted, start, state.whitened, gate)
-    laws = [fitted.terms[p[0]].hypothesis for p in fitted.findings()]
-    held = [
-        k
-        for k, p in enumerate(state.fitted.findings())
-        if any(law is state.fitted.terms[p[0]].hypothesis for law in laws)
-    ]
+    remaining = laws(fitted)
+    held = [k for k, law in enumerate(laws(state.fitted)) if any(law is one for one in remaining)]
     left = gate.left_by(fitted, state.whitened)
     return Explained(
         normalise_tone_phase(fitted, prepared.observations),
@@ -239,7 +240,7 @@ def _by_chance(
     if _knows_settings(start):
         return fitted, []
     lawful = lawful_part(fitted, whitened)
-    setting = find_setting_error(lawful, start, whitened, gate.total)
+    setting = find_setting_error(lawful, start, whitened, gate.total, largest_misfit(lawful))
     if setting is None or is_lawful(setting):
         return fitted, []
     return beside_stops(lawful, setting.stops, whitened, gate.total), [setting.fault]

@@ -15,6 +15,7 @@ SignalEffect    what does the reading become?                  sensor, electroni
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -117,8 +118,8 @@ class Effect(Traits, ABC):
         """Whether it does nothing."""
         return not any(self.sizes.values())
 
-    @property
-    def sizes(self) -> dict[str, float]:
+    @cached_property
+    def sizes(self) -> Mapping[str, float]:
         """The values that say how much, SI; without those that give the shape."""
         shapes = {p.name for p in self.parameters if p.is_shape}
         return {name: value for name, value in self.values.items() if name not in shapes}

@@ -2,6 +2,7 @@
 stops.
 """
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -19,9 +20,15 @@ def play(u: Array, width: float) -> Array:
     returned, 0 before the first motion. It depends on turning points only, so runs of equal
     direction are done at once.
     """
-    half = width / 2
-    if half <= 0 or len(u) == 0:
+    if width <= 0 or len(u) == 0:
         return np.asarray(np.sign(last_direction(u)))
+    return _play(np.asarray(u, float).tobytes(), width)
+
+
+@lru_cache(maxsize=24)
+def _play(values: bytes, width: float) -> Array:
+    """``play`` of the contents of an array: many curves follow one state; not to be written to."""
+    u, half = np.frombuffer(values), width / 2
     state = np.empty_like(u)
     output = float(u[0])
     turning = _turning_points(u)
@@ -32,6 +39,7 @@ def play(u: Array, width: float) -> Array:
         )
         state[start : end + 1] = (run - follow) / half
         output = float(follow[-1])
+    state.flags.writeable = False
     return state
 
 

@@ -225,5 +225,5 @@ class Context:
         masses: Sequence[Mass] = (),
     ) -> "Context":
         """A motion, with the loads that follow from it. gravity: m/s2."""
-        loads = Loads(rig.kind.chain, drive.time, axes, gravity, masses)
+        loads = Loads(rig.kind.chain, drive.time, axes, gravity, masses, drive.rows_apart)
         return cls(drive, axes, rig, gravity, loads)

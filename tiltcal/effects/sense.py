@@ -102,4 +102,4 @@ class Sense:
         if self.kind == "fog":
             return np.asarray(self.rate @ self.input_vector)[:, None]
         source = self.force if self.kind in ACCELEROMETERS else self.rate
-        return np.array(source[:, list(self.axes)])
+        return source.copy() if self.axes == (0, 1, 2) else np.array(source[:, list(self.axes)])

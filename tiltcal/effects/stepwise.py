@@ -15,6 +15,8 @@ from tiltcal.setup.sensor import Sensor
 Rows = slice | Index
 """Which environments: all, or their numbers."""
 
+AHEAD = 256  # samples whose random numbers are drawn at once
+
 
 @dataclass(frozen=True)
 class Stepping:
@@ -64,6 +66,67 @@ class Memoryless:
         return self.law(reading, sense, self.stream)
 
 
+class DrawnAhead:
+    """Random numbers drawn ahead from a stream for each channel, in the stream's own order.
+
+    Args:
+        streams: of each channel of each row; shape: of one draw, (rows, channels, numbers).
+        draw: a method of the streams that takes ``out``.
+    """
+
+    def __init__(
+        self,
+        streams: Sequence[np.random.Generator],
+        shape: tuple[int, int, int],
+        draw: Callable[..., object],
+    ) -> None:
+        self.streams, self.shape, self.draw = streams, shape, draw
+        self.numbers = np.empty((0, *shape))
+        self.used = np.zeros(shape[0], np.intp)
+        self._together = True  # all rows have used as many
+
+    def __call__(self, rows: Rows) -> Array:
+        """The next numbers of these rows, (n, channels, numbers)."""
+        self.need(rows)
+        return self.take(self.numbers, rows)
+
+    def need(self, rows: Rows) -> int | None:
+        """Have numbers for these rows: how many that all have used were dropped; None: there were
+        enough.
+        """
+        used = self.used[:1] if self._even(rows) else self.used[rows]
+        if not len(used) or used.max() < len(self.numbers):
+            return None
+        done = int(self.used.min())
+        drawn = np.empty((len(self.streams), AHEAD, self.shape[2]))
+        for stream, block in zip(self.streams, drawn, strict=True):
+            self.draw(stream, out=block)
+        more = drawn.reshape(*self.shape[:2], AHEAD, self.shape[2]).transpose(2, 0, 1, 3)
+        self.numbers = np.concatenate([self.numbers[done:], more])
+        self.used -= done
+        return done
+
+    def take(self, values: Array, rows: Rows) -> Array:
+        """What stands for these rows' next numbers, (n, ...), which are then used. values: one for
+        each draw and row, (draws, rows, ...).
+        """
+        if self._even(rows):
+            found = values[self.used[0]]
+        else:
+            found = values[self.used[rows], np.arange(self.shape[0])[rows]]
+        self.pass_over(rows)
+        return found
+
+    def pass_over(self, rows: Rows) -> None:
+        """These rows have used their next numbers."""
+        self._together = self._even(rows)
+        self.used[rows] += 1
+
+    def _even(self, rows: Rows) -> bool:
+        """Whether these are all rows, and have used as many numbers."""
+        return self._together and isinstance(rows, slice)
+
+
 class SteppedLag:
     """1/(1 + tau s), starting settled; exact for an input that is a cubic through the last four
     samples.
@@ -73,29 +136,30 @@ class SteppedLag:
     """
 
     def __init__(self, tau: float, step: float, shape: tuple[int, int]) -> None:
-        self.decay = float(np.exp(-step / tau)) if tau > 0 else 0.0
-        self.weights = lag_weights(tau, step)
-        self.past = np.zeros((3, *shape))
-        self.output = np.zeros(shape)
+        decay = float(np.exp(-step / tau)) if tau > 0 else 0.0
+        self.weights = np.array([*lag_weights(tau, step), decay])
+        self.states = np.zeros((5, *shape))  # the last four inputs, the oldest first; the output
         self.fresh = np.ones(shape[0], bool)
+        self.settles = True
 
     def restart(self, rows: Rows) -> None:
         """They settle at their first input."""
-        self.fresh[rows] = True
+        self.fresh[rows], self.settles = True, True
 
     def __call__(self, reading: Array, sense: Sense, rows: Rows) -> Array:
-        first = self.fresh[rows].copy()
-        past, output = self.past[:, rows], self.output[rows]
-        if first.any():
-            past[:, first], output[first] = reading[first], reading[first]
+        states = self.states[:, rows]
+        states[:3], states[3] = states[1:4], reading
+        if self.settles:
+            first = self.fresh[rows]
+            states[:, first] = reading[first]
+        states[4] = np.einsum("s,snk->nk", self.weights, states)
+        if self.settles:
+            states[4, first] = reading[first]
             self.fresh[rows] = False
-        found = self.decay * output + self.weights[3] * reading
-        for weight, earlier in zip(self.weights[:3], past, strict=True):
-            found = found + weight * earlier
-        found = np.where(first[:, None], reading, found) if first.any() else found
-        self.past[:, rows] = np.concatenate([past[1:], reading[None]])
-        self.output[rows] = found
-        return found
+            self.settles = bool(self.fresh.any())
+        if not isinstance(rows, slice):
+            self.states[:, rows] = states
+        return states[4].copy()
 
 
 def lag_weights(tau: float, step: float) -> Array:

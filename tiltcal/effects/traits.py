@@ -47,6 +47,8 @@ class Traits:
     # Its law
     row_wise: ClassVar[bool] = False
     """What it does to a row of a sequence's recording depends on no other row."""
+    rows_apart: ClassVar[bool] = False
+    """It takes more from a whole course, but can act where rows have their own motion alone."""
     same_law_as: ClassVar[str] = ""
     """Id of an effect with the same readings under all circumstances, which stands for both."""
     form: ClassVar[Literal["law", "any", "unknown"]] = "law"

@@ -183,13 +183,7 @@ def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
     except ValidationError as error:
         problems = [_problem(e) for e in error.errors()]
     if scenario is not None:
-        if scenario.dynamics is not None and scenario.rig.kind.chain is not None:
-            problems.append("dynamics: a run by time steps needs a table; leave it out")
-        problems += [
-            f"effect {k} {t.id}: needs the links of a model; state it as [rig] mjcf"
-            for k, t in enumerate(scenario.effect, start=1)
-            if t.id in CATALOGUE and CATALOGUE[t.id].of_model and scenario.rig.kind.chain is None
-        ]
+        problems += _problems_of_links(scenario)
         for k, t in enumerate(scenario.effect, start=1):
             try:
                 make_effect(
@@ -216,6 +210,20 @@ def parse_as(kind: type[Kind], table: dict[str, Any], source: str) -> Kind:
             do="see `tiltcal init` for a commented one",
         )
     return scenario
+
+
+def _problems_of_links(scenario: Scenario) -> list[str]:
+    """What needs links of a model that are not there, or say too little."""
+    unmoved = [k.axis for k in scenario.rig.link if not k.servo_N_m_rad]
+    found = [
+        f"dynamics: link '{axis}' has no servo; state its servo_N_m_rad"
+        for axis in (unmoved if scenario.dynamics is not None else ())
+    ]
+    for k, t in enumerate(scenario.effect, start=1):
+        of_model = t.id in CATALOGUE and CATALOGUE[t.id].of_model
+        if of_model and scenario.rig.kind.chain is None:
+            found.append(f"effect {k} {t.id}: needs the links of a model; state it as [rig] mjcf")
+    return found
 
 
 def _problem(error: Any) -> str:

@@ -61,6 +61,10 @@ class Link(Place):
         reference_deg: what the readout says where the model stands at its reference.
         mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
         inertia_kg_m2: of it about that centre: xx, yy, zz, xy, xz, yz in the link's frame.
+        armature_kg_m2: inertia of the drive about the joint.
+        damping_N_m_s_rad, friction_N_m: of the joint.
+        servo_N_m_rad, servo_N_m_s_rad: stiffness and damping of the servo that moves it in a run by
+            time steps.
     """
 
     axis: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
@@ -71,6 +75,11 @@ class Link(Place):
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    armature_kg_m2: Annotated[float, Field(ge=0)] = 0.0
+    damping_N_m_s_rad: Annotated[float, Field(ge=0)] = 0.0
+    friction_N_m: Annotated[float, Field(ge=0)] = 0.0
+    servo_N_m_rad: Annotated[float, Field(ge=0)] = 0.0
+    servo_N_m_s_rad: Annotated[float, Field(ge=0)] = 0.0
 
     @cached_property
     def inertia(self) -> Array:

@@ -16,6 +16,7 @@ from tiltcal.setup.chain import BASE, Chain, Link
 from tiltcal.setup.trajectory import Jet, sampled_jet
 
 Moments = dict[str, Array]
+BESIDE = 1e-3  # s before and after, from which the rate of a load follows
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,7 @@ class Loads:
         axes: true angles of the axes.
         gravity: m/s2.
         masses: on the links, beside theirs.
+        rows_apart: whether the rows are no course in time: see ``Drive``.
     """
 
     def __init__(
@@ -162,9 +164,10 @@ class Loads:
         axes: Mapping[str, Jet],
         gravity: float,
         masses: Sequence[Mass] = (),
+        rows_apart: bool = False,
     ) -> None:
         self.chain, self.time, self.gravity, self.masses = chain, time, gravity, tuple(masses)
-        self.axes = axes
+        self.axes, self.rows_apart = axes, rows_apart
         self._kept: dict[str, tuple[Jet, Jet, Jet]] = {}
 
     def along(self, axis: str) -> tuple[Jet, Jet, Jet]:
@@ -172,21 +175,42 @@ class Loads:
         turns, as jets, N m.
         """
         if axis not in self._kept:
-            weight, inertia, error = (part[axis] for part in self._parts)
-            x, y, z = (
-                load_jet(self.time, weight[:, k], inertia[:, k], error[:, k]) for k in range(3)
-            )
+            if self.rows_apart:
+                parts = tuple(part[axis] for part in self._by_row)
+                x, y, z = (Jet(*(part[:, k] for part in parts)) for k in range(3))
+            else:
+                weight, inertia, error = (part[axis] for part in self._parts)
+                x, y, z = (
+                    load_jet(self.time, weight[:, k], inertia[:, k], error[:, k]) for k in range(3)
+                )
             self._kept[axis] = x, y, z
         return self._kept[axis]
 
     @cached_property
-    def _parts(self) -> tuple[Moments, Moments, Moments]:
-        """Moments of the weight, those of inertia, and the estimated error of the latter."""
+    def _by_row(self) -> tuple[Moments, Moments, Moments]:
+        """Moments, their rates and their accelerations by the motion of each row alone, were its
+        accelerations to stay.
+        """
+        before, here, after = (
+            self._moments({a: _later(jet, by) for a, jet in self._rows.items()})
+            for by in (-BESIDE, 0.0, BESIDE)
+        )
+        rate = {a: (after[a] - before[a]) / (2 * BESIDE) for a in here}
+        return here, rate, {a: (after[a] - 2 * here[a] + before[a]) / BESIDE**2 for a in here}
+
+    @cached_property
+    def _rows(self) -> dict[str, Jet]:
+        """The axes with a value for each row."""
         n = len(self.time)
-        axes = {
+        return {
             a: Jet(*(np.broadcast_to(part, n) for part in (jet.x, jet.v, jet.a)))
             for a, jet in self.axes.items()
         }
+
+    @cached_property
+    def _parts(self) -> tuple[Moments, Moments, Moments]:
+        """Moments of the weight, those of inertia, and the estimated error of the latter."""
+        n, axes = len(self.time), self._rows
         weight = self._moments({a: Jet(jet.x) for a, jet in axes.items()})
         if not any(np.any(jet.v) or np.any(jet.a) for jet in axes.values()):
             none = {a: np.zeros((n, 3)) for a in weight}
@@ -201,6 +225,11 @@ class Loads:
     def _moments(self, axes: Mapping[str, Jet]) -> Moments:
         assert self.chain is not None
         return moments(self.chain, axes, self.gravity, self.masses)
+
+
+def _later(jet: Jet, by: float) -> Jet:
+    """A jet a time ``by`` from now, s, were its acceleration to stay."""
+    return Jet(jet.x + by * (jet.v + by / 2 * jet.a), jet.v + by * jet.a, jet.a)
 
 
 def _of_least_risk(time: Array, moment: Array, error: Array) -> Jet:

@@ -27,12 +27,14 @@ class Climate(Part):
 
     def at(self, elapsed: Array) -> Array:
         """Temperature, degC, (n,), at times since the first stamp, s."""
-        return np.asarray(
-            self.start_degC
-            + self.ramp_degC_h / 3600 * elapsed
-            + self.swing_degC * np.sin(2 * pi * elapsed / self.period_s)
-            + self.change_degC * -np.expm1(-elapsed / self.tau_s)
-        )
+        found = np.full(np.shape(elapsed), self.start_degC)
+        if self.ramp_degC_h:
+            found += self.ramp_degC_h / 3600 * elapsed
+        if self.swing_degC:
+            found += self.swing_degC * np.sin(2 * pi * elapsed / self.period_s)
+        if self.change_degC:
+            found += self.change_degC * -np.expm1(-elapsed / self.tau_s)
+        return found
 
     def reference(self, duration: float) -> float:
         """T0: as stated, else the mean over the recording, degC."""

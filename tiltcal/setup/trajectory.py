@@ -101,6 +101,8 @@ class Drive:
         realised: addresses of the effects that the readout or ``structure`` already holds: the
             algebra leaves them out.
         rests: says when each rest began and ended; None: with the first and the last row of a stop.
+        rows_apart: whether the rows are no course in time, as where many rigs are stepped together
+            or the next row is not known yet: each has its own motion alone.
     """
 
     time: Array
@@ -115,6 +117,7 @@ class Drive:
     structure: Mapping[str, Jet] = field(default_factory=dict)
     realised: tuple[str, ...] = ()
     rests: "Callable[[], Rests] | None" = None
+    rows_apart: bool = False
 
     @property
     def elapsed(self) -> Array:

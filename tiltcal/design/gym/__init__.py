@@ -1,7 +1,8 @@
-"""Gymnasium environments of the design problem: pick poses under a table time, be paid in nats.
+"""Gymnasium environments: the design problem, and the rig of any scenario.
 
 ``import tiltcal.design.gym`` registers ``tiltcal/Calibration-v0`` (continuous) and
-``tiltcal/CalibrationDiscrete-v0``; so does
+``tiltcal/CalibrationDiscrete-v0``, in which poses are picked under a table time and paid in nats,
+and ``tiltcal/Rig-v0``, which turns the axes of a scenario's rig and reads its instrument; so does
 ``gymnasium.make("tiltcal.design.gym:tiltcal/Calibration-v0")``. ``make_vec`` gets the native
 vectorised ones.
 """
@@ -12,16 +13,20 @@ IDS = {
     "tiltcal/Calibration-v0": "Calibration",
     "tiltcal/CalibrationDiscrete-v0": "CalibrationDiscrete",
 }
+RIG = "tiltcal/Rig-v0"
 
 
 def register_envs() -> None:
     """Register the environments; twice does no harm."""
-    for id, name in IDS.items():
+    places = {id: (f"environment:{name}", f"vector:{name}Vector") for id, name in IDS.items()} | {
+        RIG: ("rig_environment:RigEnvironment", "rig_environment:RigEnvironmentVector")
+    }
+    for id, (single, many) in places.items():
         if id not in gymnasium.registry:
             gymnasium.register(
                 id,
-                entry_point=f"tiltcal.design.gym.environment:{name}",
-                vector_entry_point=f"tiltcal.design.gym.vector:{name}Vector",
+                entry_point=f"tiltcal.design.gym.{single}",
+                vector_entry_point=f"tiltcal.design.gym.{many}",
             )
 
 

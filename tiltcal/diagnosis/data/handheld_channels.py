@@ -135,20 +135,24 @@ class HandheldObservations(Observations):
     def outlier_signals(
         self, effects: Sequence[Effect], stops: Sequence[Index]
     ) -> Iterator[Signal]:
-        """The misfit of FOGs, and the readings of all other sensors. stops: rows of each, (m,)."""
+        """The readings of all sensors; of FOGs at rest only, beyond the rests their misfit. stops:
+        rows of each, (m,).
+        """
+        inside = [inner(r.time, s) for r, s in zip(self.sources, stops, strict=True)]
+        fogs = {s.name for s in self.scenario.sensors("fog")}
         for c, r in zip(self.channels, self.residuals(effects), strict=True):
-            if self.scenario.named(c.sensor).kind == "fog":
-                yield Signal(c.recording, c.sensor, c.axis, c.rows, r)
-        predicted = {s.name for s in self.scenario.sensors("fog")}
+            if c.sensor in fogs:
+                turned = ~inside[c.recording][c.rows]
+                yield Signal(c.recording, c.sensor, c.axis, c.rows[turned], r[turned])
         for number, recording in enumerate(self.sources):
             for sensor in self.scenario.sensor:
-                if not recording.has(sensor) or sensor.name in predicted:
+                if not recording.has(sensor):
                     continue
                 for axis in sensor.axes:
                     rows, _, values = column_values(recording, sensor, axis)
                     # a hand that moves an accelerometer shakes and knocks it; a FOG shows when
-                    if sensor.is_accelerometer or not predicted:
-                        still = inner(recording.time, stops[number])[rows]
+                    if sensor.is_accelerometer or sensor.name in fogs or not fogs:
+                        still = inside[number][rows]
                         rows, values = rows[still], values[still]
                     yield Signal(number, sensor.name, axis, rows, values)
 

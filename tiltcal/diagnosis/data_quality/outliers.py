@@ -81,7 +81,7 @@ def _at_an_end(stop: Index, rows: Index) -> Mask:
 
 def _fault(sensor: str, found: list[tuple[str, float, float, int]]) -> Fault:
     """The fault of one sensor."""
-    axes = tuple(axis for axis, *_ in sorted(found, key=lambda item: -item[3]))
+    axes = tuple(dict.fromkeys(axis for axis, *_ in sorted(found, key=lambda item: -item[3])))
     share, size = max(f[1] for f in found), max(found, key=lambda f: f[3])[2]
     count = sum(f[3] for f in found)
     effect = DataOutlier({"share": share, "size": size}, sensor, None, "found")

@@ -51,12 +51,18 @@ class SettingError:
 
 
 def find_setting_error(
-    fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int
+    fitted: FittedModel, start: FittedModel, whitened: WhitenedModel, total: int, share: float
 ) -> SettingError | None:
-    """Random setting of an axis: each stop has its own rotation, and no smooth law explains half of
-    it.
+    """Random setting of an axis: each stop has its own rotation.
 
-    None when the stops agree.
+    Args:
+        fitted: the model with its causes; start: without them.
+        whitened: the noise by which readings are weighed.
+        total: number of hypotheses.
+        share: of the rotations that the causes explain, what their forms may leave.
+
+    Returns:
+        The rotations; None when the stops agree.
     """
     observations = whitened.observations
     noise = noise_within_stops(fitted, whitened)
@@ -71,7 +77,7 @@ def find_setting_error(
     first = rotations_of_stops(stops, refit(start, within), within)[0]
     # so many sizes take their share of chance as well
     free = max(len(stops) - sum(len(t.names) for t in fitted.terms), 1)
-    if gain / free < 0.5 * first / len(stops):
+    if gain / free < share * first / len(stops):
         return None
     spread = float(np.mean(values**2 - variances))
     if spread <= 0:

@@ -61,6 +61,8 @@ class FittedModel:
             columns.
         design: whitened change per plausible size of each value, nuisance first, by channel, (n,).
         covariance: of all values in order, nuisance first, SI.
+        reached: sum of squares of the whitened residual at these values; None where they are fitted
+            to first order only.
     """
 
     known: tuple[Effect, ...]
@@ -70,6 +72,7 @@ class FittedModel:
     basis: tuple[Array, ...] = ()
     design: tuple[Columns, ...] = ()
     covariance: Array | None = None
+    reached: float | None = None
 
     @property
     def effects(self) -> list[Effect]:
@@ -83,8 +86,11 @@ class FittedModel:
 
     @property
     def deviance(self) -> float:
-        """Sum of squares of the whitened residual."""
-        return float(sum(r @ r for r in self.residual))
+        """Sum of squares of the whitened residual: at the fitted values, so that no cause is given
+        what only a step beyond the range of the model would explain.
+        """
+        linear = float(sum(r @ r for r in self.residual))
+        return linear if self.reached is None else self.reached
 
     def findings(self) -> list[list[int]]:
         """Places of the terms of each finding: the term itself and what completes its form."""
@@ -180,6 +186,7 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
         basis=tuple(basis),
         design=tuple(columns),
         covariance=covariance,
+        reached=sum(float(r @ r) for r in residual),
     )
 
 
@@ -218,6 +225,7 @@ def refit_linearly(
         basis=tuple(basis),
         design=tuple(columns),
         covariance=None,
+        reached=None,
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel, refit_linearly
-from tiltcal.diagnosis.search.bayes_factors import ENERGIES, log_bayes_factor
+from tiltcal.diagnosis.search.bayes_factors import DEVIATIONS, ENERGIES, log_bayes_factor
 from tiltcal.diagnosis.search.state import State, laws, refitted, without
 from tiltcal.effects.learned import Learned
 
@@ -25,6 +25,12 @@ BEYOND_FAMILY = 10.0 ** np.array([-6.0, -5.0, -4.0])
 """Energy that a nameless curve takes up of what a textbook form leaves of its law, in energies of
 the law: a hundredth of that by which the law deviates within its family.
 """
+
+
+def largest_misfit(fitted: FittedModel) -> float:
+    """Share of what the causes of a model explain that their forms may leave at most."""
+    nameless = any(not law.listed for law in laws(fitted))
+    return float(max(SHARES if nameless else DEVIATIONS))
 
 
 def other_energy(state: State, k: int) -> float:

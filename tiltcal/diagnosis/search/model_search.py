@@ -270,14 +270,19 @@ def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], t
     while True:
         odds = []
         for k in range(len(state.fitted.findings())):
-            rest = refitted(without(state, k))
-            rest = repriced(rest, gate.left_by(rest.fitted, rest.whitened))
-            odds.append(rest.cost - state.cost)
+            odds.append(_without_cause(state, k, gate).cost - state.cost)
         chances = tuple(float(1 / (1 + np.exp(-x))) for x in odds)
         if not odds or min(chances) >= CLAIM:
             return state, chances, tuple(doubts)
         weakest = int(np.argmin(odds))
         if chances[weakest] > 0.5:
             doubts.append(Doubt(laws(state.fitted)[weakest], chances[weakest]))
-        rest = refitted(without(state, weakest))
-        state = repriced(rest, gate.left_by(rest.fitted, rest.whitened))
+        state = _without_cause(state, weakest, gate)
+
+
+def _without_cause(state: State, k: int, gate: NoiseGate) -> State:
+    """A state without one of its causes, under its own noise or that which it leaves, whichever
+    costs less.
+    """
+    rest = refitted(without(state, k))
+    return min(rest, repriced(rest, gate.left_by(rest.fitted, rest.whitened)), key=lambda s: s.cost)

@@ -39,11 +39,20 @@ NAMELESS = float(np.log(priors.SOMETHING * priors.UNLISTED))
 FIRST_ORDER = 0.01  # of what a law explains, by which its column may differ from its form
 
 
-def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
-    """A state whose causes are the most probable ones in their places, and what each may be."""
+def named(state: State, scan: Scan, random: bool = False) -> tuple[State, list[Names]]:
+    """A state whose causes are the most probable ones in their places, and what each may be.
+
+    Args:
+        state: whose causes.
+        scan: of its hypotheses.
+        random: whether stops are at random about their settings: a nameless curve would take them
+            up, and is not looked for.
+    """
     found = []
     for k in range(len(state.fitted.findings())):
-        state, rows = _most_probable_in_place(state, k, _rows(state, k, scan))
+        every = _rows(state, k, scan)
+        rows: Sequence[Row] = [r for r in every if r.name != UNLISTED] if random else every
+        state, rows = _most_probable_in_place(state, k, rows)
         found.append(replace(name_probabilities(rows), late=_late(state, k, rows[0])))
     return state, found
 
@@ -51,13 +60,18 @@ def named(state: State, scan: Scan) -> tuple[State, list[Names]]:
 def _most_probable_in_place(
     state: State, k: int, rows: Sequence[Row]
 ) -> tuple[State, Sequence[Row]]:
-    """A state with the most probable cause in the place of one, and the rows that stand."""
+    """A state with the most probable cause in the place of one, and the rows that stand: one that
+    looks better and is separably worse when fitted does not.
+    """
+    mine = _name(_terms(state, k))
     names = name_probabilities(rows)
     stated = names.alike[0] if names.listed else UNLISTED
     best = max((r for r in rows if r.name == stated and not r.misfit), key=lambda r: r.score)
-    if best.proposal is None or stated == _name(_terms(state, k)):
+    if best.proposal is None or stated == mine:
         return state, rows
     other = refitted(with_cause(state, k, best.proposal))
+    if UNLISTED not in (mine, stated) and not other.cost < state.cost + SEPARABLE / 2:
+        return _most_probable_in_place(state, k, [r for r in rows if r.name != stated])
     return (other if np.isfinite(other.cost) else state), rows
 
 
@@ -135,21 +149,20 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
 
 
 def _fitted(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
-    """Rows, those of other names that explain nearly as much as the first, or look more probable,
-    at their own fit: a column is its law's form to first order only.
+    """Rows, those of other names that explain nearly as much as the first at their own fit, where
+    that is better: a column is its law's form to first order only.
     """
     own = rows[0]
     for row in rows:
-        near = row.gain > (1 - FIRST_ORDER) * own.gain or row.score > own.score
+        near = row.gain > (1 - FIRST_ORDER) * own.gain
         if row.proposal is None or row.name == own.name or not near:
             yield row
             continue
         worse = refitted(with_cause(state, k, row.proposal)).cost - state.cost
-        shift = own.score - worse - row.score
-        if np.isfinite(shift):
-            yield replace(
-                row, score=row.score + shift, evidence=row.evidence + shift, gain=row.gain + shift
-            )
+        shift = max(own.score - worse - row.score, 0.0)
+        yield replace(
+            row, score=row.score + shift, evidence=row.evidence + shift, gain=row.gain + shift
+        )
 
 
 def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Proposal]:

@@ -21,9 +21,6 @@ from tiltcal.diagnosis.data_quality.setting_errors import (
 )
 from tiltcal.diagnosis.model.channel_noise import noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.model.whitened_model import WhitenedModel
-from tiltcal.diagnosis.search.bayes_factors import SIZES
 from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
 from tiltcal.diagnosis.search.state import State, laws, refitted, repriced, without
 from tiltcal.effects.table.readout import IndexError_
@@ -32,47 +29,58 @@ LENGTHS = (3 * DEG, 10 * DEG, 30 * DEG, 90 * DEG)
 """Over which a law of an angle changes, rad."""
 REST = (0.0, 1e-3, 1e-2, 1e-1)
 """Of the variance of rotations that follow an angle, the share that does not."""
+WIDTHS = 10.0 ** np.arange(-6, 2.1, 0.25)
+"""Prior variances of the rotations, in plausible sizes squared: so close to each other that a
+correlation does not stand in for a width between two of them.
+"""
 LISTED = float(np.log((1 - UNLISTED) / UNLISTED))
 """What a listed cause has before a nameless one, nats."""
 
 
-def beside_random_settings(state: State, start: FittedModel, gate: NoiseGate) -> State:
+def beside_random_settings(state: State, gate: NoiseGate) -> tuple[State, bool]:
     """A state without its unlisted curves, where random settings of an axis are more probable than
-    these, alone or beside the listed causes.
+    these, and whether they are; beside those of the listed causes with which that costs least. A
+    law may have been fitted to settings, so causes are left out one after the other.
     """
     unlisted = [k for k, law in enumerate(laws(state.fitted)) if not law.listed]
     if not unlisted:
-        return state
+        return state, False
     rest = refitted(without(state, *unlisted))
-    alone = State(start, state.whitened)
-    if min(cost_with_random_settings(s) for s in (rest, alone)) > state.cost:
-        return state
-    return repriced(rest, gate.left_by(rest.fitted, rest.whitened))
+    least, random = cost_with_random_settings(rest)
+    tried = [(random, rest)]
+    while rest.causes and np.isfinite(least):
+        fewer = [refitted(without(rest, k)) for k in range(len(rest.causes))]
+        costs = [cost_with_random_settings(s) for s in fewer]
+        tried += [(c[1], s) for c, s in zip(costs, fewer, strict=True)]
+        k = int(np.argmin([c[0] for c in costs]))
+        if not costs[k][0] < least:
+            break
+        least, rest = costs[k][0], fewer[k]
+    cost, best = min(tried, key=lambda pair: pair[0])
+    if cost > state.cost:
+        return state, False
+    return repriced(best, gate.left_by(best.fitted, best.whitened)), True
 
 
-def cost_with_random_settings(state: State) -> float:
-    """-log posterior of a model with random settings of the axis that they explain most of, nats;
-    infinite where no axis has stops enough, and where they follow an angle.
+def cost_with_random_settings(state: State) -> tuple[float, float]:
+    """-log posterior of a model with random settings of the axis that they explain most of, nats:
+    of any axis, and of those whose settings follow no angle. Infinite where none is.
     """
     fitted, whitened = state.fitted, state.whitened
     noise = noise_within_stops(fitted, whitened)
     if noise is None:
-        return np.inf
+        return np.inf, np.inf
     within = repriced(state, whitened.as_fitted(noise))
     stops = stops_by_axis(whitened.observations, fitted)
-    evidences = [_evidence(every, within.fitted, within.whitened) for _, every in stops]
-    if not evidences:
-        return np.inf
     names = len({h.id for h in whitened.hypotheses if h.listed})
-    prior = np.log(SOMETHING * (1 - UNLISTED) / names)
-    return within.cost - max(evidences) - float(prior)
-
-
-def _evidence(stops: Sequence[Stop], fitted: FittedModel, within: WhitenedModel) -> float:
-    """Evidence for random settings of an axis, nats; none where they follow an angle."""
-    _, values, variances = rotations_of_stops(stops, fitted, within)
-    angles = _angles(stops)
-    return -np.inf if lawful(values, variances, angles) else common_width(values, variances)
+    prior = float(np.log(SOMETHING * (1 - UNLISTED) / names))
+    evidence = any_axis = -np.inf
+    for _, every in stops:
+        _, values, variances = rotations_of_stops(every, within.fitted, within.whitened)
+        any_axis = max(any_axis, common_width(values, variances))
+        if not lawful(values, variances, _angles(every)):
+            evidence = max(evidence, common_width(values, variances))
+    return within.cost - any_axis - prior, within.cost - evidence - prior
 
 
 def _angles(stops: Sequence[Stop]) -> dict[str, Array]:
@@ -126,6 +134,6 @@ def _of_process(values: Array, variances: Array, likeness: Array) -> float:
     size, sigma = width.plausible[1] * width.factor, np.sqrt(variances)
     energies, directions = np.linalg.eigh(likeness / np.outer(sigma, sigma))
     found = directions.T @ (values / sigma)
-    ratio = SIZES[:, None] * size**2 * np.maximum(energies, 0.0)
+    ratio = WIDTHS[:, None] * size**2 * np.maximum(energies, 0.0)
     by_width = 0.5 * (found**2 * ratio / (1 + ratio) - np.log1p(ratio)).sum(axis=1)
-    return float(logsumexp(by_width) - np.log(len(SIZES)))
+    return float(logsumexp(by_width) - np.log(len(WIDTHS)))

@@ -1,6 +1,6 @@
 """Spectral lines in the residual, at unknown frequencies."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -98,32 +98,59 @@ def shakes_of(observations: Observations, fitted: FittedModel) -> tuple[float, .
 def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ...]:
     """Numbers of lines per turn of an axis whose readout error is significant in the residual,
     strongest first.
+
+    One after the other is taken out: with few angles a strong one has skirts everywhere.
     """
     found: list[tuple[float, int]] = []
-    left, each = observations.residuals(fitted.effects), np.arange(LINES)
+    left = observations.residuals(fitted.effects)
+    noise = [robust_white(r) for r in left]
     for axis in observations.scenario.rig.axis_names:
-        power, weight = np.zeros(LINES, complex), np.zeros(LINES)
-        for i, turned in _of_one_line(observations, axis, fitted).items():
-            channel = observations.channels[i]
-            angle = observations.courses[channel.recording].angles[axis][channel.rows]
-            noise = robust_white(left[i])
-            # what n lines do to the readings: of_angle + 1j n of_rate
-            of_angle, of_rate = (
-                turned.real,
-                turned.imag / PROBE,
-            )
-            power += _harmonics(angle, of_angle * left[i] / noise**2) + 1j * each * _harmonics(
-                angle, of_rate * left[i] / noise**2
-            )
-            weight += (of_angle @ of_angle + each**2 * (of_rate @ of_rate)) / noise**2
-        if weight.any():
-            gain = 2 * np.abs(power) ** 2 / np.maximum(weight, np.finfo(float).tiny)
-            floor = max(float(np.median(gain[FIRST:])) / np.log(2), 1.0)
-            peak = [n for n in range(FIRST, LINES - 1) if gain[n] >= max(gain[n - 1], gain[n + 1])]
-            found += [
-                (float(gain[n]), n) for n in peak if gain[n] > 2 * floor * np.log(LINES / CHANCE)
-            ]
+        waves = _of_one_line(observations, axis, fitted)
+        angles = {
+            i: observations.courses[c.recording].angles[axis][c.rows]
+            for i, c in ((i, observations.channels[i]) for i in waves)
+        }
+        rest = {i: left[i] / noise[i] for i in waves}
+        scaled = {i: wave / noise[i] for i, wave in waves.items()}
+        gain = _gains(angles, scaled, rest)
+        for _ in range(MOST if gain.any() else 0):
+            n = FIRST + int(np.argmax(gain[FIRST:]))
+            rest = _without_line(n, angles, scaled, rest)
+            after = _gains(angles, scaled, rest)
+            floor = max(float(np.median(after[FIRST:])) / np.log(2), 1.0)
+            if not gain[n] > 2 * floor * np.log(LINES / CHANCE):
+                break
+            found.append((float(gain[n]), n))
+            gain = after
     return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
+
+
+def _gains(
+    angles: Mapping[int, Array], waves: Mapping[int, Waves], rest: Mapping[int, Array]
+) -> Array:
+    """What each number of lines explains of a whitened rest, (LINES,); all by channel, (n,)."""
+    each = np.arange(LINES)
+    power, weight = np.zeros(LINES, complex), np.zeros(LINES)
+    for i, wave in waves.items():
+        # what n lines do to the readings: of_angle + 1j n of_rate
+        of_angle, of_rate = wave.real, wave.imag / PROBE
+        power += _harmonics(angles[i], of_angle * rest[i])
+        power += 1j * each * _harmonics(angles[i], of_rate * rest[i])
+        weight += of_angle @ of_angle + each**2 * (of_rate @ of_rate)
+    return 2 * np.abs(power) ** 2 / np.maximum(weight, np.finfo(float).tiny)
+
+
+def _without_line(
+    n: int, angles: Mapping[int, Array], waves: Mapping[int, Waves], rest: Mapping[int, Array]
+) -> dict[int, Array]:
+    """A whitened rest without what n lines explain of it; all by channel, (n,)."""
+    columns = {}
+    for i, wave in waves.items():
+        turned = (wave.real + 1j * n * wave.imag / PROBE) * np.exp(1j * n * angles[i])
+        columns[i] = np.column_stack([turned.real, turned.imag])
+    whole = np.concatenate(list(columns.values()))
+    size = np.linalg.lstsq(whole, np.concatenate([rest[i] for i in columns]), rcond=None)[0]
+    return {i: rest[i] - column @ size for i, column in columns.items()}
 
 
 def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> dict[int, Waves]:

@@ -9,7 +9,7 @@ from tiltcal.effects.base import SignalEffect, TermEffect
 from tiltcal.effects.electronics.converter import ANALOG
 from tiltcal.effects.parameter import Parameter, Stage
 from tiltcal.effects.sense import Sense
-from tiltcal.effects.stepwise import Rows, StepEffect, SteppedHold, Stepping
+from tiltcal.effects.stepwise import DrawnAhead, Rows, StepEffect, SteppedHold, Stepping
 
 
 class DataOutlier(SignalEffect):
@@ -97,10 +97,11 @@ class DataDuplicate(SignalEffect):
         return reading[source]
 
     def stepwise(self, stepping: Stepping) -> StepEffect:
-        share, streams = self.value("share"), np.array(stepping.streams, dtype=object)
+        share = self.value("share")
+        drawn = DrawnAhead(stepping.streams, (stepping.rows, 1, 1), np.random.Generator.random)
 
         def repeats(_: Sense, rows: Rows) -> Mask:
-            return np.array([rng.random() < share for rng in streams[rows]])
+            return np.asarray(drawn(rows)[:, 0, 0] < share)
 
         return SteppedHold(repeats, (stepping.rows, len(stepping.sensor.axes)), slice(None))
 

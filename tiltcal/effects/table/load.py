@@ -84,6 +84,7 @@ class LinkTilt(_OfModel):
 
 
 class JointCompliance(_OfModel):
+    rows_apart = True
     id = "joint_compliance"
     title = "a joint bends under its load"
     parameters = tuple(Parameter(f"bend_{a}", "arcsec_N_m", SPRING) for a in "xyz")
@@ -113,6 +114,7 @@ class JointCompliance(_OfModel):
 
 
 class BaseLoadCompliance(_OfModel):
+    rows_apart = True
     id = "base_load_compliance"
     title = "the base tilts under the load moment"
     parameters = (
@@ -147,6 +149,7 @@ def _bends(sizes: Sequence[float], moment: Sequence[Jet]) -> Sequence[Turn]:
 
 
 class Payload(LoadEffect):
+    rows_apart = True
     stage = "table"
     linear = True
     of_model = True

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -31,32 +31,23 @@ class Surroundings:
     scenario: Scenario
     step_s: float
 
-    def sense(self, sensor: Sensor, inputs: Array, elapsed: Array) -> Sense:
-        """What a sensor senses, one environment a row. inputs: (n, 9); elapsed: s, (n,)."""
-        above = self.scenario.climate.at(elapsed) - self._reference
-        nowhere = np.full((len(elapsed), 3), np.nan)
-        return Sense(
-            elapsed,
-            elapsed,
-            inputs[:, :3],
-            inputs[:, 3:6],
-            nowhere,
-            nowhere,
-            inputs[:, 6:],
-            above,
-            sensor.axis_indices,
-            sensor.kind,
-            sensor.input_vector if sensor.kind == "fog" else np.zeros(3),
-            self.scenario.site.gravity,
-            sensor.rate_hz,
-            sensor.full_scale,
-        )
+    def warmth(self, elapsed: Array) -> Array:
+        """Temperature minus T0, K, (n,). elapsed: s, (n,)."""
+        return self.scenario.climate.at(elapsed) - self._reference
 
     @cached_property
     def _reference(self) -> float:
         """T0, degC: where it is not stated the mean over the scenario's own sequence, if any."""
         start, end = self.scenario.schedule.times if self.scenario.sequence else (0.0, 0.0)
         return self.scenario.climate.reference(end - start)
+
+
+@cache
+def _nowhere(n: int) -> Array:
+    """Directions that are not known, (n, 3)."""
+    found = np.full((n, 3), np.nan)
+    found.flags.writeable = False
+    return found
 
 
 class SensorChain:
@@ -97,6 +88,20 @@ class SensorChain:
         }
         self.laws = [e for e in signal if not e.random]
         self.readings = np.full((rows, len(sensor.axes)), np.nan)
+        self._words = (
+            sensor.axis_indices,
+            sensor.kind,
+            sensor.input_vector if sensor.kind == "fog" else np.zeros(3),
+            around.scenario.site.gravity,
+            sensor.rate_hz,
+            sensor.full_scale,
+        )
+
+    def sense(self, inputs: Array, elapsed: Array) -> Sense:
+        """What the sensor senses, one environment a row. inputs: (n, 9); elapsed: s, (n,)."""
+        force, rate, angular = inputs[:, :3], inputs[:, 3:6], inputs[:, 6:]
+        nowhere, warmth = _nowhere(len(elapsed)), self.around.warmth(elapsed)
+        return Sense(elapsed, elapsed, force, rate, nowhere, nowhere, angular, warmth, *self._words)
 
     @property
     def longest_s(self) -> float:
@@ -125,8 +130,7 @@ class SensorChain:
             TiltcalError: naming the sensor or the effect.
         """
         known, whole = (
-            self.around.sense(self.sensor, numbers[None], np.zeros(1))
-            for numbers in (given, np.ones(INPUT))
+            self.sense(numbers[None], np.zeros(1)) for numbers in (given, np.ones(INPUT))
         )
         subject, lacking = f"sensor {self.sensor.name}", bool(np.isnan(known.true_input()).any())
         for effect in self.laws:
@@ -158,11 +162,14 @@ class SensorChain:
         columns = np.empty((len(elapsed), len(self.sensor.axes)))
         for delay, (channels, parts) in self.before.items():
             inputs = history.before(delay / step, rows)
-            sense = self.around.sense(self.sensor, inputs, elapsed - delay)
+            sense = self.sense(inputs, elapsed - delay)
             reading = sense.true_input()
             for part in parts:
                 reading = part(reading, sense, rows)
-            columns[:, channels] = reading[:, channels]
+            if len(self.before) == 1:
+                columns = reading
+            else:
+                columns[:, channels] = reading[:, channels]
         if self.sensor.kind == "inclinometer":
             columns = tilt_of_force(columns, self.around.scenario.site.gravity)
         for part in self.after:

@@ -39,19 +39,19 @@ class History:
         if abs(steps - whole) < WHOLE:
             return self._ago(whole, rows)
         first, weights = nodes_about(steps)
-        parts = [w * self._ago(first + n, rows) for n, w in enumerate(weights)]
-        return np.asarray(sum(parts))
+        nodes = (self.at - first - np.arange(NODES)) % len(self.inputs)
+        return np.asarray(np.einsum("s,snw->nw", weights, self.inputs[nodes][:, rows]))
 
     def _ago(self, steps: int, rows: Rows) -> Array:
         return np.asarray(self.inputs[(self.at - steps) % len(self.inputs)][rows])
 
 
 @cache
-def nodes_about(steps: float) -> tuple[int, tuple[float, ...]]:
+def nodes_about(steps: float) -> tuple[int, Array]:
     """The first of the steps ago through which a cubic gives what was between them, and the weights
-    of all.
+    of all, (NODES,).
     """
     first = max(int(np.floor(steps)) - 1, 0)  # the step after it, where there is one, counts
     nodes = range(first, first + NODES)
     weights = (prod((steps - m) / (n - m) for m in nodes if m != n) for n in nodes)
-    return first, tuple(weights)
+    return first, np.array([*weights])

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index, Mask
+from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect
 from tiltcal.effects.events import as_met
@@ -115,18 +115,22 @@ class Instrument:
         due: Rows = slice(None)
         if chain.every > 1:
             due = self._due(chain.every)
-            if not len(due):
+            if not isinstance(due, slice) and not len(due):
                 return chain.readings
         values = chain.read(self.history, elapsed[due], due)
         if self.lost == "hold" and np.isnan(values).any():
             values = np.where(np.isnan(values), chain.readings[due], values)
-        kept = chain.readings.copy()
-        kept[due] = values
-        chain.readings = kept
-        return kept
+        if isinstance(due, slice):
+            chain.readings = values
+        else:
+            chain.readings = chain.readings.copy()
+            chain.readings[due] = values
+        return chain.readings
 
-    def _due(self, every: int) -> Index:
-        return np.flatnonzero(self.count % every == 0)
+    def _due(self, every: int) -> Rows:
+        """The environments whose sensor is sampled every so many steps, and now."""
+        due = self.count % every == 0
+        return slice(None) if due.all() else np.flatnonzero(due)
 
 
 def live_effects(scenario: Scenario) -> list[Effect]:

@@ -108,8 +108,12 @@ class AxisDrive:
     def seize(self, time: float, stuck: bool) -> None:
         """Stick where it is, or come free. time: s."""
         if stuck:
-            self.pieces = [Piece(time, self.at(time)[0], 0.0)]
+            self.hold(time, self.at(time)[0])
         self.stuck = stuck
+
+    def hold(self, time: float, angle: float) -> None:
+        """Rest at an angle, rad, from an instant on, s."""
+        self.pieces = [Piece(time, angle, 0.0)]
 
     def _follow(self, time: float, rate: float) -> None:
         x, v, _ = self.at(time)

@@ -129,7 +129,11 @@ class TableCommands:
         axis.turn(self.table.time, number(word, -most, most) * DEG)
 
     def _read(self, part: int) -> Callable[[AxisDrive], str]:
-        return lambda axis: f"{axis.at(self.table.time)[part] / DEG:.9g}"
+        def read(axis: AxisDrive) -> str:
+            name = next(n for n, known in self.table.axes.items() if known is axis)
+            return f"{self.table.readout(name)[part] / DEG:.9g}"
+
+        return read
 
     def _limit(self, name: str) -> Callable[[AxisDrive, str], None]:
         def change(axis: AxisDrive, word: str) -> None:
@@ -153,7 +157,7 @@ class TableCommands:
             raise CommandError(-224) from error
         if self.table.moving():
             raise CommandError(-221)
-        self.table.mount = text
+        self.table.remount(text)
 
     def _interlock(self, closed: bool) -> None:
         self.table.interlock = closed

@@ -2,29 +2,27 @@
 nothing of sockets and of the wall clock: its time is advanced by who owns it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.frames import parse_mount
 from tiltcal.core.units import DEG
-from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
-from tiltcal.effects.events import as_met
 from tiltcal.forward.kinematics import closed_form
-from tiltcal.forward.signal_chain import Mover, streams_of
-from tiltcal.laboratory.instrument.instrument import Instrument
-from tiltcal.laboratory.laboratory import NEW
-from tiltcal.laboratory.scenario import Scenario, fresh
+from tiltcal.forward.signal_chain import Mover
+from tiltcal.laboratory.instrument.carried import CarriedInstrument
+from tiltcal.laboratory.scenario import Scenario
 from tiltcal.laboratory.sensor_columns import to_column
 from tiltcal.laboratory.serve.axis import AxisDrive
 from tiltcal.laboratory.serve.frame import FrameFormat
+from tiltcal.laboratory.serve.mechanics import Mechanics
 from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet
 
 BLOCK = 128  # frames whose motion is computed at once
+SETTLED = 0.01 * DEG  # rad/s, of an axis that no longer moves
 
 
 @dataclass(frozen=True)
@@ -44,28 +42,38 @@ class Frame:
 class RateTable:
     """A table with drives that obey limits, and the instrument on it.
 
-    The motion is prescribed: smooth trapezoids of the rate within the limits of each axis.
+    What is asked of the axes are smooth trapezoids of the rate within the limits of each. Without
+    mechanics that is their motion; with them it is what their servos follow, a few time steps
+    behind the commands.
 
     Args:
         scenario: rig, sensors, effects, climate; its sequence is not used.
         seed: of the random effects; None: without them and without quantisation.
         mover: what moves.
+        mechanics: of a scenario with ``[dynamics]``.
 
     Raises:
-        TiltcalError: the scenario has no table with axes, no sensor or ``[dynamics]``; or an effect
-            needs the whole recording.
+        TiltcalError: the scenario has no table with axes, no sensor, or ``[dynamics]`` without
+            mechanics; or an effect needs the whole recording.
     """
 
-    def __init__(self, scenario: Scenario, seed: int | None, mover: Mover = closed_form) -> None:
-        require_served(scenario)
-        self.scenario, self.mover, self.seed = scenario, mover, seed
-        effects = [e for e in as_met(scenario.effects, NEW) if not e.is_identity]
-        self.geometry = geometry_of(effects)
-        signal = [e for e in effects if isinstance(e, SignalEffect | DelayEffect)]
-        rates = [s.rate_hz for s in scenario.sensor]
-        self.rate_hz = max(rates)
-        self.instrument = Instrument(
-            fresh(scenario, sequence=()), 1 / self.rate_hz, seed=seed, lost="nan", effects=signal
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int | None,
+        mover: Mover = closed_form,
+        mechanics: Mechanics | None = None,
+    ) -> None:
+        require_served(scenario, mechanics)
+        self.scenario, self.seed, self.mechanics = scenario, seed, mechanics
+        self.rate_hz = max(s.rate_hz for s in scenario.sensor)
+        self.instrument = CarriedInstrument(
+            scenario,
+            1 / self.rate_hz,
+            seed=seed,
+            lost="nan",
+            mover=mover,
+            realised=() if mechanics is None else mechanics.realised,
         )
         self.axes = {name: AxisDrive() for name in scenario.rig.axis_names}
         self.mount, self.interlock = scenario.rig.mount, True
@@ -82,6 +90,7 @@ class RateTable:
             stamps = self._within_limits(numbers / self.rate_hz)
             yield from self._frames(stamps)
         self.time = max(self.time, time)
+        self._follow(self.time)  # what is demanded next replaces what was asked until now
 
     def _within_limits(self, stamps: Array) -> Array:
         """The stamps until an axis passes a limit of its angle, where it is stopped."""
@@ -95,30 +104,53 @@ class RateTable:
         return stamps
 
     def drive(self, stamps: Array) -> Drive:
-        """What the encoders say at these stamps, and how far the axes slipped. stamps: s, (n,)."""
-        climate = self.scenario.climate
+        """What the encoders say at these stamps, and how far the axes slipped. stamps: s, (n,), not
+        before those of the last call.
+        """
+        if self.mechanics is None:
+            return self._asked(stamps)
+        self._follow(float(stamps[-1]))
+        return self.mechanics.observed(self._asked(stamps))
+
+    def _follow(self, time: float) -> None:
+        """Let the mechanics follow until an instant, s; where they diverge, the drives trip and the
+        axes rest.
+        """
+        if self.mechanics is None:
+            return
+        try:
+            self.mechanics.advance(time, self._asked)
+        except TiltcalError:
+            for name, angle in self.mechanics.halt().items():
+                self.axes[name].hold(self.time, angle)
+                self.axes[name].mode = "off"
+            self.mechanics.advance(time, self._asked)
+
+    def _asked(self, stamps: Array) -> Drive:
+        """What the axes are asked for, and how far they slipped. stamps: s, (n,)."""
         slips = {n: Jet(a.slip * np.ones_like(stamps)) for n, a in self.axes.items() if a.slip}
-        return Drive(
-            stamps,
-            {name: axis.jet(stamps) for name, axis in self.axes.items()},
-            0.0,
-            climate.at(stamps),
-            climate.reference(0.0),
-            np.full(len(stamps), -1),
-            ((0, parse_mount(self.mount)),),
-            None,
-            np.ones(len(stamps), bool),
-            structure=slips,
-        )
+        axes = {name: axis.jet(stamps) for name, axis in self.axes.items()}
+        return self.instrument.drive(stamps, axes, self.mount, slips)
+
+    def readout(self, name: str) -> tuple[float, float, float]:
+        """Angle, rate and acceleration of an axis by its encoder now, rad."""
+        if self.mechanics is None:
+            return self.axes[name].at(self.time)
+        jet = self.drive(np.array([self.time])).axes[name]
+        return tuple(float(np.asarray(part)[0]) for part in (jet.x, jet.v, jet.a))  # type: ignore[return-value]
+
+    def remount(self, mount: str) -> None:
+        """The operator remounts the instrument."""
+        self.mount = mount
+        if self.mechanics is not None:
+            self.mechanics.remount(mount)
 
     def _frames(self, stamps: Array) -> Iterator[Frame]:
         drive = self.drive(stamps)
-        motion = self.mover(self.scenario, drive, self.geometry, streams_of(self.seed))
+        motions = self.instrument.motions(drive)
         angles = np.column_stack([np.asarray(jet.x) / DEG for jet in drive.axes.values()])
         for k, time in enumerate(stamps):
-            found = self.instrument.step(
-                motion.force[k], motion.rate[k], motion.angular_acceleration[k]
-            )
+            found = self.instrument.step(motions, slice(k, k + 1))
             values = angles[k].tolist()
             for sensor in self.scenario.sensor:
                 due = self.counter % round(self.rate_hz / sensor.rate_hz) == 0
@@ -132,8 +164,11 @@ class RateTable:
             self.counter += 1
 
     def moving(self) -> bool:
-        """Whether an axis moves."""
-        return any(axis.moving(self.time) for axis in self.axes.values())
+        """Whether an axis is asked to move, or still moves."""
+        if any(axis.moving(self.time) for axis in self.axes.values()):
+            return True
+        rates = (self.readout(name)[1] for name in self.axes) if self.mechanics else ()
+        return any(abs(rate) > SETTLED for rate in rates)
 
     def trip(self) -> None:
         """All drives come to rest and are off."""
@@ -149,7 +184,7 @@ class RateTable:
         self.interlock, self.to_lose = True, 0
 
 
-def require_served(scenario: Scenario) -> None:
+def require_served(scenario: Scenario, mechanics: Mechanics | None) -> None:
     """Refuse a scenario that no table can be served from.
 
     Raises:
@@ -158,32 +193,14 @@ def require_served(scenario: Scenario) -> None:
     found, do = "", ""
     if not scenario.rig.axes:
         found, do = f"table {scenario.rig.table}", "choose a table with axes"
-    elif scenario.dynamics is not None:
-        found, do = "[dynamics]", "leave it out: served motion is prescribed, within limits"
+    elif scenario.dynamics is not None and mechanics is None:
+        found, do = "[dynamics] and no mechanics", "leave it out, or install the simulator"
     elif not scenario.sensor:
         found, do = "no sensors", "add [[sensor]]"
     if found:
         raise TiltcalError(
             f"scenario {scenario.name}",
             found=found,
-            need="a table with axes that carries a sensor, moved as prescribed",
+            need="a table with axes that carries a sensor",
             do=do,
         )
-
-
-def geometry_of(effects: Sequence[Effect]) -> list[Effect]:
-    """The effects of table, mounting and surroundings.
-
-    Raises:
-        TiltcalError: one remembers earlier motion, or changes what is written.
-    """
-    found = [e for e in effects if not isinstance(e, SignalEffect | DelayEffect)]
-    for effect in found:
-        if isinstance(effect, WritingEffect) or not effect.row_wise:
-            raise TiltcalError(
-                f"effect {effect.address}",
-                found="an effect that needs the motion as a whole",
-                need="effects that follow the present motion",
-                do="leave it out of what is served; :FAULt:SLIP and :FAULt:STICk are there",
-            )
-    return found

@@ -172,8 +172,8 @@ def test_the_readings_are_the_laboratorys_for_the_same_motion(arm, mover, tolera
 
 
 def test_a_bend_turns_the_instrument_at_the_rate_at_which_it_grows(arm):
-    """The gyro's reading against the differences of the attitude, in a course; where rows are apart,
-    without what a change of acceleration adds.
+    """The gyro's reading against the differences of the attitude, in a course; rows apart lack what
+    a change of acceleration adds.
     """
     scenario = load_scenario(arm)
     time = np.arange(5000) * 2e-4

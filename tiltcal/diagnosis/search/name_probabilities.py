@@ -59,8 +59,10 @@ class Row:
     misfit: bool = False
 
     def coarsely(self, coarse: float) -> float:
-        """Log posterior odds where the data count less by a factor; the prior does not."""
-        return self.score - self.evidence + self.evidence / coarse
+        """Log posterior odds where the data count less by a factor. Neither the prior does, nor
+        what the numbers of an explanation cost: that a form is approximate makes it no simpler.
+        """
+        return self.score - self.gain + self.gain / coarse
 
 
 def coarsened(gain: float) -> float:

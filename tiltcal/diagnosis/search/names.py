@@ -139,11 +139,12 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
         known.add(id(e.hypothesis))
         if not _same(e.hypothesis, law):  # once, at the shape that it has
             rows.append(Row(_name(e.terms), p.score, e.evidence, e.gain / 2, p))
-    factors = scan.log_bayes_factors(rest.fitted)
-    for hypothesis, factor, odds in zip(whitened.hypotheses, factors, scan.log_odds, strict=True):
+    factors, gains = scan.evidence(rest.fitted)
+    for number, hypothesis in enumerate(whitened.hypotheses):
         if id(hypothesis) not in known:
-            name = hypothesis.id if hypothesis.listed else UNLISTED
-            rows.append(Row(name, float(factor + odds), float(factor), 0.0))
+            name, factor = hypothesis.id if hypothesis.listed else UNLISTED, float(factors[number])
+            odds = float(scan.log_odds[number])
+            rows.append(Row(name, factor + odds, factor, float(gains[number])))
     rows = list(_fitted(state, k, rows))
     return [*rows, *_misfits(state, k, rows)]
 

@@ -34,10 +34,16 @@ class Scan:
         """Of each hypothesis at every size in what a model leaves, against nothing,
         (hypotheses,).
         """
+        return self.evidence(fitted)[0]
+
+    def evidence(self, fitted: FittedModel) -> tuple[Array, Array]:
+        """Log Bayes factors of the hypotheses, and their gains in log likelihood at the best sizes,
+        nats, (hypotheses,) each.
+        """
         whitened = self._whitened
         along = self.products.along(fitted)
         starts = np.array(whitened.columns.starts, int)
-        found = np.zeros(len(whitened.hypotheses))
+        found, gains = np.zeros((2, len(whitened.hypotheses)))
         for which in self._alike:
             m = len(whitened.hypotheses[which[0]].names)
             rows = starts[which][:, None] + np.arange(m)
@@ -52,7 +58,8 @@ class Scan:
             gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0)
             sized = share * np.einsum("gij,gi->gj", turn**2, np.where(raw < np.inf, raw, 0.0) ** 2)
             found[which] = self._summed(which, gain, np.where(there, sized, 0.0), there)
-        return found
+            gains[which] = gain.sum(axis=1) / 2
+        return found, gains
 
     def _summed(self, which: Index, gain: Array, sized: Array, there: Mask) -> Array:
         """Over the directions of each hypothesis, (g,). gain, sized, there: (g, m)."""

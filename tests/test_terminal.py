@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -191,16 +192,31 @@ def test_the_time_left_follows_the_shares_of_the_stages(monkeypatch):
     ]
 
 
+def read_whole(terminal):
+    """What was written to a pseudo-terminal until its other end was closed."""
+    parts = []
+    while True:
+        try:
+            part = os.read(terminal, 1 << 16)
+        except OSError:  # Linux says so at the end
+            part = b""
+        if not part:
+            return b"".join(parts).decode()
+        parts.append(part)
+
+
 def test_on_a_terminal_progress_is_one_line_with_the_time_left(good):
     """A diagnosis on a pseudo-terminal: its last words on progress are followed by none."""
     scenario, recording = made(good, "bench.toml", "run.csv")
     program = [sys.executable, "-m", "tiltcal", "diagnose", recording, "--scenario", scenario]
     reader, writer = pty.openpty()
-    done = subprocess.run(
-        program, stderr=writer, stdout=subprocess.PIPE, text=True, check=True, timeout=60
-    )
-    os.close(writer)
-    shown = os.read(reader, 1 << 20).decode()
+    with ThreadPoolExecutor(1) as pool:  # a terminal holds a few kilobytes, and then waits
+        shown_later = pool.submit(read_whole, reader)
+        done = subprocess.run(
+            program, stderr=writer, stdout=subprocess.PIPE, text=True, check=True, timeout=60
+        )
+        os.close(writer)
+        shown = shown_later.result(timeout=60)
     os.close(reader)
     assert re.search(r"searching for effects.*: .*left", shown)
     assert shown.count("\n") <= shown.count("\x1b[1A") + 1  # each line is written over

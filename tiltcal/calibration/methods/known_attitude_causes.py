@@ -53,7 +53,8 @@ def _attitudes(poses: Poses, model: Model, fit: Fit) -> Iterator[tuple[Explanati
             up = poses.up.copy()
             up[[i, j]] = up[[j, i]]
             part, _ = solve(replace(poses, up=up), model)
-            times = f"{poses.spans[i].start_s:.6g} s and {poses.spans[j].start_s:.6g} s"
+            first, second = sorted(poses.spans[k].start_s for k in (i, j))
+            times = f"{first:.6g} s and {second:.6g} s"
             yield explanation(f"these two are swapped: {times}", part, len(pairs)), part
     for k in suspects:
         span, stated = poses.spans[k], poses.spans[k].label or "by the readout"

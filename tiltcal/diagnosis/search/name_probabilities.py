@@ -48,7 +48,8 @@ class Names:
 @dataclass(frozen=True)
 class Row:
     """An explanation in a cause's place: log posterior odds, evidence and gain, nats; misfit:
-    whether it is what the nameless causes leave of their laws.
+    whether it is what the nameless causes leave of their laws; coarse: log posterior odds where the
+    data count less (``coarsened``).
     """
 
     name: str
@@ -57,12 +58,7 @@ class Row:
     gain: float
     proposal: Proposal | None = None
     misfit: bool = False
-
-    def coarsely(self, coarse: float) -> float:
-        """Log posterior odds where the data count less by a factor. Neither the prior does, nor
-        what the numbers of an explanation cost: that a form is approximate makes it no simpler.
-        """
-        return self.score - self.gain + self.gain / coarse
+    coarse: float = -np.inf
 
 
 def coarsened(gain: float) -> float:
@@ -76,9 +72,8 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     """Probabilities under the coarsened posterior."""
     top = max(rows, key=lambda r: r.score)
     whole_gain = max(max(r.gain for r in rows), np.finfo(float).tiny)
-    coarse = coarsened(whole_gain)
     score = {
-        name: float(logsumexp([r.coarsely(coarse) for r in rows if r.name == name]))
+        name: float(logsumexp([r.coarse for r in rows if r.name == name]))
         for name in {r.name for r in rows}
     }
     whole = logsumexp(list(score.values()))

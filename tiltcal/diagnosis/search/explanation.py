@@ -115,7 +115,6 @@ def evidence_in_place(
     basis: Sequence[Array],
     target: Sequence[Array],
     whitened: WhitenedModel,
-    coarse: float = 1.0,
 ) -> tuple[float, float]:
     """Evidence for given terms of one cause, nats, and their gain. basis: by channel, (n, p);
     target: (n,) each.
@@ -124,7 +123,6 @@ def evidence_in_place(
         terms: the law, then its deviation.
         tried: columns that this may be made of.
         basis, target, whitened: as in ``explain``.
-        coarse: how many times less the data count.
     """
     lengths = [len(r) for r in target]
     law = terms[0].hypothesis
@@ -134,7 +132,7 @@ def evidence_in_place(
     block = np.column_stack(columns)
     owner = [t for t in whole for _ in t.names]
     along = block.T @ np.concatenate(target)
-    level = coarse * local_level(law, basis, target, whitened)
+    level = local_level(law, basis, target, whitened)
     build = _Build(
         block.T @ block / level,
         along / level,

@@ -48,8 +48,7 @@ class Names:
 @dataclass(frozen=True)
 class Row:
     """An explanation in a cause's place: log posterior odds, evidence and gain, nats; misfit:
-    whether it is what the nameless causes leave of their laws; coarse: log posterior odds where the
-    data count less (``coarsened``).
+    whether it is what the nameless causes leave of their laws.
     """
 
     name: str
@@ -58,7 +57,10 @@ class Row:
     gain: float
     proposal: Proposal | None = None
     misfit: bool = False
-    coarse: float = -np.inf
+
+    def coarsely(self, coarse: float) -> float:
+        """Log posterior odds where the data count less by a factor; the prior does not."""
+        return self.score - self.evidence + self.evidence / coarse
 
 
 def coarsened(gain: float) -> float:
@@ -72,8 +74,9 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     """Probabilities under the coarsened posterior."""
     top = max(rows, key=lambda r: r.score)
     whole_gain = max(max(r.gain for r in rows), np.finfo(float).tiny)
+    coarse = coarsened(whole_gain)
     score = {
-        name: float(logsumexp([r.coarse for r in rows if r.name == name]))
+        name: float(logsumexp([r.coarsely(coarse) for r in rows if r.name == name]))
         for name in {r.name for r in rows}
     }
     whole = logsumexp(list(score.values()))

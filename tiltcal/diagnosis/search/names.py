@@ -120,8 +120,7 @@ def _misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
     for row in rows:
         if energy > 0 and row.name != UNLISTED and row.gain > 0:
             odds = misfit_odds(2 * row.gain, energy) - FURTHER
-            coarse = row.coarse + odds
-            yield replace(row, name=UNLISTED, score=row.score + odds, coarse=coarse, misfit=True)
+            yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 
 def _rows(state: State, k: int, scan: Scan) -> list[Row]:
@@ -131,46 +130,22 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
     basis, target = rest.fitted.basis, rest.fitted.residual
     terms = _terms(state, k)
     evidence, gain = evidence_in_place(terms, cause.tried, basis, target, whitened)
+    rows = [Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
+    known = set()
     law = terms[0].hypothesis
     found = _at_its_shape(law, proposals(rest.fitted, whitened, scan), rest)
-    every = [*found, *_at_its_instant(law, rest, scan)]
-    # once, at the shape that it has
-    others = [p for p in every if not _same(p.explanation.hypothesis, law)]
-    rows = [Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
-    rows += [_row(p) for p in others]
-    known = {id(p.explanation.hypothesis) for p in every}
-    far = [number for number, h in enumerate(whitened.hypotheses) if id(h) not in known]
-    factors, gains = scan.evidence(rest.fitted)
-    coarse = coarsened(max(max(r.gain for r in rows), float(gains[far].max(initial=0.0))))
-    forms = [(terms, cause.tried), *((p.explanation.terms, p.explanation.tried) for p in others)]
-    near = zip(rows, _fitted(state, k, rows), forms, strict=True)
-    rows = [_coarsely(row, exact, *form, rest, coarse) for row, exact, form in near]
-    blurred, _ = scan.evidence(rest.fitted, coarse)
-    for number in far:
-        h, odds = whitened.hypotheses[number], float(scan.log_odds[number])
-        name, factor = h.id if h.listed else UNLISTED, float(factors[number])
-        score = float(blurred[number]) + odds
-        rows.append(Row(name, factor + odds, factor, float(gains[number]), coarse=score))
+    for p in (*found, *_at_its_instant(law, rest, scan)):
+        e = p.explanation
+        known.add(id(e.hypothesis))
+        if not _same(e.hypothesis, law):  # once, at the shape that it has
+            rows.append(Row(_name(e.terms), p.score, e.evidence, e.gain / 2, p))
+    factors = scan.log_bayes_factors(rest.fitted)
+    for hypothesis, factor, odds in zip(whitened.hypotheses, factors, scan.log_odds, strict=True):
+        if id(hypothesis) not in known:
+            name = hypothesis.id if hypothesis.listed else UNLISTED
+            rows.append(Row(name, float(factor + odds), float(factor), 0.0))
+    rows = list(_fitted(state, k, rows))
     return [*rows, *_misfits(state, k, rows)]
-
-
-def _row(p: Proposal) -> Row:
-    e = p.explanation
-    return Row(_name(e.terms), p.score, e.evidence, e.gain / 2, p)
-
-
-def _coarsely(
-    row: Row, exact: Row, terms: Sequence[FittedTerm], tried: int, rest: State, coarse: float
-) -> Row:
-    """A row at its own fit, with its score where the data count so many times less: as a whole, or
-    as the law alone, what completes its form being worth less then.
-    """
-    fitted, prior = rest.fitted, row.score - row.evidence
-    score, _ = max(
-        evidence_in_place(form, tried, fitted.basis, fitted.residual, rest.whitened, coarse)
-        for form in (terms, terms[:1])[: len(terms)]
-    )
-    return replace(exact, coarse=score + prior + (exact.evidence - row.evidence) / coarse)
 
 
 def _fitted(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:

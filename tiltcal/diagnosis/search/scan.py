@@ -34,16 +34,10 @@ class Scan:
         """Of each hypothesis at every size in what a model leaves, against nothing,
         (hypotheses,).
         """
-        return self.evidence(fitted)[0]
-
-    def evidence(self, fitted: FittedModel, coarse: float = 1.0) -> tuple[Array, Array]:
-        """Log Bayes factors of the hypotheses, and their gains in log likelihood at the best sizes,
-        nats, (hypotheses,) each, where the data count so many times less.
-        """
         whitened = self._whitened
         along = self.products.along(fitted)
         starts = np.array(whitened.columns.starts, int)
-        found, gains = np.zeros((2, len(whitened.hypotheses)))
+        found = np.zeros(len(whitened.hypotheses))
         for which in self._alike:
             m = len(whitened.hypotheses[which[0]].names)
             rows = starts[which][:, None] + np.arange(m)
@@ -55,12 +49,10 @@ class Scan:
             share, turn = np.linalg.eigh(rest / (raw[:, :, None] * raw[:, None, :]))
             a = np.einsum("gij,gi->gj", turn, along[rows, 0] / raw)
             there = share > SURVIVES
-            gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0) / coarse
-            length = np.where(raw < np.inf, raw, 0.0) / np.sqrt(coarse)
-            sized = share * np.einsum("gij,gi->gj", turn**2, length**2)
+            gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0)
+            sized = share * np.einsum("gij,gi->gj", turn**2, np.where(raw < np.inf, raw, 0.0) ** 2)
             found[which] = self._summed(which, gain, np.where(there, sized, 0.0), there)
-            gains[which] = gain.sum(axis=1) / 2
-        return found, gains
+        return found
 
     def _summed(self, which: Index, gain: Array, sized: Array, there: Mask) -> Array:
         """Over the directions of each hypothesis, (g,). gain, sized, there: (g, m)."""

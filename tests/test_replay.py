@@ -5,10 +5,12 @@ import pytest
 from builders import ACCEL, FOG, GYRO, INCL, setup_of
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.units import ARCSEC
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
+from tiltcal.recordings.table_rests import still_rows
 
 LABORATORY = SimulatedLaboratory()
 STEPS = [
@@ -172,6 +174,22 @@ def test_a_slow_move_within_a_dwell_parts_it_into_two_stops(rng):
     inside = (time > 15.2) & (time < 19.8)
     assert error[inside].max() < 2e-5 < rate[inside].max() / 4
     assert error[(time > 30.0) & (time < 32.0)].max() < 2e-3
+
+
+@pytest.mark.parametrize("rows", [(53, 46), (46, 53), (15, 13)])
+def test_a_slow_move_beside_one_rest_is_no_rest(rows, rng):
+    """The search for dwells takes the slow part of a move for rest: one axis moves 0.16 deg while
+    others turn fast, or a move ends slowly before a short rest.
+    """
+    at_rest, moving = rows
+    n, u = at_rest + moving, np.arange(1, moving + 1) / moving / 2
+    angle = np.deg2rad(0.16) * np.concatenate([np.zeros(at_rest), u**3 * (10 - 15 * u + 6 * u**2)])
+    read = (angle + 0.07 * ARCSEC * rng.standard_normal(n))[:, None]
+    for part in (read, read[::-1]):
+        still = still_rows(part, np.ones(n, bool))
+        still = still if part is read else still[::-1]
+        assert still[: at_rest - 3].mean() > 0.9
+        assert not still[at_rest + moving // 4 :].any()
 
 
 def test_the_end_of_a_slow_approach_is_told_though_it_hides_in_the_noise(rng):

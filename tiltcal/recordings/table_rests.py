@@ -14,6 +14,8 @@ from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 EDGE = 2  # samples beside a move that are left to the polynomial
 BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
+FEWEST = 3  # of them: a dwell of fewer than four times as many is one rest
+QUARTILE = 0.3186  # of the sizes of standard normal numbers, the lower one
 # rad: what a readout covers within a stop; more is a slow move, or the turning point of an
 # oscillation
 WANDER = 2e-3
@@ -68,26 +70,29 @@ def _runs(resting: Mask, parted: Index) -> Iterator[tuple[int, int]]:
 def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
     """The rests of a dwell: from row, to row, and which of these rows tell the level.
 
-    Slow moves lie between them, each half a rest's. A readout that hardly ever stays where it is
-    wanders: that is one rest.
+    Slow moves lie between them, each half a rest's, or before the first and after the last. A
+    readout that hardly ever stays where it is wanders: that is one rest.
 
     Args:
         part: rad, (n, axes). codes: of each axis, rad.
     """
     n = len(part)
     whole = [(0, n, slice(None))]
-    if n <= 4 * BESIDE:
+    m = min(BESIDE, n // 4)
+    if m < FEWEST:
         yield from whole
         return
-    means = sliding_window_view(part, BESIDE, axis=0).mean(axis=-1)
-    noise = MAD_TO_SIGMA * np.median(np.abs(np.diff(part, axis=0)), axis=0) / np.sqrt(2)
-    steps = np.abs(means[BESIDE:] - means[:-BESIDE])
+    means = sliding_window_view(part, m, axis=0).mean(axis=-1)
+    # most of the steps may be those of a move; rounding to codes hides less than one of them
+    quick = np.quantile(np.abs(np.diff(part, axis=0)), 0.25, axis=0) + codes
+    noise = quick / QUARTILE / np.sqrt(2)
+    steps = np.abs(means[m:] - means[:-m])
     slow = np.ones(n, bool)
-    slow[BESIDE : n - BESIDE + 1] = (steps > 6 * noise * np.sqrt(2 / BESIDE) + codes).any(axis=1)
-    slow[:BESIDE], slow[n - BESIDE :] = slow[BESIDE], slow[n - BESIDE]
+    slow[m : n - m + 1] = (steps > 6 * noise * np.sqrt(2 / m) + codes).any(axis=1)
+    slow[:m], slow[n - m :] = slow[m], slow[n - m]
     ends = np.flatnonzero(np.diff(np.concatenate([[0], ~slow, [0]])))
-    rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= BESIDE]
-    if len(rests) < 2 or sum(b - a for a, b in rests) < n / 3:
+    rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= m]
+    if sum(b - a + m for a, b in rests) < n / 3:  # means see a slow move that many rows early
         yield from whole
         return
     parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(rests)), n]

@@ -238,10 +238,24 @@ FACES = [
         "lag_s": 4.0,
         "coefficients": [2e-3, 1e-3],
     },
+    *(
+        {
+            **where,
+            "coordinate": "table_outer",
+            "beside": "table_middle",
+            "coefficients": [0.0, 2e-3, 0.0, 0.0, 1e-3, *[0.0] * 31],
+        }
+        for where in (
+            {"on": "readout", "axis": "middle"},
+            {"on": "tilt", "slot": "mount", "turn": "y"},
+        )
+    ),
 ]
 
 
-@pytest.mark.parametrize("face", FACES, ids=lambda f: f"{f['on']} {f['coordinate']}")
+@pytest.mark.parametrize(
+    "face", FACES, ids=lambda f: f"{f['on']} {f['coordinate']} {f.get('beside', '')}"
+)
 def test_a_learned_motion_is_the_same_in_algebra_and_in_mechanics(face):
     effect = learned(**face)
     algebra, mechanics = (
@@ -489,6 +503,25 @@ def test_a_learned_reading_may_be_a_product_of_two_angles():
     )
 
 
+def test_a_readout_error_may_follow_two_angles_with_the_rates_of_both():
+    """cos(outer) sin(middle), and its derivatives against differences of its values."""
+    effect = learned(
+        on="readout",
+        axis="outer",
+        coordinate="table_outer",
+        beside="table_middle",
+        coefficients=[0.0, 1e-3],
+    )
+    drive = lively()
+    jet = effect.along(drive)
+    outer, middle = drive.axes["outer"].x, drive.axes["middle"].x
+    np.testing.assert_allclose(jet.x, 1e-3 * np.cos(outer) * np.sin(middle), atol=1e-15)
+    inside, most = slice(2, -2), np.abs(jet.a).max()
+    for value, slope in ((jet.x, jet.v), (jet.v, jet.a)):
+        told = np.gradient(value, drive.time, edge_order=2)
+        np.testing.assert_allclose(slope[inside], told[inside], atol=0.01 * most)
+
+
 def test_a_force_is_forgotten_with_its_lag():
     effect = learned(
         "accel",
@@ -544,10 +577,8 @@ def test_a_late_angle_is_a_structure_that_creeps():
     np.testing.assert_allclose(np.asarray(creep.v)[3:-3], np.gradient(by_hand, T)[3:-3], atol=2e-6)
 
 
-@pytest.mark.parametrize("words", [{"on": "readout"}, {"coordinate": "time"}])
-def test_a_product_needs_two_angles_on_a_reading(words):
+@pytest.mark.parametrize("words", [{"coordinate": "time"}, {"beside": "table_upper"}])
+def test_a_product_needs_two_angles(words):
     table = {"coordinate": "table_outer", "beside": "table_middle", "coefficients": [1e-3], **words}
-    with pytest.raises(TiltcalError, match="two angles of this table, on a reading"):
-        make_effect(
-            "learned", table, SETUP, sensor="accel", axis="x" if "on" not in words else "outer"
-        )
+    with pytest.raises(TiltcalError, match=r"two angles of this table|need one of"):
+        make_effect("learned", table, SETUP, sensor="accel", axis="x")

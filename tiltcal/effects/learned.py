@@ -173,6 +173,9 @@ class Learned(Effect):
 
     def each_along(self, drive: Drive) -> Jet:
         """The curve of each coefficient along a drive, (n, p)."""
+        if self.beside:
+            angles = (motion_jet(name, drive) for name in (self.coordinate, self.beside))
+            return _products(*angles)
         if self.coordinate != "temperature":
             each = self.each(motion_jet(self.coordinate, drive, self.play))
             return late_jet(each, drive.time, self.lag) if self.lag else each
@@ -217,7 +220,7 @@ class LearnedReading(Learned, SignalEffect):
         own = sense.true_input()[:, self.channel(sense)]
         if self.beside:
             axes = (axis_of(self.coordinate), axis_of(self.beside))
-            return _products(*(sense.angles[str(axis)] for axis in axes))
+            return np.asarray(_products(*(Jet(sense.angles[str(axis)]) for axis in axes)).x)
         basis = self.basis(self.followed(sense, own))
         return basis * own[:, None] if self.per_input else basis
 
@@ -244,11 +247,19 @@ class LearnedTilt(Learned, FrameEffect):
         return (Turn(self.turn, self.along(context.drive)),) if slot == self.slot else ()
 
 
-def _products(a: Array, b: Array) -> Array:
+def _products(one: Jet, other: Jet) -> Jet:
     """Products of the harmonics of two angles, (n, 4 ORDERS^2): cos cos, cos sin, sin cos, sin sin
     of (1, 1), (1, 2), ...
     """
-    waves = [[(np.cos(m * u), np.sin(m * u)) for m in range(1, ORDERS + 1)] for u in (a, b)]
-    return np.column_stack(
-        [p * q for one in waves[0] for other in waves[1] for p in one for q in other]
+    waves = [
+        [(u.harmonic(m, 1.0, 0.0), u.harmonic(m, 0.0, 1.0)) for m in range(1, ORDERS + 1)]
+        for u in (one, other)
+    ]
+    each = [p.times(q) for first in waves[0] for second in waves[1] for p in first for q in second]
+    x, v, a = (
+        np.column_stack(
+            [np.broadcast_to(part, np.shape(e.x)) for e, part in zip(each, parts, strict=True)]
+        )
+        for parts in ([e.x for e in each], [e.v for e in each], [e.a for e in each])
     )
+    return Jet(x, v, a)

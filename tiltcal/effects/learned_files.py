@@ -73,7 +73,7 @@ def make_learned(
             need="one coefficient, no knots",
             do="leave out the power, or the curve",
         )
-    beside = _beside(table, on, setup, subject)
+    beside = _beside(table, setup, subject)
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
         values,
@@ -128,20 +128,16 @@ def _amount(table: Mapping[str, Any], key: str, subject: str) -> float:
     return float(value)
 
 
-def _beside(table: Mapping[str, Any], on: str, setup: Setup, subject: str) -> str:
+def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     """The second angle of a product; empty where there is none."""
     if "beside" not in table:
         return ""
     beside = _word(table, "beside", "", _angles(), subject)
-    if (
-        on != "reading"
-        or axis_of(beside) not in setup.rig.axis_names
-        or axis_of(str(table.get("coordinate"))) is None
-    ):
+    if axis_of(beside) not in setup.rig.axis_names or axis_of(str(table.get("coordinate"))) is None:
         raise TiltcalError(
             f"{subject}, key beside",
-            found=f"'{beside}' on {on} over '{table.get('coordinate')}'",
-            need="two angles of this table, on a reading",
+            found=f"'{beside}' over '{table.get('coordinate')}'",
+            need="two angles of this table",
             do="correct it",
         )
     return beside

@@ -40,6 +40,14 @@ class Jet:
         """``k`` times the jet."""
         return Jet(k * self.x, k * self.v, k * self.a)
 
+    def times(self, other: "Jet") -> "Jet":
+        """The product of both with its derivatives."""
+        return Jet(
+            self.x * other.x,
+            self.v * other.x + self.x * other.v,
+            self.a * other.x + 2 * self.v * other.v + self.x * other.a,
+        )
+
     def harmonic(self, n: float, c: float, s: float) -> "Jet":
         """``c cos(n x) + s sin(n x)`` with its derivatives by the chain rule."""
         cos, sin = np.cos(n * self.x), np.sin(n * self.x)

@@ -52,6 +52,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
             if sensor.name in read:
                 yield from _reading_curves(scenario, sensor, axis, span)
     yield from _of_axes(scenario.rig, span)
+    yield from _of_two_angles(scenario.rig)
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature")):
@@ -88,6 +89,23 @@ def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
                         turn=turn,
                         place="table",
                     )
+
+
+def _of_two_angles(rig: Rig) -> Iterator[Hypothesis]:
+    """Errors of a readout and tilts of the base and the mount over products of two angles: with the
+    curves over one angle any smooth law of the pose.
+    """
+    places = [("base", turn, "environment") for turn in "xy"]
+    places += [("mount", turn, "mount") for turn in "xyz"]
+    for one, other in combinations(rig.axis_names, 2):
+        over: dict[str, Any] = {"beside": angle_channel(other)}
+        coordinate, count = angle_channel(one), 4 * ORDERS**2
+        for axis in rig.axis_names:
+            yield curve_over(LearnedReadout, coordinate, count, axis=axis, place="table", **over)
+        for slot, turn, place in places:
+            yield curve_over(
+                LearnedTilt, coordinate, count, slot=slot, turn=turn, place=place, **over
+            )
 
 
 def _named(slot: str, coordinate: str) -> str | None:

@@ -40,6 +40,8 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
         ):
             return False
         return effect.coordinate in (family.scale if effect.per_input else family.reading)
+    if effect.beside:  # no law of a readout or a frame follows two angles
+        return False
     if isinstance(effect, LearnedReadout):
         axis = host.effect.axis or effect.axis
         own = [coordinate.format(axis=axis) for coordinate in family.readout]

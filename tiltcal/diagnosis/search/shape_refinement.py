@@ -157,14 +157,21 @@ def _shaped(
         first = at_shape(
             first, "phase", before["phase"] - np.pi * (value - before["frequency"]) * duration
         )
-    whole = isinstance(terms[0].hypothesis.effect, Learned) or name in ("time", "creep")
+    whole = isinstance(terms[0].hypothesis.effect, Learned) or name == "time"
     family = [
         replace(t, hypothesis=at_shape(t.hypothesis, name, value))
-        if whole and name in shapes(t.hypothesis)
+        if (whole and name in shapes(t.hypothesis)) or (name == "creep" and _creeps_on(t, terms))
         else t
         for t in terms[1:]
     ]
     return (replace(terms[0], hypothesis=first), *(replace(t, host=first) for t in family))
+
+
+def _creeps_on(term: FittedTerm, terms: Sequence[FittedTerm]) -> bool:
+    """Whether what completes an event creeps on after it as slowly as is refined: parts that creep
+    at different paces stay apart.
+    """
+    return shapes(term.hypothesis).get("creep") == _shapes_of(terms).get("creep")
 
 
 def at_shape(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:

@@ -7,7 +7,7 @@ import pytest
 from builders import ACCEL, GYRO, setup_of
 
 from tiltcal.diagnosis.data.table_channels import TableObservations
-from tiltcal.diagnosis.hypotheses.block_averaging import MOST_ROWS, ROWS, block_of
+from tiltcal.diagnosis.hypotheses.block_averaging import MOST_ROWS, READINGS, ROWS, block_of
 from tiltcal.effects import make_effect
 from tiltcal.effects.spans import SpectralLines
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
@@ -77,9 +77,10 @@ def test_what_is_quick_changes_a_block_by_the_mean_of_its_changes(whole):
 class Long:
     """Observations of so many rows, at 100 Hz."""
 
-    def __init__(self, rows):
+    def __init__(self, rows, channels=1):
         time = np.arange(rows) / 100.0
-        self.channels = [type("Channel", (), {"values": time})()]
+        self.channels = [type("Channel", (), {"values": time})()] * channels
+        self.samples = rows * channels
         self.recordings = [type("Recording", (), {"time": time})()]
 
 
@@ -90,6 +91,13 @@ def test_a_short_record_is_not_averaged():
 def test_a_long_record_keeps_as_many_rows_however_long_it_is():
     for rows in (30000, 60000, 240000):
         assert 0.85 * ROWS <= rows / block_of(Long(rows), SpectralLines()) <= ROWS
+
+
+def test_of_many_channels_fewer_rows_are_kept():
+    assert block_of(Long(5000, channels=7), SpectralLines()) == 1
+    for rows in (9500, 60000):
+        left = 7 * rows / block_of(Long(rows, channels=7), SpectralLines())
+        assert 0.85 * READINGS <= left <= READINGS
 
 
 def test_a_line_keeps_its_power_where_the_rows_allow_it():

@@ -11,6 +11,7 @@ from tiltcal.core.frames import parse_mounts
 from tiltcal.recordings.differentiation import differentiate, noise_of_rests
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
+from tiltcal.recordings.stamps import unrounded
 from tiltcal.recordings.table_columns import other_tables
 from tiltcal.recordings.table_rests import at_rest
 from tiltcal.setup.setup import Setup
@@ -210,7 +211,7 @@ def _as_usual(told: Array, rough: Array) -> Array:
 @lru_cache(maxsize=24)
 def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
     """When an axis left a rest and when it came to one, s, of the contents of arrays."""
-    t, x = np.frombuffer(time), np.frombuffer(angle)
+    t, x = unrounded(np.frombuffer(time)), np.frombuffer(angle)
     if len(t) < 9 or np.ptp(x) == 0:
         return np.zeros(0), np.zeros(0)
     still, parted = at_rest(t, x[:, None])
@@ -228,7 +229,7 @@ def _differentiated(time: bytes, angle: bytes) -> tuple[Array, Array]:
 
     An axis rests for itself, whatever the others do.
     """
-    t, x = np.frombuffer(time), np.frombuffer(angle)
+    t, x = unrounded(np.frombuffer(time)), np.frombuffer(angle)
     return differentiate(t, x, *at_rest(t, x[:, None]))
 
 

@@ -8,8 +8,10 @@ from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.effects.spans import SpectralLines
 
-MOST_ROWS = 12000  # of a channel: longer records are averaged in blocks
-ROWS = 6500  # what is left of them
+MOST_ROWS, MOST_READINGS = 12000, 36000
+"""Of a channel and of all together: longer records are averaged in blocks."""
+ROWS, READINGS = 6500, 19500
+"""What is left of them."""
 SURVIVES = (
     0.8  # share of a line's power that a block should leave, while there are no more than MOST_ROWS
 )
@@ -17,13 +19,14 @@ HALF = 0.5  # period
 
 
 def block_of(observations: Observations, lines: SpectralLines) -> int:
-    """Samples in a block: as few as a spectral line allows, as long as MOST_ROWS are not
-    exceeded.
+    """Samples in a block: as few as a spectral line allows, as long as MOST_ROWS and MOST_READINGS
+    are not exceeded.
     """
-    longest = max(len(c.values) for c in observations.channels)
-    if longest <= MOST_ROWS:
+    longest, readings = max(len(c.values) for c in observations.channels), observations.samples
+    least = max(-(-longest // MOST_ROWS), -(-readings // MOST_READINGS))
+    if least == 1:
         return 1
-    least, most = -(-longest // MOST_ROWS), -(-longest // ROWS)
+    most = max(-(-longest // ROWS), -(-readings // READINGS))
     step = _step(observations)
     beats = _frequencies(observations, lines, least)
     left = {block: _least_share(beats, step, block) for block in range(least, most + 1)}

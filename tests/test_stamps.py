@@ -1,0 +1,47 @@
+"""Stamps of a regular clock without the rounding that they were written with."""
+
+import numpy as np
+import pytest
+from builders import FOG, setup_of
+
+from tiltcal.core.units import ARCSEC
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import replay
+from tiltcal.recordings.stamps import unrounded
+
+ROW = np.arange(5000.0)
+
+
+@pytest.mark.parametrize(("step", "decimals"), [(1 / 12, 4), (1 / 3, 3), (1 / 60, 3), (0.05, 2)])
+@pytest.mark.parametrize("kept", [1.0, 0.9])
+def test_a_regular_clock_is_told_beyond_its_rounding(step, decimals, kept, rng):
+    time = (17.3 + step * ROW)[rng.random(len(ROW)) < kept]
+    read = np.round(time, decimals)
+    rounded = np.abs(read - time).max()
+    assert np.abs(unrounded(read) - time).max() <= max(rounded / 30, 1e-9)
+
+
+def test_irregular_stamps_stay_as_they_are(rng):
+    time = np.round(0.05 * ROW + 1e-3 * rng.standard_normal(len(ROW)), 4)
+    assert unrounded(time) is time
+
+
+def test_a_clock_that_bends_stays_as_it_is():
+    """1 ppm of the recording at its middle is 60 us: more than the rounding."""
+    time = np.round(0.05 * ROW + 6e-5 * np.sin(np.pi * ROW / len(ROW)), 5)
+    assert unrounded(time) is time
+
+
+def test_rates_of_a_readout_do_not_follow_the_rounding_of_its_stamps(rng):
+    """A swing of 30 deg, 12 samples a second: 33 us are 6 arcsec at its fastest."""
+    time = ROW[:1200] / 12
+    angle = np.deg2rad(30) * np.sin(time)
+    read = angle + 0.05 * ARCSEC * rng.standard_normal(len(time))
+    columns = {"table_outer_deg": np.rad2deg(read)}
+    setup = setup_of("placing", FOG)
+    error = []
+    for stamps in (time, np.round(time, 4)):
+        course = replay(Recording.from_columns(stamps, columns), setup)
+        rate = course.drive(stamps).axes["outer"].v
+        error.append(np.sqrt(np.mean((rate - np.deg2rad(30) * np.cos(time))[20:-20] ** 2)))
+    assert error[1] < 1.2 * error[0]

@@ -50,7 +50,8 @@ class Rate:
             return f"{done} of {self._total} {self._unit}"
         rate = made / max(time.monotonic() - self._start, 1e-9)
         left = (self._total - done) / rate
-        return f"{done} of {self._total} {self._unit}, {rate:.3g} a second, {duration(left)} left"
+        pace = f"{rate:.3g}" if rate < 1000 else f"{float(f'{rate:.3g}'):.0f}"
+        return f"{done} of {self._total} {self._unit}, {pace} a second, {duration(left)} left"
 
 
 def told_each(items: Iterable[T], rate: Rate, progress: Progress) -> Iterator[T]:

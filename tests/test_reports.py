@@ -283,7 +283,7 @@ def test_spectra_of_one_channel_in_two_recordings_have_names_of_their_own():
 def test_units_are_printed_as_signs(pages):
     for name in PAGES:
         text = pages[name].read_text(encoding="utf-8")
-        cells = re.findall(r"<td>([^<]*)</td>", text)
+        cells = re.findall(r"<td[^>]*>([^<]*)</td>", text)
         assert not {"ug", "m_s2", "deg_h", "ug_rthz", "ug_rts"} & set(cells), name
     assert "µg/√Hz" in pages["diagnosis"].read_text(encoding="utf-8")
 

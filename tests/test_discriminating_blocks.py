@@ -10,6 +10,7 @@ import pytest
 from tests.scenario_files import refusal
 from tests.statistics_helpers import seed_of
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.tasks.engines import open_engine
 from tiltcal.core.units import G0
 from tiltcal.design.recording_blocks import Block, TableLimits, candidates, said
 from tiltcal.diagnosis.investigation.discriminating_blocks import (
@@ -154,6 +155,21 @@ def test_the_best_block_is_enough_and_tells_most_a_minute(cubic: tuple[Scenario,
     assert not design.best.block.remounts
     enough = [p for p in design.proposals if p.chance >= ENOUGH and not p.block.remounts]
     assert design.best.rate == max(p.rate for p in enough)
+
+
+def test_blocks_are_judged_the_same_over_an_engine() -> None:
+    told = ambiguous({"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "acc_K3")
+    known, recording, diagnosis, amended = told
+    asked = (known, [recording], diagnosis, amended, Limits(minutes=1.0))
+    alone, spread = list[str](), list[str]()
+    expected = next_block(*asked, alone.append)
+    with open_engine("processes", 2) as engine:
+        found = next_block(*asked, spread.append, engine)
+    assert found.to_json() == expected.to_json()
+    assert [p.block.name for p in found.considered] == [p.block.name for p in expected.considered]
+    assert len(expected.considered) > 2
+    assert all("left" in words for words in (alone[-1], spread[-1]))
+    assert 0 < len(spread) < len(alone)  # a share of the blocks at a time
 
 
 def test_what_no_motion_splits_is_said_with_what_would() -> None:

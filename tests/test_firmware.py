@@ -5,6 +5,7 @@ correct` in floating point to rounding and in integers within the error that the
 import json
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -289,6 +290,35 @@ def test_a_log_gives_the_units_and_the_vectors(tmp_path):
     case = Case(tmp_path / "imu.h", "imu", "accel", tuple(values), columns)
     got = case.run(vectors, None, "-DIMU_DOUBLE")
     assert got == pytest.approx(np.column_stack([vectors.column(c) for c in columns]), abs=1e-9)
+
+
+@needs_compiler
+@pytest.mark.parametrize(("sensor", "unit"), [(ACCEL, "mg"), (accel(input=COUNTS), "g")])
+def test_the_columns_that_were_calibrated_give_the_units(sensor, unit, tmp_path):
+    found = calibration([sensor], {"accel": AXES})
+    found = replace(found, provenance=found.provenance | {"columns": {"accel": unit}})
+    text = header(found, stated_setup(found), "imu")
+    assert f"3 readings in {unit}, corrected in {unit}" in text
+    (tmp_path / "imu.h").write_text(text)
+    vectors = firmware_vectors(found)
+    inputs = tuple(f"accel_{a}_{unit}" for a in "xyz")
+    case = Case(
+        tmp_path / "imu.h",
+        "imu",
+        "accel",
+        inputs,
+        tuple(f"accel_{a}_corrected_{unit}" for a in "xyz"),
+    )
+    expected = np.column_stack([vectors.column(c) for c in case.outputs])
+    assert case.run(vectors, None, "-DIMU_DOUBLE") == pytest.approx(expected, rel=1e-12, abs=1e-9)
+
+
+def test_counts_that_were_calibrated_stay_counts():
+    found = calibration([accel(input=COUNTS)], {"accel": AXES})
+    plain = header(found, stated_setup(found), "imu")
+    found = replace(found, provenance=found.provenance | {"columns": {"accel": "LSB"}})
+    assert header(found, stated_setup(found), "imu") == plain
+    assert "3 readings in LSB" in plain
 
 
 def test_what_firmware_does_not_have_is_refused_in_words(tmp_path, capsys):

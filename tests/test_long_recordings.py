@@ -1,20 +1,26 @@
 """Long recordings go through the commands in pieces: to the bit what the whole recording gives."""
 
+import re
+
 import numpy as np
 import pytest
 from catalogue_cases import lively, plausible, sensors_for
 
+from tiltcal.api.simulating import pieces_of
 from tiltcal.calibration.correction import correct_pieces, corrected_columns
 from tiltcal.calibration.result import Calibration, Estimate
+from tiltcal.cli import main, output
 from tiltcal.core.errors import TiltcalError
 from tiltcal.effects import CATALOGUE
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings import span_means
 from tiltcal.recordings.parquet_files import PIECE
 from tiltcal.recordings.pieces import joined, read_pieces, writing
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording, write_recording
+from tiltcal.recordings.span_means import read_averaged
 from tiltcal.setup.setup import Setup
 
 ROWS = 150_000  # three pieces of Parquet
@@ -111,6 +117,38 @@ def test_pieces_are_corrected_as_the_whole_is(log, tmp_path):
     done = correct_pieces(read_pieces(path), calibration(), found.append)
     assert done.rows == ROWS
     assert_same(joined(found), log.with_columns(corrected_columns(log, calibration(), SETUP)))
+
+
+def test_reading_and_correcting_tell_the_time_left(log, tmp_path, monkeypatch):
+    write_recording(log, path := tmp_path / "log.csv")
+    calibration().save(tmp_path / "CAL.json")
+    corrected, averaged = list[str](), list[str]()
+    monkeypatch.setattr(output._Lines, "show", lambda _, text: corrected.append(text))
+    words = ["correct", tmp_path / "CAL.json", path, "-o", tmp_path / "corrected.csv"]
+    assert main([str(word) for word in words]) == 0
+    monkeypatch.setattr(span_means, "LONGEST", 10_000)
+    read_averaged(path, averaged.append)
+    for told in (corrected, averaged):
+        found = [re.fullmatch(r"(\d+) of (\d+) rows, .* a second, .* left", text) for text in told]
+        taken = [int(match[1]) for match in found]
+        assert len(taken) > 1
+        assert taken == sorted(taken)
+        assert all(0 < rows < ROWS for rows in taken)
+        assert abs(int(found[0][2]) / ROWS - 1) < 0.2  # by the length of the first lines
+
+
+def test_a_long_simulation_tells_the_time_left_and_a_short_one_nothing():
+    told = list[str]()
+    table = tumble().model_dump(exclude_defaults=True, by_alias=True) | {"schema": 1}
+    table["sensor"] = [s for s in table["sensor"] if s["name"] == "accel"]
+    pieces = list(pieces_of(parse_scenario(table), None, 4, told.append))
+    first, whole = len(pieces[0]), sum(map(len, pieces))
+    (said,) = told
+    found = re.fullmatch(rf"{first} of (\d+) rows, .* a second, .* left", said)
+    assert abs(int(found[1]) - whole) <= 2
+    table["sequence"] = table["sequence"][:1]
+    assert len(list(pieces_of(parse_scenario(table), None, 4, told.append))) == 1
+    assert told == [said]
 
 
 def test_what_is_wrong_far_into_a_recording_is_named_by_its_row(tmp_path):

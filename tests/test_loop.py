@@ -115,6 +115,8 @@ def test_investigate_explains_what_a_quarter_turn_left_open(tmp_path: Path) -> N
                 str(tmp_path / "bench.toml"),
                 "--lab",
                 lab,
+                "-j",
+                "2",
                 "-o",
                 str(out),
             ]
@@ -135,7 +137,8 @@ def test_investigate_explains_what_a_quarter_turn_left_open(tmp_path: Path) -> N
         "--scenario",
         str(tmp_path / "bench.toml"),
     ]
-    assert main([*split, "-o", str(tmp_path / "next")]) == 0  # the diagnosis names its recordings
+    # the diagnosis names its recordings
+    assert main([*split, "-j", "2", "-o", str(tmp_path / "next")]) == 0
     assert (tmp_path / "next" / "sequence.csv").exists()
 
 

@@ -251,3 +251,4 @@ def test_the_rate_is_of_the_tasks_that_were_made(monkeypatch):
     now[0] += 8.0
     rate.after_one(399)
     assert rate.after_one(979) == "982 of 1000 runs, 0.3 a second, 60 s left"
+    assert rate.after(123_456).startswith("123456 of 1000 runs, 12300 a second")

@@ -20,6 +20,7 @@ import tiltcal as tc
 ROOT = Path(tc.__file__).parents[1]
 honest = tomllib.loads((ROOT / "scenarios" / "six_faces_dual.toml").read_text(encoding="utf-8"))
 honest.pop("method", None)
+honest["sensor"][0]["rate_hz"] = 20
 honest["sequence"] = [{"action": "scheme", "scheme": "12", "dwell_s": 4}]
 concealed = honest | {"effect": [*honest["effect"], {"id": "acc_K2", "k2_x_ug_g2": 900.0}]}
 

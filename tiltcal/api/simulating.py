@@ -6,7 +6,7 @@ from importlib.metadata import entry_points
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.progress import Progress, Rate, silent
+from tiltcal.core.progress import Progress, Rate, silent, told_pieces
 from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
 from tiltcal.forward.kinematics import closed_form
@@ -69,8 +69,17 @@ def pieces_of(
     if motion is not None:
         return iter([laboratory.predict(scenario, motion, seed)])
     if isinstance(laboratory, SimulatedLaboratory):
-        return laboratory.record_pieces(scenario, seed)
+        pieces = laboratory.record_pieces(scenario, seed)
+        return told_pieces(pieces, _rows_of(scenario), progress)
     return iter([laboratory.record(scenario, seed)])
+
+
+def _rows_of(scenario: Scenario) -> int:
+    """About how many rows a scenario's sequence has; 0 where time steps make it, or a hand."""
+    if not scenario.sequence or scenario.dynamics is not None:
+        return 0
+    start, end = scenario.schedule.times
+    return int((end - start) * max((s.rate_hz for s in scenario.sensor), default=0.0))
 
 
 def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:

@@ -79,7 +79,8 @@ def calibrate(
     allowed.apply()
     require_statements(stated, dcc)
     described = load_scenario(scenario)
-    read = [read_averaged(file) for file in (recording_file, *more)]
+    with progress_line() as progress:
+        read = [read_averaged(file, progress) for file in (recording_file, *more)]
     recording = one_recording(described, read)
     options = parse_options(option)
     if segments:

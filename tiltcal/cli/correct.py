@@ -8,10 +8,11 @@ from cyclopts import Parameter
 from tiltcal.calibration.correction import correct_pieces
 from tiltcal.calibration.result import load_calibration
 from tiltcal.cli.options import Json
-from tiltcal.cli.output import print_json, require_output, stdout_bytes, tell
+from tiltcal.cli.output import print_json, progress_line, require_output, stdout_bytes, tell
 from tiltcal.cli.verdict import print_verdict
+from tiltcal.core.progress import told_pieces
 from tiltcal.recordings.csv_files import csv_writer
-from tiltcal.recordings.pieces import read_pieces, writing
+from tiltcal.recordings.pieces import estimated_rows, read_pieces, writing
 
 
 def correct(
@@ -36,14 +37,17 @@ def correct(
     require_output("correct", output, as_json, "the corrected recording")
     calibration = load_calibration(calibration_file)
     print_verdict(calibration)
-    pieces = read_pieces(recording)
-    if output is None:
-        with stdout_bytes() as out, csv_writer(out) as write:
-            _print_notes(correct_pieces(pieces, calibration, write).notes)
-        return 0
-    with writing(output) as write:
-        done = correct_pieces(pieces, calibration, write)
+    with progress_line() as progress:
+        pieces = told_pieces(read_pieces(recording), estimated_rows(recording), progress)
+        if output is None:
+            with stdout_bytes() as out, csv_writer(out) as write:
+                done = correct_pieces(pieces, calibration, write)
+        else:
+            with writing(output) as write:
+                done = correct_pieces(pieces, calibration, write)
     _print_notes(done.notes)
+    if output is None:
+        return 0
     if as_json:
         print_json({"output": str(output), "rows": done.rows, "notes": done.notes})
     else:

@@ -83,7 +83,9 @@ def design(
     if split is not None:
         from tiltcal.cli.separating_block import design_separating_block
 
-        return design_separating_block(split, scenario_file, separation, table, output, as_json)
+        asked = (split, scenario_file, separation, table)
+        with shared_engine(engine, jobs) as opened:
+            return design_separating_block(*asked, opened, output, as_json)
     scenario = _scenario_of(scenario_file, aim)
     if blind_to_nothing is not None:
         from tiltcal.cli.maxmin_design import design_visible_poses

@@ -37,7 +37,7 @@ def export(
     ] = None,
     log: Annotated[
         Path | None,
-        Parameter(help="c: recording whose units are used; those of the scenario if not given."),
+        Parameter(help="c: recording whose units are used, if not those that were calibrated."),
     ] = None,
     vectors: Annotated[
         Path | None,

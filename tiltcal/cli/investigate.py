@@ -10,12 +10,13 @@ from cyclopts import Group, Parameter
 from tiltcal.api.diagnosing import explain, honest_scenario, write_results
 from tiltcal.api.table_scene import table_in
 from tiltcal.cli.axis_limits import axis_limits
-from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, Json
+from tiltcal.cli.options import WHOLE, AxisLimits, DescribedBy, EngineName, Jobs, Json
 from tiltcal.cli.output import paragraph, print_json, progress_line, tell
 from tiltcal.core.claimed_folder import claimed
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.core.progress import Progress
+from tiltcal.core.tasks.engines import shared_engine
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.investigate import InvestigationSetup
 from tiltcal.diagnosis.investigation.investigate import (
@@ -67,6 +68,8 @@ def investigate(
     output: Annotated[Path, Parameter(alias="-o", help="Folder for all files.")] = Path(
         "investigation"
     ),
+    jobs: Jobs = 1,
+    engine: EngineName = "processes",
     as_json: Json = False,
 ) -> int:
     """Diagnose, record what separates the alternatives, and repeat until explained.
@@ -84,7 +87,8 @@ def investigate(
     honest = honest_scenario(scenario)
     laboratory = CommandLaboratory.parse(lab)
     given = [str(require_file(path, "recording").absolute()) for path in recordings]
-    with claimed(output), progress_line() as progress:
+    opened = shared_engine(engine, jobs)
+    with claimed(output), progress_line() as progress, opened as judging:
         bench = InvestigationSetup(
             honest,
             output,
@@ -93,6 +97,7 @@ def investigate(
             block_limits(limits),
             blocks,
             budget_min,
+            judging,
         )
         state = run_investigation(bench, given, progress, resume)
         _report(state, honest, output)

@@ -8,7 +8,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tiltcal.cli.options import DEFAULT_BUDGET, Json, MoreBudget
-from tiltcal.cli.output import paragraph, print_json, print_table, say
+from tiltcal.cli.output import paragraph, print_json, print_table, progress_line, say
 from tiltcal.core.units import COLUMN_UNITS, DEG, DEG_H, G0, Unit, split_unit
 from tiltcal.effects import Effect
 from tiltcal.effects.sensor.noise import AccNoise, GyrNoise
@@ -32,7 +32,8 @@ def noise(
     does not show is reported as such.
     """
     allowed.apply()
-    models = noise_models_of(recording_file)
+    with progress_line() as progress:
+        models = noise_models_of(recording_file, progress)
     if as_json:
         print_json({name: _as_json(model) for name, model in models.items()})
         return 0

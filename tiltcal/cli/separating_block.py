@@ -12,6 +12,7 @@ from tiltcal.cli.output import paragraph, print_json, progress_line, say, tell
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import make_folder, require_file, write_json, write_text
 from tiltcal.core.read_back import read_toml
+from tiltcal.core.tasks.engines import Engine
 from tiltcal.diagnosis.investigation.investigate import AMENDED
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
 from tiltcal.diagnosis.investigation.stored import read_diagnosis
@@ -28,6 +29,7 @@ def design_separating_block(
     scenario_file: Path | None,
     wanted: Separation,
     table: TableTime,
+    engine: Engine | None,
     output: Path | None,
     as_json: bool,
 ) -> int:
@@ -53,7 +55,7 @@ def design_separating_block(
     )
     with progress_line() as progress:
         amended_table = read_toml(amended, "amended scenario", AMENDED)
-        plan = next_block(scenario, data, diagnosis, amended_table, limits, progress)
+        plan = next_block(scenario, data, diagnosis, amended_table, limits, progress, engine)
     if output:
         _write(plan, scenario, make_folder(output))
     _show(plan, scenario.rig, output, as_json)

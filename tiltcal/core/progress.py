@@ -1,10 +1,11 @@
 """Telling what a long run is doing, in words, with the time left."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from typing import TypeVar
 
 T = TypeVar("T")
+S = TypeVar("S", bound=Sized)
 Progress = Callable[[str], None]
 Part = Callable[[float], None]
 """Is told what part of some work is done, 0 to 1."""
@@ -49,7 +50,8 @@ class Rate:
             return f"{done} of {self._total} {self._unit}"
         rate = made / max(time.monotonic() - self._start, 1e-9)
         left = (self._total - done) / rate
-        return f"{done} of {self._total} {self._unit}, {rate:.3g} a second, {duration(left)} left"
+        pace = f"{rate:.3g}" if rate < 1000 else f"{float(f'{rate:.3g}'):.0f}"
+        return f"{done} of {self._total} {self._unit}, {pace} a second, {duration(left)} left"
 
 
 def told_each(items: Iterable[T], rate: Rate, progress: Progress) -> Iterator[T]:
@@ -57,6 +59,26 @@ def told_each(items: Iterable[T], rate: Rate, progress: Progress) -> Iterator[T]
     for item in items:
         yield item
         progress(rate.after_one())
+
+
+def told_pieces(
+    pieces: Iterable[S], total: int, progress: Progress, unit: str = "rows"
+) -> Iterator[S]:
+    """The same pieces; before each but the first it is told how much was taken, with the rate and
+    the time left.
+
+    Args:
+        pieces: of a recording, say; their lengths add up to about ``total``.
+        total: as far as it is known before.
+        progress: is told the words.
+        unit: what the lengths count.
+    """
+    rate, taken = Rate(total, unit), 0
+    for piece in pieces:
+        if taken:
+            progress(rate.after(min(taken, total)))
+        yield piece
+        taken += len(piece)
 
 
 class Stages:

@@ -99,6 +99,13 @@ UNIT_SIGNS = {
     "degC": "°C",
     "m_s2": "m/s²",
     "unitless": "1",
+    "ug_rthz": "µg/√Hz",
+    "ug_rts": "µg/√s",
+    "m_s2_rthz": "m/s²/√Hz",
+    "m_s2_rts": "m/s²/√s",
+    "rad_s": "rad/s",
+    "deg_rth": "°/√h",
+    "deg_h_rth": "°/h/√h",
 }
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.numerical import determining
+from tiltcal.core.progress import Progress, silent, told_pieces
 from tiltcal.core.units import COLUMN_UNITS, split_unit
-from tiltcal.recordings.pieces import part_of, read_pieces
+from tiltcal.recordings.pieces import estimated_rows, part_of, read_pieces
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.segmentation import Segment, dwells, find_segments
@@ -22,11 +23,15 @@ from tiltcal.statistics.running_allan import DENSE, RunningAllan
 NOISY = ("acceleration", "angle", "rate", "raw")  # quantities of a sensor's columns
 
 
-def noise_models_of(path: Path | str) -> dict[str, NoiseModel]:
+def noise_models_of(path: Path | str, progress: Progress = silent) -> dict[str, NoiseModel]:
     """The noise model of each sensor channel of a file.
 
     A long recording is read in pieces, twice: its rests are found in averages over spans of time,
     the Allan deviation is that of its samples, and a note of each model says so.
+
+    Args:
+        path: of the recording.
+        progress: is told how much of a long one was read.
 
     Raises:
         TiltcalError: there is no sensor channel, or no rest.
@@ -34,11 +39,11 @@ def noise_models_of(path: Path | str) -> dict[str, NoiseModel]:
     if spans_of(path) is None:
         require_room(path)
         return noise_models(read_recording(path).require_increasing())
-    recording = read_averaged(path)
+    recording = read_averaged(path, progress)
     names, rest = _channels(recording), _longest(recording)
     running: dict[str, RunningAllan] = {}
     rates: dict[str, float] = {}
-    for piece in _between(path, rest.start, rest.end):
+    for piece in _between(path, rest.start, rest.end, progress):
         for name in names:
             known = ~np.isnan(values := piece.column(name))
             if name not in running and known.sum() > 1:
@@ -122,9 +127,9 @@ def _longest(recording: Recording) -> Segment:
     return max(found, key=lambda s: s.end - s.start)
 
 
-def _between(path: Path | str, start: float, end: float) -> Iterator[Recording]:
+def _between(path: Path | str, start: float, end: float, progress: Progress) -> Iterator[Recording]:
     """The pieces of a file between two stamps, s."""
-    for piece in read_pieces(path):
+    for piece in told_pieces(read_pieces(path), estimated_rows(path), progress):
         first, last = np.searchsorted(piece.time, [start, end], side="left")
         if last > first:
             yield part_of(piece, int(first), int(last))

@@ -14,6 +14,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.budget import require_within
+from tiltcal.core.progress import Progress, silent, told_pieces
 from tiltcal.core.quantisation import code_grid
 from tiltcal.core.units import split_unit
 from tiltcal.recordings.means_table import read_log_or_means
@@ -50,8 +51,12 @@ class Spans:
         return np.floor((time / self.step + 0.5) / self.samples).astype(np.intp)
 
 
-def read_averaged(path: Path | str) -> Recording:
+def read_averaged(path: Path | str, progress: Progress = silent) -> Recording:
     """A recording, or a table of means; where it is long, averaged over spans of time.
+
+    Args:
+        path: of the recording.
+        progress: is told how much of a long one was read.
 
     Raises:
         TiltcalError: as ``read_log_or_means`` and ``read_pieces`` do; or it has coarse codes, and
@@ -61,7 +66,8 @@ def read_averaged(path: Path | str) -> Recording:
     if spans is None:
         require_room(path)
         return read_log_or_means(path)
-    return joined([averaged(piece, spans) for piece in whole_spans(read_pieces(path), spans)])
+    pieces = told_pieces(read_pieces(path), estimated_rows(path), progress)
+    return joined([averaged(piece, spans) for piece in whole_spans(pieces, spans)])
 
 
 def require_room(path: Path | str) -> None:

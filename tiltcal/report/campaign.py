@@ -54,7 +54,9 @@ def lead(summary: dict[str, Any]) -> str:
         else ""
     )
     failed = f"; {len(summary['failed'])} without a result" if summary["failed"] else ""
-    done = f"{summary['runs']} of {summary['runs_planned']} runs: {verdicts or 'no verdict'}"
+    several = len(summary["cells"][0]["methods"]) if summary["cells"] else 0
+    each = f", each by {several} methods" if several > 1 else ""
+    done = f"{summary['runs']} of {summary['runs_planned']} runs{each}: {verdicts or 'no verdict'}"
     return f"{done}{failed}{tilt}."
 
 

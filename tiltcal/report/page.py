@@ -8,6 +8,7 @@ from typing import Any
 
 from tiltcal import __version__
 from tiltcal.core.files import write_text
+from tiltcal.core.units import unit_sign
 from tiltcal.report.plots import Plot
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -56,7 +57,7 @@ def write_page(path: Path, template: str, **values: Any) -> None:
 
 def rendered(template: str, **values: Any) -> str:
     """A page from a template. Beside the values it has ``version``, ``plotly()`` for the script
-    that draws, and ``plots(plot)`` for what the macro ``plot`` shows.
+    that draws, ``plots(plot)`` for what the macro ``plot`` shows, and the filter ``sign`` of units.
     """
     page = _environment().get_template(f"{template}.html.jinja")
     return page.render(version=__version__, plotly=_plotly, plots=Numbered(), **values)
@@ -66,13 +67,15 @@ def rendered(template: str, **values: Any) -> str:
 def _environment() -> Any:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    return Environment(
+    made = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["sign"] = unit_sign
+    return made
 
 
 def _plotly() -> str:

@@ -49,6 +49,14 @@ def _size(laws: Sequence[LawView]) -> float:
     return max(float(np.ptp(law.law)) for law in laws)
 
 
+def _size_in_words(laws: Sequence[LawView], unit: str) -> str:
+    """How much a law varies, or what it is throughout."""
+    largest = max((law.law for law in laws), key=lambda values: float(np.abs(values).max()))
+    if _size(laws) < VISIBLE * float(np.abs(largest).max()):
+        return f"{float(np.mean(largest)):.3g} {unit} throughout"
+    return f"{_size(laws):.3g} {unit} from lowest to highest"
+
+
 def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
     name = laws[0].follows or _coordinate_of([law.coordinates for law in laws], coordinate)
     if name is None:
@@ -61,7 +69,7 @@ def _law_plot(laws: Sequence[LawView], coordinate: str) -> Plot | None:
         shown = law.still if rests else np.ones(len(law.law), bool)
         traces += _law_traces(law, name, shown, _where(law, laws), 2 * k, hover)
     what = laws[0].subject
-    peak = f"{_size(laws):.3g} {unit} from lowest to highest"
+    peak = _size_in_words(laws, unit)
     return Plot(
         traces,
         f"{what}: the law over {title.partition(',')[0]}, {peak}.",
@@ -179,20 +187,29 @@ def _rms(parts: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+def _names_of(spectra: Sequence[Spectrum]) -> list[str]:
+    """Channels, with the number of the recording where several have the channel."""
+    channels = [s.channel for s in spectra]
+    return [
+        f"{name}, recording {channels[: k + 1].count(name)}" if channels.count(name) > 1 else name
+        for k, name in enumerate(channels)
+    ]
+
+
 def spectrum_plot(spectra: Sequence[Spectrum]) -> Plot | None:
     """Residual by frequency, before and after; None without any."""
     if not spectra:
         return None
-    traces = []
+    traces, names = [], _names_of(spectra)
     for k, s in enumerate(spectra[:MOST_SPECTRA]):
         scale = max(float(np.median(s.after[len(s.after) // 2 :])), np.finfo(float).tiny)
         label = "%{x:.3g} Hz<br>%{y:.3g} times its noise"
         thin = {"line": {"dash": "dot", "color": f"var(--c{k % 6})"}}
         traces.append(
-            line(s.frequency, s.before / scale, f"{s.channel} before", k, hover=label, **thin)
+            line(s.frequency, s.before / scale, f"{names[k]} before", k, hover=label, **thin)
         )
-        traces.append(line(s.frequency, s.after / scale, f"{s.channel} after", k, hover=label))
-    shown = ", ".join(s.channel for s in spectra[:MOST_SPECTRA])
+        traces.append(line(s.frequency, s.after / scale, f"{names[k]} after", k, hover=label))
+    shown = ", ".join(names[:MOST_SPECTRA])
     layout = axes("Hz", "rms in the band / its noise", showlegend=True)
     layout["xaxis"] |= LOGARITHMIC
     layout["yaxis"] |= LOGARITHMIC

@@ -16,6 +16,7 @@ from tiltcal.calibration.firmware.fixed_temperature import (
 from tiltcal.calibration.firmware.inclinometer_export import inclinometer_numbers
 from tiltcal.calibration.firmware.linear_export import float_numbers
 from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
+from tiltcal.calibration.firmware.log_units import with_recorded_units
 from tiltcal.calibration.firmware.placing_export import placing_numbers
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.errors import TiltcalError
@@ -36,7 +37,8 @@ def header(
             inclinometers, or with those of other sensors, over temperature too.
         setup: it was made with.
         name: what every C name begins with.
-        log: recording whose units are used; those that the scenario states if not given.
+        log: recording whose units are used. If not given they are those of the columns that the
+            calibration was made from, or what the set-up states where it does not name them.
 
     Raises:
         TiltcalError: tables that differ in their angles, a smooth look-up, terms that C does not
@@ -58,6 +60,7 @@ def header(
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    setup = with_recorded_units(setup, calibration)
     if calibration.bias_tables:
         template, numbers = "table.h.jinja", placing_numbers(calibration, setup, name, log)
     elif any(setup.named(n).kind == "inclinometer" for n in calibration.sensors()):

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tiltcal.calibration.correction import corrected_unit
+from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,26 @@ class LogUnit:
     counts: bool
 
 
+def with_recorded_units(setup: Setup, calibration: Calibration) -> Setup:
+    """A set-up whose sensors are in the units of the columns that they were calibrated from.
+
+    Args:
+        setup: the calibration was made with.
+        calibration: it is left as it is where its provenance names no columns.
+    """
+    columns = calibration.provenance.get("columns", {})
+    sensors = tuple(_with_unit(s, columns.get(s.name)) for s in setup.sensor)
+    return setup.model_copy(update={"sensor": sensors})
+
+
+def _with_unit(sensor: Sensor, unit: str | None) -> Sensor:
+    if unit not in COLUMN_UNITS or COLUMN_UNITS[unit].quantity != sensor.quantity:
+        return sensor  # counts and volts are those of its input
+    return sensor.model_copy(update={"unit": unit, "input": None})
+
+
 def log_unit(sensor: Sensor, log: Recording | None = None) -> LogUnit:
-    """The units of a sensor: those of a log, otherwise those that the scenario states.
+    """The units of a sensor: those of a log, otherwise those of its own columns.
 
     Raises:
         TiltcalError: the log has no column of the sensor, several units, or a raw unit that the

@@ -7,7 +7,7 @@ from tiltcal.calibration.firmware.fixed_linear import FixedSensor, Range, fixed_
 from tiltcal.calibration.firmware.fixed_temperature import READ_PLACES
 from tiltcal.calibration.firmware.inclinometer_export import STEEPEST, readings_of
 from tiltcal.calibration.firmware.linear_terms import LinearTerms, linear_terms
-from tiltcal.calibration.firmware.log_units import LogUnit, log_unit
+from tiltcal.calibration.firmware.log_units import LogUnit, log_unit, with_recorded_units
 from tiltcal.calibration.result import Calibration
 from tiltcal.core.arrays import Array
 from tiltcal.recordings.recording import Recording
@@ -29,7 +29,7 @@ def firmware_vectors(calibration: Calibration, log: Recording | None = None) -> 
     Raises:
         TiltcalError: the calibration cannot be exported, or the log lacks a sensor.
     """
-    setup = setup_of(calibration)
+    setup = with_recorded_units(setup_of(calibration), calibration)
     given = _drawn(calibration, setup) if log is None else _first_rows(log)
     written: list[Recording] = []
     correct_pieces([given], calibration, written.append)

@@ -9,7 +9,7 @@ their deviances is then N(lambda, 4 lambda). Source: Atkinson and Fedorov, "The 
 experiments for discriminating between two rival models", Biometrika 62 (1975).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import erf, sqrt
@@ -17,7 +17,7 @@ from math import erf, sqrt
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.progress import Progress, Rate
+from tiltcal.core.progress import Part, Progress, Rate, unmeasured
 from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.design.recording_blocks import Block
 from tiltcal.diagnosis.data.observations import Observations
@@ -106,6 +106,10 @@ class Proposal:
         return 0, self.chance + float(np.mean([p.chance for p in self.pairs])) - 0.02 * self.minutes
 
 
+Judge = Callable[[Sequence[Block], Part], list[list[Pair]]]
+"""Says what each block would tell, and how many are judged."""
+
+
 @dataclass(frozen=True)
 class Design:
     """What to record next.
@@ -130,19 +134,28 @@ def propose(
     scenario: Scenario,
     most_minutes: float,
     progress: Progress,
+    judge: Judge | None = None,
 ) -> Design:
     """Blocks no longer than ``most_minutes``, the best first; two after one another too where none
     is enough by itself.
+
+    Args:
+        asked: what is to be told apart; blocks: to choose from; scenario: what is known.
+        most_minutes: of one block; progress: is told how many blocks are judged.
+        judge: what each block would tell; in this process, one after the other, if not given.
     """
     tried: dict[str, tuple[Block, list[Pair]]] = {}
 
     def evaluate(blocks: Iterable[Block]) -> None:
-        short = [b for b in blocks if b.seconds(scenario.rig) <= 60 * most_minutes]
+        named = {b.name: b for b in blocks if b.seconds(scenario.rig) <= 60 * most_minutes}
+        short = [block for name, block in named.items() if name not in tried]
         rate = Rate(len(short), "blocks")
-        for block in short:
-            if block.name not in tried:
-                tried[block.name] = (block, judged(block, asked, scenario))
-            progress(f"evaluating blocks: {rate.after_one()}")
+
+        def part(done: float) -> None:
+            progress(f"evaluating blocks: {rate.after(round(done * len(short)))}")
+
+        found = judge(short, part) if judge else judged_in_turn(short, asked, scenario, part)
+        tried.update({b.name: (b, pairs) for b, pairs in zip(short, found, strict=True)})
 
     evaluate(blocks)
     design = _ranked(tried, scenario)
@@ -166,6 +179,19 @@ def _ranked(tried: Mapping[str, tuple[Block, Sequence[Pair]]], scenario: Scenari
         if left:
             found.append(Proposal(block, block.seconds(scenario.rig) / 60, tuple(left)))
     return Design(tuple(sorted(found, key=lambda p: p.worth, reverse=True)), twins)
+
+
+def judged_in_turn(
+    blocks: Sequence[Block], asked: Sequence[Question], scenario: Scenario, part: Part = unmeasured
+) -> list[list[Pair]]:
+    """What each block would tell of every pair of every question; ``part`` is told how many are
+    judged.
+    """
+    found = []
+    for block in blocks:
+        found.append(judged(block, asked, scenario))
+        part(len(found) / len(blocks))
+    return found
 
 
 def judged(block: Block, asked: Sequence[Question], scenario: Scenario) -> list[Pair]:

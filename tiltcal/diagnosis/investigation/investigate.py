@@ -11,6 +11,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import write_json, write_text
 from tiltcal.core.progress import Progress
 from tiltcal.core.read_back import read_toml
+from tiltcal.core.tasks.engines import Engine
 from tiltcal.diagnosis.investigation.next_block import Limits, NextBlock, next_block
 from tiltcal.diagnosis.investigation.progress_log import Entry, Investigation, log_of
 from tiltcal.diagnosis.investigation.stored import read_diagnosis, read_investigation
@@ -42,6 +43,7 @@ class InvestigationSetup:
         scenario: what is known; folder: where everything is kept.
         diagnose: writes a diagnosis; laboratory: records.
         limits: of a block; blocks: at most; minutes: of table time for all of them.
+        engine: where blocks are judged before one is recorded; in this process if not given.
     """
 
     scenario: Scenario
@@ -51,6 +53,7 @@ class InvestigationSetup:
     limits: Limits
     blocks: int
     minutes: float
+    engine: Engine | None = None
 
 
 def investigate(
@@ -198,7 +201,7 @@ def _plan(
     folder = at.folder / f"diagnosis_{len(state.entries)}"
     amended = read_toml(folder / "amended.toml", "amended scenario", AMENDED)
     recordings = [read_recording(path) for path in _files(at, state)]
-    plan = next_block(at.scenario, recordings, answer, amended, at.limits, progress)
+    plan = next_block(at.scenario, recordings, answer, amended, at.limits, progress, at.engine)
     write_json(folder / "next_block.json", plan.to_json())
     return plan
 

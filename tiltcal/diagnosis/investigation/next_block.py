@@ -8,11 +8,12 @@ import numpy as np
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import Progress
+from tiltcal.core.tasks.engines import Engine
 from tiltcal.core.units import DEG
 from tiltcal.design.identifiability import tie_breaker
 from tiltcal.design.recording_blocks import CIRCLE, TableLimits, candidates, within
 from tiltcal.diagnosis.investigation.discriminating_blocks import Design, Proposal, propose
-from tiltcal.diagnosis.investigation.rival_hypotheses import questions
+from tiltcal.diagnosis.investigation.judging import judge_over, open_questions
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -92,8 +93,15 @@ def next_block(
     amended: Mapping[str, Any],
     limits: Limits,
     progress: Progress,
+    engine: Engine | None = None,
 ) -> NextBlock:
     """The block that tells the rivals of an ambiguous diagnosis apart.
+
+    Args:
+        scenario: what is known. recordings, diagnosis, amended: what was recorded, and what the
+            diagnosis of it says.
+        limits: what the user allows. progress: is told how many blocks are judged.
+        engine: where blocks are judged; in this process if not given.
 
     Raises:
         TiltcalError: nothing in the diagnosis is ambiguous.
@@ -113,14 +121,16 @@ def next_block(
         return NextBlock(
             None, "No sequence file can say how to turn by hand: " + _by_hand(diagnosis)
         )
-    asked = [q for q in questions(scenario, recordings, diagnosis, amended) if len(q.rivals) > 1]
+    told = (scenario, recordings, diagnosis, amended)
+    asked = open_questions(*told)
     if not asked:
         return NextBlock(
             None,
             "No motion of the table separates the alternatives. What does: " + _by_hand(diagnosis),
         )
     blocks = [b for b in candidates(table) if within(b, table)]
-    design = propose(asked, blocks, scenario, limits.minutes, progress)
+    judge = judge_over(engine, told) if engine else None
+    design = propose(asked, blocks, scenario, limits.minutes, progress, judge)
     return NextBlock(design.best, _statement(design), _twins(design), design.proposals)
 
 

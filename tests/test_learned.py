@@ -250,6 +250,13 @@ FACES = [
             {"on": "tilt", "slot": "mount", "turn": "y"},
         )
     ),
+    {
+        "on": "readout",
+        "axis": "middle",
+        "coordinate": "table_middle",
+        "per_degree": True,
+        "coefficients": [1e-3, 5e-4],
+    },
 ]
 
 
@@ -501,6 +508,29 @@ def test_a_learned_reading_may_be_a_product_of_two_angles():
         2e-3 * np.sin(a) * np.sin(b) + 1e-3 * np.cos(a) * np.cos(2 * b),
         atol=1e-14,
     )
+
+
+def test_a_coefficient_may_grow_with_the_temperature():
+    """1e-4 (T - T0) f_x^2, and a readout error of 1e-3 (T - T0) cos(outer) with its rate."""
+    effect = learned(
+        "accel", "x", coordinate="input", power=2.0, per_degree=True, coefficients=[1e-4]
+    )
+    plain = learned("accel", "x", coordinate="input", power=2.0, coefficients=[1e-4])
+    drive = lively()
+    warm = drive.temperature - drive.reference_temperature
+    assert np.ptp(warm) > 1
+    np.testing.assert_allclose(added(effect)[:, 0], added(plain)[:, 0] * warm, atol=1e-15)
+    effect = learned(
+        on="readout",
+        axis="outer",
+        coordinate="table_outer",
+        per_degree=True,
+        coefficients=[1e-3],
+    )
+    jet, outer = effect.along(drive), drive.axes["outer"]
+    np.testing.assert_allclose(jet.x, 1e-3 * warm * np.cos(outer.x), atol=1e-15)
+    slope = np.gradient(jet.x, drive.time, edge_order=2)
+    np.testing.assert_allclose(jet.v[2:-2], slope[2:-2], atol=0.02 * np.abs(jet.v).max())
 
 
 def test_a_readout_error_may_follow_two_angles_with_the_rates_of_both():

@@ -51,6 +51,8 @@ class Learned(Effect):
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
+        per_degree: whether it multiplies the temperature from T0, K: a coefficient that depends on
+            temperature.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
     """
@@ -66,6 +68,7 @@ class Learned(Effect):
     power: float = 0.0
     odd: bool = False
     per_input: bool = False
+    per_degree: bool = False
     lag: float = 0.0
     play: float = 0.0
     slot: str = ""
@@ -173,6 +176,10 @@ class Learned(Effect):
 
     def each_along(self, drive: Drive) -> Jet:
         """The curve of each coefficient along a drive, (n, p)."""
+        each = self._each_along(drive)
+        return each.times(_warmth(drive)) if self.per_degree else each
+
+    def _each_along(self, drive: Drive) -> Jet:
         if self.beside:
             angles = (motion_jet(name, drive) for name in (self.coordinate, self.beside))
             return _products(*angles)
@@ -204,6 +211,7 @@ class LearnedReading(Learned, SignalEffect):
         else:
             own = sense.true_input()[:, channel]
             added = self.curve(self.followed(sense, own))
+            added = added * sense.temperature if self.per_degree else added
             reading[:, channel] += added * own if self.per_input else added
         return reading
 
@@ -222,6 +230,7 @@ class LearnedReading(Learned, SignalEffect):
             axes = (axis_of(self.coordinate), axis_of(self.beside))
             return np.asarray(_products(*(Jet(sense.angles[str(axis)]) for axis in axes)).x)
         basis = self.basis(self.followed(sense, own))
+        basis = basis * sense.temperature[:, None] if self.per_degree else basis
         return basis * own[:, None] if self.per_input else basis
 
 
@@ -245,6 +254,15 @@ class LearnedTilt(Learned, FrameEffect):
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         return (Turn(self.turn, self.along(context.drive)),) if slot == self.slot else ()
+
+
+def _warmth(drive: Drive) -> Jet:
+    """The temperature from T0 with its rate, K and K/s, (n, 1); what its rate changes by is left
+    out.
+    """
+    warm = drive.temperature - drive.reference_temperature
+    rate = np.gradient(warm, drive.time) if len(warm) > 1 else np.zeros_like(warm)
+    return Jet(warm[:, None], rate[:, None], np.zeros((len(warm), 1)))
 
 
 def _products(one: Jet, other: Jet) -> Jet:

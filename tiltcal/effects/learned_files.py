@@ -32,6 +32,7 @@ _KEYS = {
     "slot",
     "turn",
     "per_input",
+    "per_degree",
     "lag_s",
     "play",
     "place",
@@ -66,14 +67,9 @@ def make_learned(
     lag, period, power, play = (
         _amount(table, key, subject) for key in ("lag_s", "period", "power", "play")
     )
-    if power and (knots or len(numbers) > 1):
-        raise TiltcalError(
-            subject,
-            found=f"power with {len(knots)} knots and {len(numbers)} coefficients",
-            need="one coefficient, no knots",
-            do="leave out the power, or the curve",
-        )
+    _check_power(power, knots, numbers, subject)
     beside = _beside(table, setup, subject)
+    per_input, per_degree, odd = (bool(table.get(k)) for k in ("per_input", "per_degree", "odd"))
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
         values,
@@ -82,7 +78,6 @@ def make_learned(
         role,
         coordinate=coordinate,
         knots=tuple(knots),
-        per_input=bool(table.get("per_input", False)),
         lag=lag,
         slot=slot,
         turn=turn,
@@ -90,7 +85,9 @@ def make_learned(
         period=period,
         beside=beside,
         power=power,
-        odd=bool(table.get("odd", False)),
+        per_input=per_input,
+        per_degree=per_degree,
+        odd=odd,
         play=play,
     )
 
@@ -104,6 +101,18 @@ def _check_keys(table: Mapping[str, Any], subject: str) -> None:
                 need="a key of it",
                 do=nearest(key, sorted(_KEYS)),
             )
+
+
+def _check_power(
+    power: float, knots: Sequence[float], numbers: Sequence[float], subject: str
+) -> None:
+    if power and (knots or len(numbers) > 1):
+        raise TiltcalError(
+            subject,
+            found=f"power with {len(knots)} knots and {len(numbers)} coefficients",
+            need="one coefficient, no knots",
+            do="leave out the power, or the curve",
+        )
 
 
 def _check_knots(knots: Sequence[float], numbers: Sequence[float], subject: str) -> None:
@@ -217,6 +226,7 @@ def learned_table(effect: Learned) -> dict[str, Any]:
         table["knots"] = list(effect.knots)
     shape = (
         ("per_input", effect.per_input),
+        ("per_degree", effect.per_degree),
         ("lag_s", effect.lag),
         ("play", effect.play),
         ("period", effect.period),

@@ -113,6 +113,8 @@ def learned_name(effect: Learned) -> str:
         what = f"the {axis} angle"
     if effect.beside:
         what += f" times the {axis_of(effect.beside)} angle"
+    if effect.per_degree:
+        what += ", in proportion to the temperature from T0"
     if effect.period and effect.coordinate in ("since_move", "moves"):
         what += (
             ", with a period of"

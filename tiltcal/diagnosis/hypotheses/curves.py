@@ -2,7 +2,7 @@
 chain.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
@@ -53,6 +53,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                 yield from _reading_curves(scenario, sensor, axis, span)
     yield from _of_axes(scenario.rig, span)
     yield from _of_two_angles(scenario.rig)
+    yield from _warm_axes(scenario.rig, span)
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature")):
@@ -89,6 +90,18 @@ def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
                         turn=turn,
                         place="table",
                     )
+
+
+def _warm_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """Errors of a readout and tilts of a bearing over its own angle that grow with temperature."""
+    if not even_knots("temperature", span, 2):
+        return
+    for axis in rig.axis_names:
+        over: dict[str, Any] = {"place": "table", "per_degree": True}
+        coordinate, count = angle_channel(axis), harmonics(2)
+        yield curve_over(LearnedReadout, coordinate, count, axis=axis, **over)
+        for turn in _across(dict(rig.axes)[axis]):
+            yield curve_over(LearnedTilt, coordinate, count, slot=bearing(axis), turn=turn, **over)
 
 
 def _of_two_angles(rig: Rig) -> Iterator[Hypothesis]:
@@ -156,10 +169,32 @@ def _reading_curves(
             yield scale
             if not sensor.is_accelerometer:  # its own law is in the catalogue
                 yield proportional(scale)
+    if scenario.rig.axes and even_knots("temperature", span, 2):
+        across = [c for c in inputs if c != own and even_knots(c, span, 2)]
+        yield from _warm_powers(across, where)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
     # by hand only the length of its reading is known
     if scenario.rig.axes or not sensor.is_accelerometer:
         yield from motion_of_readings(scenario.rig, sensor, axis, inputs, span)
+
+
+def _warm_powers(inputs: Sequence[str], where: Mapping[str, Any]) -> Iterator[Hypothesis]:
+    """Powers of the own input and of other inputs whose coefficient is in proportion to the
+    temperature: the linear ones have names.
+    """
+    forms = [("input", power, odd) for power, odd in POWERS if power > 1 or not odd]
+    forms += [(coordinate, 2.0, False) for coordinate in inputs]
+    for coordinate, power, odd in forms:
+        yield curve_over(
+            LearnedReading,
+            coordinate,
+            1,
+            power=power,
+            odd=odd,
+            per_degree=True,
+            variants=len(forms),
+            **where,
+        )
 
 
 def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:

@@ -3,7 +3,7 @@ properties.
 """
 
 from functools import cache, cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
@@ -146,7 +146,7 @@ class Setup(Part):
                 raise ValueError(f"sensor '{s.name}' on '{s.place.on}', which is no link")
         return self
 
-    def seen_by(self, sensor: Sensor) -> "Setup":
+    def seen_by(self, sensor: Sensor) -> Self:
         """The set-up with the instrument where one sensor sits."""
         if sensor.place is None or not self.rig.link:
             return self

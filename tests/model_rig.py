@@ -33,6 +33,7 @@ class PlainModel:
         axes: the readouts, by name.
         site: where the sensors sit: a site, or a body.
         joint_stiffness: N m/rad of a spring in series with a joint, by joint.
+        link_stiffness: N m/rad of two springs behind a joint, about the axes across it, by joint.
         base_stiffness: N m/rad under the root body about East and North, whose origin is the
             world's.
         axis_tilt: rad, of a joint's axis about the two axes across it, by joint.
@@ -48,6 +49,7 @@ class PlainModel:
         base_stiffness=None,
         axis_tilt=(),
         payload=(),
+        link_stiffness=(),
     ):
         self.axes, self.springs = axes, {}
         spec = mujoco.MjSpec.from_file(str(path))
@@ -62,6 +64,17 @@ class PlainModel:
                 limited=mujoco.mjtLimited.mjLIMITED_FALSE,
             )
             self.springs[f"{name}_spring"] = stiffness
+        for name, stiffness in dict(link_stiffness).items():
+            joint = spec.joint(name)
+            for k, (axis, size) in enumerate(zip(across(joint.axis), stiffness, strict=True)):
+                joint.parent.add_joint(
+                    name=f"{name}_link_{k}",
+                    type=joint.type,
+                    axis=axis,
+                    pos=joint.pos,
+                    limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+                )
+                self.springs[f"{name}_link_{k}"] = size
         if base_stiffness is not None:
             root, compiled = spec.worldbody.first_body(), spec.compile()
             R = _matrix(compiled.body(root.name).quat)  # its file may say it in other words
@@ -76,9 +89,8 @@ class PlainModel:
         for name, (a, b) in dict(axis_tilt).items():
             joint = spec.joint(name)
             axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-            x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-            x /= np.linalg.norm(x)
-            tilted = axis + a * np.cross(x, axis) + b * np.cross(np.cross(axis, x), axis)
+            x, y = across(axis)
+            tilted = axis + a * np.cross(x, axis) + b * np.cross(y, axis)
             joint.axis = tilted / np.linalg.norm(tilted)
         for name, (mass, place) in dict(payload).items():
             spec.joint(name).parent.add_body(
@@ -183,6 +195,14 @@ class PlainModel:
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         data.qacc[:] = wanted
+
+
+def across(axis):
+    """Two axes across one, (3,) each."""
+    z = np.array(axis) / np.linalg.norm(axis)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    return x, np.cross(z, x)
 
 
 def poses_and_moves(rng, axes, poses, dwell=1.5, move=2.5, reach=2.0):

@@ -281,4 +281,26 @@ FOUR_AXES = """<mujoco model="four-axis table"><worldbody><body name="pier">
 <geom type="cylinder" size=".1 .02" mass="3" pos=".03 0 0"/>
 <site name="imu" pos="0 0 .05" euler="0 5 30"/>
 </body></body></body></body></body></worldbody></mujoco>"""
+_LEG = """<body name="leg_{k}" pos="{x:.3f} {y:.3f} 0" euler="0 0 {turn}">
+<joint name="coxa_{k}" axis="0 0 1"/><geom type="box" size=".03 .02 .02" mass=".3" pos=".03 0 0"/>
+<body name="thigh_{k}" pos=".06 0 0"><joint name="femur_{k}" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 .15 .01 .02" size=".02" mass=".4"/>
+<body name="shin_{k}" pos=".15 0 0"><joint name="tibia_{k}" axis="0 1 .1"/>
+<geom type="capsule" fromto="0 0 0 .05 .02 -.2" size=".015" mass=".3"/>{site}
+</body></body></body>"""
+HEXAPOD = (
+    '<mujoco model="hexapod"><worldbody><body name="trunk" pos="0 0 1" euler="3 -2 0"><freejoint/>'
+    '<geom type="cylinder" size=".2 .05" mass="5"/>'
+    + "".join(
+        _LEG.format(
+            k=k,
+            x=0.2 * np.cos(k * np.pi / 3),
+            y=0.2 * np.sin(k * np.pi / 3),
+            turn=60 * k,
+            site="" if k else '<site name="shin" pos=".03 0 -.1" euler="20 -30 10"/>',
+        )
+        for k in range(6)
+    )
+    + "</body></worldbody></mujoco>"
+)
 """Rigs written for the tests, in which MuJoCo turns what hangs on a joint off its balance."""

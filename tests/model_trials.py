@@ -19,6 +19,7 @@ import numpy as np
 from model_oracle import calibration, effect, fitted_error, predicted_error
 from model_rig import (
     FOUR_AXES,
+    HEXAPOD,
     PAN_TILT,
     Mapped,
     PlainModel,
@@ -77,6 +78,12 @@ ROBOTS = {
         "right_shin",
         ("right_hip_y",),
     ),
+    "leg of the cheetah": of_file(
+        ASSETS / "half_cheetah.xml", ("bthigh", "bshin", "bfoot"), "bfoot", ("bthigh",)
+    ),
+    "leg of a hexapod": Robot(
+        "hexapod.xml", HEXAPOD.encode(), ("coxa_0", "femur_0", "tibia_0"), "shin", ("femur_0",)
+    ),
     "pan-tilt head": Robot(
         "head.xml", PAN_TILT.encode(), ("pan", "tilt", "roll"), "imu", ("tilt", "roll")
     ),
@@ -97,6 +104,7 @@ PHYSICS = {
     "eccentricity": "table_encoder_eccentricity",
     "latency": "data_latency",
     "payload": "payload",
+    "link spring": "link_compliance",
 }
 
 
@@ -168,7 +176,21 @@ def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Tr
         return Truth({}, effect("data_latency", "latency_ms"), **honest, late=late)
     if physics == "payload":
         return loaded(robot, rng, path, axes, honest)
+    if physics == "link spring":
+        return bending(robot, rng, path, axes, honest)
     return Truth({}, "", **honest)
+
+
+def bending(robot: Robot, rng: Any, path: Path, axes: Any, honest: Any) -> Truth:
+    """Springs behind the first joint, across its axis."""
+    joint = robot.joints[0]
+    (axis,) = (a for a, m in axes.items() if m.joint == joint)
+    _, jets = poses_and_moves(rng, list(axes), 20)
+    jets = {a: j[:, ::50] for a, j in jets.items()}
+    moment = PlainModel(path, axes, robot.site).moments(jets, joint)[1]
+    stiffness = np.ptp(moment, axis=0).max() / (rng.uniform(60, 200, 2) * ARCSEC)
+    law = effect("link_compliance", "bend_x_arcsec_N_m", "bend_y_arcsec_N_m", axis=axis)
+    return Truth({"link_stiffness": {joint: stiffness}}, law, **honest)
 
 
 def loaded(robot: Robot, rng: Any, path: Path, axes: Any, honest: Any) -> Truth:

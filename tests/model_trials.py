@@ -42,13 +42,18 @@ STANDARD_G = 9.80665
 
 @dataclass(frozen=True)
 class Robot:
-    """A model, the joints that are read, and where the instrument sits."""
+    """A model, the joints that are read, and where the instrument sits.
+
+    Args:
+        springs: joints that may give way; bends: one whose link may, where its load lies across it.
+    """
 
     file: str
     text: bytes
     joints: tuple[str, ...]
     site: str
     springs: tuple[str, ...]
+    bends: str = ""
 
 
 def of_file(path: Path, *rest: Any) -> Robot:
@@ -69,9 +74,9 @@ PUSHER = tuple(
     )
 )
 ROBOTS = {
-    "arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift",)),
+    "arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift",), "pan"),
     "base of the arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "base_imu", ()),
-    "pusher": of_file(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2]),
+    "pusher": of_file(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2], PUSHER[0]),
     "leg of the humanoid": of_file(
         ASSETS / "humanoid.xml",
         ("abdomen_y", "abdomen_x", "right_hip_x", "right_hip_z", "right_hip_y", "right_knee"),
@@ -82,10 +87,15 @@ ROBOTS = {
         ASSETS / "half_cheetah.xml", ("bthigh", "bshin", "bfoot"), "bfoot", ("bthigh",)
     ),
     "leg of a hexapod": Robot(
-        "hexapod.xml", HEXAPOD.encode(), ("coxa_0", "femur_0", "tibia_0"), "shin", ("femur_0",)
+        "hexapod.xml",
+        HEXAPOD.encode(),
+        ("coxa_0", "femur_0", "tibia_0"),
+        "shin",
+        ("femur_0",),
+        "coxa_0",
     ),
     "pan-tilt head": Robot(
-        "head.xml", PAN_TILT.encode(), ("pan", "tilt", "roll"), "imu", ("tilt", "roll")
+        "head.xml", PAN_TILT.encode(), ("pan", "tilt", "roll"), "imu", ("tilt", "roll"), "pan"
     ),
     "four-axis table": Robot(
         "table.xml",
@@ -93,6 +103,7 @@ ROBOTS = {
         ("outer", "middle", "inner", "head"),
         "imu",
         ("middle", "inner"),
+        "outer",
     ),
 }
 PHYSICS = {
@@ -117,6 +128,7 @@ def possible(robot, physics):
         "base spring": not moves,
         "payload": bool(robot.springs) or not moves,
         "K2": moves,
+        "link spring": bool(robot.bends),
     }.get(physics, moves)
 
 
@@ -182,8 +194,8 @@ def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Tr
 
 
 def bending(robot: Robot, rng: Any, path: Path, axes: Any, honest: Any) -> Truth:
-    """Springs behind the first joint, across its axis."""
-    joint = robot.joints[0]
+    """Springs behind a joint, across its axis."""
+    joint = robot.bends
     (axis,) = (a for a, m in axes.items() if m.joint == joint)
     _, jets = poses_and_moves(rng, list(axes), 20)
     jets = {a: j[:, ::50] for a, j in jets.items()}

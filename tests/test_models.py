@@ -189,7 +189,7 @@ WRONG = {
             "slide.xml": "<mujoco><worldbody><body name='b'><joint name='pan' type='slide'/>"
             "<geom size='.1'/></body></worldbody></mujoco>"
         },
-        "no hinge",
+        "for axis pan, a slide joint and no hinge.*leave it out",
     ),
     "broken.xml": ({"broken.xml": "<mujoco><worldbody>"}, "no XML"),
     "unknown.xml": ({"unknown.xml": "<mujoco><nothing/></mujoco>"}, "a model that MuJoCo loads"),

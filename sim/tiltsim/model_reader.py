@@ -120,8 +120,11 @@ class ModelReader:
                 nearest(axis.joint, [n for n in names if n] or ["no joint has a name"]),
             )
         if model.jnt_type[number] != mujoco.mjtJoint.mjJNT_HINGE:
+            kind = mujoco.mjtJoint(model.jnt_type[number]).name.removeprefix("mjJNT_").lower()
             raise self._error(
-                f"joint '{axis.joint}', which is no hinge", "joints that turn about one axis"
+                f"joint '{axis.joint}' for axis {name}, a {kind} joint and no hinge",
+                "joints that turn about one axis",
+                "leave it out of [rig.axes]: it stays at the model's reference",
             )
         return int(number)
 

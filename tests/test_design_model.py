@@ -11,8 +11,11 @@ from tiltcal.cli import main
 from tiltcal.core.assets import folder
 from tiltcal.core.units import DEG
 from tiltcal.design.pose_grids import spread
+from tiltcal.design.recording_blocks import candidates
+from tiltcal.design.scenario_problem import clock_of
 from tiltcal.design.static_instrument import Still, pointwise, still_sense
 from tiltcal.design.tabulated import changes_of, tabulate
+from tiltcal.diagnosis.investigation.next_block import Limits, table_of
 from tiltcal.effects import make_effect
 from tiltcal.laboratory.scenario import load_scenario
 
@@ -104,3 +107,33 @@ def test_spread_poses_are_allowed_and_fill_every_pair_of_axes():
         for j in range(i):
             counts = np.bincount(8 * cells[:, i] + cells[:, j], minlength=64)
             assert 40 <= counts.min() <= counts.max() <= 90  # 64 on average
+
+
+def test_joints_keep_to_their_range_unless_told_otherwise(tmp_path):
+    text = tilted_arm()
+    assert '<joint name="lift"' in text
+    text = text.replace('<joint name="lift"', '<joint name="lift" range="-80 30"')
+    (tmp_path / "arm.xml").write_text(text)
+    (tmp_path / "s.toml").write_text(scenario_text("arm.xml", AXES, "tool"))
+    scenario = load_scenario(tmp_path / "s.toml")
+    # the readout counts the other way, and says zero where the joint stands at 10 deg
+    assert scenario.rig.ranges_deg == {"lift": pytest.approx((-20.0, 90.0))}
+    lift = list(AXES).index("lift")
+    low, high = clock_of(scenario, 100.0).limits[lift]
+    assert (low / DEG, high / DEG) == pytest.approx((-20.0, 90.0))
+    told = clock_of(scenario, 100.0, angles_deg={"lift": (-5.0, 5.0)}).limits[lift]
+    assert told == pytest.approx((-5 * DEG, 5 * DEG))
+    reach = table_of(scenario, [], Limits()).reach
+    assert reach["lift"] == pytest.approx((-20.0, 90.0))
+    assert reach["pan"] == (0.0, 360.0)
+
+
+def test_no_block_turns_two_joints_over_as_a_table_does(tmp_path):
+    """Up at (a, b) is that at (360 - a, b + 180) where two axes meet at right angles only."""
+    (tmp_path / "arm.xml").write_text(tilted_arm())
+    two = {name: AXES[name] for name in ("pan", "lift")}
+    (tmp_path / "s.toml").write_text(scenario_text("arm.xml", two, "tool"))
+    scenario = load_scenario(tmp_path / "s.toml")
+    names = {block.name for block in candidates(table_of(scenario, [], Limits()))}
+    assert "tumble" in names
+    assert "flip" not in names

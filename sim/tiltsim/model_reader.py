@@ -147,10 +147,18 @@ class ModelReader:
             sign=words.sign,
             offset_deg=words.offset_deg,
             reference_deg=float(-np.degrees(axis.zero)),
+            range_deg=self._range(axis.joint, words),
             **self._mass(k),
             **drive_of(self.model, axis.joint),
             **place,
         )
+
+    def _range(self, joint: int, words: ModelAxis) -> tuple[float, float] | None:
+        """Lowest and highest readout within a joint's range, deg; None where it has none."""
+        if not self.model.jnt_limited[joint]:
+            return None
+        ends = words.sign * (np.degrees(self.model.jnt_range[joint]) - words.offset_deg)
+        return float(ends.min()), float(ends.max())
 
     def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
         """A frame of the world as a ``Place`` on a link, by its number; -1: the base."""

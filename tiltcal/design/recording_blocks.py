@@ -114,7 +114,8 @@ def candidates(table: TableLimits) -> Iterator[Block]:
     if len(names) > 1:
         yield Block("tumble", said("tumble"), _poses(table, _spread(table)))
         yield Block("short tumble", said("tumble"), _poses(table, _spread(table)[::2]))
-    if table.rig.directions[1:] == ("z",) and all(table.round_trip(a) for a in names):
+    two = table.rig.kind.chain is None and table.rig.directions[1:] == ("z",)
+    if two and all(table.round_trip(a) for a in names):
         pairs = [(a, b) for a in (30.0, 75.0, 120.0) for b in (0.0, 135.0)]
         poses = [pose for a, b in pairs for pose in ((a, b), (360 - a, b + 180))]
         yield Block("flip", said("flip"), _poses(table, poses))

@@ -2,6 +2,7 @@
 properties.
 """
 
+from collections.abc import Mapping
 from functools import cache, cached_property
 from typing import Annotated, Any, Literal, Self
 
@@ -113,6 +114,11 @@ class Rig(Part):
     def mount_rotation(self) -> Array:
         """R_mount: body to faceplate components, (3, 3)."""
         return parse_mount(self.mount)
+
+    @property
+    def ranges_deg(self) -> Mapping[str, tuple[float, float]]:
+        """Lowest and highest angle of the axes whose joint in a user's own model has a range."""
+        return {} if self.kind.chain is None else self.kind.chain.ranges_deg
 
     @property
     def directions(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from statistics_helpers import rng_of
 
 from tiltcal.cli import main
 from tiltcal.core.assets import folder
+from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
 from tiltcal.design.pose_grids import spread
 from tiltcal.design.recording_blocks import candidates
@@ -137,3 +138,10 @@ def test_no_block_turns_two_joints_over_as_a_table_does(tmp_path):
     names = {block.name for block in candidates(table_of(scenario, [], Limits()))}
     assert "tumble" in names
     assert "flip" not in names
+
+
+def test_an_instrument_that_no_axis_tilts_is_refused(tmp_path):
+    (tmp_path / "arm.xml").write_text(tilted_arm())
+    (tmp_path / "s.toml").write_text(scenario_text("arm.xml", AXES, "base_imu"))
+    with pytest.raises(TiltcalError, match=r"arm\.xml: found no axis that tilts the instrument"):
+        clock_of(load_scenario(tmp_path / "s.toml"), 100.0)

@@ -42,6 +42,13 @@ class Still:
             TiltcalError: the table has none.
         """
         rig = self.scenario.rig
+        if not rig.kind.tilting and rig.kind.chain is not None:
+            raise TiltcalError(
+                f"design, model {rig.model}",
+                found="no axis that tilts the instrument where it sits",
+                need="a joint under it that changes what gravity does to it",
+                do="map one in [rig.axes], or name a sensor that sits elsewhere",
+            )
         if not rig.kind.tilting:
             turns = "turns about the vertical only" if rig.axes else "has no axis to command"
             *able, last = (table.name for table in tables().values() if table.tilting)

@@ -33,6 +33,7 @@ class PlainModel:
         axes: the readouts, by name.
         site: where the sensors sit: a site, or a body.
         joint_stiffness: N m/rad of a spring in series with a joint, by joint.
+        link_stiffness: N m/rad of two springs behind a joint, about the axes across it, by joint.
         base_stiffness: N m/rad under the root body about East and North, whose origin is the
             world's.
         axis_tilt: rad, of a joint's axis about the two axes across it, by joint.
@@ -48,6 +49,7 @@ class PlainModel:
         base_stiffness=None,
         axis_tilt=(),
         payload=(),
+        link_stiffness=(),
     ):
         self.axes, self.springs = axes, {}
         spec = mujoco.MjSpec.from_file(str(path))
@@ -62,6 +64,17 @@ class PlainModel:
                 limited=mujoco.mjtLimited.mjLIMITED_FALSE,
             )
             self.springs[f"{name}_spring"] = stiffness
+        for name, stiffness in dict(link_stiffness).items():
+            joint = spec.joint(name)
+            for k, (axis, size) in enumerate(zip(across(joint.axis), stiffness, strict=True)):
+                joint.parent.add_joint(
+                    name=f"{name}_link_{k}",
+                    type=joint.type,
+                    axis=axis,
+                    pos=joint.pos,
+                    limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+                )
+                self.springs[f"{name}_link_{k}"] = size
         if base_stiffness is not None:
             root, compiled = spec.worldbody.first_body(), spec.compile()
             R = _matrix(compiled.body(root.name).quat)  # its file may say it in other words
@@ -76,9 +89,8 @@ class PlainModel:
         for name, (a, b) in dict(axis_tilt).items():
             joint = spec.joint(name)
             axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-            x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-            x /= np.linalg.norm(x)
-            tilted = axis + a * np.cross(x, axis) + b * np.cross(np.cross(axis, x), axis)
+            x, y = across(axis)
+            tilted = axis + a * np.cross(x, axis) + b * np.cross(y, axis)
             joint.axis = tilted / np.linalg.norm(tilted)
         for name, (mass, place) in dict(payload).items():
             spec.joint(name).parent.add_body(
@@ -185,6 +197,14 @@ class PlainModel:
         data.qacc[:] = wanted
 
 
+def across(axis):
+    """Two axes across one, (3,) each."""
+    z = np.array(axis) / np.linalg.norm(axis)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    return x, np.cross(z, x)
+
+
 def poses_and_moves(rng, axes, poses, dwell=1.5, move=2.5, reach=2.0):
     """Stamps, s, (n,), and readouts with their derivatives, (3, n) each: quintic moves between
     random poses.
@@ -261,4 +281,26 @@ FOUR_AXES = """<mujoco model="four-axis table"><worldbody><body name="pier">
 <geom type="cylinder" size=".1 .02" mass="3" pos=".03 0 0"/>
 <site name="imu" pos="0 0 .05" euler="0 5 30"/>
 </body></body></body></body></body></worldbody></mujoco>"""
+_LEG = """<body name="leg_{k}" pos="{x:.3f} {y:.3f} 0" euler="0 0 {turn}">
+<joint name="coxa_{k}" axis="0 0 1"/><geom type="box" size=".03 .02 .02" mass=".3" pos=".03 0 0"/>
+<body name="thigh_{k}" pos=".06 0 0"><joint name="femur_{k}" axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 .15 .01 .02" size=".02" mass=".4"/>
+<body name="shin_{k}" pos=".15 0 0"><joint name="tibia_{k}" axis="0 1 .1"/>
+<geom type="capsule" fromto="0 0 0 .05 .02 -.2" size=".015" mass=".3"/>{site}
+</body></body></body>"""
+HEXAPOD = (
+    '<mujoco model="hexapod"><worldbody><body name="trunk" pos="0 0 1" euler="3 -2 0"><freejoint/>'
+    '<geom type="cylinder" size=".2 .05" mass="5"/>'
+    + "".join(
+        _LEG.format(
+            k=k,
+            x=0.2 * np.cos(k * np.pi / 3),
+            y=0.2 * np.sin(k * np.pi / 3),
+            turn=60 * k,
+            site="" if k else '<site name="shin" pos=".03 0 -.1" euler="20 -30 10"/>',
+        )
+        for k in range(6)
+    )
+    + "</body></worldbody></mujoco>"
+)
 """Rigs written for the tests, in which MuJoCo turns what hangs on a joint off its balance."""

@@ -19,6 +19,7 @@ import numpy as np
 from model_oracle import calibration, effect, fitted_error, predicted_error
 from model_rig import (
     FOUR_AXES,
+    HEXAPOD,
     PAN_TILT,
     Mapped,
     PlainModel,
@@ -41,13 +42,18 @@ STANDARD_G = 9.80665
 
 @dataclass(frozen=True)
 class Robot:
-    """A model, the joints that are read, and where the instrument sits."""
+    """A model, the joints that are read, and where the instrument sits.
+
+    Args:
+        springs: joints that may give way; bends: one whose link may, where its load lies across it.
+    """
 
     file: str
     text: bytes
     joints: tuple[str, ...]
     site: str
     springs: tuple[str, ...]
+    bends: str = ""
 
 
 def of_file(path: Path, *rest: Any) -> Robot:
@@ -68,17 +74,28 @@ PUSHER = tuple(
     )
 )
 ROBOTS = {
-    "arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift",)),
+    "arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "tool", ("lift",), "pan"),
     "base of the arm": of_file(ARM, ("pan", "lift", "elbow", "wrist"), "base_imu", ()),
-    "pusher": of_file(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2]),
+    "pusher": of_file(ASSETS / "pusher_v5.xml", PUSHER, "tips_arm", PUSHER[1:2], PUSHER[0]),
     "leg of the humanoid": of_file(
         ASSETS / "humanoid.xml",
         ("abdomen_y", "abdomen_x", "right_hip_x", "right_hip_z", "right_hip_y", "right_knee"),
         "right_shin",
         ("right_hip_y",),
     ),
+    "leg of the cheetah": of_file(
+        ASSETS / "half_cheetah.xml", ("bthigh", "bshin", "bfoot"), "bfoot", ("bthigh",)
+    ),
+    "leg of a hexapod": Robot(
+        "hexapod.xml",
+        HEXAPOD.encode(),
+        ("coxa_0", "femur_0", "tibia_0"),
+        "shin",
+        ("femur_0",),
+        "coxa_0",
+    ),
     "pan-tilt head": Robot(
-        "head.xml", PAN_TILT.encode(), ("pan", "tilt", "roll"), "imu", ("tilt", "roll")
+        "head.xml", PAN_TILT.encode(), ("pan", "tilt", "roll"), "imu", ("tilt", "roll"), "pan"
     ),
     "four-axis table": Robot(
         "table.xml",
@@ -86,6 +103,7 @@ ROBOTS = {
         ("outer", "middle", "inner", "head"),
         "imu",
         ("middle", "inner"),
+        "outer",
     ),
 }
 PHYSICS = {
@@ -97,6 +115,7 @@ PHYSICS = {
     "eccentricity": "table_encoder_eccentricity",
     "latency": "data_latency",
     "payload": "payload",
+    "link spring": "link_compliance",
 }
 
 
@@ -109,6 +128,7 @@ def possible(robot, physics):
         "base spring": not moves,
         "payload": bool(robot.springs) or not moves,
         "K2": moves,
+        "link spring": bool(robot.bends),
     }.get(physics, moves)
 
 
@@ -168,7 +188,21 @@ def concealed(robot: Robot, physics: str, rng: Any, path: Path, axes: Any) -> Tr
         return Truth({}, effect("data_latency", "latency_ms"), **honest, late=late)
     if physics == "payload":
         return loaded(robot, rng, path, axes, honest)
+    if physics == "link spring":
+        return bending(robot, rng, path, axes, honest)
     return Truth({}, "", **honest)
+
+
+def bending(robot: Robot, rng: Any, path: Path, axes: Any, honest: Any) -> Truth:
+    """Springs behind a joint, across its axis."""
+    joint = robot.bends
+    (axis,) = (a for a, m in axes.items() if m.joint == joint)
+    _, jets = poses_and_moves(rng, list(axes), 20)
+    jets = {a: j[:, ::50] for a, j in jets.items()}
+    moment = PlainModel(path, axes, robot.site).moments(jets, joint)[1]
+    stiffness = np.ptp(moment, axis=0).max() / (rng.uniform(60, 200, 2) * ARCSEC)
+    law = effect("link_compliance", "bend_x_arcsec_N_m", "bend_y_arcsec_N_m", axis=axis)
+    return Truth({"link_stiffness": {joint: stiffness}}, law, **honest)
 
 
 def loaded(robot: Robot, rng: Any, path: Path, axes: Any, honest: Any) -> Truth:

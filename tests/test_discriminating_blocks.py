@@ -218,7 +218,7 @@ def test_too_few_poses_ask_for_more() -> None:
         known, [recording], {"verdict": "cannot_tell", "findings": []}, amended, Limits(), silent
     )
     assert plan.proposal is not None
-    assert plan.proposal.block.words == said("reverse")
+    assert plan.proposal.block.words == said("reverse", "outer")
     assert "no spare readings" in plan.statement
     assert plan.to_json()["confidence"] == 0.0
     plan = next_block(

@@ -30,6 +30,7 @@ BESIDE = {  # the contract's list
     "readout_rate",
     "joint_axis_tilt",
     "joint_compliance",
+    "link_compliance",
     "base_load_compliance",
     "link_tilt",
     "payload",

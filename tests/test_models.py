@@ -189,7 +189,7 @@ WRONG = {
             "slide.xml": "<mujoco><worldbody><body name='b'><joint name='pan' type='slide'/>"
             "<geom size='.1'/></body></worldbody></mujoco>"
         },
-        "no hinge",
+        "for axis pan, a slide joint and no hinge.*leave it out",
     ),
     "broken.xml": ({"broken.xml": "<mujoco><worldbody>"}, "no XML"),
     "unknown.xml": ({"unknown.xml": "<mujoco><nothing/></mujoco>"}, "a model that MuJoCo loads"),
@@ -314,9 +314,11 @@ def test_a_payload_behind_a_known_spring_is_named(models, tmp_path):
     ("id", "where", "sizes", "beside"),
     [
         ("joint_compliance", "lift", {"bend_x": 2, "bend_y": -1, "bend_z": 3}, ()),
+        ("link_compliance", "elbow", {"bend_x": 2, "bend_y": -3}, ()),
         ("base_load_compliance", None, {"bend_east": 0.4, "bend_north": 0.6}, ()),
         ("payload", "wrist", {"mass": 0.5}, ("joint_compliance", "base_load_compliance")),
         ("payload", "wrist", {"com_x": 20, "com_z": -10}, ("joint_compliance",)),
+        ("payload", "wrist", {"mass": 0.5}, ("link_compliance",)),
         ("joint_compliance", "lift", {"bend_z": 3}, ("payload",)),
     ],
 )
@@ -328,6 +330,7 @@ def test_columns_of_loads_are_differences_of_the_closed_form(models, id, where, 
     drive = drive_of(time, {axis: Jet(*jet) for axis, jet in angles.items()})
     others = {
         "joint_compliance": ("elbow", {"bend_y_arcsec_N_m": 5, "bend_z_arcsec_N_m": 20}),
+        "link_compliance": ("lift", {"bend_x_arcsec_N_m": 5, "bend_y_arcsec_N_m": 20}),
         "base_load_compliance": (None, {"bend_east_arcsec_N_m": 2}),
         "payload": ("wrist", {"mass_kg": 3.0, "com_x_mm": 40}),
     }
@@ -340,6 +343,35 @@ def test_columns_of_loads_are_differences_of_the_closed_form(models, id, where, 
     expected = changed - closed_form(scenario, drive, there).force
     assert np.abs(expected).max() > 0
     np.testing.assert_allclose(column, expected, rtol=0, atol=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("name", "axis"), [("arm", "wrist"), ("pusher", "j1")])
+def test_a_link_that_bends_is_two_springs_behind_its_joint_in_plain_mujoco(models, name, axis):
+    path, axes, site = models[name]
+    scenario = load_scenario(path.with_suffix(".toml"))
+    rng, time = rng_of(f"link bends {name}"), np.arange(0, 12, 0.02)
+    swings = {a: (*rng.uniform(0.5, 1.5, 2), rng.uniform(0, 6)) for a in axes}
+    angles = {a: swing(time, *how) for a, how in swings.items()}
+    drive = drive_of(time, {a: Jet(*jet) for a, jet in angles.items()})
+    honest, joint = closed_form(scenario, drive).force, axes[axis].joint
+    _, moment = PlainModel(path, axes, site).moments(angles, joint)
+    bend = 100 * ARCSEC / np.abs(moment).max()  # alike in both directions, whatever they are called
+    plain = PlainModel(path, axes, site, link_stiffness={joint: (1 / bend, 1 / bend)})
+    sizes = {f"bend_{a}_arcsec_N_m": bend / ARCSEC for a in "xy"}
+    ours = closed_form(
+        scenario, drive, [make_effect("link_compliance", sizes, scenario, axis=axis)]
+    )
+    expected = plain.readings(time, angles)[0] - honest
+    inside = slice(120, -120)  # towards its ends a recording says less of rates of loads
+    left = np.abs(ours.force - honest - expected)[inside]
+    assert left.max() < 5e-3 * np.abs(expected).max()
+
+
+def swing(time, size, frequency, phase):
+    """A sine with its derivatives, rad, rad/s, rad/s2, (3, n)."""
+    at = frequency * time + phase
+    rates = (np.sin(at), frequency * np.cos(at), -(frequency**2) * np.sin(at))
+    return size * np.array(rates)
 
 
 @pytest.mark.parametrize("name", ["arm", "pusher"])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from model_rig import Mapped, PlainModel, poses_and_moves, scenario_text
 from mujoco import sysid
+from scipy.ndimage import binary_erosion
 
 from tiltcal.cli import main
 from tiltcal.core.assets import folder
@@ -64,22 +65,37 @@ LAWS = {
         bend_y_arcsec_N_m=2,
         bend_z_arcsec_N_m=4,
     ),
+    "link bends": law("link_compliance", "wrist", bend_x_arcsec_N_m=3, bend_y_arcsec_N_m=-2),
     "base bends": law("base_load_compliance", bend_east_arcsec_N_m=0.4, bend_north_arcsec_N_m=0.6),
 }
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_the_users_own_model_moves_as_the_closed_form_says(tmp_path, name):
-    exchange = Exchange.of(written(tmp_path, LAWS[name]), ARM)
+    own, closed, without = by_both(tmp_path, LAWS[name])
+    print(name, np.abs(own - closed).max(), np.abs(closed - without).max())
+    assert np.abs(own - closed).max() < 1e-2 * np.abs(closed - without).max()
+
+
+def test_a_link_bends_before_the_next_joint_of_its_body(tmp_path):
+    bends = law("link_compliance", "elbow", bend_x_arcsec_N_m=30, bend_y_arcsec_N_m=-20)
+    own, closed, without = by_both(tmp_path, bends)
+    still = np.append(True, (np.diff(without, axis=0) == 0).all(axis=1))
+    still = binary_erosion(still, iterations=10)  # a bend is still moving as a rest begins
+    left, change = np.abs(own - closed)[still], np.abs(closed - without)[still]
+    assert left.max() < 1e-2 * change.max()
+
+
+def by_both(tmp_path, effect):
+    """Forces on the users own model, by the closed form, and without the effect, (n, 3) each."""
+    exchange = Exchange.of(written(tmp_path, effect), ARM)
     recording, time, _ = recorded()
     course = replay(recording, exchange.scenario)
     effects = exchange.effects(exchange.parameters)
     times = {"accelerometer": time}
     closed = readings(exchange.scenario, course, times, effects)["accelerometer"]
     own = readings(exchange.scenario, course, times, effects, mover=exchange._move)["accelerometer"]
-    without = readings(exchange.scenario, course, times, ())["accelerometer"]
-    print(name, np.abs(own - closed).max(), np.abs(closed - without).max())
-    assert np.abs(own - closed).max() < 1e-2 * np.abs(closed - without).max()
+    return own, closed, readings(exchange.scenario, course, times, ())["accelerometer"]
 
 
 def test_a_diagnosis_goes_to_sysid_and_comes_back(tmp_path):

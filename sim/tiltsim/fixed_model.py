@@ -154,19 +154,24 @@ def _turn_site(
 def _install_springs(
     spec: "mujoco.MjSpec", reference: Reference, bends: Sequence[Compliance], gravity: float
 ) -> dict[str, float]:
-    """Put a hinge with a spring before a joint, or under the root of the first."""
+    """Put a hinge with a spring before a joint, behind it, or under the root of the first."""
     found: dict[str, float] = {}
     for key in list(spec.keys) if bends else ():  # they state every joint, the new ones not
         spec.delete(key)
-    joints = {bearing(j.name): j for j in reference.joints}
+    bearings = {bearing(j.name): j for j in reference.joints}
+    links = {j.name: j for j in reference.joints}
     for bend in bends:
         name = f"{bend.slot}_bend_{bend.axis}"
         direction, relaxed = "xyz".index(bend.axis), 0.0
         found[name] = 1 / bend.value if abs(bend.value) * STIFFEST > 1 else STIFFEST
-        if bend.slot in joints:
-            joint = joints[bend.slot]
+        if bend.slot in bearings:
+            joint = bearings[bend.slot]
             carrier, origin, along = joint.body, joint.origin, joint.bearing[:, direction]
             before = spec.joint(reference.model.joint(joint.joint).name)
+        elif bend.slot in links:
+            joint = links[bend.slot]
+            carrier, origin, along = joint.body, joint.origin, joint.R[:, direction]
+            before = _next_joint(spec, reference, joint)
         else:
             carrier, origin, along = _root(reference), np.zeros(3), np.eye(3)[direction]
             before = next(iter(spec.bodies[carrier].joints), None)
@@ -178,6 +183,14 @@ def _install_springs(
         spring.springref = np.degrees(relaxed) if spec.compiler.degree else relaxed
         spring.stiffness, spring.armature = [found[name], 0.0, 0.0], ROTOR
     return found
+
+
+def _next_joint(spec: "mujoco.MjSpec", reference: Reference, joint: ModelJoint) -> Any:
+    """The joint of the same body that follows one in the model, None where it is the last."""
+    model, after = reference.model, joint.joint + 1
+    if after < model.njnt and model.jnt_bodyid[after] == joint.body:
+        return spec.joint(model.joint(after).name)
+    return None
 
 
 def _root(reference: Reference) -> int:

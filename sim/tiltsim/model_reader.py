@@ -120,8 +120,11 @@ class ModelReader:
                 nearest(axis.joint, [n for n in names if n] or ["no joint has a name"]),
             )
         if model.jnt_type[number] != mujoco.mjtJoint.mjJNT_HINGE:
+            kind = mujoco.mjtJoint(model.jnt_type[number]).name.removeprefix("mjJNT_").lower()
             raise self._error(
-                f"joint '{axis.joint}', which is no hinge", "joints that turn about one axis"
+                f"joint '{axis.joint}' for axis {name}, a {kind} joint and no hinge",
+                "joints that turn about one axis",
+                "leave it out of [rig.axes]: it stays at the model's reference",
             )
         return int(number)
 
@@ -144,10 +147,18 @@ class ModelReader:
             sign=words.sign,
             offset_deg=words.offset_deg,
             reference_deg=float(-np.degrees(axis.zero)),
+            range_deg=self._range(axis.joint, words),
             **self._mass(k),
             **drive_of(self.model, axis.joint),
             **place,
         )
+
+    def _range(self, joint: int, words: ModelAxis) -> tuple[float, float] | None:
+        """Lowest and highest readout within a joint's range, deg; None where it has none."""
+        if not self.model.jnt_limited[joint]:
+            return None
+        ends = words.sign * (np.degrees(self.model.jnt_range[joint]) - words.offset_deg)
+        return float(ends.min()), float(ends.max())
 
     def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
         """A frame of the world as a ``Place`` on a link, by its number; -1: the base."""

@@ -19,6 +19,7 @@ from tiltcal.design.static_instrument import Still
 from tiltcal.design.steps import designed_table, printable, steps_of, write_plan
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.report.design import poses_of_plan, write_design
+from tiltcal.setup.sensor import Sensor
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class DesignedSequence(Tabular):
 
 def designed(
     scenario: Scenario,
+    sensor: Sensor,
     problem: Problem,
     unseen: tuple[str, ...],
     everything: bool,
@@ -92,6 +94,7 @@ def designed(
 
     Args:
         scenario: whose table moves.
+        sensor: that it is designed for.
         problem: terms, clock and criterion.
         unseen: effects that it leaves out.
         everything: whether terms that no poses tell are reported instead of refused.
@@ -102,7 +105,7 @@ def designed(
     Raises:
         TiltcalError: no set of poses within the limits tells a wanted term.
     """
-    still = Still(scenario, problem.clock.budget)
+    still = Still(scenario.seen_by(sensor), problem.clock.budget)
     untold = check_possible(problem, still.axes, everything)
-    plan = find_plan(problem, scenario.rig.kind, seed, notice=progress, engine=engine)
+    plan = find_plan(problem, still.scenario.rig.kind, seed, notice=progress, engine=engine)
     return DesignedSequence(plan, scenario, still.up(plan.angles), unseen, untold)

@@ -197,12 +197,14 @@ class Scenario(laboratory.Scenario):
         Raises:
             TiltcalError: no set of poses within the limits tells a wanted term.
         """
-        clock = clock_of(self, budget_s, rate_deg_s, settle_s, dwell_s, angles_deg, step_deg)
+        one = sensor_of(self, sensor)
+        seen = self.seen_by(one)
+        clock = clock_of(seen, budget_s, rate_deg_s, settle_s, dwell_s, angles_deg, step_deg)
         wanted = Wanted(
             tuple(terms), tuple(nuisance), grade, prior, floor_ug * 1e-6 * G0, range_deg * DEG
         )
-        problem = scenario_problem(self, sensor_of(self, sensor), wanted, clock, criterion)
-        return designed(self, *problem, "all" in terms, seed, progress)
+        problem = scenario_problem(seen, one, wanted, clock, criterion)
+        return designed(self, one, *problem, "all" in terms, seed, progress)
 
 
 def load_scenario(path: Path | str) -> Scenario:

@@ -93,11 +93,13 @@ def design(
         wanted = (blind_to_nothing, aim, table, seed)
         with shared_engine(engine, jobs) as opened:
             return design_visible_poses(scenario, *wanted, opened, output, as_json)
-    problem, unseen = problem_of(aim, table, scenario, clock_given(table, scenario))
+    sensor = sensor_of(scenario, aim.sensor)
+    seen = scenario.seen_by(sensor)
+    problem, unseen = problem_of(aim, table, seen, clock_given(table, seen))
     with claimed(output):
         with progress_line() as notice, shared_engine(engine, jobs) as opened:
             everything = "all" in aim.terms
-            found = designed(scenario, problem, unseen, everything, seed, notice, opened)
+            found = designed(scenario, sensor, problem, unseen, everything, seed, notice, opened)
         if output:
             found.save(output)
     if as_json:

@@ -39,13 +39,13 @@ def design_visible_poses(
     as_json: bool,
 ) -> int:
     """Find ``count`` poses for which the least visible effect is as visible as possible."""
-    clock = clock_given(table, scenario)
+    sensor = sensor_of(scenario, aim.sensor)
+    at_sensor = scenario.seen_by(sensor)
+    clock = clock_given(table, at_sensor)
     _check_budget(clock, count * (clock.settle + clock.shortest), count)
-    still = Still(scenario, clock.budget)
+    still = Still(at_sensor, clock.budget)
     wanted = () if "all" in aim.terms else aim.terms
-    seen = catalogue_signatures(
-        still, sensor_of(scenario, aim.sensor), grid_of_poses(clock), aim.grade, wanted
-    )
+    seen = catalogue_signatures(still, sensor, grid_of_poses(clock), aim.grade, wanted)
     terms = 1 + seen.spanned.shape[1]
     if count <= terms:
         _refuse(count, f"more than {terms}", "bias, scale and cross-axis terms absorb all of them")
@@ -53,7 +53,7 @@ def design_visible_poses(
         found = blind_to_nothing(seen, clock, count, seed, engine=engine, progress=progress)
     if found.shares.min() < SEEN:
         _refuse(count, "more", f"they do not show {seen.names[int(found.shares.argmin())]}")
-    problem, _ = problem_of(replace(aim, terms=()), table, scenario, clock)
+    problem, _ = problem_of(replace(aim, terms=()), table, at_sensor, clock)
     plan = timed(found, problem, still.axes)
     up = still.up(plan.angles)
     if output:
@@ -83,10 +83,11 @@ def show(found: MaxMin) -> None:
     paragraph(
         f"least share {found.shares.min():.4f}; no design exceeds {found.bounds[0]:.4f}, none that"
         f" keeps {100 * REQUIRED:g} % of the linear D-efficiency {found.bounds[1]:.4f} (convex"
-        f" bounds over all poses of a grid; references within {100 * found.reference_gap:.2f} %);"
+        f" bounds over a dense set of poses; references within {100 * found.reference_gap:.2f} %);"
         f" D-efficiency of the linear terms {100 * found.efficiency:.2f} %"
     )
-    paragraph("absorbed by bias, scale and cross-axis terms: " + ", ".join(seen.ordinary))
+    ordinary = ", ".join(seen.ordinary) or "none"
+    paragraph(f"absorbed by bias, scale and cross-axis terms: {ordinary}")
     paragraph("not visible in any sequence of dwells here:")
     for needs, names in by_need(found).items():
         paragraph(f"  {', '.join(names)}: needs {needs}")

@@ -6,10 +6,12 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
 from tiltcal.design.gradient_search import Problem
+from tiltcal.design.pose_grids import grid, spread
 
 TOLD = 0.9  # posterior over prior that counts as told apart, when noise is no limit
 QUIET = 1e6  # how much quieter than real the instrument is when only the poses are judged
 GRID = 15 * DEG
+GRID_AXES, SPREAD = 3, 24**3  # most axes of the grid, and poses that stand for those of more
 
 
 def check_possible(
@@ -71,14 +73,8 @@ def _first_wanted(problem: Problem) -> str:
 
 def every_pose(problem: Problem, limited: bool) -> Array:
     """A dense set of poses, rad, (n, axes); ``limited``: those that are allowed."""
-    grid = []
-    for pair in problem.clock.limits:
-        if pair is not None and limited:
-            count = max(2, round((pair[1] - pair[0]) / GRID) + 1)
-            grid.append(np.linspace(*pair, count))
-        else:
-            grid.append(np.arange(-np.pi, np.pi, GRID) + 0.03)
-    return np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, len(grid))
+    limits = problem.clock.limits if limited else (None,) * len(problem.clock.limits)
+    return grid(limits, GRID, 0.03) if len(limits) <= GRID_AXES else spread(limits, SPREAD)
 
 
 def _untold(problem: Problem, angles: Array) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":

@@ -25,11 +25,13 @@ from tiltcal.design.optimal_weights import (
     most_log_det,
     most_visible,
 )
+from tiltcal.design.pose_grids import grid, spread
 from tiltcal.design.signatures import Field, Signatures
 from tiltcal.design.time_budget import Clock
 from tiltcal.design.visit_order import visiting_order
 
 GRID = {1: 2 * DEG, 2: 10 * DEG}  # by the number of axes
+SPREAD = 2048  # poses that stand for those of more axes
 SHARP = 300.0  # of the soft minimum
 KEPT = 0.9853  # D-efficiency that ascent aims at
 REQUIRED = 0.985  # and that a design has to have
@@ -118,8 +120,8 @@ def blind_to_nothing(
         progress: is told what is being done, and how long it takes.
     """
     stages = Stages(progress, SHARES)
-    grid = grid_of_poses(clock)
-    field = Field(seen, grid)
+    tried = grid_of_poses(clock)
+    field = Field(seen, tried)
     stages.begin(BEST)
     goal, gap = goal_of(seen, field, stages.part)
     stages.begin(CLIMB)
@@ -127,7 +129,7 @@ def blind_to_nothing(
     rng = np.random.default_rng(seed)
     begun = []
     for k in range(starts):
-        chosen = grid[rng.choice(len(grid), poses, replace=k > starts // 2, p=weights)]
+        chosen = tried[rng.choice(len(tried), poses, replace=k > starts // 2, p=weights)]
         begun.append(chosen + rng.normal(0, 0.03, chosen.shape))
     drafts = values_of(climbed, [(a, goal, clock, 60) for a in begun], engine)
     stages.part(FIRST_CLIMB)
@@ -138,9 +140,9 @@ def blind_to_nothing(
     stages.begin(ORDER)
     ordered, in_order = visiting_order(seen, best, clock, rng)
     stages.begin(BOUNDS)
-    both = Field(seen, np.vstack([grid, best]))
+    both = Field(seen, np.vstack([tried, best]))
     of_grid = np.append(weights, np.zeros(poses))
-    of_design = np.append(np.zeros(len(grid)), _even(best))
+    of_design = np.append(np.zeros(len(tried)), _even(best))
     kept = goal.log_det + float(np.log(REQUIRED))
     bounds = (
         certified(both, goal.references, of_grid)[1],
@@ -163,15 +165,9 @@ def _even(angles: Array) -> Array:
 
 
 def grid_of_poses(clock: Clock) -> Array:
-    """All allowed poses on the grid, rad, (n, axes)."""
-    step = GRID[len(clock.limits)]
-    axes = []
-    for pair in clock.limits:
-        if pair is None:
-            axes.append(np.arange(-np.pi, np.pi - 1e-9, step))
-        else:
-            axes.append(np.linspace(*pair, max(2, round((pair[1] - pair[0]) / step) + 1)))
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    """All allowed poses on the grid; of more than two axes as many spread ones, rad, (n, axes)."""
+    step = GRID.get(len(clock.limits))
+    return spread(clock.limits, SPREAD) if step is None else grid(clock.limits, step)
 
 
 def goal_of(seen: Signatures, field: Field, part: Part = unmeasured) -> tuple[Goal, float]:

@@ -7,21 +7,21 @@ from math import ceil
 from tiltcal.setup.schedule_builder import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
-from tiltcal.setup.tables import DUAL, angle_key
+from tiltcal.setup.tables import angle_key
 
 WORDS = {
-    "circle": "go once round with the {axis} axis: whole circles separate what a part of one mixes",
-    "reverse": "approach the same angles of the {axis} axis from both sides",
+    "circle": "go once round with {axis}: whole circles separate what a part of one mixes",
+    "reverse": "approach the same angles of {axis} from both sides",
     "tumble": "add poses all over the sphere, with two axes loaded at 45 deg among them",
     "flip": (
         "take the same body attitudes in both ways that the table can: table errors stay with the"
         " angles, sensor errors do not"
     ),
-    "spin": "turn the {axis} axis round at two rates, both ways",
-    "ramp": "move the {axis} axis over the same way at several rates, with sharp stops",
-    "far": "dwell long at the ends of the {axis} axis' range",
+    "spin": "turn {axis} round at two rates, both ways",
+    "ramp": "move {axis} over the same way at several rates, with sharp stops",
+    "far": "dwell long at the ends of the range of {axis}",
     "rest": "rest for a while without moving",
-    "slow": "turn the {axis} axis slowly over its range",
+    "slow": "turn {axis} slowly over its range",
     "repeat": "repeat the poses of the first recording in the opposite order",
     "remount": (
         "remount by {mount} and repeat the same angles: table errors stay with the angle, sensor"
@@ -31,9 +31,9 @@ WORDS = {
 """What each block does, and why."""
 
 
-def said(kind: str, axis: str = DUAL.axis_names[0], mount: str = "180 deg") -> str:
-    """The description of a kind of block."""
-    return WORDS[kind].format(axis=axis, mount=mount)
+def said(kind: str, axis: str | None = None, mount: str = "180 deg") -> str:
+    """The description of a kind of block; ``axis``: that it moves, any unless given."""
+    return WORDS[kind].format(axis="an axis" if axis is None else f"the {axis} axis", mount=mount)
 
 
 DWELL, RATE = 3.0, 30.0  # s, deg/s, unless the user says otherwise
@@ -114,7 +114,8 @@ def candidates(table: TableLimits) -> Iterator[Block]:
     if len(names) > 1:
         yield Block("tumble", said("tumble"), _poses(table, _spread(table)))
         yield Block("short tumble", said("tumble"), _poses(table, _spread(table)[::2]))
-    if table.rig.directions[1:] == ("z",) and all(table.round_trip(a) for a in names):
+    two = table.rig.kind.chain is None and table.rig.directions[1:] == ("z",)
+    if two and all(table.round_trip(a) for a in names):
         pairs = [(a, b) for a in (30.0, 75.0, 120.0) for b in (0.0, 135.0)]
         poses = [pose for a, b in pairs for pose in ((a, b), (360 - a, b + 180))]
         yield Block("flip", said("flip"), _poses(table, poses))

@@ -32,16 +32,24 @@ def clock_of(
         rate_deg_s: of moves.
         settle_s: after each.
         dwell_s: shortest and longest reading.
-        angles_deg: axis -> lowest and highest angle; axes that are not named turn without end.
+        angles_deg: axis -> lowest and highest angle; axes that are not named have the range of
+            their joint in a user's own model, and zero, or turn without end.
         step_deg: angles are its multiples; 0: any angle.
 
     Raises:
         TiltcalError: the table has no such axis, or a value is out of range.
     """
     axes = Still(scenario, budget_s).axes
+    # every run starts with all axes at zero
+    ranges = {
+        axis: (min(low, 0.0), max(high, 0.0))
+        for axis, (low, high) in scenario.rig.ranges_deg.items()
+        if axis in axes
+    }
+    stated = ranges | dict(angles_deg or {})
     limits = {
         one_of(axis, axes, "design, allowed angles", "axis"): (low * DEG, high * DEG)
-        for axis, (low, high) in (angles_deg or {}).items()
+        for axis, (low, high) in stated.items()
     }
     return Clock(
         budget_s,

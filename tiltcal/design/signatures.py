@@ -18,7 +18,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, one_of
 from tiltcal.core.units import DEG
 from tiltcal.design.static_instrument import Still, pointwise
-from tiltcal.design.tabulated import TabulatedColumns, changes_of, tabulate
+from tiltcal.design.tabulated import PoseColumns, changes_of, tabulate
 from tiltcal.design.terms import STEEPEST, Parameter, direct_columns
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect
@@ -54,7 +54,7 @@ class Signatures:
     sensor: Sensor
     names: tuple[str, ...]
     member: Array
-    smooth: TabulatedColumns
+    smooth: PoseColumns
     kinks: tuple[Parameter, ...]
     ordinary: tuple[str, ...]
     ordered: tuple[Effect, ...]
@@ -200,7 +200,7 @@ def catalogue_signatures(
             sensor,
             effects,
             np.array([[float(owner == e) for e in effects] for owner in owners]),
-            TabulatedColumns(table.coefficients[:, :, harmonics]),
+            table.only(harmonics),
             tuple(shown[k] for k in kinks),
             tuple(ordinary),
             tuple(ordered + winding),

@@ -17,6 +17,7 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import tables
 from tiltcal.setup.trajectory import Drive, Jet
 
+ROUNDING = 1e-10  # m/s2, rad: a change that is none
 POINTWISE = ("pose", "time", "temperature", "any")  # needs of effects that may show in a pose
 
 
@@ -25,7 +26,7 @@ class Still:
     """Poses of a scenario's table.
 
     Args:
-        scenario: rig, sensors, climate.
+        scenario: rig, sensors, climate; the instrument is where ``rig`` has it.
         horizon: s of table time: drifts run from 0 to 1 over it.
     """
 
@@ -41,6 +42,13 @@ class Still:
             TiltcalError: the table has none.
         """
         rig = self.scenario.rig
+        if not rig.kind.tilting and rig.kind.chain is not None:
+            raise TiltcalError(
+                f"design, model {rig.model}",
+                found="no axis that tilts the instrument where it sits",
+                need="a joint under it that changes what gravity does to it",
+                do="map one in [rig.axes], or name a sensor that sits elsewhere",
+            )
         if not rig.kind.tilting:
             turns = "turns about the vertical only" if rig.axes else "has no axis to command"
             *able, last = (table.name for table in tables().values() if table.tilting)
@@ -55,12 +63,19 @@ class Still:
     def up(self, angles: Array) -> Array:
         """Up in the body frame, (n, 3). angles: of ``axes``, rad, (n, axes)."""
         v = np.tile([0.0, 0.0, 1.0], (len(angles), 1))
-        about = dict(self.scenario.rig.axes)
-        for k, name in enumerate(self.axes):
-            i = "xyz".index(about[name])
+        table = self.scenario.rig.kind
+        for name, about in table.moving:
+            if table.chain is not None:
+                v = v @ table.chain.links[name].R
+            if name not in self.axes:
+                continue
+            i = "xyz".index(about)
             j, m = (i + 1) % 3, (i + 2) % 3
-            c, s = np.cos(angles[:, k]), np.sin(angles[:, k])
+            angle = angles[:, self.axes.index(name)]
+            c, s = np.cos(angle), np.sin(angle)
             v[:, j], v[:, m] = c * v[:, j] + s * v[:, m], c * v[:, m] - s * v[:, j]  # R(e, q)^T v
+        if table.chain is not None:
+            v = v @ table.chain.instrument.R
         return np.asarray(v @ self.scenario.rig.mount_rotation)
 
     def drive(self, angles: Array, time: Array) -> Drive:
@@ -81,6 +96,7 @@ class Still:
             ((0, self.scenario.rig.mount_rotation),),
             None,
             np.ones(len(angles), bool),
+            rows_apart=True,
         )
 
 
@@ -164,7 +180,7 @@ def pointwise(still: Still, sensor: Sensor, effect: Effect) -> bool:
     size = float(np.abs(there).max(initial=0.0))
     return bool(
         np.isfinite(there).all()
-        and size > 0
+        and size > ROUNDING
         and np.abs(there[order] - turned).max(initial=0.0) <= 1e-6 * size
     )
 

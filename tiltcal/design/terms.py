@@ -21,7 +21,7 @@ from tiltcal.core.units import G0, PARAMETER_UNITS
 from tiltcal.design.model import Model
 from tiltcal.design.polynomial import tilt_loss
 from tiltcal.design.static_instrument import Still, pointwise, still_sense
-from tiltcal.design.tabulated import TabulatedColumns, tabulate
+from tiltcal.design.tabulated import PoseColumns, tabulate
 from tiltcal.effects import CATALOGUE, make_effect
 from tiltcal.effects.base import Effect, TermEffect
 from tiltcal.effects.sensor.noise import Noise
@@ -89,7 +89,7 @@ def scenario_model(
     table, held = tabulate(still, sensor, [p.effect for p in indirect])
     fine = [p.label for p, is_held in zip(indirect, held, strict=True) if not is_held]
     indirect = [p for p in indirect if p.label not in fine]
-    table = TabulatedColumns(table.coefficients[:, :, np.array(held, dtype=bool)])
+    table = table.only([j for j, is_held in enumerate(held) if is_held])
     ordered = direct + indirect
     rows = _Rows(still, sensor, direct, table)
     k = len(sensor.axes)
@@ -194,7 +194,7 @@ class _Rows:
     still: Still
     sensor: Sensor
     direct: Sequence[Parameter]
-    table: TabulatedColumns
+    table: PoseColumns
 
     def __call__(self, angles: Array, time: Array) -> Array:
         exact = direct_columns(self.still, self.sensor, self.direct, angles, time)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from tiltcal.core.arrays import Array
 from tiltcal.design.signatures import Signatures, name_of
-from tiltcal.design.static_instrument import Still
+from tiltcal.design.static_instrument import ROUNDING, Still
 from tiltcal.design.time_budget import Clock, unwound
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.setup.trajectory import Drive
@@ -157,6 +157,7 @@ def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[st
     watch = NominalMotion(seen.still.scenario, way, way.time)
     Q = [np.linalg.qr(F)[0] for F in seen.linear(ordered).transpose(1, 0, 2)]
     found: dict[str, float] = {}
+    nothing = len(ordered) * ROUNDING**2
     for effect in seen.ordered:
         name = name_of(effect)
         change = watch.changes(effect).get(seen.sensor.name)
@@ -167,5 +168,7 @@ def energies_in_order(seen: Signatures, ordered: Array, clock: Clock) -> dict[st
             energy, whole = sum(float(r @ r) for r in rest), float((at_rest**2).sum())
             # grows with the turns a table makes: what counts is the share that stays visible
             winds = effect.needs == "pose"
-            found[name] += energy / (whole if winds else 1.0) if energy > 1e-6 * whole else 0.0
+            found[name] += (
+                energy / (whole if winds else 1.0) if energy > max(1e-6 * whole, nothing) else 0.0
+            )
     return found

@@ -59,6 +59,7 @@ class Link(Place):
         sign, offset_deg: -1 where the readout counts the other way than that joint, and the joint's
             angle where the readout says zero.
         reference_deg: what the readout says where the model stands at its reference.
+        range_deg: lowest and highest readout by the joint's range; None: it has none.
         mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
         inertia_kg_m2: of it about that centre: xx, yy, zz, xy, xz, yz in the link's frame.
         armature_kg_m2: inertia of the drive about the joint.
@@ -72,6 +73,7 @@ class Link(Place):
     sign: Literal[1, -1] = 1
     offset_deg: float = 0.0
     reference_deg: float = 0.0
+    range_deg: tuple[float, float] | None = None
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0,) * 6
@@ -122,6 +124,11 @@ class Chain(Part):
                 break
             found.add(name)
         return frozenset(found)
+
+    @cached_property
+    def ranges_deg(self) -> Mapping[str, tuple[float, float]]:
+        """Lowest and highest readout of the axes whose joint has a range."""
+        return {link.axis: link.range_deg for link in self.link if link.range_deg is not None}
 
     def problem(self) -> str | None:
         """What is wrong with it; None where nothing is."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.setup.chain import BASE, Chain, Link
+from tiltcal.setup.tables import bearing
 from tiltcal.setup.trajectory import Jet, sampled_jet
 
 Moments = dict[str, Array]
@@ -70,8 +71,9 @@ def moments(
     chain: Chain, axes: Mapping[str, Jet], gravity: float, masses: Sequence[Mass] = ()
 ) -> Moments:
     """Moment of the weight and of the inertia of all that an axis carries, about the origin of its
-    link, in the link's frame before it turns, N m, (n, 3) each; that of everything that moves,
-    about the base's origin, under ``BASE``.
+    link, N m, (n, 3) each: under the axis' name in the link's frame, under that of its bearing in
+    this frame before it turns; that of everything that moves, about the base's origin, under
+    ``BASE``.
 
     Args:
         chain: the links.
@@ -92,9 +94,10 @@ def moments(
     found: Moments = {}
     for link in reversed(chain.link):
         carried, jet = load[link.axis], axes[link.axis]
-        found[link.axis] = _about_z(carried.moment, jet, 1)
+        found[link.axis], before = carried.moment, _about_z(carried.moment, jet, 1)
+        found[bearing(link.axis)] = before
         force = _about_z(carried.force, jet, 1) @ link.R.T
-        load[link.on].add(force, found[link.axis] @ link.R.T, link.offset)
+        load[link.on].add(force, before @ link.R.T, link.offset)
     return {BASE: load[BASE].moment, **found}
 
 
@@ -170,21 +173,21 @@ class Loads:
         self.axes, self.rows_apart = axes, rows_apart
         self._kept: dict[str, tuple[Jet, Jet, Jet]] = {}
 
-    def along(self, axis: str) -> tuple[Jet, Jet, Jet]:
-        """Moment that an axis (``BASE``: the base) carries, along x, y and z of the frame before it
-        turns, as jets, N m.
+    def along(self, slot: str) -> tuple[Jet, Jet, Jet]:
+        """Moment on a link, a bearing or ``BASE`` (see ``moments``), along x, y and z of that
+        frame, as jets, N m.
         """
-        if axis not in self._kept:
+        if slot not in self._kept:
             if self.rows_apart:
-                parts = tuple(part[axis] for part in self._by_row)
+                parts = tuple(part[slot] for part in self._by_row)
                 x, y, z = (Jet(*(part[:, k] for part in parts)) for k in range(3))
             else:
-                weight, inertia, error = (part[axis] for part in self._parts)
+                weight, inertia, error = (part[slot] for part in self._parts)
                 x, y, z = (
                     load_jet(self.time, weight[:, k], inertia[:, k], error[:, k]) for k in range(3)
                 )
-            self._kept[axis] = x, y, z
-        return self._kept[axis]
+            self._kept[slot] = x, y, z
+        return self._kept[slot]
 
     @cached_property
     def _by_row(self) -> tuple[Moments, Moments, Moments]:

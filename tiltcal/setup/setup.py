@@ -2,8 +2,9 @@
 properties.
 """
 
+from collections.abc import Mapping
 from functools import cache, cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
@@ -115,6 +116,11 @@ class Rig(Part):
         return parse_mount(self.mount)
 
     @property
+    def ranges_deg(self) -> Mapping[str, tuple[float, float]]:
+        """Lowest and highest angle of the axes whose joint in a user's own model has a range."""
+        return {} if self.kind.chain is None else self.kind.chain.ranges_deg
+
+    @property
     def directions(self) -> tuple[str, ...]:
         """Coordinate axis of each table axis, outermost first."""
         return self.kind.directions
@@ -146,7 +152,7 @@ class Setup(Part):
                 raise ValueError(f"sensor '{s.name}' on '{s.place.on}', which is no link")
         return self
 
-    def seen_by(self, sensor: Sensor) -> "Setup":
+    def seen_by(self, sensor: Sensor) -> Self:
         """The set-up with the instrument where one sensor sits."""
         if sensor.place is None or not self.rig.link:
             return self

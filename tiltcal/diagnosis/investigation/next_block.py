@@ -135,8 +135,8 @@ def next_block(
 
 
 def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> TableLimits:
-    """What the table may do: the whole circle, unless the user or an inclinometer's range says
-    otherwise.
+    """What the table may do: the whole circle, unless the user, an inclinometer's range or the
+    range of a joint of the user's own model says otherwise.
 
     Raises:
         TiltcalError: a limit names an axis that the table does not have.
@@ -155,7 +155,7 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
                     float(np.ceil(max(a.max() for a in seen))),
                 ),
             )
-        reach[name] = given.get(name, CIRCLE)
+        reach[name] = given.get(name, scenario.rig.ranges_deg.get(name, CIRCLE))
     for name in given:
         if name not in reach:
             have = ", ".join(reach) or "none"

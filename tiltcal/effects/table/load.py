@@ -1,5 +1,5 @@
-"""What gives way under the load that a user's own model carries, its joints and its base; and what
-it carries.
+"""What gives way under the load that a user's own model carries, its joints, its links and its
+base; and what it carries.
 """
 
 from collections.abc import Sequence
@@ -102,14 +102,44 @@ class JointCompliance(_OfModel):
     follows = "load moment"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
-        axis = self.axis or context.rig.axis_names[0]
-        if slot != bearing(axis) or self.is_identity or context.rig.kind.chain is None:
+        own = bearing(self.axis or context.rig.axis_names[0])
+        if slot != own or self.is_identity or context.rig.kind.chain is None:
             return ()
-        return _bends([self.value(f"bend_{a}") for a in "xyz"], context.loads.along(axis))
+        return _bends([self.value(f"bend_{a}") for a in "xyz"], context.loads.along(slot))
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
         slot = bearing(self.axis or rig.axis_names[0])
         bends = {a: self.value(f"bend_{a}") for a in "xyz" if f"bend_{a}" in self.values}
+        return [Compliance(slot, a, bend) for a, bend in bends.items()]
+
+
+class LinkCompliance(_OfModel):
+    rows_apart = True
+    id = "link_compliance"
+    title = "a link bends under its load"
+    parameters = tuple(Parameter(f"bend_{a}", "arcsec_N_m", SPRING) for a in "xy")
+    axis_wise = True
+    physics = (
+        "What stands on a joint gives way to the moment of all that hangs on it, across the joint's"
+        " axis: it bends in directions that turn with the joint. About that axis a link and its"
+        " joint bend alike (joint_compliance)."
+    )
+    equation = "rotation bend_i M_i about x and y of the link's frame, which turns with the joint"
+    source = "Klimchik, Pashkevich and Chablat 2013, Finite Elements in Analysis and Design 75, 19"
+    excited_by = "that joint turning over a wide range, in poses in which its load differs"
+    look = "a rotation that follows the load moment in a frame that turns with the joint"
+    follows = "load moment"
+    told_apart_by = {JointCompliance.id: "that joint turning over a wide range"}
+
+    def turns(self, slot: str, context: Context) -> Sequence[Turn]:
+        own = self.axis or context.rig.axis_names[0]
+        if slot != own or self.is_identity or context.rig.kind.chain is None:
+            return ()
+        return _bends([self.value(f"bend_{a}") for a in "xy"], context.loads.along(slot))
+
+    def compliances(self, rig: Rig) -> Sequence[Compliance]:
+        slot = self.axis or rig.axis_names[0]
+        bends = {a: self.value(f"bend_{a}") for a in "xy" if f"bend_{a}" in self.values}
         return [Compliance(slot, a, bend) for a, bend in bends.items()]
 
 
@@ -166,7 +196,7 @@ class Payload(LoadEffect):
     )
     equation = (
         "mass of the link + mass, its centre of mass + com in the link's frame; seen through"
-        " joint_compliance and base_load_compliance alone"
+        " joint_compliance, link_compliance and base_load_compliance alone"
     )
     source = "Khalil and Dombre 2002, Modeling, Identification and Control of Robots, ch. 12"
     excited_by = "poses in which the load of a joint or base that bends differs"
@@ -174,6 +204,7 @@ class Payload(LoadEffect):
     follows = "load moment"
     told_apart_by = {
         JointCompliance.id: "the same poses without the payload",
+        LinkCompliance.id: "the same poses without the payload",
         BaseLoadCompliance.id: "the same poses without the payload",
     }
 

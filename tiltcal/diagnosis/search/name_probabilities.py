@@ -11,10 +11,6 @@ from tiltcal.diagnosis.search.state import Proposal
 
 UNLISTED = "unlisted"
 LEAST = 1e-4  # probability of a name that is shown
-POSSIBLE = 0.05
-"""Probability from which a name stays in the class: to leave out the true one costs 19 times as
-much as one name too many.
-"""
 SHOWN = 8  # rivals
 COARSE = 3000.0
 """Nats of a law at which the data count half: what is known of its form is no better (coarsened
@@ -86,11 +82,7 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
     first = next(n for n in order if n != UNLISTED)
     limit = best[first].evidence - SEPARABLE / 2
-    near = [
-        n
-        for n in order
-        if n not in (first, UNLISTED) and (best[n].evidence > limit or chance[n] > POSSIBLE)
-    ]
+    near = [n for n in order if n not in (first, UNLISTED) and best[n].evidence > limit]
     if chance.get(UNLISTED, 0.0) > 0.5:
         near, first = [], ""
     rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]

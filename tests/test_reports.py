@@ -129,9 +129,7 @@ def browser():
 
 
 class Seen:
-    """A page that was opened, what it complained of or asked for, and the processor time that it
-    took, s: what the page waits for other programs does not count.
-    """
+    """A page that was opened, and what it complained of or asked for."""
 
     def __init__(self, browser, path, size):
         self.context = browser.new_context(viewport=size, color_scheme="light")
@@ -140,12 +138,7 @@ class Seen:
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("console", self._noted)
         self.page.on("request", lambda request: self.asked.append(request.url))
-        costs = self.context.new_cdp_session(self.page)
-        costs.send("Performance.enable", {"timeDomain": "threadTicks"})
         self.page.goto(path.as_uri())
-        found = costs.send("Performance.getMetrics")["metrics"]
-        self.opening_s = next(m["value"] for m in found if m["name"] == "TaskDuration")
-        costs.detach()
 
     def _noted(self, message):
         if message.type == "error":
@@ -306,7 +299,6 @@ def test_the_files_of_a_diagnosis_hold_its_poses(remounted, here):
 def test_a_report_in_a_browser(pages, opened, name):
     """It draws, asks for nothing, complains of nothing, fits a telephone, and follows dark mode."""
     seen = opened(pages[name], PHONE)
-    assert 0.01 < seen.opening_s < 2.0
     plots = "document.querySelectorAll('[data-plot]').length"
     assert (seen.value(plots) > 0) == (name in DRAWN)
     look = (

@@ -18,6 +18,7 @@ ROOMS = (
     "investigating",
     "campaigns",
     "long_recordings",
+    "reports",
     "diagnosing",
     "trials",
 )

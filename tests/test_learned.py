@@ -250,13 +250,18 @@ FACES = [
             {"on": "tilt", "slot": "mount", "turn": "y"},
         )
     ),
-    {
-        "on": "readout",
-        "axis": "middle",
-        "coordinate": "table_middle",
-        "per_degree": True,
-        "coefficients": [1e-3, 5e-4],
-    },
+    *(
+        {
+            **where,
+            "coordinate": "table_middle",
+            "per_degree": True,
+            "coefficients": [1e-3, 5e-4],
+        }
+        for where in (
+            {"on": "readout", "axis": "middle"},
+            {"on": "tilt", "slot": "middle_bearing", "turn": "x"},
+        )
+    ),
 ]
 
 
@@ -607,8 +612,14 @@ def test_a_late_angle_is_a_structure_that_creeps():
     np.testing.assert_allclose(np.asarray(creep.v)[3:-3], np.gradient(by_hand, T)[3:-3], atol=2e-6)
 
 
-@pytest.mark.parametrize("words", [{"coordinate": "time"}, {"beside": "table_upper"}])
-def test_a_product_needs_two_angles(words):
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"coordinate": "time"}, "need two angles of this table"),
+        ({"beside": "table_upper"}, "key beside: found 'table_upper'"),
+    ],
+)
+def test_a_product_needs_two_angles(words, message):
     table = {"coordinate": "table_outer", "beside": "table_middle", "coefficients": [1e-3], **words}
-    with pytest.raises(TiltcalError, match=r"two angles of this table|need one of"):
+    with pytest.raises(TiltcalError, match=message):
         make_effect("learned", table, SETUP, sensor="accel", axis="x")

@@ -177,7 +177,7 @@ class Learned(Effect):
     def each_along(self, drive: Drive) -> Jet:
         """The curve of each coefficient along a drive, (n, p)."""
         each = self._each_along(drive)
-        return each.times(_warmth(drive)) if self.per_degree else each
+        return each.times(_temperature_from_reference(drive)) if self.per_degree else each
 
     def _each_along(self, drive: Drive) -> Jet:
         if self.beside:
@@ -256,7 +256,7 @@ class LearnedTilt(Learned, FrameEffect):
         return (Turn(self.turn, self.along(context.drive)),) if slot == self.slot else ()
 
 
-def _warmth(drive: Drive) -> Jet:
+def _temperature_from_reference(drive: Drive) -> Jet:
     """The temperature from T0 with its rate, K and K/s, (n, 1); what its rate changes by is left
     out.
     """

@@ -6,7 +6,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 
 DECIMALS = 7  # of a second: stamps with more are as good as exact
-ROUNDING = 1e-6  # of the last decimal: what a file's numbers are off by
+ROUNDING = 1e-9  # s, what stamps near zero are off by
+CERTAIN = 0.1  # of a unit: what is off by more is no whole number of it
 LARGEST = 1e30  # of a reading or a stamp: its eighth power is still a number
 
 
@@ -70,13 +71,13 @@ def unrounded(time: Array) -> Array:
     Rates of a readout need them: at 40 deg/s a stamp that is rounded to 0.1 ms is off by up to
     7 arcsec of the angle.
     """
-    step = np.diff(time)
+    since, step = time - time[:1], np.diff(time)
     resolution = next((10.0**-k for k in range(DECIMALS) if _in_units(time, 10.0**k)), 0.0)
     if not resolution or len(time) < 3 or not step.min() > 0:
         return time
     count = np.concatenate([[0.0], np.cumsum(np.round(step / np.median(step)))])
-    pace, begin = np.polyfit(count, time, 1)
-    even = begin + pace * count
+    pace, begin = np.polyfit(count, since, 1)
+    even = time[0] + (begin + pace * count)
     off = np.abs(even - time).max()
     # the clock itself is known to a part of the rounding
     return even if off <= (0.5 + 2 / np.sqrt(len(time))) * resolution else time
@@ -84,5 +85,7 @@ def unrounded(time: Array) -> Array:
 
 def _in_units(time: Array, scale: float) -> bool:
     """Whether stamps, s, are whole numbers of 1 / scale."""
-    units = time * scale
-    return bool(np.abs(units - np.round(units)).max(initial=0.0) < ROUNDING * max(1.0, scale / 1e4))
+    units = (time - time[:1]) * scale
+    # far from zero a number of seconds is itself known to a few tenths of a microsecond
+    off = scale * max(ROUNDING, 2 * float(np.spacing(np.abs(time).max(initial=0.0))))
+    return off < CERTAIN and bool(np.abs(units - np.round(units)).max(initial=0.0) <= off)

@@ -53,7 +53,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                 yield from _reading_curves(scenario, sensor, axis, span)
     yield from _of_axes(scenario.rig, span)
     yield from _of_two_angles(scenario.rig)
-    yield from _warm_axes(scenario.rig, span)
+    yield from _axes_by_temperature(scenario.rig, span)
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature")):
@@ -92,7 +92,7 @@ def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
                     )
 
 
-def _warm_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
+def _axes_by_temperature(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Errors of a readout and tilts of a bearing over its own angle that grow with temperature."""
     if not even_knots("temperature", span, 2):
         return
@@ -171,14 +171,14 @@ def _reading_curves(
                 yield proportional(scale)
     if scenario.rig.axes and even_knots("temperature", span, 2):
         across = [c for c in inputs if c != own and even_knots(c, span, 2)]
-        yield from _warm_powers(across, where)
+        yield from _powers_by_temperature(across, where)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
     # by hand only the length of its reading is known
     if scenario.rig.axes or not sensor.is_accelerometer:
         yield from motion_of_readings(scenario.rig, sensor, axis, inputs, span)
 
 
-def _warm_powers(inputs: Sequence[str], where: Mapping[str, Any]) -> Iterator[Hypothesis]:
+def _powers_by_temperature(inputs: Sequence[str], where: Mapping[str, Any]) -> Iterator[Hypothesis]:
     """Powers of the own input and of other inputs whose coefficient is in proportion to the
     temperature: the linear ones have names.
     """

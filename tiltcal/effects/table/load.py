@@ -108,9 +108,7 @@ class JointCompliance(_OfModel):
         return _bends([self.value(f"bend_{a}") for a in "xyz"], context.loads.along(slot))
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
-        slot = bearing(self.axis or rig.axis_names[0])
-        bends = {a: self.value(f"bend_{a}") for a in "xyz" if f"bend_{a}" in self.values}
-        return [Compliance(slot, a, bend) for a, bend in bends.items()]
+        return _springs(self, bearing(self.axis or rig.axis_names[0]), "xyz")
 
 
 class LinkCompliance(_OfModel):
@@ -138,9 +136,7 @@ class LinkCompliance(_OfModel):
         return _bends([self.value(f"bend_{a}") for a in "xy"], context.loads.along(slot))
 
     def compliances(self, rig: Rig) -> Sequence[Compliance]:
-        slot = self.axis or rig.axis_names[0]
-        bends = {a: self.value(f"bend_{a}") for a in "xy" if f"bend_{a}" in self.values}
-        return [Compliance(slot, a, bend) for a, bend in bends.items()]
+        return _springs(self, self.axis or rig.axis_names[0], "xy")
 
 
 class BaseLoadCompliance(_OfModel):
@@ -176,6 +172,12 @@ def _bends(sizes: Sequence[float], moment: Sequence[Jet]) -> Sequence[Turn]:
     """Turns about coordinate axes in proportion to a moment, N m."""
     bends = zip("xyz", sizes, moment, strict=False)
     return tuple(Turn(axis, jet.scaled(size)) for axis, size, jet in bends if size)
+
+
+def _springs(effect: FrameEffect, slot: str, axes: str) -> Sequence[Compliance]:
+    """The sizes ``bend_<axis>`` of an effect as springs of a frame."""
+    names = {axis: f"bend_{axis}" for axis in axes}
+    return [Compliance(slot, a, effect.value(n)) for a, n in names.items() if n in effect.values]
 
 
 class Payload(LoadEffect):

@@ -76,6 +76,22 @@ def test_samples_that_hide_in_a_rest_have_the_rate_with_which_the_axis_set_out(r
     assert np.abs(v - truth)[still].max() < 2 * NOISE / STEP
 
 
+@pytest.mark.parametrize("tick", [0.0, 1e-4])
+def test_few_samples_of_a_fast_move_tell_how_it_sets_out(tick, rng):
+    """Twelve samples of a move without a jump of the acceleration; its stamps scatter, and may be
+    rounded.
+    """
+    time = np.arange(200) / 12.5 + rng.normal(0, 8e-4, 200)
+    angle, truth = moves(time, 6.03, jerk=12.0, long=1.0)
+    still = (angle == 0) | (angle == angle.max())
+    stamps = np.rint(time / tick) * tick if tick else time
+    v, _ = differentiate(stamps, angle + NOISE * rng.standard_normal(200), still)
+    begins = np.flatnonzero(~still)[0] + np.arange(-2, 3)
+    narrow = 12.5 * np.hypot(NOISE, tick / np.sqrt(12) * truth)
+    # by powers from the square on 350 and 180 times as much
+    assert (np.abs(v - truth)[begins] < 2 * narrow[begins] + 2 * 12.5 * NOISE).all()
+
+
 def test_stamps_that_jitter_leave_the_rates_of_a_swing_alone(rng):
     time = np.arange(0, 20, STEP) + STEP * rng.uniform(-0.3, 0.3, 1000)
     angle, truth = 0.3 * np.sin(4 * time), 1.2 * np.cos(4 * time)

@@ -59,32 +59,71 @@ def differentiate(
     return v, a
 
 
-def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> tuple[Array, Array]:
-    """Rate and acceleration where the log does not pause. told: noise of the readout at rest."""
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+def noise_of_stamped(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> Array:
+    """Standard deviation of an angle at each stamp, rad, (n,): of the readout, and of the stamp
+    times the rate; empty if the axis hardly rests.
 
-    zero = np.zeros_like(angle)
+    Args:
+        time, angle, still, parted: as in ``differentiate``.
+    """
+    readout = noise_of_rests(angle, still, parted)
+    if readout is None:
+        return np.zeros(0)
+    found = np.full(len(time), readout)
+    for rows in stretches(len(time), parted):
+        if (even := _evenly(time[rows], angle[rows])) is not None:
+            late = _noise_of_stamps(even[1], _pace(even[1]), readout)
+            found[rows] = _with_stamps(readout, late, even[0], time[rows], angle[rows])
+    return found
+
+
+def _with_stamps(readout: float, late: float, grid: Array, time: Array, angle: Array) -> Array:
+    """Noise of an angle at each stamp, rad, (n,). late: of the stamps, in steps of the grid."""
+    step = float(grid[1] - grid[0])
+    exact = float(np.spacing(np.abs(angle).max()))  # of a readout without noise
+    return np.asarray(np.hypot(max(readout, exact), late * step * np.gradient(angle, time)))
+
+
+def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
+    """Even times over a stretch, s, and its angle there; None of one that does not move, or of a
+    log of dwells with nothing between them.
+    """
+    from scipy.interpolate import CubicSpline
+
     if len(time) < FEWEST or np.ptp(angle) == 0:
-        return zero, zero
+        return None
     dt = float(np.median(np.diff(time)))
     n = round(float(time[-1] - time[0]) / dt) + 1
-    if n < FEWEST or n > 4 * len(time):  # a log of dwells with nothing between them
-        return zero, zero
+    if n < FEWEST or n > 4 * len(time):
+        return None
     grid = np.linspace(time[0], time[-1], n)
-    step, uniform = float(grid[1] - grid[0]), CubicSpline(time, angle)(grid)
-    noise = told or _noise_of_motion(uniform)
+    return grid, np.asarray(CubicSpline(time, angle)(grid))
+
+
+def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> tuple[Array, Array]:
+    """Rate and acceleration where the log does not pause. told: noise of the readout at rest."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    even = _evenly(time, angle)
+    if even is None:
+        return np.zeros_like(angle), np.zeros_like(angle)
+    grid, uniform = even
+    n, step = len(grid), float(grid[1] - grid[0])
+    readout, pace = told or _noise_of_motion(uniform), _pace(uniform)
+    late = _noise_of_stamps(uniform, pace, readout)
     beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
     reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
     wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
     v, a, variance = np.zeros((3, n))
     if wanted.sum() >= WIDTHS[0]:
-        pace = _pace(uniform)
-        each = np.hypot(noise, _noise_of_stamps(uniform, pace, noise) * pace)
-        v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], each[wanted])
+        noise = np.hypot(readout, late * pace)[wanted]
+        v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)
+        variance[wanted] *= noise**2
     variance = np.interp(time, grid, variance)
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
-    for c in corners(time / step, angle, still, noise):
+    stamped = _with_stamps(readout, late, grid, time, angle)
+    for c in corners(time / step, angle, still, stamped):
         better = c.near | (~still[c.rows] & (c.variance < variance[c.rows]))
         rows = c.rows[better]
         v[rows], a[rows] = c.rate[better], c.acceleration[better]

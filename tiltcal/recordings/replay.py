@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mounts
-from tiltcal.recordings.differentiation import differentiate, noise_of_rests
+from tiltcal.recordings.differentiation import differentiate, noise_of_stamped
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
 from tiltcal.recordings.stamps import unrounded
@@ -215,8 +215,8 @@ def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
     if len(t) < 9 or np.ptp(x) == 0:
         return np.zeros(0), np.zeros(0)
     still, parted = at_rest(t, x[:, None])
-    noise, step = noise_of_rests(x, still, parted), float(np.median(np.diff(t)))
-    if noise is None:
+    noise, step = noise_of_stamped(t, x, still, parted), float(np.median(np.diff(t)))
+    if not len(noise):
         return np.zeros(0), np.zeros(0)
     leaves, comes = edges(t / step, x, still, noise, parted)
     return leaves * step, comes * step

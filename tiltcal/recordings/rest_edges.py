@@ -8,7 +8,7 @@ any window on one side of it.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, pairwise, product
+from itertools import combinations_with_replacement, product
 
 import numpy as np
 
@@ -16,7 +16,12 @@ from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 
 WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
 REACHES = (6, 8, 11, 16, 25, 36, 50)  # that tell one law of a start from another
-POWERS: tuple[tuple[float, ...], ...] = ((2.0, 3.0), (2.0, 3.0, 4.0))
+POWERS: tuple[tuple[float, ...], ...] = (
+    (2.0, 3.0),
+    (2.0, 3.0, 4.0),
+    (3.0, 4.0, 5.0),
+    (3.0, 4.0, 5.0, 6.0),
+)
 # how a drive may begin: its acceleration at once, soon, late
 STARTS = (
     (2.0, 3.0, 4.0),
@@ -36,8 +41,9 @@ EARLIEST, LATEST = (
 HIDDEN = -16  # samples that the slowest may have been on its way
 COARSE = 0.25  # samples between the instants tried first
 ZOOM = 8.0  # times finer, each time
-ZOOMS = 3
+ZOOMS = 5
 REST = (6, 50)  # samples of a rest, at least, and as many at most for its level
+NOTHING = 1e-200  # of a sum of squares
 NEAR = 2.5  # samples from the instant in which every window reaches across it
 
 
@@ -48,7 +54,7 @@ class Corner:
     Args:
         rows: (n,); near: of them those that every window would take across the corner, (n,).
         rate, acceleration: per sample and per sample squared, (n,).
-        variance: of the rate, in units of the readout's, (n,).
+        variance: of the rate, rad2, (n,).
     """
 
     rows: Index
@@ -67,6 +73,7 @@ class _Side:
         last: row of the rest's last sample, (k,); rows: how many it has, (k,); level: of the rest,
             (k,).
         end: first row after the move, (k,).
+        noise: standard deviation of the angle at each stamp, rad, (n,).
     """
 
     time: Array
@@ -75,26 +82,27 @@ class _Side:
     rows: Index
     end: Index
     level: Array
+    noise: Array
 
 
-def corners(time: Array, angle: Array, still: Mask, noise: float) -> Iterator[Corner]:
-    """Both ends of every move between rests at which such a course leaves no more than the
-    readout's noise.
+def corners(time: Array, angle: Array, still: Mask, noise: Array) -> Iterator[Corner]:
+    """Both ends of every move between rests at which such a course leaves no more than the noise of
+    readout and stamps.
 
     Args:
         time: in samples, increasing, (n,).
         angle: rad, (n,).
         still: rows of the axis' rests, (n,).
-        noise: standard deviation of the readout, rad.
+        noise: standard deviation of the angle at each stamp, rad, (n,).
     """
     n = len(time)
-    yield from _fitted(_side(time, angle, still), noise)
-    for c in _fitted(_side(-time[::-1], angle[::-1], still[::-1]), noise):
+    yield from _fitted(_side(time, angle, still, noise))
+    for c in _fitted(_side(-time[::-1], angle[::-1], still[::-1], noise[::-1])):
         yield Corner(n - 1 - c.rows, c.near, -c.rate, c.acceleration, c.variance)
 
 
 def edges(
-    time: Array, angle: Array, still: Mask, noise: float, parted: Index = NOWHERE
+    time: Array, angle: Array, still: Mask, noise: Array, parted: Index = NOWHERE
 ) -> tuple[Array, Array]:
     """The instants at which moves leave a rest, and those at which they reach one, in samples; none
     where they cannot be determined. time: s, (n,); angle: rad, (n,).
@@ -104,12 +112,12 @@ def edges(
         parted: first rows after pauses of the log, which no move and no rest goes on across.
     """
     back = len(time) - parted[::-1]
-    leaves = _told(_side(time, angle, still, parted), noise)
-    comes = _told(_side(-time[::-1], angle[::-1], still[::-1], back), noise)
+    leaves = _told(_side(time, angle, still, noise, parted))
+    comes = _told(_side(-time[::-1], angle[::-1], still[::-1], noise[::-1], back))
     return leaves, -comes[::-1]
 
 
-def _told(side: _Side, noise: float) -> Array:
+def _told(side: _Side) -> Array:
     """When these moves leave their rests, in order: by the law of the start, one for all of them,
     that fits them the furthest.
     """
@@ -117,12 +125,12 @@ def _told(side: _Side, noise: float) -> Array:
     for powers in STARTS:
         reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
         for width in REACHES:
-            fits = _tell(side, np.ones(len(when), bool), width, powers, noise, when)
+            fits = _tell(side, np.ones(len(when), bool), width, powers, when)
             reach[fits] = width
         trials.append((float(reach.sum()), powers, when))
     _, powers, when = max(trials, key=lambda trial: trial[0])
     for earliest, width in product((EARLIEST, HIDDEN), reversed(REACHES)):  # the widest tell best
-        _tell(side, np.isnan(when), width, powers, noise, when, LOOSE, earliest)
+        _tell(side, np.isnan(when), width, powers, when, LOOSE, earliest)
     return when[~np.isnan(when)]
 
 
@@ -131,7 +139,6 @@ def _tell(
     wanted: Mask,
     width: int,
     powers: tuple[float, ...],
-    noise: float,
     when: Array,
     off: float = STRICT,
     earliest: int = EARLIEST,
@@ -144,12 +151,12 @@ def _tell(
     )
     if not len(tried):
         return tried
-    instant, fits = _instants(side, tried, width, powers, noise, off, earliest)
+    instant, fits = _instants(side, tried, width, powers, off, earliest)
     when[tried[fits]] = side.time[side.last[tried[fits]]] + instant[fits]
     return tried[fits]
 
 
-def _side(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> _Side:
+def _side(time: Array, angle: Array, still: Mask, noise: Array, parted: Index = NOWHERE) -> _Side:
     n = len(time)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     inside = parted[still[parted] & still[parted - 1]]
@@ -163,29 +170,26 @@ def _side(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> _S
             for a, b in zip(first[left], after[left], strict=True)
         ]
     )
-    return _Side(time, angle, after[left] - 1, (after - first)[left], end[left], level)
+    return _Side(time, angle, after[left] - 1, (after - first)[left], end[left], level, noise)
 
 
-def _fitted(side: _Side, noise: float) -> Iterator[Corner]:
+def _fitted(side: _Side) -> Iterator[Corner]:
     """The corners of one side, each by the window and the powers that tell its rate best among
     those that fit.
     """
     best = np.full(len(side.last), np.inf)
     chosen: dict[int, tuple[int, tuple[float, ...], float]] = {}
-    for width in WIDTHS:
-        for powers in POWERS:
+    for off in (STRICT, LOOSE):  # a law that is nearly refused is better than a window across
+        unfitted = np.isinf(best)
+        for width, powers in product(WIDTHS, POWERS):
             spread = _spread(width, powers)
-            tried = np.flatnonzero((side.last + 1 + width <= side.end) & (spread < best))
+            tried = np.flatnonzero(unfitted & (side.last + 1 + width <= side.end) & (spread < best))
             if not len(tried):
                 continue
-            instant, fits = _instants(side, tried, width, powers, noise)
+            instant, fits = _instants(side, tried, width, powers, off)
             best[tried[fits]] = spread
-            chosen.update(
-                {
-                    int(k): (width, powers, float(t))
-                    for k, t in zip(tried[fits], instant[fits], strict=True)
-                }
-            )
+            told = zip(tried[fits].tolist(), instant[fits].tolist(), strict=True)
+            chosen.update({k: (width, powers, t) for k, t in told})
     for k, (width, powers, instant_k) in sorted(chosen.items()):
         yield _corner(side, k, width, powers, instant_k)
 
@@ -195,7 +199,7 @@ def _spread(width: int, powers: tuple[float, ...]) -> float:
     readout's.
     """
     u = np.maximum(np.arange(width + 1) - 1.5, 0.0)
-    return float(_variance(u, np.ones(len(powers)), powers)[u > 0][:3].sum())
+    return float(_variance(u, np.ones(len(powers)), np.ones(len(u)), powers)[u > 0][:3].sum())
 
 
 def _instants(
@@ -203,7 +207,6 @@ def _instants(
     which: Index,
     width: int,
     powers: tuple[float, ...],
-    noise: float,
     off: float = STRICT,
     earliest: int = EARLIEST,
 ) -> tuple[Array, Mask]:
@@ -212,14 +215,15 @@ def _instants(
     """
     rows = side.last[which, None] + np.arange(earliest, width + 1)
     time = side.time[rows] - side.time[side.last[which], None]
-    y = side.angle[rows] - side.level[which, None]
+    weight = 1 / side.noise[rows]
+    y = weight * (side.angle[rows] - side.level[which, None])
     each = np.arange(len(which))
     grid = np.tile(np.arange(earliest, LATEST, COARSE), (len(which), 1))
     step, inside = COARSE, np.ones(len(which), bool)
     for zoom in range(ZOOMS + 1):
         u = np.maximum(time[:, None, :] - grid[:, :, None], 0.0)
         enough = (u > 0).sum(axis=2) >= len(powers) + 2
-        left = np.where(enough, _left(u / width, y, powers), np.inf)
+        left = np.where(enough, _left(u / width, y, weight, powers), np.inf)
         at = np.argmin(left, axis=1)
         if zoom == 0:
             inside = (at > 0) & (at < grid.shape[1] - 1)
@@ -229,20 +233,22 @@ def _instants(
     moving = (time > instant[:, None]).sum(axis=1)
     dof = np.maximum(moving - len(powers) - 1, 1)
     # the rest has its own share of the noise
-    excess = np.maximum(least - noise**2 * (len(rows[0]) - moving), 0.0)
-    return instant, inside & (np.sqrt(excess / dof) <= noise * (1 + off / np.sqrt(2 * dof)))
+    excess = np.maximum(least - (len(rows[0]) - moving), 0.0)
+    return instant, inside & (np.sqrt(excess / dof) <= 1 + off / np.sqrt(2 * dof))
 
 
-def _left(u: Array, y: Array, powers: tuple[float, ...]) -> Array:
-    """What the best sums of powers leave of each course, squares summed, (k, t). u: (k, t, n); y:
-    (k, n).
+def _left(u: Array, y: Array, weight: Array, powers: tuple[float, ...]) -> Array:
+    """What the best sums of powers leave of each weighted course, squares summed, (k, t). u: (k, t,
+    n); y, weight: (k, n).
     """
-    columns = _powers(u, powers)
+    columns = [weight[:, None] * column for column in _powers(u, powers)]
     k = len(columns)
     gram = np.empty((*u.shape[:2], k, k))
     for i, j in combinations_with_replacement(range(k), 2):
         gram[..., i, j] = gram[..., j, i] = _along(columns[i], columns[j])
-    gram += 1e-14 * np.eye(k)  # none has moved: nothing to fit
+    # none has moved: nothing to fit
+    size = np.maximum(np.einsum("...ii", gram), NOTHING)
+    gram += 1e-14 * size[..., None, None] * np.eye(k)
     c = np.linalg.solve(
         gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None]
     )[..., 0]
@@ -251,10 +257,13 @@ def _left(u: Array, y: Array, powers: tuple[float, ...]) -> Array:
 
 
 def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:
-    """``u`` to each of these whole powers, in order: a product from one to the next."""
+    """Columns that span ``u`` to each of these powers, one above the other: the first times the
+    Chebyshev polynomials over [0, 1], of which none is nearly a sum of the others.
+    """
+    s = 2 * u - 1
     found = [u ** int(powers[0])]
-    for before, power in pairwise(powers):
-        found.append(found[-1] * u ** int(power - before))
+    for k in range(1, len(powers)):
+        found.append(s * found[0] if k == 1 else 2 * s * found[-1] - found[-2])
     return found
 
 
@@ -267,10 +276,13 @@ def _corner(side: _Side, k: int, width: int, powers: tuple[float, ...], instant:
     rows = side.last[k] + np.arange(EARLIEST, width + 1)
     since = side.time[rows] - side.time[side.last[k]] - instant
     u = np.maximum(since, 0.0)
+    noise = side.noise[rows]
     c = np.linalg.lstsq(
-        np.column_stack([u**p for p in powers]), side.angle[rows] - side.level[k], rcond=None
+        np.column_stack([u**p / noise for p in powers]),
+        (side.angle[rows] - side.level[k]) / noise,
+        rcond=None,
     )[0]
-    return Corner(rows, since <= NEAR, *_rates(u, c, powers), _variance(u, c, powers))
+    return Corner(rows, since <= NEAR, *_rates(u, c, powers), _variance(u, c, noise, powers))
 
 
 def _rates(u: Array, c: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:
@@ -282,10 +294,10 @@ def _rates(u: Array, c: Array, powers: tuple[float, ...]) -> tuple[Array, Array]
     return v, np.where(u > 0, bend, 0.0)
 
 
-def _variance(u: Array, c: Array, powers: tuple[float, ...]) -> Array:
-    """Of the rate, in units of the readout's, the instant being fitted too, (n,)."""
+def _variance(u: Array, c: Array, noise: Array, powers: tuple[float, ...]) -> Array:
+    """Of the rate, the instant being fitted too, in units of the noise squared, (n,)."""
     v, bend = _rates(u, c, powers)
-    fitted = np.column_stack([*(u**p for p in powers), -v])
+    fitted = np.column_stack([*(u**p for p in powers), -v]) / noise[:, None]
     rate = np.column_stack([*(p * u ** (p - 1) for p in powers), -bend])
     scale = np.linalg.norm(fitted, axis=0) + (np.linalg.norm(fitted, axis=0) == 0)
     spread = np.linalg.pinv(fitted / scale)

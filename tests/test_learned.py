@@ -9,10 +9,12 @@ import pytest
 from builders import ACCEL, FOG, GYRO, drive_of, effect_of, read_poses, setup_of
 
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.frames import rotation
 from tiltcal.core.units import G0
 from tiltcal.effects import make_effect
 from tiltcal.effects.catalogue import to_file
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
+from tiltcal.effects.mechanisms import Context
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.setup.trajectory import Jet
 from tiltsim.motion import mujoco_motion
@@ -254,7 +256,7 @@ FACES = [
         {
             **where,
             "coordinate": "table_middle",
-            "per_degree": True,
+            "times": "temperature",
             "coefficients": [1e-3, 5e-4],
         }
         for where in (
@@ -262,11 +264,31 @@ FACES = [
             {"on": "tilt", "slot": "middle_bearing", "turn": "x"},
         )
     ),
+    {
+        "on": "readout",
+        "axis": "middle",
+        "coordinate": "table_middle",
+        "times": "table_outer",
+        "coefficients": [1e-3, 5e-4],
+    },
+    *(
+        {"on": "tilt", "slot": "mount", "turn": "x", "coordinate": "force_y", **law}
+        for law in (
+            {"knots": [-10, 0, 10], "coefficients": [-3e-3, 0.0, 1e-3]},
+            {"lag_s": 4.0, "power": 1.0, "odd": True, "coefficients": [2e-4]},
+            {"lag_s": 4.0, "relaxing": True, "power": 1.0, "odd": True, "coefficients": [2e-4]},
+            {"play": 3.0, "power": 1.0, "odd": True, "coefficients": [2e-3]},
+        )
+    ),
 ]
 
 
 @pytest.mark.parametrize(
-    "face", FACES, ids=lambda f: f"{f['on']} {f['coordinate']} {f.get('beside', '')}"
+    "face",
+    FACES,
+    ids=lambda f: " ".join(
+        [f["on"], f["coordinate"], *(k for k in ("beside", "times", "relaxing", "play") if k in f)]
+    ),
 )
 def test_a_learned_motion_is_the_same_in_algebra_and_in_mechanics(face):
     effect = learned(**face)
@@ -454,6 +476,16 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
         ),
         (
             {"sensor": "accel", "axis": "x"},
+            {"lag_s": 3.0, "relaxing": True},
+            "key relaxing: found on = 'reading', lag_s = 3, need a tilt or a readout",
+        ),
+        (
+            {"axis": "outer"},
+            {"on": "readout", "coordinate": "table_outer", "times": "force_x"},
+            "key times: found 'force_x', need one of",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
             {"place": "moon"},
             "key place: found 'moon', need one of environment, table",
         ),
@@ -518,7 +550,7 @@ def test_a_learned_reading_may_be_a_product_of_two_angles():
 def test_a_coefficient_may_grow_with_the_temperature():
     """1e-4 (T - T0) f_x^2, and a readout error of 1e-3 (T - T0) cos(outer) with its rate."""
     effect = learned(
-        "accel", "x", coordinate="input", power=2.0, per_degree=True, coefficients=[1e-4]
+        "accel", "x", coordinate="input", power=2.0, times="temperature", coefficients=[1e-4]
     )
     plain = learned("accel", "x", coordinate="input", power=2.0, coefficients=[1e-4])
     drive = lively()
@@ -529,7 +561,7 @@ def test_a_coefficient_may_grow_with_the_temperature():
         on="readout",
         axis="outer",
         coordinate="table_outer",
-        per_degree=True,
+        times="temperature",
         coefficients=[1e-3],
     )
     jet, outer = effect.along(drive), drive.axes["outer"]
@@ -601,6 +633,37 @@ def test_a_play_tells_which_way_the_angle_last_went():
     assert np.allclose(state[falling], -1.0)
     turning = (back < T) & (angle > 0.81) & (2 * back > T)
     np.testing.assert_allclose(state[turning], 1 - (1 - angle[turning]) / 0.1, atol=2e-3)
+
+
+def test_a_mount_follows_the_weight_that_turns_in_the_body():
+    """At every pose of the nominal table; a mounting turns it too."""
+    drive = replace(lively(), mounts=((0, np.eye(3)), (30, rotation("x", 0.4))))
+    nominal = Context.along(drive, drive.axes, SETUP.rig, SETUP.site.gravity)
+    up = closed_form(SETUP, drive).up
+    np.testing.assert_allclose(nominal.gravity_in_body(), SETUP.site.gravity * up, atol=1e-12)
+
+
+def test_a_relaxing_tilt_ends_where_it_began():
+    """A quarter of a turn in one second, then rest: minus what is still to come, exp(-t / lag)."""
+    time = np.arange(0, 60, 0.05)
+    outer = np.clip(time - 5, 0, 1) * np.pi / 2
+    drive = drive_of({"outer": Jet(outer)}, time)
+    effect = learned(
+        on="tilt",
+        slot="mount",
+        turn="x",
+        coordinate="table_outer",
+        power=1.0,
+        odd=True,
+        lag_s=8.0,
+        relaxing=True,
+        coefficients=[1.0],
+    )
+    tilt = effect.along(drive).x
+    rest = time > 6
+    left = 8.0 * (np.pi / 2) * (np.exp(1 / 8) - 1) * np.exp(-(time - 5) / 8)
+    np.testing.assert_allclose(tilt[rest], -left[rest], rtol=1e-6)
+    assert not tilt[time <= 5].any()
 
 
 def test_a_late_angle_is_a_structure_that_creeps():

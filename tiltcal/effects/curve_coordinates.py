@@ -8,7 +8,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.effects.hysteresis_and_lag import crossed, first_order_lag, play
 from tiltcal.effects.sense import Sense
 from tiltcal.setup.tables import axis_of
-from tiltcal.setup.trajectory import Drive, Jet, Rests
+from tiltcal.setup.trajectory import Drive, Jet, Rests, sampled_jet
 
 INPUTS = {
     f"{quantity}_{axis}": (quantity, "xyz".index(axis))
@@ -42,14 +42,20 @@ def coordinate_of(
         travel: width of a play that it moves, SI: its state, in [-1, 1], is felt instead; 0: none.
     """
     if name == "warming":
-        return np.gradient(first_order_lag(sense.time, sense.temperature, lag), sense.time)
-    u = _sensed(name, sense, own)
+        return coordinate_rate(sense.time, sense.temperature, lag)
+    u = sensed(name, sense, own)
     if travel:
         return play(u, travel)
     return first_order_lag(sense.time, u, lag) if lag else u
 
 
-def _sensed(name: str, sense: Sense, own: Array) -> Array:
+def coordinate_rate(time: Array, u: Array, lag: float) -> Array:
+    """Change per second of a coordinate that is felt late by a time constant, s, (n,)."""
+    return np.gradient(first_order_lag(time, u, lag), time)
+
+
+def sensed(name: str, sense: Sense, own: Array) -> Array:
+    """A coordinate of now along what a sensor senses, (n,); ``own``: the channel's true input."""
     if (own_axis := axis_of(name)) is not None:
         return sense.angles[own_axis]
     if name in INPUTS:
@@ -95,6 +101,18 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
         return Jet(rests.moves(drive.time), 0 * one, 0 * one)
     since = rests.since if name == "since_move" else rests.since_start
     return Jet(since(drive.time), one, 0 * one)
+
+
+def force_jet(name: str, drive: Drive, force: Array, travel: float = 0.0) -> Jet:
+    """A component of a force along a drive with its time derivatives, (n,). travel: as in
+    ``motion_jet``, m/s2.
+
+    Args:
+        name: ``force_x``, ...; drive: along which.
+        force: m/s2, (n, 3).
+    """
+    u = sampled_jet(drive.time, force[:, INPUTS[name][1]])
+    return crossed(u, travel) if travel else u
 
 
 def _speed(drive: Drive) -> Jet:

@@ -8,7 +8,7 @@ it is a parabola. With a period a spline begins anew after it: a saw. A ``power`
 is the form with one number.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,7 +16,16 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, SignalEffect
-from tiltcal.effects.curve_coordinates import coordinate_of, late_jet, motion_jet
+from tiltcal.effects.curve_coordinates import (
+    INPUTS,
+    coordinate_of,
+    coordinate_rate,
+    force_jet,
+    late_jet,
+    motion_jet,
+    sensed,
+)
+from tiltcal.effects.curve_products import ORDERS, multiplier, products
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
 from tiltcal.effects.mechanisms import Context, Turn
 from tiltcal.effects.parameter import Parameter, Stage
@@ -25,12 +34,12 @@ from tiltcal.setup.tables import axis_of
 from tiltcal.setup.trajectory import Drive, Jet
 from tiltcal.statistics.cardinal_splines import cardinal_splines
 
+Force = Callable[[], Array]
 CONTINUED = ("temperature",)
 """Coordinates beyond whose range a spline goes on: the next recording will not have the same
 temperatures.
 """
 PARABOLA = 3  # knots of a law that goes on as it is
-ORDERS = 3  # of each angle in a product of two
 
 
 @dataclass(frozen=True)
@@ -46,13 +55,15 @@ class Learned(Effect):
         beside: another table angle: products of the harmonics of both, up to the third of each.
         lag: time constant, s, by which the coordinate is felt late; of a readout or a frame that
             follows the table's motion the curve is late.
+        relaxing: with such a late curve, whether what is left of it is felt: the late curve less
+            that of now.
         play: width of a play, SI: the curve follows its state, in [-1, 1], as the coordinate moves
             it; 0 for none.
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
-        per_degree: whether it multiplies the temperature from T0, K: a coefficient that depends on
-            temperature.
+        times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, or a table
+            angle, rad: a coefficient that varies; empty for none.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
     """
@@ -68,8 +79,9 @@ class Learned(Effect):
     power: float = 0.0
     odd: bool = False
     per_input: bool = False
-    per_degree: bool = False
+    times: str = ""
     lag: float = 0.0
+    relaxing: bool = False
     play: float = 0.0
     slot: str = ""
     turn: str = ""
@@ -169,23 +181,38 @@ class Learned(Effect):
         each, c = self.each(u), self.coefficients
         return Jet(each.x @ c, each.v @ c, each.a @ c)
 
-    def along(self, drive: Drive) -> Jet:
-        """The curve along a drive: of a table angle, of time or of temperature, (n,)."""
-        each, c = self.each_along(drive), self.coefficients
+    def along(self, drive: Drive, force: Force | None = None) -> Jet:
+        """The curve along a drive: of a table angle, of time or of temperature, (n,); ``force``: as
+        in ``each_along``.
+        """
+        each, c = self.each_along(drive, force), self.coefficients
         return Jet(each.x @ c, each.v @ c, each.a @ c)
 
-    def each_along(self, drive: Drive) -> Jet:
-        """The curve of each coefficient along a drive, (n, p)."""
-        each = self._each_along(drive)
-        return each.times(_temperature_from_reference(drive)) if self.per_degree else each
+    def each_along(self, drive: Drive, force: Force | None = None) -> Jet:
+        """The curve of each coefficient along a drive, (n, p).
 
-    def _each_along(self, drive: Drive) -> Jet:
+        Args:
+            drive: along which.
+            force: gives the force of gravity in the body, m/s2, (n, 3), where a mount follows it.
+        """
+        each = self._each_along(drive, force)
+        return each.times(multiplier(self.times, drive)) if self.times else each
+
+    def _each_along(self, drive: Drive, force: Force | None) -> Jet:
         if self.beside:
             angles = (motion_jet(name, drive) for name in (self.coordinate, self.beside))
-            return _products(*angles)
+            return products(*angles)
+        if self.coordinate == "warming":
+            slope = coordinate_rate(drive.time, drive.temperature, self.lag)
+            return self.each(Jet(slope, np.zeros_like(slope), np.zeros_like(slope)))
         if self.coordinate != "temperature":
-            each = self.each(motion_jet(self.coordinate, drive, self.play))
-            return late_jet(each, drive.time, self.lag) if self.lag else each
+            if force is not None and self.coordinate in INPUTS:
+                u = force_jet(self.coordinate, drive, force(), self.play)
+            else:
+                u = motion_jet(self.coordinate, drive, self.play)
+            each = self.each(u)
+            late = late_jet(each, drive.time, self.lag) if self.lag else each
+            return late - each if self.relaxing else late
         warm = first_order_lag(
             drive.time, drive.temperature - drive.reference_temperature, self.lag
         )
@@ -211,7 +238,7 @@ class LearnedReading(Learned, SignalEffect):
         else:
             own = sense.true_input()[:, channel]
             added = self.curve(self.followed(sense, own))
-            added = added * sense.temperature if self.per_degree else added
+            added = added * sensed(self.times, sense, own) if self.times else added
             reading[:, channel] += added * own if self.per_input else added
         return reading
 
@@ -228,9 +255,9 @@ class LearnedReading(Learned, SignalEffect):
         own = sense.true_input()[:, self.channel(sense)]
         if self.beside:
             axes = (axis_of(self.coordinate), axis_of(self.beside))
-            return np.asarray(_products(*(Jet(sense.angles[str(axis)]) for axis in axes)).x)
+            return np.asarray(products(*(Jet(sense.angles[str(axis)]) for axis in axes)).x)
         basis = self.basis(self.followed(sense, own))
-        basis = basis * sense.temperature[:, None] if self.per_degree else basis
+        basis = basis * sensed(self.times, sense, own)[:, None] if self.times else basis
         return basis * own[:, None] if self.per_input else basis
 
 
@@ -253,31 +280,6 @@ class LearnedTilt(Learned, FrameEffect):
     stage: ClassVar[Stage] = "table"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
-        return (Turn(self.turn, self.along(context.drive)),) if slot == self.slot else ()
-
-
-def _temperature_from_reference(drive: Drive) -> Jet:
-    """The temperature from T0 with its rate, K and K/s, (n, 1); what its rate changes by is left
-    out.
-    """
-    warm = drive.temperature - drive.reference_temperature
-    rate = np.gradient(warm, drive.time) if len(warm) > 1 else np.zeros_like(warm)
-    return Jet(warm[:, None], rate[:, None], np.zeros((len(warm), 1)))
-
-
-def _products(one: Jet, other: Jet) -> Jet:
-    """Products of the harmonics of two angles, (n, 4 ORDERS^2): cos cos, cos sin, sin cos, sin sin
-    of (1, 1), (1, 2), ...
-    """
-    waves = [
-        [(u.harmonic(m, 1.0, 0.0), u.harmonic(m, 0.0, 1.0)) for m in range(1, ORDERS + 1)]
-        for u in (one, other)
-    ]
-    each = [p.times(q) for first in waves[0] for second in waves[1] for p in first for q in second]
-    x, v, a = (
-        np.column_stack(
-            [np.broadcast_to(part, np.shape(e.x)) for e, part in zip(each, parts, strict=True)]
-        )
-        for parts in ([e.x for e in each], [e.v for e in each], [e.a for e in each])
-    )
-    return Jet(x, v, a)
+        if slot != self.slot:
+            return ()
+        return (Turn(self.turn, self.along(context.drive, context.gravity_in_body)),)

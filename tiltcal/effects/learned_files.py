@@ -7,7 +7,7 @@ import numpy as np
 
 from tiltcal.core.errors import TiltcalError, nearest, one_of
 from tiltcal.core.frames import AXES
-from tiltcal.effects.curve_coordinates import COORDINATES, MOTION
+from tiltcal.effects.curve_coordinates import COORDINATES, INPUTS, MOTION
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.effects.parameter import STAGES
 from tiltcal.setup.setup import Setup
@@ -32,7 +32,8 @@ _KEYS = {
     "slot",
     "turn",
     "per_input",
-    "per_degree",
+    "times",
+    "relaxing",
     "lag_s",
     "play",
     "place",
@@ -69,7 +70,9 @@ def make_learned(
     )
     _check_power(power, knots, numbers, subject)
     beside = _beside(table, setup, subject)
-    per_input, per_degree, odd = (bool(table.get(k)) for k in ("per_input", "per_degree", "odd"))
+    times = _times(table, setup, subject)
+    per_input, relaxing, odd = (bool(table.get(k)) for k in ("per_input", "relaxing", "odd"))
+    _check_relaxing(relaxing, on, lag, subject)
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
         values,
@@ -86,7 +89,8 @@ def make_learned(
         beside=beside,
         power=power,
         per_input=per_input,
-        per_degree=per_degree,
+        times=times,
+        relaxing=relaxing,
         odd=odd,
         play=play,
     )
@@ -152,6 +156,22 @@ def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     return beside
 
 
+def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
+    """What a curve is multiplied by; empty where that is nothing."""
+    angles = [angle_channel(axis) for axis in setup.rig.axis_names]
+    return _word(table, "times", "", ("", "temperature", "time", *angles), subject)
+
+
+def _check_relaxing(relaxing: bool, on: str, lag: float, subject: str) -> None:
+    if relaxing and (on == "reading" or not lag):
+        raise TiltcalError(
+            f"{subject}, key relaxing",
+            found=f"on = '{on}', lag_s = {lag:g}",
+            need="a tilt or a readout with a lag_s",
+            do="leave it out, or give a lag_s",
+        )
+
+
 def _where(
     on: str,
     coordinate: str,
@@ -165,7 +185,9 @@ def _where(
     the place.
     """
     axis_named = axis_of(coordinate)
-    of_frames = ("time", "temperature", *MOTION)
+    of_frames = ["time", "temperature", "warming", *MOTION]
+    if on == "tilt" and table.get("slot") == "mount":
+        of_frames += [name for name in INPUTS if name.startswith("force")]
     if on != "reading" and axis_named is None and coordinate not in of_frames:
         raise TiltcalError(
             subject,
@@ -226,7 +248,8 @@ def learned_table(effect: Learned) -> dict[str, Any]:
         table["knots"] = list(effect.knots)
     shape = (
         ("per_input", effect.per_input),
-        ("per_degree", effect.per_degree),
+        ("times", effect.times),
+        ("relaxing", effect.relaxing),
         ("lag_s", effect.lag),
         ("play", effect.play),
         ("period", effect.period),

@@ -11,6 +11,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.setup.loads import Loads, Mass
 from tiltcal.setup.setup import Rig, Setup
 from tiltcal.setup.trajectory import Drive, Jet
+from tiltcal.setup.upright import up_in_body
 
 
 @dataclass(frozen=True)
@@ -214,6 +215,13 @@ class Context:
     loads: Loads
     force: Array | None = None
     rng: np.random.Generator | None = None
+
+    def gravity_in_body(self) -> Array:
+        """The specific force of an instrument that rests at each instant's pose, in its body, m/s2,
+        (n, 3).
+        """
+        up = up_in_body(self.rig.kind.moving, self.rig.kind.chain, self.axes, self.drive)
+        return self.gravity * up
 
     @classmethod
     def along(

@@ -114,6 +114,11 @@ class Responses:
             self._contexts = {**kept, masses: context}
         return self._contexts[masses]
 
+    @property
+    def nominal(self) -> Context:
+        """The nominal motion."""
+        return self._loaded(())
+
     def to(self, turns: Mapping[Place, Jet]) -> tuple[Array, Array]:
         """Change of force and rate by small turns, (n, 3) each; (n, 3, p) where their jets are (n,
         p).

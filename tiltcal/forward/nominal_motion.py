@@ -93,7 +93,10 @@ class NominalMotion:
             if isinstance(effect, LearnedReadout)
             else (effect.slot, effect.turn)
         )
-        force, rate = self.responses.to({place: effect.each_along(self.drive)})
+        context = self.responses.nominal
+        force, rate = self.responses.to(
+            {place: effect.each_along(self.drive, context.gravity_in_body)}
+        )
         return {
             name: self._converted(name, change, effect)
             for name, change in self._read(force, rate).items()

@@ -11,7 +11,8 @@ from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.diagnosis.search.state import Doubt
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
-from tiltcal.effects.learned import ORDERS, Learned, LearnedReadout, LearnedTilt
+from tiltcal.effects.curve_products import ORDERS
+from tiltcal.effects.learned import Learned, LearnedReadout, LearnedTilt
 from tiltcal.setup.setup import Rig, Setup
 from tiltcal.setup.tables import angle_channel, axis_of
 
@@ -113,8 +114,9 @@ def learned_name(effect: Learned) -> str:
         what = f"the {axis} angle"
     if effect.beside:
         what += f" times the {axis_of(effect.beside)} angle"
-    if effect.per_degree:
-        what += ", in proportion to the temperature from T0"
+    if effect.times:
+        factor = f"{axis_of(effect.times)} angle" if axis_of(effect.times) else effect.times
+        what += f", in proportion to the {factor}{' from T0' if factor == 'temperature' else ''}"
     if effect.period and effect.coordinate in ("since_move", "moves"):
         what += (
             ", with a period of"
@@ -126,6 +128,7 @@ def learned_name(effect: Learned) -> str:
         what = f"which way {what} last went, {_width(effect)} of it"
     if effect.lag and effect.coordinate != "temperature":
         what += f" with a memory of about {effect.lag:.0f} s"
+        what += ", less what it follows at once" if effect.relaxing else ""
     if isinstance(effect, LearnedReadout):
         return f"an error of the {effect.axis} axis' readout that follows {what}"
     if isinstance(effect, LearnedTilt):

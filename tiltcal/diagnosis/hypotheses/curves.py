@@ -8,6 +8,7 @@ from itertools import combinations, product
 from typing import Any
 
 from tiltcal.diagnosis.data.observations import Observations
+from tiltcal.diagnosis.hypotheses.axis_curves import curves_of_axes
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
     even_knots,
@@ -16,16 +17,20 @@ from tiltcal.diagnosis.hypotheses.curve_forms import (
     proportional,
 )
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.hypotheses.motion_curves import motion_of_frames, motion_of_readings
+from tiltcal.diagnosis.hypotheses.motion_curves import (
+    loads_of_mount,
+    motion_of_frames,
+    motion_of_readings,
+)
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
+from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.hysteresis_and_lag import LAGS
-from tiltcal.effects.learned import ORDERS, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.learned import LearnedReading, LearnedTilt
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Sensor
-from tiltcal.setup.setup import Rig
-from tiltcal.setup.tables import PLACING, angle_channel, bearing
+from tiltcal.setup.tables import PLACING, angle_channel
 
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
 SHOWS = 7.0  # times a lag that a recording has to last
@@ -51,12 +56,10 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
         for axis in sensor.axes:
             if sensor.name in read:
                 yield from _reading_curves(scenario, sensor, axis, span)
-    yield from _of_axes(scenario.rig, span)
-    yield from _of_two_angles(scenario.rig)
-    yield from _axes_by_temperature(scenario.rig, span)
+    yield from curves_of_axes(scenario.rig, span)
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
-            for turn, coordinate in product(turns, ("time", "temperature")):
+            for turn, coordinate in product(turns, ("time", "temperature", "warming")):
                 if knots := even_knots(coordinate, span, 5):
                     place = "environment" if slot == "base" else "mount"
                     tilt = curve_over(
@@ -71,54 +74,7 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                     )
         yield from _late_tilts(span)
         yield from motion_of_frames(scenario.rig, span)
-
-
-def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
-    """Errors of a readout and tilts of a bearing over the table's angles."""
-    for axis in rig.axis_names:
-        for other in rig.axis_names:
-            for basis in (harmonics(4), even_knots(f"table_{other}", span, 10)):
-                if not basis:
-                    continue
-                yield curve_over(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
-                for turn in _across(dict(rig.axes)[axis]):
-                    yield curve_over(
-                        LearnedTilt,
-                        f"table_{other}",
-                        basis,
-                        slot=bearing(axis),
-                        turn=turn,
-                        place="table",
-                    )
-
-
-def _axes_by_temperature(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
-    """Errors of a readout and tilts of a bearing over its own angle that grow with temperature."""
-    if not even_knots("temperature", span, 2):
-        return
-    for axis in rig.axis_names:
-        over: dict[str, Any] = {"place": "table", "per_degree": True}
-        coordinate, count = angle_channel(axis), harmonics(2)
-        yield curve_over(LearnedReadout, coordinate, count, axis=axis, **over)
-        for turn in _across(dict(rig.axes)[axis]):
-            yield curve_over(LearnedTilt, coordinate, count, slot=bearing(axis), turn=turn, **over)
-
-
-def _of_two_angles(rig: Rig) -> Iterator[Hypothesis]:
-    """Errors of a readout and tilts of the base and the mount over products of two angles: with the
-    curves over one angle any smooth law of the pose.
-    """
-    places = [("base", turn, "environment") for turn in "xy"]
-    places += [("mount", turn, "mount") for turn in "xyz"]
-    for one, other in combinations(rig.axis_names, 2):
-        over: dict[str, Any] = {"beside": angle_channel(other)}
-        coordinate, count = angle_channel(one), 4 * ORDERS**2
-        for axis in rig.axis_names:
-            yield curve_over(LearnedReadout, coordinate, count, axis=axis, place="table", **over)
-        for slot, turn, place in places:
-            yield curve_over(
-                LearnedTilt, coordinate, count, slot=slot, turn=turn, place=place, **over
-            )
+        yield from loads_of_mount(span)
 
 
 def _named(slot: str, coordinate: str) -> str | None:
@@ -191,7 +147,7 @@ def _powers_by_temperature(inputs: Sequence[str], where: Mapping[str, Any]) -> I
             1,
             power=power,
             odd=odd,
-            per_degree=True,
+            times="temperature",
             variants=len(forms),
             **where,
         )
@@ -283,8 +239,3 @@ def _late(curve: Hypothesis, alias: str) -> Hypothesis:
     the law has nothing at T0.
     """
     return replace(odd_curve(curve), variants=len(LAGS), alias=alias)
-
-
-def _across(axis: str) -> tuple[str, str]:
-    i = "xyz".index(axis)
-    return "xyz"[(i + 1) % 3], "xyz"[(i + 2) % 3]

@@ -28,7 +28,7 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     assert isinstance(effect, Learned)
     if effect.is_step or (host.effect.seen_in is not None and effect.coordinate == "time"):
         return False  # a curve over time is the same in every recording
-    if effect.per_degree:  # a coefficient that depends on temperature is no form of its law
+    if effect.times:  # a coefficient that varies is no form of its law
         return False
     family = host.law.family
     if isinstance(effect, LearnedReading):
@@ -91,4 +91,4 @@ def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
 def _form(curve: Learned) -> tuple[object, ...]:
     """What two curves have in common beside their coordinate."""
     c = curve
-    return c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.play, c.per_degree
+    return c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.relaxing, c.play, c.times

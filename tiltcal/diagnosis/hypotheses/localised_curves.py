@@ -53,7 +53,7 @@ def over_angle(hypothesis: Hypothesis) -> str | None:
     effect = hypothesis.effect
     if hypothesis.listed or not isinstance(effect, Learned):
         return None
-    if effect.beside or effect.power or effect.lag or effect.per_degree:
+    if effect.beside or effect.power or effect.lag or effect.times:
         return None
     return axis_of(effect.coordinate)
 

@@ -75,9 +75,26 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     for slot, turn, place, axes in places:
         where = {"slot": slot, "turn": turn, "place": place}
         yield from _motion(LearnedTilt, axes, span, where)
-        for name, lag in product(axes, CREEPS):
-            creep = curve_over(LearnedTilt, angle_channel(name), harmonics(1), lag=lag, **where)
-            yield replace(creep, variants=len(CREEPS))
+        for name, lag, relaxing in product(axes, CREEPS, (False, True)):
+            late = {"lag": lag, "relaxing": relaxing, **where}
+            creep = curve_over(LearnedTilt, angle_channel(name), harmonics(1), **late)
+            yield replace(creep, variants=2 * len(CREEPS))
+
+
+def loads_of_mount(span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """Tilts of the mount over the weight that it carries: of now, late, what is left of it, and the
+    state of a play.
+    """
+    for turn, axis in product("xyz", "xyz"):
+        coordinate = f"force_{axis}"
+        where = {"slot": "mount", "turn": turn, "place": "mount"}
+        knots = even_knots(coordinate, span, 5)
+        yield curve_over(LearnedTilt, coordinate, knots, **where)
+        for lag, relaxing in product(CREEPS, (False, True)):
+            late = curve_over(LearnedTilt, coordinate, knots, lag=lag, relaxing=relaxing, **where)
+            yield proportional(late, 2 * len(CREEPS))
+        for travel in LOADS:
+            yield _played(LearnedTilt, coordinate, travel, len(LOADS), where)
 
 
 def _motion(

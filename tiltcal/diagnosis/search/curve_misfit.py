@@ -86,8 +86,8 @@ def _followed(law: Hypothesis) -> tuple[object, ...] | None:
     if law.listed or not isinstance(effect, Learned):
         return None
     place = type(effect), effect.sensor, effect.axis, effect.slot, effect.turn, effect.per_input
-    times = effect.beside, effect.per_degree
-    return *place, *times, effect.coordinate, effect.lag, effect.play
+    times = effect.beside, effect.times
+    return *place, *times, effect.coordinate, effect.lag, effect.relaxing, effect.play
 
 
 def taken_in(state: State, k: int, j: int) -> State:

@@ -52,7 +52,7 @@ def _kind(hypothesis: Hypothesis) -> tuple[object, ...]:
         effect.axis,
         effect.coordinate,
         effect.beside,
-        effect.per_degree,
+        effect.times,
         effect.is_step,
         effect.play > 0,
         *place,

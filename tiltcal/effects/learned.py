@@ -3,8 +3,8 @@ named effect would.
 
 ``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines
 through (knot, value), held constant outside their knots: a drift is not extrapolated beyond the
-recording it was seen in. A law of temperature goes on, a spline by its slope; through three knots
-it is a parabola. With a period a spline begins anew after it: a saw. A ``power`` of the coordinate
+recording it was seen in. A law of temperature goes on, a spline by its mean slope; through three
+knots it is a parabola. With a period a spline begins anew after it: a saw. A ``power`` of the coordinate
 is the form with one number.
 """
 
@@ -142,9 +142,18 @@ class Learned(Effect):
         beyond, found = (u - inside)[:, None], np.asarray(spline(inside, order))
         if not beyond.any():
             return found
-        if self.coordinate in CONTINUED:
-            return found + (spline(inside, 1) * beyond if order == 0 else 0.0)
-        return np.where(beyond == 0, found, found if order == 0 else 0.0)
+        slope = self._mean_slope @ weights if self.coordinate in CONTINUED else np.zeros(1)
+        if order == 0:
+            return found + slope * beyond
+        return np.where(beyond == 0, found, slope if order == 1 else 0.0)
+
+    @property
+    def _mean_slope(self) -> Array:
+        """What takes the slope of the best line through a spline's knots from its values, (p,): a
+        slope at one end would be as uncertain as what a few readings there say.
+        """
+        u = np.array(self.knots) - np.mean(self.knots)
+        return u / (u @ u)
 
     def _power(self, u: Array, order: int) -> Array:
         """|u|^power, with the sign of u where it is odd, or its first or second derivative,

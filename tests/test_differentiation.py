@@ -92,6 +92,23 @@ def test_few_samples_of_a_fast_move_tell_how_it_sets_out(tick, rng):
     assert (np.abs(v - truth)[begins] < 2 * narrow[begins] + 2 * 12.5 * NOISE).all()
 
 
+@pytest.mark.parametrize("tick", [0.0, 1e-4])
+def test_few_samples_tell_how_a_steady_turn_ends(tick, rng):
+    """A turn of 30 deg/s that a cosine of one second brings to rest, twelve samples a second."""
+    time = np.arange(400) / 12.5 + rng.normal(0, 8e-4, 400)
+    u = np.clip(time - 16.03, 0, 1)
+    begun = np.minimum(time, 16.03)
+    angle = np.radians(30) * (begun + (u + np.sin(np.pi * u) / np.pi) / 2)
+    truth = np.radians(30) * (1 + np.cos(np.pi * u)) / 2
+    stamps = np.rint(time / tick) * tick if tick else time
+    still = u == 1
+    v, _ = differentiate(stamps, angle + NOISE * rng.standard_normal(400), still)
+    ends = np.flatnonzero(u > 0)[0] + np.arange(-3, 3)
+    narrow = 12.5 * np.hypot(NOISE, tick / np.sqrt(12) * truth)
+    # by windows on one side of the corner 140 and 4
+    assert (np.abs(v - truth)[ends] < 3 * narrow[ends]).all()
+
+
 def test_stamps_that_jitter_leave_the_rates_of_a_swing_alone(rng):
     time = np.arange(0, 20, STEP) + STEP * rng.uniform(-0.3, 0.3, 1000)
     angle, truth = 0.3 * np.sin(4 * time), 1.2 * np.cos(4 * time)

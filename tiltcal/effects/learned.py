@@ -4,8 +4,8 @@ named effect would.
 ``harmonic`` curves are sums of cos(n u), sin(n u), n = 1, 2, ...; others are natural cubic splines
 through (knot, value), held constant outside their knots: a drift is not extrapolated beyond the
 recording it was seen in. A law of temperature goes on, a spline by its mean slope; through three
-knots it is a parabola. With a period a spline begins anew after it: a saw. A ``power`` of the coordinate
-is the form with one number.
+knots it is a parabola. With a period a spline begins anew after it: a saw. A ``power`` of the
+coordinate is the form with one number.
 """
 
 from collections.abc import Callable, Sequence

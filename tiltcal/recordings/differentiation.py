@@ -10,6 +10,7 @@ import numpy as np
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.recordings.rest_edges import corners
+from tiltcal.recordings.starting_courses import TURN
 from tiltcal.setup.pauses import stretches
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
@@ -30,6 +31,7 @@ AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it
 BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 FEWEST = 9  # rows that a motion is told from
 RESTS = 32  # steps at rest that tell the readout's noise
+LINE = 13  # samples in which a line shows that it is one
 FAST = 0.3  # of the fastest rate: there an error of the stamps shows
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
@@ -122,12 +124,30 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
     variance = np.interp(time, grid, variance)
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
+    lined = _on_lines(uniform, np.hypot(readout, late * pace))
+    steady = _lasting(~still & (np.interp(time, grid, lined) > 0.5))
     stamped = _with_stamps(readout, late, grid, time, angle)
-    for c in corners(time / step, angle, still, stamped):
+    for c in corners(time / step, angle, still, steady, stamped):
         better = c.near | (~still[c.rows] & (c.variance < variance[c.rows]))
         rows = c.rows[better]
         v[rows], a[rows] = c.rate[better], c.acceleration[better]
     return v / step, a / step**2
+
+
+def _on_lines(u: Array, noise: Array) -> Mask:
+    """Samples at which the angle goes on by a line, within the noise, (n,)."""
+    if len(u) <= LINE:
+        return np.zeros(len(u), bool)
+    return np.asarray(np.convolve(_fits(u, LINE, 1, noise), np.ones(LINE)) > 0.5)
+
+
+def _lasting(steady: Mask) -> Mask:
+    """Rows of turns that are steady for long enough to tell their rate, (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
+    found = np.zeros(len(steady), bool)
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        found[first:after] = after - first >= TURN
+    return found
 
 
 def _pace(u: Array) -> Array:

@@ -1,0 +1,223 @@
+"""The course of an axis from the instant on at which it leaves a rest or a steady turn.
+
+A polynomial across that instant rings. From it on the course is a sum of powers of the time since,
+the square or the cube first, and before it the level of the rest, or the line of the turn: that
+tells the rate beside it better than any window on one side of it.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
+
+# samples: what begins slowly hides in the noise of the rest, and a rest ends with a margin
+EARLIEST, LATEST = -4, 5
+COARSE = 0.25  # samples between the instants tried first
+ZOOM = 8.0  # times finer, each time
+ZOOMS = 5
+REST = (6, 50)  # samples of a rest, at least, and as many at most for its level
+TURN = 16  # samples of a steady turn, at least: its line goes on beside what follows it
+NOTHING = 1e-200  # of a sum of squares
+NEAR = 2.5  # samples from the instant in which every window reaches across it
+
+
+@dataclass(frozen=True)
+class Corner:
+    """The motion beside one end of a rest.
+
+    Args:
+        rows: (n,); near: of them those that every window would take across the corner, (n,).
+        rate, acceleration: per sample and per sample squared, (n,).
+        variance: of the rate, rad2, (n,).
+    """
+
+    rows: Index
+    near: Mask
+    rate: Array
+    acceleration: Array
+    variance: Array
+
+
+@dataclass(frozen=True)
+class Side:
+    """Moves as they leave a rest or a steady turn; time runs backwards for those that reach one.
+
+    Args:
+        time: samples, (n,); angle: (n,).
+        last: row of the rest's last sample, (k,); rows: how many it has, (k,).
+        end: first row after the move, (k,).
+        level, slope: of the rest at its last sample, rad, and of the turn per sample, (k,).
+        noise: standard deviation of the angle at each stamp, rad, (n,).
+    """
+
+    time: Array
+    angle: Array
+    last: Index
+    rows: Index
+    end: Index
+    level: Array
+    slope: Array
+    noise: Array
+
+    def beside(self, which: Index, rows: Index) -> tuple[Array, Array]:
+        """Time since the last sample of some rests, samples, and the angle beyond their lines
+        there, rad. which: (k,); rows: (k, n).
+        """
+        time = self.time[rows] - self.time[self.last[which], None]
+        line = self.level[which, None] + self.slope[which, None] * time
+        return time, self.angle[rows] - line
+
+
+def side_of(
+    time: Array, angle: Array, still: Mask, steady: Mask, noise: Array, parted: Index = NOWHERE
+) -> Side:
+    """The moves that leave a rest or a steady turn.
+
+    Args:
+        time: samples, increasing, (n,). angle: rad, (n,).
+        still, steady: rows of rests and of steady turns, (n,).
+        noise: standard deviation of the angle at each stamp, rad, (n,).
+        parted: first rows after pauses of the log.
+    """
+    n = len(time)
+    kind = np.where(still, 2, steady.astype(int))
+    begins = np.concatenate([[0], np.flatnonzero(np.diff(kind)) + 1])
+    inside = parted[still[parted] & still[parted - 1]]
+    first = np.union1d(begins, inside)
+    after = np.append(first[1:], n)
+    first, after = first[kind[first] > 0], after[kind[first] > 0]
+    limits = np.append(parted, n)
+    end = np.minimum(np.append(first[1:], n), limits[np.searchsorted(limits, after)])
+    least = np.where(kind[first] == 2, REST[0], TURN)
+    left = np.flatnonzero((after < end) & (after - first >= least))
+    lines = np.zeros((len(left), 2))
+    for k, row in enumerate(left):
+        last = slice(max(first[row], after[row] - REST[1]), after[row])
+        turns = kind[first[row]] == 1
+        lines[k] = _line(time[last] - time[after[row] - 1], angle[last], noise[last], turns)
+    rows = (after - first)[left]
+    level, slope = lines.T
+    return Side(time, angle, after[left] - 1, rows, end[left], level, slope, noise)
+
+
+def _line(time: Array, angle: Array, noise: Array, turns: bool) -> tuple[float, float]:
+    """Level at no time and slope of a rest, where that is none, or of a steady turn. time: (n,)."""
+    if not turns:
+        return float(angle.mean()), 0.0
+    columns = np.column_stack([np.ones_like(time), time]) / noise[:, None]
+    level, slope = np.linalg.lstsq(columns, angle / noise, rcond=None)[0]
+    return float(level), float(slope)
+
+
+def spread_of(width: int, powers: tuple[float, ...]) -> float:
+    """What the variance of the rate just after a corner in mid-sample would be, in units of the
+    readout's.
+    """
+    u = np.maximum(np.arange(width + 1) - 1.5, 0.0)
+    return float(_variance(u, np.ones(len(powers)), np.ones(len(u)), powers)[u > 0][:3].sum())
+
+
+def instants(
+    side: Side,
+    which: Index,
+    width: int,
+    powers: tuple[float, ...],
+    earliest: int = EARLIEST,
+) -> tuple[Array, Array]:
+    """The instant at which each of these moves leaves its rest, samples, (k,), and by how many
+    sigma the course leaves more than the noise, (k,): infinite where it has no such instant.
+    """
+    rows = side.last[which, None] + np.arange(earliest, width + 1)
+    time, beyond = side.beside(which, rows)
+    weight = 1 / side.noise[rows]
+    y = weight * beyond
+    each = np.arange(len(which))
+    grid = np.tile(np.arange(earliest, LATEST, COARSE), (len(which), 1))
+    step, inside = COARSE, np.ones(len(which), bool)
+    for zoom in range(ZOOMS + 1):
+        u = np.maximum(time[:, None, :] - grid[:, :, None], 0.0)
+        enough = (u > 0).sum(axis=2) >= len(powers) + 2
+        left = np.where(enough, _left(u / width, y, weight, powers), np.inf)
+        at = np.argmin(left, axis=1)
+        if zoom == 0:
+            inside = (at > 0) & (at < grid.shape[1] - 1)
+        instant, least = grid[each, at], left[each, at]
+        grid = instant[:, None] + step * np.linspace(-1, 1, round(2 * ZOOM) + 1)
+        step /= ZOOM
+    moving = (time > instant[:, None]).sum(axis=1)
+    dof = np.maximum(moving - len(powers) - 1, 1)
+    # the rest has its own share of the noise
+    excess = np.maximum(least - (len(rows[0]) - moving), 0.0)
+    off = (np.sqrt(excess / dof) - 1) * np.sqrt(2 * dof)
+    return instant, np.where(inside, off, np.inf)
+
+
+def _left(u: Array, y: Array, weight: Array, powers: tuple[float, ...]) -> Array:
+    """What the best sums of powers leave of each weighted course, squares summed, (k, t). u: (k, t,
+    n); y, weight: (k, n).
+    """
+    columns = [weight[:, None] * column for column in _powers(u, powers)]
+    k = len(columns)
+    gram = np.empty((*u.shape[:2], k, k))
+    for i, j in combinations_with_replacement(range(k), 2):
+        gram[..., i, j] = gram[..., j, i] = _along(columns[i], columns[j])
+    # none has moved: nothing to fit
+    size = np.maximum(np.einsum("...ii", gram), NOTHING)
+    gram += 1e-14 * size[..., None, None] * np.eye(k)
+    c = np.linalg.solve(
+        gram, np.stack([(column @ y[:, :, None])[..., 0] for column in columns], axis=-1)[..., None]
+    )[..., 0]
+    rest = y[:, None, :] - sum(c[..., i, None] * column for i, column in enumerate(columns))
+    return _along(rest, rest)
+
+
+def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:
+    """Columns that span ``u`` to each of these powers, one above the other: the first times the
+    Chebyshev polynomials over [0, 1], of which none is nearly a sum of the others.
+    """
+    s = 2 * u - 1
+    found = [u ** int(powers[0])]
+    for k in range(1, len(powers)):
+        found.append(s * found[0] if k == 1 else 2 * s * found[-1] - found[-2])
+    return found
+
+
+def _along(one: Array, other: Array) -> Array:
+    """Sum of products along the last axis, (k, t)."""
+    return np.asarray(np.einsum("ktn,ktn->kt", one, other))
+
+
+def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant: float) -> Corner:
+    """The motion beside the k-th end, by its course from an instant on, samples."""
+    rows = side.last[k] + np.arange(EARLIEST, width + 1)
+    time, beyond = side.beside(np.array([k]), rows[None])
+    since = time[0] - instant
+    u = np.maximum(since, 0.0)
+    noise = side.noise[rows]
+    c = np.linalg.lstsq(
+        np.column_stack([u**p / noise for p in powers]), beyond[0] / noise, rcond=None
+    )[0]
+    rate, bend = _rates(u, c, powers)
+    variance = _variance(u, c, noise, powers)
+    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, variance)
+
+
+def _rates(u: Array, c: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:
+    """First and second derivative of the course, (n,)."""
+    v = sum((a * p * u ** (p - 1) for a, p in zip(c, powers, strict=True)), np.zeros_like(u))
+    bend = sum(
+        (a * p * (p - 1) * u ** (p - 2) for a, p in zip(c, powers, strict=True)), np.zeros_like(u)
+    )
+    return v, np.where(u > 0, bend, 0.0)
+
+
+def _variance(u: Array, c: Array, noise: Array, powers: tuple[float, ...]) -> Array:
+    """Of the rate, the instant being fitted too, in units of the noise squared, (n,)."""
+    v, bend = _rates(u, c, powers)
+    fitted = np.column_stack([*(u**p for p in powers), -v]) / noise[:, None]
+    rate = np.column_stack([*(p * u ** (p - 1) for p in powers), -bend])
+    scale = np.linalg.norm(fitted, axis=0) + (np.linalg.norm(fitted, axis=0) == 0)
+    spread = np.linalg.pinv(fitted / scale)
+    return np.asarray(((rate / scale @ spread) ** 2).sum(axis=1))

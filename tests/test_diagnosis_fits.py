@@ -18,6 +18,7 @@ from tiltcal.diagnosis.hypotheses.instants import Instant
 from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.dictionary import build_dictionary
+from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
@@ -154,6 +155,22 @@ def test_a_thermal_hysteresis_is_tried_at_widths_of_the_range_that_was_gone_thro
         s for s in listed_hypotheses(honest(bench()), span) if s.id == "acc_thermal_hysteresis"
     ]
     assert len({s.effect.values.get("width", 0.0) for s in found}) == widths
+
+
+def test_a_play_of_temperature_is_not_widened_until_it_is_in_proportion():
+    """To a bias in proportion to temperature the widest play comes nearest, without a limit the one
+    that is never gone through.
+    """
+    bias = {"id": "acc_temp_bias", "sensor": "accel", "temp_bias_x_ug_degC": 100.0}
+    found = prepared(bias, swing_degC=3.0, period_s=60.0)
+    span = np.ptp(found.observations.recordings[0].temperature())
+    offered = [
+        hypothesis("acc_thermal_hysteresis", ("thermal_hysteresis_x",), width=share * span)
+        for share in (0.2, 0.5, 0.8)
+    ]
+    whitened = found.whitened.alone(offered, found.start.effects)
+    (widest,) = refined((FittedTerm.start(offered[-1]),), found.start, whitened)
+    assert widest.hypothesis.effect.values["width"] == pytest.approx(0.8 * span)
 
 
 @pytest.mark.parametrize(("late", "ahead"), [(0.02, 0.0), (0.0, 0.03)])

@@ -49,6 +49,8 @@ class Parameter:
         shape: whether it says when, how fast or how wide and not how much; so does everything with
             a default.
         whole: whether it counts what comes in ones.
+        bounded: whether a shape beyond those that the effect offers for a recording would make
+            another law of it.
         tables: names of the tables that have it; empty: any.
     """
 
@@ -59,6 +61,7 @@ class Parameter:
     default: float = 0.0
     shape: bool = False
     whole: bool = False
+    bounded: bool = False
     tables: frozenset[str] = frozenset()
 
     def stands_on(self, rig: Rig) -> bool:

@@ -54,22 +54,36 @@ def refined(
         step = LINE / duration if line else STEP[name]
         added = line or name in SHIFTED
         terms = _shaped(terms, name, _shapes_of(terms)[name], duration)
+        limits = _limits(first, name, whitened.hypotheses)
         here = _gain(terms, fitted, whitened)
         for last in reversed(range(FINE if added else GRAIN)):
             x = _shapes_of(terms)[name]
-            sides = [
-                _shaped(terms, name, x + d if added else x * np.exp(d), duration)
-                for d in (-step, step)
-            ]
+            values = (x + d if added else x * np.exp(d) for d in (-step, step))
+            sides = [_shaped(terms, name, np.clip(v, *limits), duration) for v in values]
             before, after = (_gain(side, fitted, whitened) for side in sides)
             top = 0.0 if last or added else _top(before, here, after)
             if max(before, after) > here:
                 terms = sides[int(after > before)]
                 here = max(before, after)
             if top:
-                terms = _shaped(terms, name, x * np.exp(top * step), duration)
+                at = np.clip(x * np.exp(top * step), *limits)
+                terms = _shaped(terms, name, at, duration)
             step /= 2
     return terms
+
+
+def _limits(
+    hypothesis: Hypothesis, name: str, offered: Sequence[Hypothesis]
+) -> tuple[float, float]:
+    """Between which values a shape is refined: where it is bounded, those that are offered."""
+    if not any(p.name == name and p.bounded for p in hypothesis.effect.parameters):
+        return -np.inf, np.inf
+    values = [
+        h.effect.values[name]
+        for h in offered
+        if (h.place, h.alias) == (hypothesis.place, hypothesis.alias)
+    ]
+    return min(values, default=-np.inf), max(values, default=np.inf)
 
 
 def _top(before: float, here: float, after: float) -> float:

@@ -116,7 +116,8 @@ class AccThermalHysteresis(FollowsState):
     title = "heating and cooling branches differ"
     parameters = (
         Parameter("thermal_hysteresis_{axis}", "ug", (100, 1000, 5000)),
-        Parameter("width", "degC", (5, 5, 5), positive=True, shape=True),
+        # a play that is wider than what moves it is in proportion to it
+        Parameter("width", "degC", (5, 5, 5), positive=True, shape=True, bounded=True),
     )
     physics = "Adhesives and solder creep: the bias depends on where the temperature came from."
     equation = (

@@ -11,7 +11,7 @@ STEP = 0.02  # s
 
 def test_differentiation_of_a_readout_is_smooth_and_zero_at_rest():
     time = np.linspace(0, 10, 1001)
-    v, a = differentiate(time, np.sin(time), np.zeros(1001, bool))
+    v, a, _ = differentiate(time, np.sin(time), np.zeros(1001, bool))
     np.testing.assert_allclose(v[20:-20], np.cos(time)[20:-20], atol=1e-5)
     np.testing.assert_allclose(a[20:-20], -np.sin(time)[20:-20], atol=1e-3)
     assert not differentiate(time, np.sin(time), np.ones(1001, bool))[0].any()
@@ -28,7 +28,7 @@ def test_a_rate_is_told_on_its_own_side_of_a_corner(corner, rng):
     angle, truth = 0.05 * at**2, 0.1 * at * np.where(time < 10, 1, corner)
     resting = np.arange(len(time)) < 60  # where the readout's noise is taken from
     level = np.where(np.arange(len(time)) < 60, angle[0], angle)
-    v, _ = differentiate(time, level + NOISE * rng.standard_normal(len(time)), resting)
+    v, *_ = differentiate(time, level + NOISE * rng.standard_normal(len(time)), resting)
     near = slice(480, 520)
     # no worse than one difference of readings: 15 at one side
     assert np.abs(v - truth)[near].max() < 4 * 0.97 * NOISE / STEP
@@ -60,7 +60,7 @@ def test_beside_a_rest_a_rate_is_as_good_as_inside_a_move(start, turned, rng):
     if turned:
         angle, truth = angle[::-1], -truth[::-1]
     still = angle == angle.min()
-    v, _ = differentiate(time, angle + NOISE * rng.standard_normal(len(time)), still)
+    v, *_ = differentiate(time, angle + NOISE * rng.standard_normal(len(time)), still)
     near = np.abs(time - (time[-1] - start if turned else start)) < 5 * STEP
     assert np.abs(v - truth)[near].max() < 5 * NOISE / STEP
     assert not v[still & (np.abs(time - (time[-1] - start if turned else start)) > 2 * STEP)].any()
@@ -71,7 +71,7 @@ def test_samples_that_hide_in_a_rest_have_the_rate_with_which_the_axis_set_out(r
     time = np.arange(0, 6, STEP)
     angle, truth = moves(time, 2.007)
     still = (angle < 6 * NOISE) | (angle > angle.max() - 6 * NOISE)
-    v, _ = differentiate(time, angle + NOISE * rng.standard_normal(len(time)), still)
+    v, *_ = differentiate(time, angle + NOISE * rng.standard_normal(len(time)), still)
     assert np.abs(truth[still]).max() > 4 * NOISE / STEP
     assert np.abs(v - truth)[still].max() < 2 * NOISE / STEP
 
@@ -85,7 +85,7 @@ def test_few_samples_of_a_fast_move_tell_how_it_sets_out(tick, rng):
     angle, truth = moves(time, 6.03, jerk=12.0, long=1.0)
     still = (angle == 0) | (angle == angle.max())
     stamps = np.rint(time / tick) * tick if tick else time
-    v, _ = differentiate(stamps, angle + NOISE * rng.standard_normal(200), still)
+    v, *_ = differentiate(stamps, angle + NOISE * rng.standard_normal(200), still)
     begins = np.flatnonzero(~still)[0] + np.arange(-2, 3)
     narrow = 12.5 * np.hypot(NOISE, tick / np.sqrt(12) * truth)
     # by powers from the square on 350 and 180 times as much
@@ -102,7 +102,7 @@ def test_few_samples_tell_how_a_steady_turn_ends(tick, rng):
     truth = np.radians(30) * (1 + np.cos(np.pi * u)) / 2
     stamps = np.rint(time / tick) * tick if tick else time
     still = u == 1
-    v, _ = differentiate(stamps, angle + NOISE * rng.standard_normal(400), still)
+    v, *_ = differentiate(stamps, angle + NOISE * rng.standard_normal(400), still)
     ends = np.flatnonzero(u > 0)[0] + np.arange(-3, 3)
     narrow = 12.5 * np.hypot(NOISE, tick / np.sqrt(12) * truth)
     # by windows on one side of the corner 140 and 4
@@ -112,7 +112,7 @@ def test_few_samples_tell_how_a_steady_turn_ends(tick, rng):
 def test_stamps_that_jitter_leave_the_rates_of_a_swing_alone(rng):
     time = np.arange(0, 20, STEP) + STEP * rng.uniform(-0.3, 0.3, 1000)
     angle, truth = 0.3 * np.sin(4 * time), 1.2 * np.cos(4 * time)
-    v, _ = differentiate(
+    v, *_ = differentiate(
         time, angle + NOISE * rng.standard_normal(len(time)), np.zeros(len(time), bool)
     )
     # on straight lines between the rows: 33
@@ -122,7 +122,7 @@ def test_stamps_that_jitter_leave_the_rates_of_a_swing_alone(rng):
 def test_a_fast_swing_is_told_by_a_longer_window_of_a_higher_degree(rng):
     time = np.arange(0, 20, STEP)
     angle, truth = 0.3 * np.sin(9 * time), 2.7 * np.cos(9 * time)
-    v, _ = differentiate(
+    v, *_ = differentiate(
         time, angle + NOISE * rng.standard_normal(len(time)), np.zeros(len(time), bool)
     )
     assert np.std((v - truth)[20:-20]) < 1.5 * NOISE / STEP  # by quartics alone: 4.6
@@ -136,6 +136,25 @@ def test_rounded_stamps_ask_for_longer_windows(rng):
     rate = 1.2 * np.sin(0.4 * true) ** 2
     angle = 0.6 * true - 0.75 * np.sin(0.8 * true) + rng.normal(0, 4e-7, 1500)
     tick = 2.0**-14
-    v, _ = differentiate(np.rint(true / tick) * tick, angle, np.zeros(1500, bool))
+    v, *_ = differentiate(np.rint(true / tick) * tick, angle, np.zeros(1500, bool))
     narrow = tick / np.sqrt(12) * 50 * np.sqrt(2) * rate.max()
     assert np.std((v - rate)[30:-30]) < narrow / 4  # with the noise of the readout alone: 0.35
+
+
+def test_the_noise_of_a_rate_is_what_it_is_off_by(rng):
+    """Of a turn with ramps and of a swing, with stamps that scatter and are rounded."""
+    time = np.arange(3000) / 20 + rng.normal(0, 8e-4, 3000)
+    u, begun = np.clip(time - 40.03, 0, 1), np.minimum(time, 40.03)
+    swing = np.maximum(time - 60, 0)
+    # the swing sets out without a jump of its rate
+    angle = np.radians(30) * (begun + (u + np.sin(np.pi * u) / np.pi) / 2) + 0.2 * (
+        1 - np.cos(3 * swing)
+    )
+    truth = np.radians(30) * (1 + np.cos(np.pi * u)) / 2 + 0.6 * np.sin(3 * swing)
+    still = (time > 41.1) & (time < 60)
+    stamps = np.rint(time * 1e4) / 1e4
+    v, _, noise = differentiate(stamps, angle + NOISE * rng.standard_normal(3000), still)
+    assert not noise[still].any()
+    for part in (time < 40, (time > 62) & (time < 148)):
+        share = np.sqrt(np.mean((v - truth)[part] ** 2) / np.mean(noise[part] ** 2))
+        assert 0.4 < share < 1.2

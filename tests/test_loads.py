@@ -52,7 +52,7 @@ def read(time, noise):
     axes = {}
     for name, jet in swing(time).items():
         x = jet.x + noise * rng.standard_normal(len(time))
-        axes[name] = Jet(x, *differentiate(time, x, *at_rest(time, x[:, None])))
+        axes[name] = Jet(x, *differentiate(time, x, *at_rest(time, x[:, None]))[:2])
     return axes
 
 

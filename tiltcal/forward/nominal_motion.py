@@ -16,7 +16,7 @@ from tiltcal.forward.kinematics import closed_form, force_and_rate
 from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
 from tiltcal.forward.signal_chain import CONVERSION, make_sense
 from tiltcal.setup.setup import Setup
-from tiltcal.setup.trajectory import Course
+from tiltcal.setup.trajectory import Course, Jet
 
 Some = TypeVar("Some", bound=Effect)
 Channels = dict[tuple[str, int], "np.ndarray[tuple[int], np.dtype[np.float32]]"]
@@ -77,6 +77,11 @@ class NominalMotion:
             changes = self._moved(effect, beside)
         return {name: self._converted(name, change, effect) for name, change in changes.items()}
 
+    def by_rate(self, axis: str) -> dict[str, Array]:
+        """Change of the readings of each sensor with the rate of an axis, per rad/s, SI, (n, k)."""
+        force, rate = self.responses.to({("axis", axis): Jet(0.0, np.ones(len(self.time)))})
+        return {name: self._said(name, c) for name, c in self._read(force, rate).items()}
+
     def each(self, effect: Learned) -> dict[str, Array]:
         """Changes by one of each coefficient of a curve, SI, (n, k, p): all at once."""
         if isinstance(effect, LearnedReading):
@@ -103,13 +108,14 @@ class NominalMotion:
         }
 
     def _converted(self, name: str, change: Array, effect: Effect) -> Array:
-        """The change of what an inclinometer says, where the effect acts on the force it senses: d
-        asin(f/g) = df / (g cos).
+        """The change of what an inclinometer says, where the effect acts on the force it senses."""
+        return change if getattr(effect, "order", 0) >= CONVERSION else self._said(name, change)
+
+    def _said(self, name: str, change: Array) -> Array:
+        """What a sensor says of a change of what it senses: of an inclinometer d asin(f/g) = df /
+        (g cos).
         """
-        if (
-            self.setup.named(name).kind != "inclinometer"
-            or getattr(effect, "order", 0) >= CONVERSION
-        ):
+        if self.setup.named(name).kind != "inclinometer":
             return change
         g = self.setup.site.gravity
         steep = np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
@@ -206,6 +212,10 @@ class SeveralPlaces(NominalMotion):
     def through(self, matrices: Mapping[str, Array]) -> NominalMotion:
         """The same motion through other sensor matrices, by sensor, (axes, 3)."""
         return SeveralPlaces(self.setup, [part.through(matrices) for part in self.parts])
+
+    def by_rate(self, axis: str) -> dict[str, Array]:
+        """Change of the readings of each sensor with the rate of an axis, per rad/s, SI, (n, k)."""
+        return {name: change for p in self.parts for name, change in p.by_rate(axis).items()}
 
     def changes(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[str, Array]:
         """Change of the readings of each sensor that changes, SI, (n, k); beside: see

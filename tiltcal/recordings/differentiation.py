@@ -4,6 +4,7 @@ rest by the motion out of it.
 
 from itertools import product
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,14 +33,23 @@ BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 FEWEST = 9  # rows that a motion is told from
 RESTS = 32  # steps at rest that tell the readout's noise
 LINE = 13  # samples in which a line shows that it is one
+CHOSEN = 2.0  # times a rate's error is what that of its window would be: it is chosen as it fits
 FAST = 0.3  # of the fastest rate: there an error of the stamps shows
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
 
-def differentiate(
-    time: Array, angle: Array, still: Mask, parted: Index = NOWHERE
-) -> tuple[Array, Array]:
-    """Rate and acceleration of a readout, exactly zero at rest. All (n,).
+class Rates(NamedTuple):
+    """Rate and acceleration of a readout, rad/s and rad/s2, and the standard deviation of the rate,
+    rad/s, (n,) each.
+    """
+
+    rate: Array
+    acceleration: Array
+    noise: Array
+
+
+def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> Rates:
+    """Rate and acceleration of a readout, exactly zero at rest, and the noise of the rate.
 
     Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
     the noise of readout and stamps and tells the rate best: long in steady turns, short where moves
@@ -50,15 +60,14 @@ def differentiate(
         time: s, increasing. angle: rad.
         still: rows at which the axis rests.
         parted: first rows after pauses of the log.
-
-    Returns:
-        rad/s, rad/s2.
     """
-    v, a = np.zeros((2, len(angle)))
-    noise = noise_of_rests(angle, still, parted)
+    found = Rates(*np.zeros((3, len(angle))))
+    readout = noise_of_rests(angle, still, parted)
     for rows in stretches(len(time), parted):
-        v[rows], a[rows] = _of_stretch(time[rows], angle[rows], still[rows], noise)
-    return v, a
+        part = _of_stretch(time[rows], angle[rows], still[rows], readout)
+        for whole, values in zip(found, part, strict=True):
+            whole[rows] = values
+    return found
 
 
 def noise_of_stamped(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> Array:
@@ -102,13 +111,13 @@ def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
     return grid, np.asarray(CubicSpline(time, angle)(grid))
 
 
-def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> tuple[Array, Array]:
-    """Rate and acceleration where the log does not pause. told: noise of the readout at rest."""
+def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> Rates:
+    """Rates where the log does not pause. told: noise of the readout at rest."""
     from scipy.interpolate import CubicHermiteSpline
 
     even = _evenly(time, angle)
     if even is None:
-        return np.zeros_like(angle), np.zeros_like(angle)
+        return Rates(*np.zeros((3, len(angle))))
     grid, uniform = even
     n, step = len(grid), float(grid[1] - grid[0])
     readout, pace = told or _noise_of_motion(uniform), _pace(uniform)
@@ -121,7 +130,7 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
         noise = np.hypot(readout, late * pace)[wanted]
         v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)
         variance[wanted] *= noise**2
-    variance = np.interp(time, grid, variance)
+    variance = np.where(still, 0.0, np.interp(time, grid, variance))
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
     lined = _on_lines(uniform, np.hypot(readout, late * pace))
@@ -131,7 +140,10 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> t
         better = c.near | (~still[c.rows] & (c.variance < variance[c.rows]))
         rows = c.rows[better]
         v[rows], a[rows] = c.rate[better], c.acceleration[better]
-    return v / step, a / step**2
+        variance[rows] = c.variance[better]
+    # a stamp that is off tells the rate of another instant
+    noise = np.hypot(CHOSEN * np.sqrt(variance), late * a)
+    return Rates(v / step, a / step**2, noise / step)
 
 
 def _on_lines(u: Array, noise: Array) -> Mask:
@@ -170,9 +182,11 @@ def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array]:
     first, second = _weights(WIDTHS[0], WIDTHS[0] // 2, DEGREES[0])
     v, a, narrowest = _centred(u, first), _centred(u, second), float(first @ first)
     variance = np.full(n, narrowest)
+    half = WIDTHS[0] // 2
+    variance[:half] = variance[n - half :] = np.inf  # no window is around the ends
     fits = {(w, d): _fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
     for places in (AROUND, BESIDE):
-        wanted = np.ones(n, bool) if places is AROUND else variance == narrowest
+        wanted = np.ones(n, bool) if places is AROUND else variance >= narrowest
         for ((width, degree), fit), share in product(fits.items(), places):
             place = round(share * (width - 1))
             first, second = _weights(width, place, degree)
@@ -181,7 +195,7 @@ def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array]:
             v[rows] = np.where(better, np.convolve(u, first[::-1], mode="valid"), v[rows])
             a[rows] = np.where(better, np.convolve(u, second[::-1], mode="valid"), a[rows])
             variance[rows] = np.where(better, first @ first, variance[rows])
-    return v, a, variance
+    return v, a, np.where(np.isinf(variance), narrowest, variance)
 
 
 def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:

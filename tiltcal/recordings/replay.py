@@ -8,7 +8,7 @@ import numpy as np
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mounts
-from tiltcal.recordings.differentiation import differentiate, noise_of_stamped
+from tiltcal.recordings.differentiation import Rates, differentiate, noise_of_stamped
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
 from tiltcal.recordings.stamps import unrounded
@@ -54,7 +54,7 @@ class Replay:
         axes = {}
         nearest = nearest_rows(self.time, time)
         for name, angle in self.angles.items():
-            v, a = self._rates[name]
+            v, a, _ = self._rates[name]
             if len(time) == len(self.time) and np.array_equal(time, self.time):
                 axes[name] = Jet(angle, v, a)
                 continue
@@ -67,17 +67,19 @@ class Replay:
             )
         return self.standing(time, axes)
 
+    def rate_noise(self, axis: str) -> Array:
+        """Standard deviation of the rate that an axis' readout tells, rad/s, (n,)."""
+        return self._rates[axis].noise
+
     @cached_property
-    def _rates(self) -> dict[str, tuple[Array, Array]]:
-        """Rate and acceleration of each axis, rad/s and rad/s2, (n,) each: the drive is asked for
-        many times.
-        """
+    def _rates(self) -> dict[str, Rates]:
+        """Rate and acceleration of each axis: the drive is asked for many times."""
         found = {}
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
             sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
-            v, a = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
-            found[name] = (sign * v, sign * a)
+            v, a, noise = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
+            found[name] = Rates(sign * v, sign * a, noise)
         return found
 
     @cached_property
@@ -223,9 +225,9 @@ def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
 
 
 @lru_cache(maxsize=24)
-def _differentiated(time: bytes, angle: bytes) -> tuple[Array, Array]:
-    """Rate and acceleration of one axis, of the contents of arrays: one recording is replayed many
-    times, its columns read anew.
+def _differentiated(time: bytes, angle: bytes) -> Rates:
+    """The rates of one axis, of the contents of arrays: one recording is replayed many times, its
+    columns read anew.
 
     An axis rests for itself, whatever the others do.
     """

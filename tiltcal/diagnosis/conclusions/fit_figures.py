@@ -14,7 +14,7 @@ from tiltcal.diagnosis.model.cross_validation import heldout_misfit
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseModel, cosines, robust_white, white_noise
+from tiltcal.statistics.noise_spectrum import NoiseModel, robust_white, white_noise
 
 FEWEST = 8  # samples that a channel's white noise can be told from
 CLIP = 3.0  # standard deviations
@@ -91,7 +91,11 @@ def log_likelihood(
 ) -> float:
     """Whittle's log-likelihood of the readings under a noise of each channel, nats."""
     total = 0.0
-    for r, model in zip(observations.residuals(effects), noise, strict=True):
-        spectrum = model.spectrum(len(r))
-        total -= 0.5 * float((np.log(2 * np.pi * spectrum) + cosines(r) ** 2 / spectrum).sum())
+    for channel, waves, model in zip(
+        observations.channels, observations.residual_waves(effects), noise, strict=True
+    ):
+        spectrum = model.spectrum(len(waves))
+        total -= 0.5 * float((np.log(2 * np.pi * spectrum) + waves**2 / spectrum).sum())
+        if channel.spread is not None:
+            total -= float(np.log(channel.spread).sum())
     return total

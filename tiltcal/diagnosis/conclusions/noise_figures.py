@@ -13,7 +13,7 @@ from tiltcal.diagnosis.conclusions.residual_plots import unit_of
 from tiltcal.diagnosis.data.observations import Channel, Observations
 from tiltcal.effects import CATALOGUE, Parameter
 from tiltcal.effects.sensor.noise import Noise
-from tiltcal.statistics.noise_spectrum import Amplitude, NoiseFit, cosines
+from tiltcal.statistics.noise_spectrum import Amplitude, NoiseFit
 
 INTERVAL = "95 %, profile of Whittle's likelihood"
 STEPS = {"white": 0.5, "flicker": 0.0, "walk": -0.5}  # power of the sampling step, s, in a density
@@ -102,7 +102,7 @@ def noise_report(
         name = f"{channel.sensor}_{channel.axis}"
         if channel.recording:
             name = f"{name}_recording_{channel.recording + 1}"
-        noise = _channel_noise(channel, observations, cosines(r), fit)
+        noise = _channel_noise(channel, observations, channel.waves(r), fit)
         found[name] = replace(noise, depends=own)
         notes += [d.words(channel) for d in own[:1]]
     return NoiseReport(source, found, tuple(notes))

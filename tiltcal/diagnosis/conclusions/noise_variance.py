@@ -62,7 +62,7 @@ def noise_dependences(
         noise: of each.
     """
     tests = [
-        dict(_tests(_coordinates(observations, channel, r), model.whiten(r)))
+        dict(_tests(_coordinates(observations, channel, r), model.whiten(channel.weighed(r))))
         if not channel.derived
         else {}
         for channel, r, model in zip(observations.channels, residuals, noise, strict=True)

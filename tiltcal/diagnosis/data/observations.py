@@ -16,7 +16,7 @@ from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
-from tiltcal.statistics.noise_spectrum import NoiseFit
+from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
 
 Columns = dict[int, Array]
 """Change of each channel that changes, by the channel's number, (n,) each, SI."""
@@ -39,6 +39,9 @@ class Channel:
             like it.
         white: standard deviation, SI, that its noise has at least, where that is white and known to
             be; 0 elsewhere.
+        spread: standard deviation of each row in units of that at rest, at least 1, (n,): a rate
+            that is told from a readout is less certain where the table is fast; None where all
+            rows are alike.
     """
 
     recording: int
@@ -51,6 +54,15 @@ class Channel:
     stop: Index
     derived: bool = False
     white: float = 0.0
+    spread: Array | None = None
+
+    def weighed(self, column: Array) -> Array:
+        """A column with every row in units of its spread, (..., n)."""
+        return column if self.spread is None else column / self.spread
+
+    def waves(self, column: Array) -> Array:
+        """Cosine coefficients of a column whose rows are weighed, (..., n)."""
+        return cosines(self.weighed(column))
 
     @property
     def name(self) -> str:
@@ -152,6 +164,11 @@ class Observations(ABC):
             np.nan_to_num(c.values - p)
             for c, p in zip(self.channels, self.predict(effects), strict=True)
         ]
+
+    def residual_waves(self, effects: Sequence[Effect]) -> list[Array]:
+        """Cosine coefficients of the residuals, their rows weighed, (n,) each."""
+        left = self.residuals(effects)
+        return [c.waves(r) for c, r in zip(self.channels, left, strict=True)]
 
     def averaged(self, block: int) -> "Observations":
         """The same with so many samples averaged into one, where that is known to keep what they

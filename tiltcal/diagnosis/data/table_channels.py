@@ -9,6 +9,7 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.diagnosis.data.block_grid import BlockGrid
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
+from tiltcal.diagnosis.data.rate_noise import with_spread
 from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
@@ -53,23 +54,19 @@ class TableObservations(Observations):
         self._around: tuple[tuple[Effect, ...], bytes] | None = None
         self._bent: list[Array] = []
         self._whole: TableObservations | None = None
+        self.channels = self._with_spread()
 
     def averaged(self, block: int) -> "TableObservations":
         """The same with so many samples averaged into one."""
         if block == 1:
             return self
         other = copy(self)
-        other.block, other._rows, other._watches, other._around, other._bent, other._whole = (
-            block,
-            [],
-            {},
-            None,
-            [],
-            self,
-        )
+        other.block, other._rows, other._watches = block, [], {}
+        other._around, other._bent, other._whole = None, [], self
         other.__dict__.pop("_blocks_of", None)
         other.__dict__.pop("_grids", None)
         other.channels = tuple(other._channels())
+        other.channels = other._with_spread()
         return other
 
     def _channels(self) -> list[Channel]:
@@ -106,6 +103,11 @@ class TableObservations(Observations):
                         )
                     )
         return found
+
+    def _with_spread(self) -> tuple[Channel, ...]:
+        """The channels, with how uncertain the readout's rates make their rows."""
+        watches = self.watches(self.known)
+        return tuple(with_spread(self.channels, self.courses, watches, self._of_blocks))
 
     def _mean(self, values: Array) -> Array:
         """Means of blocks, (n,) -> (n / block,)."""

@@ -15,7 +15,7 @@ from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values, l
 from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.table.readout import EncoderZero, IndexError_
-from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit
 
 FEWEST = 8  # stops of an axis
 
@@ -164,10 +164,9 @@ def beside_stops(
     fitted: FittedModel, stops: Sequence[Stop], whitened: WhitenedModel, total: int
 ) -> FittedModel:
     """The fitted model without the findings that rotations of every stop explain as well."""
-    lengths = [len(c.values) for c in whitened.observations.channels]
     extra = {
-        i: np.column_stack([cosines(s.columns.get(i, np.zeros(n))) for s in stops])
-        for i, n in enumerate(lengths)
+        i: np.column_stack([c.waves(s.columns.get(i, np.zeros(len(c.values)))) for s in stops])
+        for i, c in enumerate(whitened.observations.channels)
     }
     beside = whitened.under(models(noise_under(fitted, whitened.columns, extra, whitened.law)))
     values = finding_log_p_values(fitted, beside, total, [s.columns for s in stops])

@@ -42,17 +42,20 @@ def noise_under(
         for name in t.names
     ]
     found = []
-    for i, r in enumerate(observations.residuals(effects)):
-        mine = [w[i] for w in waves if i in w]
-        if least := observations.channels[i].white:
-            found.append(NoiseFit.known(white_noise(max(least, _spread(cosines(r), mine)))))
+    for i, (channel, r) in enumerate(
+        zip(observations.channels, observations.residuals(effects), strict=True)
+    ):
+        mine, left = [w[i] for w in waves if i in w], channel.waves(r)
+        if least := channel.white:
+            found.append(NoiseFit.known(white_noise(max(least, _spread(left, mine)))))
             continue
         mean = np.column_stack(
-            [*mine, *(cosines(c) for c in observations.saturating(i))] or [np.zeros((len(r), 0))]
+            [*mine, *(channel.waves(c) for c in observations.saturating(i))]
+            or [np.zeros((len(r), 0))]
         )
         if extra is not None and i in extra:
             mean = np.column_stack([mean, extra[i]])
-        found.append(observations.as_unsteady(i, r, mean, estimate_noise(cosines(r), mean, law)))
+        found.append(observations.as_unsteady(i, r, mean, estimate_noise(left, mean, law)))
     return found
 
 
@@ -72,8 +75,9 @@ def noise_within_stops(fitted: FittedModel, whitened: WhitenedModel) -> list[Noi
         zip(observations.channels, observations.residuals(fitted.effects), strict=True)
     ):
         cuts = np.flatnonzero(np.diff(channel.stop)) + 1
+        weighed = channel.weighed(r)
         parts = [
-            cosines(r[rows])
+            cosines(weighed[rows])
             for rows in np.split(np.arange(len(r)), cuts)
             if channel.stop[rows[0]] >= 0 and len(rows) > 2
         ]
@@ -126,7 +130,7 @@ def shift_bias_to_start(
     for channel, r, _ in first:
         model = shared[channel.sensor].model
         level = idct(
-            cosines(r) * model.drift_spectrum(len(r)) / model.spectrum(len(r)), norm="ortho"
+            channel.waves(r) * model.drift_spectrum(len(r)) / model.spectrum(len(r)), norm="ortho"
         )
         shift.setdefault((channel.sensor, channel.axis), float(level[0]))
     return replace(

@@ -69,8 +69,9 @@ class HypothesisColumns:
 
     def _simulated(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> Parts:
         parts = self.observations.columns(hypothesis.effect, hypothesis.names, around)
+        channels = self.observations.channels
         return {
-            i: (which, np.asarray(cosines(block.astype(np.float32)), np.float32))
+            i: (which, cosines(channels[i].weighed(block).astype(np.float32)).astype(np.float32))
             for i, (which, block) in parts.items()
         }
 
@@ -141,7 +142,7 @@ class HypothesisColumns:
         if kept is not None and kept[0] == depends:
             return kept[1]
         changes = self.observations.changes(hypothesis.alone(name), around)
-        found = {i: cosines(column) for i, column in changes.items()}
+        found = {i: self.observations.channels[i].waves(c) for i, c in changes.items()}
         if depends is not None:
             self._kept[hypothesis.place, name] = (depends, found)
         return found

@@ -13,7 +13,7 @@ from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.score_test import ScoreTest
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel, cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit, NoiseModel
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 
@@ -79,7 +79,8 @@ class WhitenedModel:
 
     def whiten(self, columns: Columns) -> Columns:
         """Columns by channel as cosine coefficients in units of the noise."""
-        return self.weighed({i: cosines(column) for i, column in columns.items()})
+        channels = self.observations.channels
+        return self.weighed({i: channels[i].waves(column) for i, column in columns.items()})
 
     def weighed(self, waves: Columns) -> Columns:
         """Cosine coefficients by channel in units of the noise."""
@@ -87,8 +88,8 @@ class WhitenedModel:
 
     def residual(self, effects: Sequence[Effect]) -> list[Array]:
         """Whitened residual of each channel. (n,) each."""
-        left = self.observations.residuals(effects)
-        return [cosines(r) / root for r, root in zip(left, self.roots, strict=True)]
+        waves = self.observations.residual_waves(effects)
+        return [wave / root for wave, root in zip(waves, self.roots, strict=True)]
 
     def scores(
         self,

@@ -1,0 +1,63 @@
+"""A FOG on a fast table whose stamps are rounded: the rates that the readout tells are noisy while
+it moves.
+"""
+
+import numpy as np
+from statistics_helpers import rng_of
+
+from tiltcal.diagnosis.data.observe import observe
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.laboratory.scenario import parse_scenario
+from tiltcal.recordings.recording import Recording
+
+EARTH = 7.292115e-5  # rad/s
+NOISE = 3e-5  # rad/s, of the FOG
+TABLE = parse_scenario(
+    {
+        "schema": 1,
+        "name": "a FOG on a vertical axis",
+        "site": {"gravity_m_s2": 9.80123, "latitude_deg": 30.0},
+        "rig": {"table": "vertical"},
+        "sensor": [
+            {
+                "name": "fog",
+                "kind": "fog",
+                "axes": ["a"],
+                "input_axis": [0.0, 0.0, 1.0],
+                "rate_hz": 20.0,
+                "adjustable": ["bias", "scale"],
+            }
+        ],
+    }
+)
+
+
+def swung(name):
+    """Rest and swings in turn, each of 20 s; stamps that scatter and are rounded to 0.1 ms."""
+    rng = rng_of(name)
+    time = np.arange(4, 3604) / 20.2 + rng.normal(0, 8e-4, 3600)
+    moving = time % 40 > 20
+    phase = 2 * np.pi * 0.4 * (time % 20)
+    angle = 0.35 * (1 - np.cos(phase)) * moving
+    rate = 0.35 * 2 * np.pi * 0.4 * np.sin(phase) * moving
+    read = rate + EARTH * np.sin(np.radians(30.0)) + rng.normal(0, NOISE, len(time))
+    readout = np.degrees(angle + rng.normal(0, 2e-7, len(time)))
+    columns = {"table_outer_deg": readout, "fog_a_rad_s": read}
+    return Recording.from_columns(np.rint(time * 1e4) / 1e4, columns), moving
+
+
+def test_rows_are_weighed_by_the_noise_of_the_rate_that_the_readout_tells():
+    recording, moving = swung("rows")
+    observations = observe(TABLE, [recording])
+    (channel,), (left,) = observations.channels, observations.residuals(observations.known)
+    assert channel.spread is not None
+    np.testing.assert_allclose(channel.spread[channel.stop >= 0], 1.0)
+    weighed = channel.weighed(left)
+    plain, alike = (np.std(r[moving]) / np.std(r[~moving]) for r in (left, weighed))
+    assert plain > 1.5
+    assert 0.5 < alike < 1.3
+
+
+def test_the_noise_of_rates_is_no_finding():
+    recording, _ = swung("null")
+    assert diagnose(TABLE, [recording]).verdict == "match"

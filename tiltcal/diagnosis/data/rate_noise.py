@@ -1,0 +1,51 @@
+"""How much more uncertain readings are while a table is fast: their prediction holds the noise of
+the rates that the readout tells.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.observations import Channel
+from tiltcal.forward.nominal_motion import NominalMotion
+from tiltcal.recordings.replay import Replay
+from tiltcal.statistics.noise_spectrum import robust_white
+
+FEW = 50  # rows at rest that tell the noise
+ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
+
+
+def with_spread(
+    channels: Sequence[Channel],
+    courses: Sequence[Replay],
+    watches: Sequence[NominalMotion],
+    rows_of: Callable[[int, Array], Array],
+) -> Iterator[Channel]:
+    """Channels with the spread of their rows.
+
+    Args:
+        channels: as they were read.
+        courses, watches: of each recording, what its readout says and what its sensors sense.
+        rows_of: takes a channel's number and values at the instants of its recording's watch to the
+            rows of the channel.
+    """
+    variances = [np.zeros(len(c.values)) for c in channels]
+    for number, (course, watch) in enumerate(zip(courses, watches, strict=True)):
+        for axis in course.angles:
+            noise = np.interp(watch.time, course.time, course.rate_noise(axis))
+            changes = watch.by_rate(axis) if noise.any() else {}
+            for i, c in enumerate(channels):
+                if c.recording == number and c.sensor in changes:
+                    # neighbouring rows have it in common: their mean has it too
+                    variances[i] += rows_of(i, changes[c.sensor][:, c.column] * noise) ** 2
+    for channel, variance in zip(channels, variances, strict=True):
+        spread = np.sqrt(1 + variance / _noise_at_rest(channel) ** 2)
+        yield replace(channel, spread=spread) if spread.max() > ALIKE else channel
+
+
+def _noise_at_rest(channel: Channel) -> float:
+    """White noise of a channel where the table rests, SI; of all rows where it hardly does."""
+    resting = channel.values[channel.stop >= 0]
+    return robust_white(resting if len(resting) > FEW else channel.values)

@@ -33,7 +33,7 @@ BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 FEWEST = 9  # rows that a motion is told from
 RESTS = 32  # steps at rest that tell the readout's noise
 LINE = 13  # samples in which a line shows that it is one
-CHOSEN = 2.0  # times a rate's error is what that of its window would be: it is chosen as it fits
+CHOSEN = 1.5  # times a rate is off by what its window expects: the least of many was taken
 FAST = 0.3  # of the fastest rate: there an error of the stamps shows
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
@@ -129,7 +129,6 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
     if wanted.sum() >= WIDTHS[0]:
         noise = np.hypot(readout, late * pace)[wanted]
         v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)
-        variance[wanted] *= noise**2
     variance = np.where(still, 0.0, np.interp(time, grid, variance))
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
@@ -173,29 +172,37 @@ def _pace(u: Array) -> Array:
 
 def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array]:
     """First and second derivative per sample from the polynomials of the best windows, and the
-    variance of the first, (n,) each.
+    expected square of the first one's error, (n,) each.
 
-    The narrowest window where none fits. The variance is in units of the readout's. noise: of each
-    sample, (n,).
+    That is its variance and the square of its bias, told from the rate that a polynomial of two
+    degrees more has (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
+
+    Args:
+        u: angle, rad. noise: of each sample, rad, (n,).
     """
-    n = len(u)
-    first, second = _weights(WIDTHS[0], WIDTHS[0] // 2, DEGREES[0])
-    v, a, narrowest = _centred(u, first), _centred(u, second), float(first @ first)
-    variance = np.full(n, narrowest)
-    half = WIDTHS[0] // 2
-    variance[:half] = variance[n - half :] = np.inf  # no window is around the ends
+    n, half = len(u), WIDTHS[0] // 2
+    first, second = _weights(WIDTHS[0], half, DEGREES[0])
+    v, a = _centred(u, first), _centred(u, second)
+    narrowest = float(first @ first) * noise**2
+    error = narrowest.copy()
+    error[:half] = error[n - half :] = np.inf  # no window is around the ends
     fits = {(w, d): _fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
     for places in (AROUND, BESIDE):
-        wanted = np.ones(n, bool) if places is AROUND else variance >= narrowest
+        wanted = np.ones(n, bool) if places is AROUND else error >= narrowest
         for ((width, degree), fit), share in product(fits.items(), places):
             place = round(share * (width - 1))
             first, second = _weights(width, place, degree)
             rows = slice(place, n - width + 1 + place)
-            better = fit & wanted[rows] & (first @ first < variance[rows])
+            expected = float(first @ first) * noise[rows] ** 2
+            if width > degree + 3:
+                more = _weights(width, place, degree + 2)[0] - first
+                bias = np.convolve(u, more[::-1], mode="valid") ** 2
+                expected = expected + np.maximum(bias - float(more @ more) * noise[rows] ** 2, 0)
+            better = fit & wanted[rows] & (expected < error[rows])
             v[rows] = np.where(better, np.convolve(u, first[::-1], mode="valid"), v[rows])
             a[rows] = np.where(better, np.convolve(u, second[::-1], mode="valid"), a[rows])
-            variance[rows] = np.where(better, first @ first, variance[rows])
-    return v, a, np.where(np.isinf(variance), narrowest, variance)
+            error[rows] = np.where(better, expected, error[rows])
+    return v, a, np.where(np.isinf(error), narrowest, error)
 
 
 def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_fa
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain
 from tiltcal.diagnosis.search.local_level import local_level
+from tiltcal.diagnosis.search.name_probabilities import imitation_odds
 from tiltcal.diagnosis.search.priors import UNLISTED, log_priors
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.effects import CATALOGUE
@@ -87,6 +88,20 @@ def test_what_is_perhaps_in_use_costs_little_and_may_bring_all():
         np.testing.assert_allclose(perhaps(factors[:4], chance), expected, atol=1e-12)
         np.testing.assert_allclose(perhaps(factors[4:], chance), 800.0 + np.log(chance))
     np.testing.assert_allclose(perhaps(factors), perhaps(factors, 0.5))
+
+
+@pytest.mark.parametrize("gain", [1.0, 100.0, 3000.0, 1e6])
+def test_a_name_may_be_a_share_of_a_law_that_no_list_has(gain):
+    """The mean over all shares of the chance that the rest hides among 500 directions."""
+    limit = np.sqrt(2 * np.log(500))
+
+    def hidden(share):
+        rest = np.sqrt(gain * share / (1 - share))
+        return np.exp(-(max(rest - limit, 0.0) ** 2) / 2)
+
+    edge, far = (e / (gain + e) for e in (limit**2, (limit + 9) ** 2))
+    unseen = sum(quad(hidden, *ends, limit=200)[0] for ends in ((0, edge), (edge, far)))
+    assert np.exp(imitation_odds(gain, 500)) == pytest.approx(unseen / 3, rel=1e-3)
 
 
 def test_priors_sum_to_one_and_a_quarter_is_of_no_list(square):

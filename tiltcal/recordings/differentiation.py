@@ -10,7 +10,7 @@ import numpy as np
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.quantisation import code_width
-from tiltcal.recordings.rest_edges import corners
+from tiltcal.recordings.rest_edges import LOOSE, STRICT, corners
 from tiltcal.recordings.starting_courses import TURN
 from tiltcal.setup.pauses import stretches
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
@@ -149,7 +149,7 @@ def _on_lines(u: Array, noise: Array) -> Mask:
     """Samples at which the angle goes on by a line, within the noise, (n,)."""
     if len(u) <= LINE:
         return np.zeros(len(u), bool)
-    return np.asarray(np.convolve(_fits(u, LINE, 1, noise), np.ones(LINE)) > 0.5)
+    return np.asarray(np.convolve(_fits(u, LINE, 1, noise, LOOSE), np.ones(LINE)) > 0.5)
 
 
 def _lasting(steady: Mask) -> Mask:
@@ -215,9 +215,9 @@ def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:
     return fitted[1] / width, 2 * fitted[2] / width**2
 
 
-def _fits(u: Array, width: int, degree: int, noise: Array) -> Mask:
-    """Whether the polynomial fitted to each full window leaves no more than the noise, (n - width +
-    1,).
+def _fits(u: Array, width: int, degree: int, noise: Array, off: float = STRICT) -> Mask:
+    """Whether the polynomial fitted to each full window leaves no more than the noise, and so many
+    sigma of it, (n - width + 1,).
     """
     k, dof = np.arange(width) - width // 2, width - degree - 1
     basis = np.linalg.qr(np.vander(k / width, degree + 1, increasing=True))[0]
@@ -225,7 +225,7 @@ def _fits(u: Array, width: int, degree: int, noise: Array) -> Mask:
     # of the angle itself nothing is left to cancel
     centred = windows - windows[:, width // 2 : width // 2 + 1]
     left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
-    limit = noise[width // 2 : len(u) - width // 2] * (1 + 1 / np.sqrt(2 * dof))
+    limit = noise[width // 2 : len(u) - width // 2] * (1 + off / np.sqrt(2 * dof))
     return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= limit)
 
 

@@ -26,6 +26,7 @@ POWERS: tuple[tuple[float, ...], ...] = (
     (2.0, 3.0, 4.0),
     (3.0, 4.0, 5.0),
     (3.0, 4.0, 5.0, 6.0),
+    (3.0, 5.0, 7.0),  # the rate on a cosine
 )
 # how a drive may begin: its acceleration at once, soon, late
 STARTS = (

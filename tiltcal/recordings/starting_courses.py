@@ -174,10 +174,10 @@ def _left(u: Array, y: Array, weight: Array, powers: tuple[float, ...]) -> Array
 
 
 def _powers(u: Array, powers: tuple[float, ...]) -> list[Array]:
-    """Columns that span ``u`` to each of these powers, one above the other: the first times the
+    """Columns that span ``u`` to each of these powers, at even distances: the first times the
     Chebyshev polynomials over [0, 1], of which none is nearly a sum of the others.
     """
-    s = 2 * u - 1
+    s = 2 * u ** int(powers[1] - powers[0]) - 1
     found = [u ** int(powers[0])]
     for k in range(1, len(powers)):
         found.append(s * found[0] if k == 1 else 2 * s * found[-1] - found[-2])

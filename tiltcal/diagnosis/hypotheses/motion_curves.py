@@ -66,7 +66,13 @@ def motion_of_readings(
 def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Tilts of frames and errors of readouts that follow what went before."""
     for axis in rig.axis_names:  # the play of a readout is a backlash, which is listed
-        yield from _motion(LearnedReadout, (), span, {"axis": axis, "place": "table"})
+        where: dict[str, Any] = {"axis": axis, "place": "table"}
+        yield from _motion(LearnedReadout, (), span, where)
+        knots = even_knots(angle_channel(axis), span, 2)
+        for lag in CREEPS if knots else ():
+            late = {"lag": lag, "relaxing": True, **where}
+            curve = curve_over(LearnedReadout, angle_channel(axis), knots, **late)
+            yield proportional(curve, len(CREEPS))
     every = rig.axis_names
     places = [("base", turn, "environment", every) for turn in "xy"]
     places += [("mount", turn, "mount", every) for turn in "xyz"]

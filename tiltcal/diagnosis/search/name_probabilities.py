@@ -7,11 +7,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from tiltcal.design.identifiability import SEPARABLE
+from tiltcal.diagnosis.search import priors
 from tiltcal.diagnosis.search.state import Proposal
 
 UNLISTED = "unlisted"
 LEAST = 1e-4  # probability of a name that is shown
 SHOWN = 8  # rivals
+FAR, STEPS = 8.0, 2000  # sigma beyond what is hidden, and steps of the integral over what is not
 COARSE = 3000.0
 """Nats of a law at which the data count half: what is known of its form is no better (coarsened
 posterior: Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
@@ -57,6 +59,26 @@ class Row:
     def coarsely(self, coarse: float) -> float:
         """Log posterior odds where the data count less by a factor; the prior does not."""
         return self.score - self.evidence + self.evidence / coarse
+
+
+def imitation_odds(gain: float, columns: int) -> float:
+    """Log odds of a law that no list has, of which a name explains a share, to that name's own law,
+    where nothing is found beside it; nats.
+
+    Every share is as probable as another. The rest is one direction among many: up to the energy of
+    the largest noise among them it is not seen, beyond that less and less likely so (Ingster, Math.
+    Methods Statist. 6, 1997: the limit of detection of one direction among many).
+
+    Args:
+        gain: what the name explains, fall of the deviance.
+        columns: directions in which the rest would be looked for.
+    """
+    gain, limit = max(gain, LEAST), np.sqrt(2 * np.log(max(columns, 2)))
+    signal = np.linspace(0.0, limit + FAR, STEPS)  # square root of the energy of the rest
+    seldom = np.exp(-(np.maximum(signal - limit, 0.0) ** 2) / 2)
+    share = 2 * signal * gain / (gain + signal**2) ** 2  # density of the rest's share, by signal
+    unseen = float(np.trapezoid(seldom * share, signal))
+    return float(np.log(priors.UNLISTED / (1 - priors.UNLISTED) * min(unseen, 1.0)))
 
 
 def coarsened(gain: float) -> float:

@@ -25,6 +25,7 @@ from tiltcal.diagnosis.search.name_probabilities import (
     Names,
     Row,
     coarsened,
+    imitation_odds,
     name_probabilities,
 )
 from tiltcal.diagnosis.search.scan import Scan
@@ -123,6 +124,16 @@ def _misfits(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:
             yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
 
 
+def _imitated(rows: Sequence[Row], columns: int) -> Iterator[Row]:
+    """What is listed in a cause's place, as what explains a share of a law that no list has, and
+    leaves the rest where nothing finds it.
+    """
+    for row in rows:
+        if row.name != UNLISTED:
+            odds = imitation_odds(2 * max(row.gain, row.evidence, 0.0), columns)
+            yield replace(row, name=UNLISTED, score=row.score + odds, misfit=True)
+
+
 def _rows(state: State, k: int, scan: Scan) -> list[Row]:
     """Everything that may stand in the place of a cause, all others being as they are."""
     scan.products.keep(state.fitted)
@@ -145,7 +156,7 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
             name = hypothesis.id if hypothesis.listed else UNLISTED
             rows.append(Row(name, float(factor + odds), float(factor), 0.0))
     rows = list(_fitted(state, k, rows))
-    return [*rows, *_misfits(state, k, rows)]
+    return [*rows, *_misfits(state, k, rows), *_imitated(rows, whitened.columns.width)]
 
 
 def _fitted(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tiltcal.recordings import rest_edges
 from tiltcal.recordings.differentiation import differentiate
 
 NOISE = 3e-7  # rad, of the readout
@@ -106,3 +107,26 @@ def test_rounded_stamps_ask_for_longer_windows(rng):
     v, _ = differentiate(np.rint(true / tick) * tick, angle, np.zeros(1500, bool))
     narrow = tick / np.sqrt(12) * 50 * np.sqrt(2) * rate.max()
     assert np.std((v - rate)[30:-30]) < narrow / 4  # with the noise of the readout alone: 0.35
+
+
+@pytest.mark.parametrize("power", [2, 3, 4], ids=["at once", "soon", "late"])
+def test_the_law_of_a_start_is_that_which_fits_furthest_of_all_windows(power, rng):
+    """Of a rate of (u (1 - u))^(p - 1); windows and laws that cannot win are not tried."""
+    begins = np.array([2.0031, 6.0093, 10.0188])
+    time, long = np.arange(0, 14, STEP), 2.4
+    u = np.clip((time[:, None] - begins) / long, 0, 1)
+    rate = np.polynomial.Polynomial([0, 1, -1]) ** (power - 1)
+    angle = rate.integ()(u).sum(axis=1) + NOISE * rng.standard_normal(len(time))
+    still = ~((time[:, None] > begins - 0.05) & (time[:, None] < begins + long + 0.05)).any(axis=1)
+    side = rest_edges._side(time / STEP, angle, still)
+    trials = []
+    for law in rest_edges.STARTS:
+        reach, when = np.zeros(3), np.full(3, np.nan)
+        for width in rest_edges.REACHES:
+            reach[rest_edges._tell(side, np.ones(3, bool), width, law, NOISE, when)] = width
+        trials.append((reach.sum(), when))
+    total, expected = max(trials, key=lambda trial: trial[0])
+    leaves, _ = rest_edges.edges(time / STEP, angle, still, NOISE)
+    told = ~np.isnan(expected)
+    assert total > 0
+    np.testing.assert_array_equal(leaves[told], expected[told])

@@ -8,6 +8,7 @@ any window on one side of it.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations_with_replacement, pairwise, product
 
 import numpy as np
@@ -18,7 +19,7 @@ WIDTHS = (5, 6, 7, 8, 9, 11, 13, 16, 20, 25)  # samples after the rest
 REACHES = (6, 8, 11, 16, 25, 36, 50)  # that tell one law of a start from another
 POWERS: tuple[tuple[float, ...], ...] = ((2.0, 3.0), (2.0, 3.0, 4.0))
 # how a drive may begin: its acceleration at once, soon, late
-STARTS = (
+STARTS: tuple[tuple[float, ...], ...] = (
     (2.0, 3.0, 4.0),
     (3.0, 4.0, 5.0, 6.0),
     (4.0, 5.0, 6.0),
@@ -113,17 +114,29 @@ def _told(side: _Side, noise: float) -> Array:
     """When these moves leave their rests, in order: by the law of the start, one for all of them,
     that fits them the furthest.
     """
-    trials = []
-    for powers in STARTS:
-        reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
-        for width in REACHES:
-            fits = _tell(side, np.ones(len(when), bool), width, powers, noise, when)
-            reach[fits] = width
-        trials.append((float(reach.sum()), powers, when))
-    _, powers, when = max(trials, key=lambda trial: trial[0])
+    best, powers, when = -1.0, STARTS[0], np.full(len(side.last), np.nan)
+    for law in STARTS:
+        total, found = _reached(side, law, noise, best)
+        if total > best:
+            best, powers, when = total, law, found
     for earliest, width in product((EARLIEST, HIDDEN), reversed(REACHES)):  # the widest tell best
         _tell(side, np.isnan(when), width, powers, noise, when, LOOSE, earliest)
     return when[~np.isnan(when)]
+
+
+def _reached(
+    side: _Side, powers: tuple[float, ...], noise: float, least: float
+) -> tuple[float, Array]:
+    """How many samples a law fits all these moves together, each by the widest window that it fits,
+    and when they leave their rests by it; as soon as it cannot be more than ``least``, at most as
+    many as that.
+    """
+    reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
+    for width in reversed(REACHES):
+        if reach.sum() + width * (reach == 0).sum() <= least:
+            break
+        reach[_tell(side, reach == 0, width, powers, noise, when)] = width
+    return float(reach.sum()), when
 
 
 def _tell(
@@ -170,26 +183,20 @@ def _fitted(side: _Side, noise: float) -> Iterator[Corner]:
     """The corners of one side, each by the window and the powers that tell its rate best among
     those that fit.
     """
-    best = np.full(len(side.last), np.inf)
     chosen: dict[int, tuple[int, tuple[float, ...], float]] = {}
-    for width in WIDTHS:
-        for powers in POWERS:
-            spread = _spread(width, powers)
-            tried = np.flatnonzero((side.last + 1 + width <= side.end) & (spread < best))
-            if not len(tried):
-                continue
-            instant, fits = _instants(side, tried, width, powers, noise)
-            best[tried[fits]] = spread
-            chosen.update(
-                {
-                    int(k): (width, powers, float(t))
-                    for k, t in zip(tried[fits], instant[fits], strict=True)
-                }
-            )
+    for width, powers in sorted(product(WIDTHS, POWERS), key=lambda window: _spread(*window)):
+        left = np.array([k not in chosen for k in range(len(side.last))], bool)
+        tried = np.flatnonzero((side.last + 1 + width <= side.end) & left)
+        if not len(tried):
+            continue
+        instant, fits = _instants(side, tried, width, powers, noise)
+        told = zip(tried[fits].tolist(), instant[fits].tolist(), strict=True)
+        chosen |= {k: (width, powers, t) for k, t in told}
     for k, (width, powers, instant_k) in sorted(chosen.items()):
         yield _corner(side, k, width, powers, instant_k)
 
 
+@lru_cache(maxsize=len(WIDTHS) * len(POWERS))
 def _spread(width: int, powers: tuple[float, ...]) -> float:
     """What the variance of the rate just after a corner in mid-sample would be, in units of the
     readout's.

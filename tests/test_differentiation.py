@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from tiltcal.recordings import rest_edges
 from tiltcal.recordings.differentiation import differentiate
+from tiltcal.recordings.starting_courses import side_of
 
 NOISE = 3e-7  # rad, of the readout
 STEP = 0.02  # s
@@ -158,3 +160,27 @@ def test_the_noise_of_a_rate_is_what_it_is_off_by(rng):
     for part in (time < 40, (time > 62) & (time < 148)):
         share = np.sqrt(np.mean((v - truth)[part] ** 2) / np.mean(noise[part] ** 2))
         assert 0.4 < share < 1.2
+
+
+@pytest.mark.parametrize("power", [2, 3, 4], ids=["at once", "soon", "late"])
+def test_the_law_of_a_start_is_that_which_fits_furthest_of_all_windows(power, rng):
+    """Of a rate of (u (1 - u))^(p - 1); windows and laws that cannot win are not tried."""
+    begins = np.array([2.0031, 6.0093, 10.0188])
+    time, long = np.arange(0, 14, STEP), 2.4
+    u = np.clip((time[:, None] - begins) / long, 0, 1)
+    rate = np.polynomial.Polynomial([0, 1, -1]) ** (power - 1)
+    angle = rate.integ()(u).sum(axis=1) + NOISE * rng.standard_normal(len(time))
+    still = ~((time[:, None] > begins - 0.05) & (time[:, None] < begins + long + 0.05)).any(axis=1)
+    noise = np.full(len(time), NOISE)
+    side = side_of(time / STEP, angle, still, np.zeros(len(time), bool), noise)
+    trials = []
+    for law in rest_edges.STARTS:
+        reach, when = np.zeros(3), np.full(3, np.nan)
+        for width in rest_edges.REACHES:
+            reach[rest_edges._tell(side, np.ones(3, bool), width, law, when)] = width
+        trials.append((reach.sum(), when))
+    total, expected = max(trials, key=lambda trial: trial[0])
+    leaves, _ = rest_edges.edges(time / STEP, angle, still, noise)
+    told = ~np.isnan(expected)
+    assert total > 0
+    np.testing.assert_array_equal(leaves[told], expected[told])

@@ -6,7 +6,6 @@ from builders import ACCEL, GYRO, effect_of, setup_of, tossed
 
 from tiltcal.forward.kinematics import force_and_rate
 from tiltcal.forward.linearised_kinematics import Responses, moves_smoothly
-from tiltcal.setup.trajectory import Jet
 
 SMALL = 1e-5
 CASES = {
@@ -32,18 +31,6 @@ def test_a_small_effect_changes_force_and_rate_as_the_whole_chain_says(id, lever
         assert np.abs(change).max() > 0
         # the turns are 1e-5 rad: second order
         np.testing.assert_allclose(change, a - b, atol=2e-4 * np.abs(a - b).max())
-
-
-def test_many_turns_of_one_place_are_answered_at_once(rng):
-    setup = setup_of("three", ACCEL, GYRO)
-    drive = tossed(setup, rng, 20, moving=True)
-    responses = Responses(setup, drive)
-    waves = rng.normal(size=(3, 20, 4))
-    force, rate = responses.to({("mount", "y"): Jet(*waves)})
-    for k in range(4):
-        one = responses.to({("mount", "y"): Jet(*waves[:, :, k])})
-        np.testing.assert_allclose(force[:, :, k], one[0], atol=1e-12)
-        np.testing.assert_allclose(rate[:, :, k], one[1], atol=1e-12)
 
 
 def test_no_turn_changes_nothing(rng):

@@ -120,27 +120,18 @@ class Responses:
         return self._loaded(())
 
     def to(self, turns: Mapping[Place, Jet]) -> tuple[Array, Array]:
-        """Change of force and rate by small turns, (n, 3) each; (n, 3, p) where their jets are (n,
-        p).
-        """
-        force: Array | float = 0.0
-        rate: Array | float = 0.0
+        """Change of force and rate by small turns, (n, 3) each."""
         n = len(self.drive.time)
-        width: tuple[int, ...] = ()
+        force, rate = np.zeros((n, 3)), np.zeros((n, 3))
         for place, jet in turns.items():
-            for part, (df, dw) in zip((jet.x, jet.v, jet.a), self._of(place), strict=True):
+            for part, (df, dw) in zip((jet.x, jet.v, jet.a), self.of(place), strict=True):
                 if np.any(part):
-                    by = np.asarray(part)
-                    wide, width = by.ndim == 2, by.shape[1:]
-                    by = by[:, None, :] if wide else np.broadcast_to(by, n)[:, None]
-                    force = force if df is None else force + (df[:, :, None] if wide else df) * by
-                    rate = rate if dw is None else rate + (dw[:, :, None] if wide else dw) * by
-        none = np.zeros((n, 3, *width))
-        return (none if np.isscalar(force) else np.asarray(force)), (
-            none if np.isscalar(rate) else np.asarray(rate)
-        )
+                    by = np.broadcast_to(np.asarray(part), n)[:, None]
+                    force = force if df is None else force + df * by
+                    rate = rate if dw is None else rate + dw * by
+        return force, rate
 
-    def _of(self, place: Place) -> tuple[tuple[Array | None, Array | None], ...]:
+    def of(self, place: Place) -> tuple[tuple[Array | None, Array | None], ...]:
         """Per unit of angle, rate and acceleration: change of force and of rate, (n, 3) each; None
         where there is none.
         """

@@ -20,6 +20,10 @@ from tiltcal.setup.trajectory import Course, Jet
 
 Some = TypeVar("Some", bound=Effect)
 Channels = dict[tuple[str, int], "np.ndarray[tuple[int], np.dtype[np.float32]]"]
+Answers = dict[str, tuple[Array | None, ...]]
+"""By sensor: change of its reading by one of a curve's value, rate and acceleration, SI, (n, k)
+each; None where there is none.
+"""
 
 
 class NominalMotion:
@@ -82,30 +86,32 @@ class NominalMotion:
         force, rate = self.responses.to({("axis", axis): Jet(0.0, np.ones(len(self.time)))})
         return {name: self._said(name, c) for name, c in self._read(force, rate).items()}
 
-    def each(self, effect: Learned) -> dict[str, Array]:
-        """Changes by one of each coefficient of a curve, SI, (n, k, p): all at once."""
+    def curve(self, effect: Learned) -> Jet:
+        """The curve of each coefficient of a learned effect at one, (n, p)."""
+        if isinstance(effect, LearnedReading) and not effect.beside:
+            return Jet(effect.columns(self.sense[str(effect.sensor)]))
+        return effect.each_along(self.drive, self.responses.nominal.gravity_in_body)
+
+    def answers(self, effect: Learned) -> Answers:
+        """What the readings of each sensor answer to one of the curve of a learned effect."""
         if isinstance(effect, LearnedReading):
-            sense = self.sense[str(effect.sensor)]
-            columns = effect.columns(sense)
-            change = np.zeros(
-                (len(self.time), len(sense.axes) if sense.kind != "fog" else 1, columns.shape[1])
-            )
-            change[:, effect.channel(sense)] = columns
-            return {str(effect.sensor): self._converted(str(effect.sensor), change, effect)}
+            name = str(effect.sensor)
+            own = np.zeros_like(self.ideal[name])
+            own[:, effect.channel(self.sense[name])] = 1.0
+            return {name: (self._converted(name, own, effect), None, None)}
         assert isinstance(effect, LearnedReadout | LearnedTilt)
-        place = (
-            ("axis", str(effect.axis))
-            if isinstance(effect, LearnedReadout)
-            else (effect.slot, effect.turn)
-        )
-        context = self.responses.nominal
-        force, rate = self.responses.to(
-            {place: effect.each_along(self.drive, context.gravity_in_body)}
-        )
-        return {
-            name: self._converted(name, change, effect)
-            for name, change in self._read(force, rate).items()
-        }
+        tilt = isinstance(effect, LearnedTilt)
+        place = (effect.slot, effect.turn) if tilt else ("axis", str(effect.axis))
+        parts = [self._answered(force, rate, effect) for force, rate in self.responses.of(place)]
+        return {name: tuple(part.get(name) for part in parts) for name in self.sense}
+
+    def _answered(
+        self, force: Array | None, rate: Array | None, effect: Effect
+    ) -> dict[str, Array]:
+        """What a change of force and rate, (n, 3), does to the sensors that it changes."""
+        none = np.zeros((len(self.time), 3))
+        read = self._read(none if force is None else force, none if rate is None else rate)
+        return {n: self._converted(n, part, effect) for n, part in read.items() if part.any()}
 
     def _converted(self, name: str, change: Array, effect: Effect) -> Array:
         """The change of what an inclinometer says, where the effect acts on the force it senses."""
@@ -118,8 +124,7 @@ class NominalMotion:
         if self.setup.named(name).kind != "inclinometer":
             return change
         g = self.setup.site.gravity
-        steep = np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
-        return change / (steep[:, :, None] if change.ndim == 3 else steep)
+        return change / np.sqrt(np.maximum(g * g - self.ideal[name] ** 2, (1e-3 * g) ** 2))
 
     def _signal(self, effect: SignalEffect) -> Array:
         """Change of a reading by an effect of the sensor or its electronics."""
@@ -156,9 +161,7 @@ class NominalMotion:
         return self._read((up[0] - low[0]) / 2, (up[1] - low[1]) / 2)
 
     def _read(self, force: Array, rate: Array) -> dict[str, Array]:
-        """What a change of force and rate in the body frame, (n, 3) or (n, 3, p) each, does to each
-        sensor.
-        """
+        """What a change of force and rate in the body frame, (n, 3) each, does to each sensor."""
         found = {}
         for name, sense in self.sense.items():
             source = force if sense.kind in ACCELEROMETERS else rate
@@ -166,7 +169,7 @@ class NominalMotion:
                 matrix = sense.input_vector[None, :]
             else:
                 matrix = self.matrices.get(name, np.eye(3)[list(sense.axes)])
-            found[name] = np.moveaxis(np.tensordot(source, matrix, axes=(1, 1)), -1, 1)
+            found[name] = source @ matrix.T
         return found
 
     def _late(self, effect: DelayEffect) -> dict[str, Array]:
@@ -226,11 +229,15 @@ class SeveralPlaces(NominalMotion):
             found |= part.changes(effect, beside)
         return found
 
-    def each(self, effect: Learned) -> dict[str, Array]:
-        """Change of the readings by one of each coefficient, by sensor, SI, (n, k, p)."""
-        found: dict[str, Array] = {}
+    def curve(self, effect: Learned) -> Jet:
+        """The curve of each coefficient of a learned effect at one, (n, p)."""
+        return self._moved_by(effect)[0].curve(effect)
+
+    def answers(self, effect: Learned) -> Answers:
+        """What the readings of each sensor answer to one of the curve of a learned effect."""
+        found: Answers = {}
         for part in self._moved_by(effect):
-            found |= part.each(effect)
+            found |= part.answers(effect)
         return found
 
     def _moved_by(self, effect: Effect) -> Sequence[NominalMotion]:

@@ -29,7 +29,7 @@ POWERS: tuple[tuple[float, ...], ...] = (
     (3.0, 5.0, 7.0),  # the rate on a cosine
 )
 # how a drive may begin: its acceleration at once, soon, late
-STARTS = (
+STARTS: tuple[tuple[float, ...], ...] = (
     (2.0, 3.0, 4.0),
     (3.0, 4.0, 5.0, 6.0),
     (4.0, 5.0, 6.0),
@@ -77,17 +77,27 @@ def _told(side: Side) -> Array:
     """When these moves leave their rests, in order: by the law of the start, one for all of them,
     that fits them the furthest.
     """
-    trials = []
-    for powers in STARTS:
-        reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
-        for width in REACHES:
-            fits = _tell(side, np.ones(len(when), bool), width, powers, when)
-            reach[fits] = width
-        trials.append((float(reach.sum()), powers, when))
-    _, powers, when = max(trials, key=lambda trial: trial[0])
+    best, powers, when = -1.0, STARTS[0], np.full(len(side.last), np.nan)
+    for law in STARTS:
+        total, found = _reached(side, law, best)
+        if total > best:
+            best, powers, when = total, law, found
     for earliest, width in product((EARLIEST, HIDDEN), reversed(REACHES)):  # the widest tell best
         _tell(side, np.isnan(when), width, powers, when, LOOSE, earliest)
     return when[~np.isnan(when)]
+
+
+def _reached(side: Side, powers: tuple[float, ...], least: float) -> tuple[float, Array]:
+    """How many samples a law fits all these moves together, each by the widest window that it fits,
+    and when they leave their rests by it; as soon as it cannot be more than ``least``, at most as
+    many as that.
+    """
+    reach, when = np.zeros(len(side.last)), np.full(len(side.last), np.nan)
+    for width in reversed(REACHES):
+        if reach.sum() + width * (reach == 0).sum() <= least:
+            break
+        reach[_tell(side, reach == 0, width, powers, when)] = width
+    return float(reach.sum()), when
 
 
 def _tell(

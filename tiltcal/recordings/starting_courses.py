@@ -6,6 +6,7 @@ tells the rate beside it better than any window on one side of it.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -111,6 +112,7 @@ def _line(time: Array, angle: Array, noise: Array, turns: bool) -> tuple[float, 
     return float(level), float(slope)
 
 
+@lru_cache(maxsize=256)
 def spread_of(width: int, powers: tuple[float, ...]) -> float:
     """What the variance of the rate just after a corner in mid-sample would be, in units of the
     readout's.

@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Real
 from tiltcal.statistics.dwell_noise import ARITHMETIC, second_difference_noise
 from tiltcal.statistics.projection import column_space
 
@@ -142,10 +142,7 @@ class NoiseModel(ABC):
 
     def whiten(self, column: Array) -> Array:
         """C^-1/2 times a column, in time, (n,)."""
-        from scipy.fft import dct, idct
-
-        waves = dct(column, norm="ortho") / np.sqrt(self.spectrum(len(column)))
-        return np.asarray(idct(waves, norm="ortho"))
+        return inverse_cosines(cosines(column) / np.sqrt(self.spectrum(len(column))))
 
 
 def _scales(rise: float) -> tuple[float, float]:
@@ -281,8 +278,15 @@ def estimate_noise(
     return fit
 
 
-def cosines(column: Array) -> Array:
+def cosines(column: Real) -> Real:
     """Orthonormal DCT-II along the last axis, (..., n)."""
     from scipy.fft import dct
 
-    return np.asarray(dct(column, norm="ortho"))
+    return np.asarray(dct(column, norm="ortho"), column.dtype)
+
+
+def inverse_cosines(waves: Real) -> Real:
+    """The column with these orthonormal DCT-II coefficients along the last axis, (..., n)."""
+    from scipy.fft import idct
+
+    return np.asarray(idct(waves, norm="ortho"), waves.dtype)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index
+from tiltcal.core.arrays import Array, Index, Real
 from tiltcal.core.units import DEG
 
 TURN = 20 * DEG  # between instants while a table turns
@@ -63,9 +63,47 @@ class BlockGrid:
         mean = np.add.reduceat(time - time[0], first) / counts + time[0]
         return cls(mean, starts, counts / size[number[first]])
 
-    def means(self, values: Array) -> Array:
+    def means(self, values: Real) -> Real:
         """Means over blocks of values at the instants, (k, ...) -> (blocks, ...)."""
         if len(self.starts) == len(self.time):
             return values
-        weight = self.weight.reshape(-1, *[1] * (values.ndim - 1))
-        return np.asarray(np.add.reduceat(values * weight, self.starts, axis=0))
+        return np.add.reduceat(values * self._weight_of(values), self.starts, axis=0)
+
+    def means_adjoint(self, values: Real) -> Real:
+        """What has the inner products with values at the instants that ``values`` have with their
+        means, (blocks, ...) -> (k, ...).
+        """
+        if len(self.starts) == len(self.time):
+            return values
+        counts = np.diff(self.starts, append=len(self.time))
+        return np.repeat(values, counts, axis=0) * self._weight_of(values)
+
+    def _weight_of(self, values: Real) -> Real:
+        return self.weight.reshape(-1, *[1] * (values.ndim - 1)).astype(values.dtype)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The way from the instants at which a model is asked to the samples of a channel.
+
+    Args:
+        grid: the instants, in blocks.
+        rows: blocks that the channel has, (n,); a slice where it has them all.
+    """
+
+    grid: BlockGrid
+    rows: Index | slice
+
+    def of(self, values: Real) -> Real:
+        """Real at the samples, (k, ...) -> (n, ...)."""
+        return self.grid.means(values)[self.rows]
+
+    def adjoint(self, values: Real) -> Real:
+        """What has the inner products with values at the instants that ``values`` have with those
+        at the samples, (n, ...) -> (k, ...).
+        """
+        if isinstance(self.rows, slice):
+            return self.grid.means_adjoint(values)
+        whole = np.zeros((len(self.grid.starts), *values.shape[1:]), values.dtype)
+        np.add.at(whole, self.rows, values)
+        return self.grid.means_adjoint(whole)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
+from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.effects.base import Effect
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
@@ -133,6 +134,14 @@ class Observations(ABC):
                 numbers.append(k)
                 rows.append(column)
         return {i: (numbers, np.array(rows)) for i, (numbers, rows) in found.items()}
+
+    def factors(
+        self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
+    ) -> dict[int, CurveFactors] | None:
+        """What ``columns`` says, its rows weighed, as factors by channel; None where an effect is
+        better kept as columns. SI.
+        """
+        return None
 
     @property
     def sources(self) -> tuple[Recording, ...]:

@@ -2,12 +2,12 @@
 the rates that the readout tells.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.block_grid import Sampling
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.recordings.replay import Replay
@@ -21,15 +21,14 @@ def with_spread(
     channels: Sequence[Channel],
     courses: Sequence[Replay],
     watches: Sequence[NominalMotion],
-    rows_of: Callable[[int, Array], Array],
+    samplings: Sequence[Sampling],
 ) -> Iterator[Channel]:
     """Channels with the spread of their rows.
 
     Args:
         channels: as they were read.
         courses, watches: of each recording, what its readout says and what its sensors sense.
-        rows_of: takes a channel's number and values at the instants of its recording's watch to the
-            rows of the channel.
+        samplings: of each channel, from the instants of its recording's watch to its rows.
     """
     variances = [np.zeros(len(c.values)) for c in channels]
     for number, (course, watch) in enumerate(zip(courses, watches, strict=True)):
@@ -39,7 +38,8 @@ def with_spread(
             for i, c in enumerate(channels):
                 if c.recording == number and c.sensor in changes:
                     # neighbouring rows have it in common: their mean has it too
-                    variances[i] += rows_of(i, changes[c.sensor][:, c.column] * noise) ** 2
+                    each = changes[c.sensor][:, c.column] * noise
+                    variances[i] += samplings[i].of(each) ** 2
     for channel, variance in zip(channels, variances, strict=True):
         spread = np.sqrt(1 + variance / _noise_at_rest(channel) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel

@@ -7,7 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index
-from tiltcal.diagnosis.data.block_grid import BlockGrid
+from tiltcal.diagnosis.data.block_grid import BlockGrid, Sampling
+from tiltcal.diagnosis.data.curve_columns import CurveColumns
+from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
 from tiltcal.diagnosis.data.rate_noise import with_spread
 from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
@@ -63,8 +65,8 @@ class TableObservations(Observations):
         other = copy(self)
         other.block, other._rows, other._watches = block, [], {}
         other._around, other._bent, other._whole = None, [], self
-        other.__dict__.pop("_blocks_of", None)
-        other.__dict__.pop("_grids", None)
+        for name in ("_grids", "_samplings", "_curves"):
+            other.__dict__.pop(name, None)
         other.channels = tuple(other._channels())
         other.channels = other._with_spread()
         return other
@@ -107,7 +109,7 @@ class TableObservations(Observations):
     def _with_spread(self) -> tuple[Channel, ...]:
         """The channels, with how uncertain the readout's rates make their rows."""
         watches = self.watches(self.known)
-        return tuple(with_spread(self.channels, self.courses, watches, self._of_blocks))
+        return tuple(with_spread(self.channels, self.courses, watches, self._samplings))
 
     def _mean(self, values: Array) -> Array:
         """Means of blocks, (n,) -> (n / block,)."""
@@ -176,7 +178,7 @@ class TableObservations(Observations):
                 as_met(effects, recording.fingerprint),
             )
             found += [
-                self._of_blocks(i, values[c.sensor][:, c.column])
+                self._samplings[i].of(values[c.sensor][:, c.column])
                 for i, c in enumerate(self.channels)
                 if c.recording == number
             ]
@@ -193,21 +195,20 @@ class TableObservations(Observations):
         ]
 
     @cached_property
-    def _blocks_of(self) -> list[Index | slice]:
-        """Of each channel the rows of its recording's blocks; a slice where it has them all."""
-        found: list[Index | slice] = []
+    def _samplings(self) -> list[Sampling]:
+        """Of each channel: from the instants of its recording to its samples."""
+        found = []
         for c in self.channels:
-            last = len(self._grids[c.recording].starts) - 1
-            rows = np.minimum(c.rows // self.block, last)
-            found.append(
-                slice(None) if len(rows) == last + 1 and (np.diff(rows) == 1).all() else rows
-            )
+            grid = self._grids[c.recording]
+            rows = np.minimum(c.rows // self.block, len(grid.starts) - 1)
+            every = len(rows) == len(grid.starts) and bool((np.diff(rows) == 1).all())
+            found.append(Sampling(grid, slice(None) if every else rows))
         return found
 
-    def _of_blocks(self, channel: int, values: Array) -> Array:
-        """Means over the blocks of a channel of values at the instants of its recording."""
-        number = self.channels[channel].recording
-        return np.asarray(self._grids[number].means(values)[self._blocks_of[channel]])
+    @cached_property
+    def _curves(self) -> CurveColumns:
+        """How the channels change with curves."""
+        return CurveColumns(self.channels, self._samplings)
 
     def _everywhere(self, effects: Sequence[Effect]) -> list[Array]:
         found = []
@@ -241,7 +242,7 @@ class TableObservations(Observations):
                 changes = watch.changes(met, around)
             for i, c in enumerate(self.channels):
                 if c.recording == number and c.sensor in changes:
-                    column = self._of_blocks(i, changes[c.sensor][:, c.column])
+                    column = self._samplings[i].of(changes[c.sensor][:, c.column])
                     if np.any(column):
                         found[i] = column
         return found
@@ -254,20 +255,17 @@ class TableObservations(Observations):
         """
         if not isinstance(effect, Learned) or self.quick(effect):
             return super().columns(effect, names, around)
-        which = [int(name[1:]) for name in names]
-        sizes = np.array([effect.values[name] for name in names])
-        found: dict[int, tuple[list[int], Array]] = {}
-        for number, watch in enumerate(self.watches(around)):
-            changes = watch.each(effect)
-            for i, c in enumerate(self.channels):
-                if c.recording == number and c.sensor in changes:
-                    block = (
-                        self._of_blocks(i, changes[c.sensor][:, c.column]).T[which] * sizes[:, None]
-                    )
-                    some = np.flatnonzero(block.any(axis=1))
-                    if len(some):
-                        found[i] = ([int(k) for k in some], block[some])
-        return found
+        return self._curves.columns(effect, names, self.watches(around))
+
+    def factors(
+        self, effect: Effect, names: Sequence[str], around: Sequence[Effect]
+    ) -> dict[int, CurveFactors] | None:
+        """Of a product of two angles, which has many coefficients and acts at many places."""
+        if not isinstance(effect, Learned) or not effect.beside or self.quick(effect):
+            return None
+        if list(names) != [f"c{k}" for k in range(effect.count)]:
+            return None
+        return self._curves.factors(effect, self.watches(around))
 
     def watches(self, around: Sequence[Effect]) -> list[NominalMotion]:
         """What each recording's sensors sense at the nominal table, through the sensor matrix of

@@ -8,7 +8,8 @@ from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.column_store import ColumnBlock, ColumnStore, Waves
+from tiltcal.diagnosis.model.column_block import Waves
+from tiltcal.diagnosis.model.column_store import Block, ColumnStore
 from tiltcal.diagnosis.model.tried_shapes import Parts, TriedShapes
 from tiltcal.effects.base import Effect
 from tiltcal.statistics.noise_spectrum import cosines
@@ -37,7 +38,13 @@ class HypothesisColumns:
     def add(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> None:
         """Add the columns of a hypothesis; one that changes nothing is left out."""
         self._around = self._around or tuple(around)
-        self._put(hypothesis, self._simulated(hypothesis, around))
+        factors = self.observations.factors(hypothesis.effect, hypothesis.names, around)
+        if factors is None:
+            self._put(hypothesis, self._simulated(hypothesis, around))
+        elif factors:
+            owner = self._numbered(hypothesis)
+            for i, channel in factors.items():
+                self._store.put_factors(i, owner, self.starts[owner], channel)
 
     def beside(self, hypotheses: Sequence[Hypothesis]) -> "HypothesisColumns":
         """These and further hypotheses, about the model that these stand for; the columns here
@@ -56,22 +63,27 @@ class HypothesisColumns:
     def _put(self, hypothesis: Hypothesis, parts: Parts) -> None:
         if not parts:
             return
+        owner = self._numbered(hypothesis)
+        for i, (which, waves) in parts.items():
+            numbers = [self.starts[owner] + k for k in which]
+            self._store.put(i, not hypothesis.textbook, owner, numbers, waves)
+
+    def _numbered(self, hypothesis: Hypothesis) -> int:
+        """The number of a new hypothesis; its columns follow those of the others."""
         owner = len(self.hypotheses)
         self._numbers[id(hypothesis)] = owner
         self._families.clear()
         self._places.setdefault(_place(hypothesis), []).append(owner)
         self.hypotheses.append(hypothesis)
         self.starts.append(self.width)
-        for i, (which, waves) in parts.items():
-            numbers = [self.width + k for k in which]
-            self._store.put(i, not hypothesis.textbook, owner, numbers, waves)
         self.width += len(hypothesis.names)
+        return owner
 
     def _simulated(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> Parts:
         parts = self.observations.columns(hypothesis.effect, hypothesis.names, around)
         channels = self.observations.channels
         return {
-            i: (which, cosines(channels[i].weighed(block).astype(np.float32)).astype(np.float32))
+            i: (which, cosines(channels[i].weighed(block).astype(np.float32)))
             for i, (which, block) in parts.items()
         }
 
@@ -124,7 +136,7 @@ class HypothesisColumns:
             if k in which
         }
 
-    def blocks(self, wanted: Mask) -> list[ColumnBlock]:
+    def blocks(self, wanted: Mask) -> list[Block]:
         """The blocks that hold a column of a wanted hypothesis; wanted: by its number. wanted:
         (hypotheses,).
         """

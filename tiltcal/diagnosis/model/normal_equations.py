@@ -10,7 +10,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
-from tiltcal.diagnosis.model.column_store import Waves
+from tiltcal.diagnosis.model.column_block import Waves
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.statistics.projection import DISTINCT

@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from collections.abc import Callable
 
-from tiltcal.diagnosis.model.column_store import Waves
+from tiltcal.diagnosis.model.column_block import Waves
 
 Parts = dict[int, tuple[list[int], Waves]]
 """By channel: numbers of the sizes that change it, and cosine coefficients of the changes,

@@ -8,7 +8,8 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.column_store import ColumnBlock
+from tiltcal.diagnosis.model.column_block import Weighed
+from tiltcal.diagnosis.model.column_store import Block
 from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.score_test import ScoreTest
@@ -120,21 +121,21 @@ class WhitenedModel:
             found.append(ScoreTest(hypothesis, A[part], B, np.diag(inner).copy()))
         return found
 
-    def along(self, vectors: Sequence[Array], blocks: Sequence[ColumnBlock]) -> Array:
+    def along(self, vectors: Sequence[Array], blocks: Sequence[Block]) -> Array:
         """U'V of the columns of some blocks with whitened vectors by channel, (n, q): (P, q)."""
         total = np.zeros((self.columns.width, vectors[0].shape[1]))
         # most columns of a basis are of one channel
         there = [np.flatnonzero(v.any(axis=0)) for v in vectors]
         weighed = [
-            (v[:, k] / root[:, None]).astype(np.float32)
+            Weighed((v[:, k] / root[:, None]).astype(np.float32))
             for v, k, root in zip(vectors, there, self.roots, strict=True)
         ]
         for block in blocks:
             index = np.ix_(block.numbers[: block.used], there[block.channel])
-            total[index] += block.columns @ weighed[block.channel]
+            total[index] += block.along(weighed[block.channel])
         return total
 
-    def inner_products(self, blocks: Sequence[ColumnBlock]) -> dict[int, Array]:
+    def inner_products(self, blocks: Sequence[Block]) -> dict[int, Array]:
         """U'U of each hypothesis with a column in some blocks, by its number. (m, m) each."""
         weights = [(1 / root).astype(np.float32) for root in self.roots]
         energies = np.zeros(self.columns.width)

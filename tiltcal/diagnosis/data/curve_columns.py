@@ -1,0 +1,108 @@
+"""How the channels of a table change with each coefficient of a curve: the curve times what a
+place of the chain answers to it.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tiltcal.core.arrays import Array
+from tiltcal.diagnosis.data.block_grid import Sampling
+from tiltcal.diagnosis.data.curve_factors import CurveFactors, SharedCurve
+from tiltcal.diagnosis.data.observations import Channel
+from tiltcal.effects.learned import Learned
+from tiltcal.forward.nominal_motion import Answers, NominalMotion
+from tiltcal.setup.trajectory import Jet
+
+
+class CurveColumns:
+    """The changes of the channels of recordings on a table by curves.
+
+    Args:
+        channels: of all recordings.
+        samplings: of each channel, from where a model is asked to its samples.
+    """
+
+    def __init__(self, channels: Sequence[Channel], samplings: Sequence[Sampling]) -> None:
+        self._channels, self._samplings = channels, samplings
+        self._shared: dict[tuple[object, ...], SharedCurve] = {}
+
+    def columns(
+        self, effect: Learned, names: Sequence[str], watches: Sequence[NominalMotion]
+    ) -> dict[int, tuple[list[int], Array]]:
+        """Change of each channel by each coefficient alone.
+
+        Args:
+            effect: at plausible sizes; names: of the coefficients.
+            watches: nominal motion of each recording.
+
+        Returns:
+            By channel: numbers of the coefficients, and the changes, SI, (coefficients, n).
+        """
+        which = [int(name[1:]) for name in names]
+        sizes = np.array([effect.values[name] for name in names])
+        found: dict[int, tuple[list[int], Array]] = {}
+        for number, watch in enumerate(watches):
+            parts = [part[:, which] * sizes for part in _parts(watch.curve(effect))]
+            for i, answers in self._answered(number, watch.answers(effect), len(parts)):
+                total = np.zeros_like(parts[0])
+                for answer, part in zip(answers, parts, strict=True):
+                    if answer is not None:
+                        total += answer[:, None] * part
+                block = self._samplings[i].of(total).T
+                some = np.flatnonzero(block.any(axis=1))
+                if len(some):
+                    found[i] = ([int(k) for k in some], block[some])
+        return found
+
+    def factors(self, effect: Learned, watches: Sequence[NominalMotion]) -> dict[int, CurveFactors]:
+        """Change of each channel by each coefficient of a product of two angles, by channel, its
+        rows weighed.
+
+        Args:
+            effect: at plausible sizes.
+            watches: nominal motion of each recording.
+        """
+        found = {}
+        for number, watch in enumerate(watches):
+            curve = self._curve_of(number, watch, effect)
+            for i, answers in self._answered(number, watch.answers(effect), len(curve.parts)):
+                singles = tuple(None if a is None else a.astype(np.float32) for a in answers)
+                spread = self._channels[i].spread
+                found[i] = CurveFactors(
+                    curve,
+                    singles,
+                    self._samplings[i],
+                    None if spread is None else spread.astype(np.float32),
+                )
+        return found
+
+    def _curve_of(self, recording: int, watch: NominalMotion, effect: Learned) -> SharedCurve:
+        sizes = effect.coefficients
+        key = (recording, effect.coordinate, effect.beside, tuple(sizes))
+        if key not in self._shared:
+            parts = [part.T * sizes[:, None] for part in _parts(watch.curve(effect))]
+            self._shared[key] = SharedCurve(tuple(part.astype(np.float32) for part in parts))
+        return self._shared[key]
+
+    def _answered(
+        self, recording: int, answers: Answers, count: int
+    ) -> Iterator[tuple[int, tuple[Array | None, ...]]]:
+        """The channels of a recording that answer to the first ``count`` parts of a curve, and
+        their answers, (m,) each.
+        """
+        for i, c in enumerate(self._channels):
+            if c.recording == recording and c.sensor in answers:
+                own = [None if a is None else a[:, c.column] for a in answers[c.sensor][:count]]
+                mine = tuple(None if a is None or not a.any() else a for a in own)
+                if any(a is not None for a in mine):
+                    yield i, mine
+
+
+def _parts(curve: Jet) -> list[Array]:
+    """Value, rate and acceleration of a curve, (m, p) each, without those at the end that are
+    zero.
+    """
+    parts = [np.asarray(part) for part in (curve.x, curve.v, curve.a)]
+    last = max((k for k, part in enumerate(parts) if part.any()), default=0)
+    return parts[: last + 1]

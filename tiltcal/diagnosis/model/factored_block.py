@@ -1,0 +1,83 @@
+"""Columns of curves that act at many places, kept as factors: the curve once, and of each place
+what a channel answers to it.
+
+The columns are worked out where they are asked for, one place at a time: what is kept is as much
+as there are curves and places, and not their product.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tiltcal.core.arrays import Index
+from tiltcal.diagnosis.data.curve_factors import CurveFactors, SharedCurve
+from tiltcal.diagnosis.model.column_block import Energies, Waves, Weighed
+from tiltcal.statistics.noise_spectrum import cosines
+
+FEW = 8  # vectors whose inner products cost less by the factors than by the columns
+
+
+@dataclass
+class FactoredBlock:
+    """Columns of one channel by one curve, at several places.
+
+    Args:
+        channel: its number; curve: that all places share.
+        places: what the channel answers at each.
+        first: number of the first column at each place; hypotheses: number of each.
+    """
+
+    channel: int
+    curve: SharedCurve
+    places: list[CurveFactors] = field(default_factory=list)
+    first: list[int] = field(default_factory=list)
+    hypotheses: list[int] = field(default_factory=list)
+
+    def add(self, factors: CurveFactors, owner: int, first: int) -> None:
+        """Add the columns of a hypothesis; first: number of the first of them."""
+        self.places.append(factors)
+        self.first.append(first)
+        self.hypotheses.append(owner)
+
+    @property
+    def count(self) -> int:
+        """Columns at each place."""
+        return len(self.curve.parts[0])
+
+    @property
+    def used(self) -> int:
+        """How many columns stand on it."""
+        return self.count * len(self.places)
+
+    @property
+    def numbers(self) -> Index:
+        """Of the columns, (used,)."""
+        return (np.array(self.first, np.intp)[:, None] + np.arange(self.count)).ravel()
+
+    @property
+    def owners(self) -> Index:
+        """Of the columns, (used,)."""
+        return np.repeat(np.array(self.hypotheses, np.intp), self.count)
+
+    def wave(self, row: int) -> Waves:
+        """Cosine coefficients of a column, (n,)."""
+        place, k = divmod(row, self.count)
+        return cosines(self.places[place].columns(slice(k, k + 1))[0])
+
+    def along(self, vectors: Weighed) -> Waves:
+        """Inner products of the columns with weighed vectors, (used, q)."""
+        course = vectors.course
+        if course.shape[1] <= FEW:
+            return np.concatenate([place.along(course) for place in self.places])
+        return np.concatenate([place.columns() @ course for place in self.places])
+
+    def energies(self, weight: Waves) -> Energies:
+        """What the columns hold. weight: of each coefficient, (n,)."""
+        white = bool((weight == weight[0]).all())
+        several = []
+        for place, owner, first in zip(self.places, self.hypotheses, self.first, strict=True):
+            # of white noise the inner products are those in time
+            part = place.columns() if white else cosines(place.columns())
+            part = part * weight
+            several.append((owner, first + np.arange(self.count), part @ part.T))
+        return np.zeros(self.used), several

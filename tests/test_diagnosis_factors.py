@@ -139,6 +139,18 @@ def test_blocks_of_factors_weigh_as_blocks_of_columns(observations, vectors, whi
             np.testing.assert_allclose(gram, mine @ mine.T, atol=1e-4 * np.abs(gram).max())
 
 
+@pytest.mark.parametrize("place", PLACES)
+def test_the_columns_of_some_sizes_are_those_of_each_alone(observations, place):
+    columns, hypothesis = HypothesisColumns(observations), product(place)
+    names = ("c30", "c2", "c7")
+    together = columns.all_waves(hypothesis, names, ())
+    for found, name in zip(together, names, strict=True):
+        expected = columns.waves(hypothesis, name, ())
+        assert found.keys() == expected.keys()
+        for i, wave in expected.items():
+            np.testing.assert_allclose(found[i], wave, atol=1e-9 * np.abs(wave).max())
+
+
 @pytest.mark.parametrize("rows", [slice(None), np.array([0, 2, 2])], ids=["all", "some"])
 def test_inner_products_with_samples_are_those_with_the_adjoint(rows, rng):
     grid = BlockGrid(

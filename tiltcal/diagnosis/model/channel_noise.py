@@ -37,9 +37,9 @@ def noise_under(
     observations = columns.observations
     effects = fitted.effects
     waves = [
-        columns.waves(t.hypothesis, name, effects)
+        wave
         for t in (*fitted.nuisance, *fitted.terms)
-        for name in t.names
+        for wave in columns.all_waves(t.hypothesis, t.names, effects)
     ]
     found = []
     for i, (channel, r) in enumerate(

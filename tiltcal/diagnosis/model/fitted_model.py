@@ -118,9 +118,9 @@ def whitened_of(
     coefficients.
     """
     return [
-        whitened.weighed(whitened.columns.waves(t.hypothesis, name, effects))
+        whitened.weighed(waves)
         for t in terms
-        for name in t.names
+        for waves in whitened.columns.all_waves(t.hypothesis, t.names, effects)
     ]
 
 

@@ -142,6 +142,21 @@ class HypothesisColumns:
         """
         return self._store.of(wanted)
 
+    def all_waves(
+        self, hypothesis: Hypothesis, names: Sequence[str], around: Sequence[Effect]
+    ) -> list[Columns]:
+        """What ``waves`` says of some sizes of a hypothesis; those of a curve are worked out at
+        once.
+        """
+        if hypothesis.effect.role == "calibration" or hypothesis.effect.seen_in is not None:
+            return [self.waves(hypothesis, name, around) for name in names]
+        effect = hypothesis.at({name: hypothesis.effect.values[name] for name in names})
+        found: list[Columns] = [{} for _ in names]
+        for i, (which, block) in self.observations.columns(effect, names, around).items():
+            for k, wave in zip(which, cosines(block), strict=True):
+                found[k][i] = wave
+        return found
+
     def waves(self, hypothesis: Hypothesis, name: str, around: Sequence[Effect]) -> Columns:
         """Cosine coefficients of the change by one plausible size, these effects being there, SI.
 

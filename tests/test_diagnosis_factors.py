@@ -54,12 +54,12 @@ def product(place):
 
 
 def dense(observations, hypothesis):
-    """Its columns, worked out one by one: (36, n) by channel."""
+    """Its columns, their rows weighed, worked out one by one: (36, n) by channel."""
     one_by_one = Observations.columns(observations, hypothesis.effect, hypothesis.names, ())
     found = {}
     for i, (which, block) in one_by_one.items():
         found[i] = np.zeros((36, block.shape[1]))
-        found[i][which] = block
+        found[i][which] = observations.channels[i].weighed(block)
     return found
 
 

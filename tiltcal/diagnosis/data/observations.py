@@ -81,7 +81,7 @@ class Channel:
 
 
 class Signal(NamedTuple):
-    """Values of one axis of a sensor on some rows of a recording, (n,)."""
+    """Values of one axis of a sensor on some rows of a recording, weighed, (n,)."""
 
     recording: int
     sensor: str
@@ -207,7 +207,7 @@ class Observations(ABC):
             stops: of each source, as in ``stops``.
         """
         for c, r in zip(self.channels, self.residuals(effects), strict=True):
-            yield Signal(c.recording, c.sensor, c.axis, c.rows, r)
+            yield Signal(c.recording, c.sensor, c.axis, c.rows, c.weighed(r))
 
     @property
     def samples(self) -> int:

@@ -14,6 +14,7 @@ from tiltcal.recordings.replay import Replay
 from tiltcal.statistics.noise_spectrum import robust_white
 
 FEW = 50  # rows at rest that tell the noise
+SHARED = 3.4  # rows that tell as much of a slow course as one: windows of rates overlap
 ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
 
 
@@ -22,6 +23,7 @@ def with_spread(
     courses: Sequence[Replay],
     watches: Sequence[NominalMotion],
     samplings: Sequence[Sampling],
+    block: int,
 ) -> Iterator[Channel]:
     """Channels with the spread of their rows.
 
@@ -29,6 +31,7 @@ def with_spread(
         channels: as they were read.
         courses, watches: of each recording, what its readout says and what its sensors sense.
         samplings: of each channel, from the instants of its recording's watch to its rows.
+        block: samples that are averaged into one row.
     """
     variances = [np.zeros(len(c.values)) for c in channels]
     for number, (course, watch) in enumerate(zip(courses, watches, strict=True)):
@@ -37,9 +40,8 @@ def with_spread(
             changes = watch.by_rate(axis) if noise.any() else {}
             for i, c in enumerate(channels):
                 if c.recording == number and c.sensor in changes:
-                    # neighbouring rows have it in common: their mean has it too
                     each = changes[c.sensor][:, c.column] * noise
-                    variances[i] += samplings[i].of(each) ** 2
+                    variances[i] += SHARED / block * samplings[i].of(each) ** 2
     for channel, variance in zip(channels, variances, strict=True):
         spread = np.sqrt(1 + variance / _noise_at_rest(channel) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel

@@ -109,7 +109,8 @@ class TableObservations(Observations):
     def _with_spread(self) -> tuple[Channel, ...]:
         """The channels, with how uncertain the readout's rates make their rows."""
         watches = self.watches(self.known)
-        return tuple(with_spread(self.channels, self.courses, watches, self._samplings))
+        courses, samplings = self.courses, self._samplings
+        return tuple(with_spread(self.channels, courses, watches, samplings, self.block))
 
     def _mean(self, values: Array) -> Array:
         """Means of blocks, (n,) -> (n / block,)."""

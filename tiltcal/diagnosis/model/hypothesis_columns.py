@@ -151,9 +151,9 @@ class HypothesisColumns:
         if hypothesis.effect.role == "calibration" or hypothesis.effect.seen_in is not None:
             return [self.waves(hypothesis, name, around) for name in names]
         effect = hypothesis.at({name: hypothesis.effect.values[name] for name in names})
-        found: list[Columns] = [{} for _ in names]
+        channels, found = self.observations.channels, [Columns() for _ in names]
         for i, (which, block) in self.observations.columns(effect, names, around).items():
-            for k, wave in zip(which, cosines(block), strict=True):
+            for k, wave in zip(which, channels[i].waves(block), strict=True):
                 found[k][i] = wave
         return found
 

@@ -104,12 +104,12 @@ def motion_jet(name: str, drive: Drive, travel: float = 0.0) -> Jet:
 
 
 def force_jet(name: str, drive: Drive, force: Array, travel: float = 0.0) -> Jet:
-    """A component of a force along a drive with its time derivatives, (n,). travel: as in
-    ``motion_jet``, m/s2.
+    """A component of a force along a drive with its time derivatives, (n,).
 
     Args:
         name: ``force_x``, ...; drive: along which.
         force: m/s2, (n, 3).
+        travel: as in ``motion_jet``, m/s2.
     """
     u = sampled_jet(drive.time, force[:, INPUTS[name][1]])
     return crossed(u, travel) if travel else u

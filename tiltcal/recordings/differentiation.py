@@ -57,8 +57,8 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
     the rate begins at zero. No window reaches across a pause of the log.
 
     Args:
-        time: s, increasing. angle: rad.
-        still: rows at which the axis rests.
+        time: s, increasing, (n,). angle: rad, (n,).
+        still: rows at which the axis rests, (n,).
         parted: first rows after pauses of the log.
     """
     found = Rates(*np.zeros((3, len(angle))))

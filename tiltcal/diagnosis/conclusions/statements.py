@@ -115,8 +115,7 @@ def learned_name(effect: Learned) -> str:
     if effect.beside:
         what += f" times the {axis_of(effect.beside)} angle"
     if effect.times:
-        factor = f"{axis_of(effect.times)} angle" if axis_of(effect.times) else effect.times
-        what += f", in proportion to the {factor}{' from T0' if factor == 'temperature' else ''}"
+        what += f", in proportion to the {_factor(effect.times)}"
     if effect.period and effect.coordinate in ("since_move", "moves"):
         what += (
             ", with a period of"
@@ -135,6 +134,13 @@ def learned_name(effect: Learned) -> str:
         return f"a tilt of the frame '{effect.slot}' about {effect.turn} that follows {what}"
     kind = "a scale factor" if effect.per_input else "an addition to the reading"
     return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
+
+
+def _factor(times: str) -> str:
+    """What a curve is multiplied by, in words."""
+    if axis := axis_of(times):
+        return f"{axis} angle"
+    return "temperature from T0" if times == "temperature" else times
 
 
 def _width(effect: Learned) -> str:

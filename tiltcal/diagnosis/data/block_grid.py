@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -105,5 +106,13 @@ class Sampling:
         if isinstance(self.rows, slice):
             return self.grid.means_adjoint(values)
         whole = np.zeros((len(self.grid.starts), *values.shape[1:]), values.dtype)
-        np.add.at(whole, self.rows, values)
+        if self._distinct:
+            whole[self.rows] = values
+        else:
+            np.add.at(whole, self.rows, values)
         return self.grid.means_adjoint(whole)
+
+    @cached_property
+    def _distinct(self) -> bool:
+        """Whether each sample has a block of its own."""
+        return isinstance(self.rows, slice) or bool((np.diff(self.rows) > 0).all())

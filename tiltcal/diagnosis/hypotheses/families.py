@@ -28,7 +28,7 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     assert isinstance(effect, Learned)
     if effect.is_step or (host.effect.seen_in is not None and effect.coordinate == "time"):
         return False  # a curve over time is the same in every recording
-    if effect.times:  # a coefficient that varies is no form of its law
+    if effect.times or effect.relaxing:  # a coefficient that varies, or fades, is no form of it
         return False
     family = host.law.family
     if isinstance(effect, LearnedReading):

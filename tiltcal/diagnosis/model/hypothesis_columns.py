@@ -31,7 +31,8 @@ class HypothesisColumns:
         self._numbers: dict[int, int] = {}
         self._around: tuple[Effect, ...] = ()
         self._shapes = TriedShapes()
-        self._families: dict[int, list[int]] = {}
+        # how many hypotheses were asked, and who completes the one of a number
+        self._families: dict[int, tuple[int, list[int]]] = {}
         self._store = ColumnStore()
         self._kept: dict[tuple[tuple[str, str | None, str | None], str], tuple[bytes, Columns]] = {}
 
@@ -54,7 +55,7 @@ class HypothesisColumns:
         other.hypotheses, other.starts = list(self.hypotheses), list(self.starts)
         other.width, other._store = self.width, self._store.shared()
         other._places = {place: list(numbers) for place, numbers in self._places.items()}
-        other._numbers = dict(self._numbers)
+        other._numbers, other._families = dict(self._numbers), dict(self._families)
         other._around, other._kept, other._shapes = self._around, self._kept, self._shapes
         for hypothesis in hypotheses:
             other._put(hypothesis, self._of_shape(hypothesis))
@@ -72,7 +73,6 @@ class HypothesisColumns:
         """The number of a new hypothesis; its columns follow those of the others."""
         owner = len(self.hypotheses)
         self._numbers[id(hypothesis)] = owner
-        self._families.clear()
         self._places.setdefault(_place(hypothesis), []).append(owner)
         self.hypotheses.append(hypothesis)
         self.starts.append(self.width)
@@ -94,20 +94,21 @@ class HypothesisColumns:
 
     def family(self, number: int) -> list[int]:
         """Numbers of the hypotheses that complete the form of one, in order."""
-        if number not in self._families:
+        asked, members = self._families.get(number, (0, []))
+        if asked < len(self.hypotheses):
             host = self.hypotheses[number]
-            self._families[number] = [
-                k for k in self._near(host) if k != number and completes(self.hypotheses[k], host)
-            ]
-        return self._families[number]
+            new = (k for k in self._near(host, asked) if k != number)
+            members = [*members, *(k for k in new if completes(self.hypotheses[k], host))]
+            self._families[number] = len(self.hypotheses), members
+        return members
 
-    def _near(self, hypothesis: Hypothesis) -> list[int]:
-        """Numbers of the hypotheses that may be of its family: of its name, of related names, or
-        without a name at its place, in order.
+    def _near(self, hypothesis: Hypothesis, first: int) -> list[int]:
+        """Numbers, from the first on, of the hypotheses that may be of its family: of its name, of
+        related names, or without a name at its place, in order.
         """
         names = [hypothesis.id, *hypothesis.law.family.effects] if hypothesis.listed else []
         keys = [*((n, None) for n in names), ("", hypothesis.effect.sensor), ("", None)]
-        return sorted({k for key in keys for k in self._places.get(key, [])})
+        return sorted({k for key in keys for k in self._places.get(key, []) if k >= first})
 
     def places(self, members: Sequence[int]) -> list[int]:
         """Numbers of all columns of some hypotheses, one after the other."""

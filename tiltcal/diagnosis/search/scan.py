@@ -11,6 +11,14 @@ from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_fa
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
 
 
+def _turned(grams: Array) -> tuple[Array, Array]:
+    """Eigenvalues and eigenvectors of many symmetric matrices, (g, m) and (g, m, m)."""
+    if grams.shape[1] == 1:
+        return grams[:, 0], np.ones_like(grams)
+    share, turn = np.linalg.eigh(grams)
+    return np.asarray(share), np.asarray(turn)
+
+
 class Scan:
     """All hypotheses under one noise.
 
@@ -46,7 +54,7 @@ class Scan:
             raw = lengths(np.einsum("gii->gi", gram))
             inside = along[rows, 1:]
             rest = gram - inside @ inside.transpose(0, 2, 1)
-            share, turn = np.linalg.eigh(rest / (raw[:, :, None] * raw[:, None, :]))
+            share, turn = _turned(rest / (raw[:, :, None] * raw[:, None, :]))
             a = np.einsum("gij,gi->gj", turn, along[rows, 0] / raw)
             there = share > SURVIVES
             gain = np.where(there, a * a / np.where(there, share, 1.0), 0.0)

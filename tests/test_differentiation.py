@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tiltcal.diagnosis.data.rate_noise import SHARED
 from tiltcal.recordings import rest_edges
 from tiltcal.recordings.differentiation import differentiate
 from tiltcal.recordings.starting_courses import side_of
@@ -160,6 +161,9 @@ def test_the_noise_of_a_rate_is_what_it_is_off_by(rng):
     for part in (time < 40, (time > 62) & (time < 148)):
         share = np.sqrt(np.mean((v - truth)[part] ** 2) / np.mean(noise[part] ** 2))
         assert 0.4 < share < 1.2
+    # of a slow course so many rows tell as much as one
+    off = ((v - truth) / noise)[(time > 62) & (time < 148)][: 16 * 106].reshape(-1, 16)
+    assert 0.6 * SHARED < 16 * np.var(off.mean(axis=1)) / np.var(off) < 1.4 * SHARED
 
 
 @pytest.mark.parametrize("power", [2, 3, 4], ids=["at once", "soon", "late"])

@@ -162,7 +162,8 @@ def test_the_noise_of_a_rate_is_what_it_is_off_by(rng):
         share = np.sqrt(np.mean((v - truth)[part] ** 2) / np.mean(noise[part] ** 2))
         assert 0.4 < share < 1.2
     # of a slow course so many rows tell as much as one
-    off = ((v - truth) / noise)[(time > 62) & (time < 148)][: 16 * 106].reshape(-1, 16)
+    swung = (time > 62) & (time < 148)
+    off = ((v - truth)[swung] / noise[swung])[: 16 * 106].reshape(-1, 16)
     assert 0.6 * SHARED < 16 * np.var(off.mean(axis=1)) / np.var(off) < 1.4 * SHARED
 
 

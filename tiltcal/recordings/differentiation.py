@@ -33,14 +33,15 @@ BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 FEWEST = 9  # rows that a motion is told from
 RESTS = 32  # steps at rest that tell the readout's noise
 LINE = 13  # samples in which a line shows that it is one
+SHARED = 3.4  # rows that tell as much of a slow course as one: the windows of rates overlap
 CHOSEN = 1.5  # times a rate is off by what its window expects: the least of many was taken
 FAST = 0.3  # of the fastest rate: there an error of the stamps shows
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
 
 class Rates(NamedTuple):
-    """Rate and acceleration of a readout, rad/s and rad/s2, and the standard deviation of the rate,
-    rad/s, (n,) each.
+    """Rate and acceleration of a readout, rad/s and rad/s2, and the noise of the rate, rad/s, (n,)
+    each: the standard deviation of white noise that hides as much of a slow course.
     """
 
     rate: Array
@@ -141,7 +142,7 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
         v[rows], a[rows] = c.rate[better], c.acceleration[better]
         variance[rows] = c.variance[better]
     # a stamp that is off tells the rate of another instant
-    noise = np.hypot(CHOSEN * np.sqrt(variance), late * a)
+    noise = np.hypot(CHOSEN * np.sqrt(SHARED * variance), late * a)
     return Rates(v / step, a / step**2, noise / step)
 
 

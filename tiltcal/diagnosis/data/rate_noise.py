@@ -14,7 +14,6 @@ from tiltcal.recordings.replay import Replay
 from tiltcal.statistics.noise_spectrum import robust_white
 
 FEW = 50  # rows at rest that tell the noise
-SHARED = 3.4  # rows that tell as much of a slow course as one: windows of rates overlap
 ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
 
 
@@ -41,7 +40,7 @@ def with_spread(
             for i, c in enumerate(channels):
                 if c.recording == number and c.sensor in changes:
                     each = changes[c.sensor][:, c.column] * noise
-                    variances[i] += SHARED / block * samplings[i].of(each) ** 2
+                    variances[i] += samplings[i].of(each) ** 2 / block
     for channel, variance in zip(channels, variances, strict=True):
         spread = np.sqrt(1 + variance / _noise_at_rest(channel) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel

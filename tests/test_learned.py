@@ -477,7 +477,24 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
         (
             {"sensor": "accel", "axis": "x"},
             {"lag_s": 3.0, "relaxing": True},
-            "key relaxing: found on = 'reading', lag_s = 3, need a tilt or a readout",
+            "key relaxing: found on = 'reading', coordinate = 'table_outer', lag_s = 3, need",
+        ),
+        (
+            {},
+            {
+                "on": "tilt",
+                "slot": "mount",
+                "turn": "x",
+                "coordinate": "temperature",
+                "lag_s": 3.0,
+                "relaxing": True,
+            },
+            "key relaxing: .*coordinate = 'temperature'.*over a motion or a force",
+        ),
+        (
+            {"axis": "outer"},
+            {"on": "readout", "beside": "table_middle", "times": "time"},
+            "key times: found 'time' and beside = 'table_middle', need one of them",
         ),
         (
             {"axis": "outer"},

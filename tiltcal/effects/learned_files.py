@@ -72,7 +72,7 @@ def make_learned(
     beside = _beside(table, setup, subject)
     times = _times(table, setup, subject)
     per_input, relaxing, odd = (bool(table.get(k)) for k in ("per_input", "relaxing", "odd"))
-    _check_relaxing(relaxing, on, lag, subject)
+    _check_relaxing(relaxing, on, coordinate, lag, subject)
     values = {f"c{k}": value for k, value in enumerate(numbers)}
     return KINDS[on](
         values,
@@ -158,16 +158,23 @@ def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
 
 def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
     """What a curve is multiplied by; empty where that is nothing."""
+    if table.get("times") and table.get("beside"):
+        raise TiltcalError(
+            f"{subject}, key times",
+            found=f"'{table['times']}' and beside = '{table['beside']}'",
+            need="one of them",
+            do="leave one out",
+        )
     angles = [angle_channel(axis) for axis in setup.rig.axis_names]
     return _word(table, "times", "", ("", "temperature", "time", *angles), subject)
 
 
-def _check_relaxing(relaxing: bool, on: str, lag: float, subject: str) -> None:
-    if relaxing and (on == "reading" or not lag):
+def _check_relaxing(relaxing: bool, on: str, coordinate: str, lag: float, subject: str) -> None:
+    if relaxing and (on == "reading" or not lag or coordinate in ("temperature", "warming")):
         raise TiltcalError(
             f"{subject}, key relaxing",
-            found=f"on = '{on}', lag_s = {lag:g}",
-            need="a tilt or a readout with a lag_s",
+            found=f"on = '{on}', coordinate = '{coordinate}', lag_s = {lag:g}",
+            need="a tilt or a readout over a motion or a force, with a lag_s",
             do="leave it out, or give a lag_s",
         )
 

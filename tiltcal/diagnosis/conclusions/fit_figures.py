@@ -35,7 +35,7 @@ def under_fixed_white(start: FittedModel, whitened: WhitenedModel) -> WhitenedMo
         whitened.noise,
         strict=True,
     ):
-        level = white_level(r) if len(r) >= FEWEST else own.white
+        level = white_level(channel.weighed(r)) if len(r) >= FEWEST else own.white
         noise.append(white_noise(max(level, channel.white)))
     return whitened.under(noise)
 

@@ -96,7 +96,7 @@ class Sampling:
     rows: Index | slice
 
     def of(self, values: Real) -> Real:
-        """Real at the samples, (k, ...) -> (n, ...)."""
+        """Values at the samples, (k, ...) -> (n, ...)."""
         return self.grid.means(values)[self.rows]
 
     def adjoint(self, values: Real) -> Real:

@@ -258,7 +258,8 @@ def calibrated(
         else:
             terms[k] = replace(terms[k], values=tuple(effect.value(n) for n in terms[k].names))
     fitted = FittedModel(tuple(known), tuple(terms))
-    noise = [white_noise(robust_white(r)) for r in observations.residuals(fitted.effects)]
+    left = zip(observations.channels, observations.residuals(fitted.effects), strict=True)
+    noise = [white_noise(robust_white(c.weighed(r))) for c, r in left]
     whitened = WhitenedModel.of(HypothesisColumns(observations), noise, law)
     fitted = refit(fitted, whitened)
     bent = observations.bend_at(fitted.effects)

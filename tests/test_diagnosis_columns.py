@@ -48,7 +48,7 @@ def test_a_design_says_what_its_dense_matrix_says(shape, rank, rng):
         dense(columns),
         [rng.normal(size=n) for n in LENGTHS],
     )
-    np.testing.assert_allclose(design.gram(), J.T @ J, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(design.gram, J.T @ J, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(
         design.along(vector), J.T @ np.concatenate(vector), rtol=1e-12, atol=1e-12
     )

@@ -109,7 +109,7 @@ def test_inner_products_passed_on_from_a_model_are_those_of_a_pass(square, numbe
     terms = [] if number is None else [FittedTerm.start(state.whitened.hypotheses[number])]
     other = refit_linearly(without(state, 0).fitted, terms, state.whitened)
     passed_on, expected = ColumnProducts(state.whitened), ColumnProducts(state.whitened)
-    passed_on.keep(state.fitted)
+    passed_on.along(state.fitted)
     size = np.linalg.norm(expected.along(state.fitted), axis=0).max()
     found = passed_on.along(other)
     np.testing.assert_allclose(found, expected.along(other), rtol=0, atol=1e-5 * size)

@@ -194,12 +194,11 @@ def test_an_explanation_is_worth_the_same_when_it_is_weighed_again(square):
     has two costs.
     """
     start, whitened = square.start, square.whitened
-    left = (start.basis, start.residual)
     best = np.argsort(-Scan(whitened).log_bayes_factors(start))
     completed = 0
     for k in best[:60]:
-        told = explain(int(k), *left, whitened)
-        again, gain = evidence_in_place(told.terms, told.tried, *left, whitened)
+        told = explain(int(k), start, whitened)
+        again, gain = evidence_in_place(told.terms, told.tried, start, whitened)
         assert again == pytest.approx(told.evidence, abs=0.01), told.hypothesis
         assert gain == pytest.approx(told.gain, abs=0.01)
         completed += len(told.terms) > 1
@@ -216,8 +215,7 @@ def shaking(frequency):
 
 
 def level_of(found, hypothesis):
-    start = found.start
-    return local_level(hypothesis, start.basis, start.residual, found.whitened)
+    return local_level(hypothesis, found.start, found.whitened)
 
 
 def lines(*frequencies):

@@ -33,15 +33,15 @@ from tiltcal.laboratory.scenario import Scenario, parse_scenario
 
 def testable(prepared: PreparedData) -> bool:
     """Whether the readings leave anything to test the calibrated scenario with."""
-    observations, columns = prepared.observations, prepared.start.columns
-    return observations.determines(columns) and observations.samples > columns
+    observations, rank = prepared.observations, prepared.start.rank
+    return observations.determines(rank) and observations.samples > rank
 
 
 def untested(prepared: PreparedData) -> Diagnosis:
     """The answer where nothing can be tested: faults of the data, and what to record."""
     observations, start = prepared.observations, prepared.start
     faults = tuple(finding_of(f) for f in prepared.faults)
-    reason = untold(observations.scenario.rig, observations.samples, start.columns)
+    reason = untold(observations.scenario.rig, observations.samples, start.rank)
     figures = Fitness(None, rms_of(observations, start.effects))
     left = observations.residuals(start.effects)
     return Diagnosis(
@@ -84,7 +84,7 @@ def answered(prepared: PreparedData, said: Explained) -> tuple[Diagnosis, Fitted
     source = "the recording itself" if gate.static is None else "the static record"
     noise = noise_report(observations, left, gate.noise(fitted, whitened), source)
     doubt = [doubted(said.doubts)] if said.doubts else []
-    reason = untold(observations.scenario.rig, observations.samples, fitted.columns)
+    reason = untold(observations.scenario.rig, observations.samples, fitted.rank)
     if tested:
         reason = " ".join(doubt)
     told = summary(findings, verdict, reason, first, last, noise)

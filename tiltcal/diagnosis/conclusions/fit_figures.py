@@ -63,7 +63,7 @@ def fitness_of(fitted: FittedModel, white: WhitenedModel, own: Sequence[NoiseMod
     """
     observations = white.observations
     left = sum(float(r @ r) for r in white.residual(fitted.effects))
-    dof = observations.samples - fitted.columns
+    dof = observations.samples - fitted.rank
     chi2 = left / dof if dof > 0 else float("nan")
     if not np.isfinite(chi2):
         return Fitness(None, rms_of(observations, fitted.effects))

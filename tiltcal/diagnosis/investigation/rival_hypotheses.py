@@ -162,7 +162,7 @@ def _question(
     )
     rivals: dict[str, Explanation] = {}
     for k, hypothesis in enumerate(whitened.hypotheses):
-        told = explain(k, rest.basis, rest.residual, whitened)
+        told = explain(k, rest, whitened)
         if told is None:
             continue
         plain, before = told.plain or told, rivals.get(hypothesis.id)  # as its rivals are weighed

@@ -3,12 +3,13 @@ one of them, most of a dense matrix would be zeros.
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns
-from tiltcal.statistics.projection import DISTINCT, column_space
+from tiltcal.statistics.projection import column_space, inverse_root
 
 
 class BlockDesignMatrix:
@@ -27,6 +28,7 @@ class BlockDesignMatrix:
             for i, (numbers, n) in enumerate(zip(self.where, lengths, strict=True))
         ]
 
+    @cached_property
     def gram(self) -> Array:
         """Inner products of the columns, (p, p)."""
         total = np.zeros((self.count, self.count))
@@ -40,6 +42,19 @@ class BlockDesignMatrix:
         for numbers, block, vector in zip(self.where, self.blocks, vectors, strict=True):
             total[numbers] += block.T @ vector
         return total
+
+    def explain(self, vectors: Sequence[Array]) -> tuple[Array, list[Array]]:
+        """Coefficients of the columns that take up most of a vector, (p,), and what is left of it,
+        by channel, (n,) each.
+        """
+        turn, taken, left = inverse_root(self.gram), np.zeros(self.count), list(vectors)
+        # once more for what rounding left of it
+        for _ in range(2):
+            step = turn @ (turn.T @ self.along(left))
+            taken += step
+            for i, (numbers, block) in enumerate(zip(self.where, self.blocks, strict=True)):
+                left[i] = left[i] - block @ step[numbers]
+        return taken, left
 
     def basis(self) -> list[Array]:
         """An orthonormal basis of the columns' space, by channel, (n, q) each."""
@@ -81,21 +96,18 @@ class BlockDesignMatrix:
         names = sorted({k for numbers in shared for k in numbers})
         if not names:
             return [np.zeros((n, 0)) for n in self.lengths]
-        whole = self.gram().diagonal()[names]
-        size = np.where(whole > 0, np.sqrt(whole), np.inf)
+        whole = self.gram.diagonal()[names]
         place = {k: j for j, k in enumerate(names)}
         index = [[place[k] for k in numbers] for numbers in shared]
         gram = np.zeros((len(names), len(names)))
         for numbers, block in zip(index, rest, strict=True):
             gram[np.ix_(numbers, numbers)] += block.T @ block
-        values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-        keep = values > DISTINCT * np.isfinite(size).sum()
-        turn = vectors[:, keep] / np.sqrt(values[keep]) / size[:, None]
+        turn = inverse_root(gram, whole)
         for i, (numbers, Q) in enumerate(zip(index, own, strict=True)):
             rest[i] = _without(rest[i] @ turn[numbers], Q)
         # rounding, once more
         values, vectors = np.linalg.eigh(
-            sum((B.T @ B for B in rest), np.zeros((int(keep.sum()),) * 2))
+            sum((B.T @ B for B in rest), np.zeros((turn.shape[1],) * 2))
         )
         for i, B in enumerate(rest):
             rest[i] = B @ (vectors / np.sqrt(values))

@@ -3,7 +3,8 @@ residual.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,14 +53,29 @@ class FittedTerm:
 
 
 @dataclass(frozen=True)
+class Vector:
+    """Whitened cosine coefficients by channel, and what they are known by under one noise.
+
+    Args:
+        source: a hypothesis as it is stored, or one fit to the readings; name: among its vectors.
+        parts: by channel, (n,) each.
+    """
+
+    source: object
+    name: object
+    parts: Columns
+
+
+@dataclass(frozen=True)
 class FittedModel:
     """Fitted terms.
 
     Args:
         known: effects at stated values; nuisance: the adjustable terms; terms: what was found.
-        residual: whitened cosine coefficients of what is left, by channel; basis: of all fitted
-            columns.
-        design: whitened change per plausible size of each value, nuisance first, by channel, (n,).
+        residual: whitened cosine coefficients of what is left, by channel.
+        columns: whitened change per plausible size of each value, nuisance first; design: of them.
+        reference: the residual of the model that was fitted to the readings last; moved: the
+            columns, and how much of each, that this one's has beside it.
         covariance: of all values in order, nuisance first, SI.
         reached: sum of squares of the whitened residual at these values; None where they are fitted
             to first order only.
@@ -69,8 +85,10 @@ class FittedModel:
     nuisance: tuple[FittedTerm, ...]
     terms: tuple[FittedTerm, ...] = ()
     residual: tuple[Array, ...] = ()
-    basis: tuple[Array, ...] = ()
-    design: tuple[Columns, ...] = ()
+    columns: tuple[Vector, ...] = ()
+    design: BlockDesignMatrix = field(default_factory=lambda: BlockDesignMatrix([], []))
+    reference: Vector = field(default_factory=lambda: Vector(None, None, {}))
+    moved: tuple[tuple[Vector, float], ...] = ()
     covariance: Array | None = None
     reached: float | None = None
 
@@ -79,8 +97,13 @@ class FittedModel:
         """All effects at their values."""
         return [*self.known, *(t.effect for t in (*self.nuisance, *self.terms))]
 
+    @cached_property
+    def basis(self) -> tuple[Array, ...]:
+        """An orthonormal basis of all fitted columns, by channel, (n, q) each."""
+        return tuple(self.design.basis())
+
     @property
-    def columns(self) -> int:
+    def rank(self) -> int:
         """Number of independent columns that were fitted."""
         return self.basis[0].shape[1] if self.basis else 0
 
@@ -165,7 +188,7 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
     effects = fitted.effects
     columns = whitened_of(whitened, terms, effects)
     design = BlockDesignMatrix(columns, lengths)
-    gram = design.gram()
+    gram = design.gram
     size = column_lengths(gram)
     prior = np.array(
         [1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names]
@@ -175,16 +198,19 @@ def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) ->
     terms, residual = _descended(
         fitted.known, terms, whitened, design, inverse, prior, size, rounds
     )
-    basis = design.basis()
+    left = tuple(design.explain(residual)[1])
+    source = object()
     covariance = inverse + prior_covariance(open_, relative)
     covariance = covariance / np.outer(size, size) * np.outer(units, units)
     return replace(
         fitted,
         nuisance=tuple(terms[:split]),
         terms=tuple(terms[split:]),
-        residual=tuple(_beside(basis, residual)),
-        basis=tuple(basis),
-        design=tuple(columns),
+        residual=left,
+        columns=tuple(Vector(source, k, c) for k, c in enumerate(columns)),
+        design=design,
+        reference=Vector(source, "left", dict(enumerate(left))),
+        moved=(),
         covariance=covariance,
         reached=sum(float(r @ r) for r in residual),
     )
@@ -199,53 +225,59 @@ def refit_linearly(
     The adjustable terms stay at their values, so that no column of theirs changes; what they would
     take up is not in the residual.
     """
-    residual, owned, start = [r.copy() for r in fitted.residual], {}, 0
+    owned, start = dict[int, tuple[Vector, ...]](), 0
     for term in (*fitted.nuisance, *fitted.terms):
-        owned[id(term)] = fitted.design[start : start + len(term.names)]
+        owned[id(term)] = fitted.columns[start : start + len(term.names)]
         start += len(term.names)
     kept = {id(t) for t in found}
-    for term in fitted.terms:
-        if id(term) not in kept:
-            _put_back(term, owned[id(term)], residual)
+    removed = [
+        (column, value / term.hypothesis.size(name))
+        for term in fitted.terms
+        if id(term) not in kept
+        for name, value, column in zip(term.names, term.values, owned[id(term)], strict=True)
+    ]
+    residual = [r.copy() for r in fitted.residual]
+    for column, amount in removed:
+        for i, change in column.parts.items():
+            residual[i] += change * amount
     terms = [*fitted.nuisance, *found]
-    columns: list[Columns] = []
+    columns: list[Vector] = []
     for term in terms:
-        columns += owned.get(id(term)) or stored_of(whitened, [term])
-    design = BlockDesignMatrix(columns, [len(r) for r in residual])
-    basis, gram = design.basis(), design.gram()
+        columns += owned.get(id(term)) or [
+            Vector(term.hypothesis, name, column)
+            for name, column in zip(term.names, stored_of(whitened, [term]), strict=True)
+        ]
+    design = BlockDesignMatrix([c.parts for c in columns], [len(r) for r in residual])
+    gram = design.gram
     size = column_lengths(gram)
     units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
     inverse, _ = pseudo_inverse(gram / np.outer(size, size))
     step = inverse @ (design.along(residual) / size) / size
-    moved = _moved([t if id(t) in owned else _at_nothing(t) for t in terms], step * units)
+    new = _moved([t if id(t) in owned else _at_nothing(t) for t in terms], step * units)
+    taken, left = design.explain(residual)
+    moved = (*fitted.moved, *removed, *zip(columns, (-taken).tolist(), strict=True))
     return replace(
         fitted,
-        terms=tuple(moved[len(fitted.nuisance) :]),
-        residual=tuple(_beside(basis, residual)),
-        basis=tuple(basis),
-        design=tuple(columns),
+        terms=tuple(new[len(fitted.nuisance) :]),
+        residual=tuple(left),
+        columns=tuple(columns),
+        design=design,
+        moved=_summed_up(moved),
         covariance=None,
         reached=None,
     )
 
 
-def _put_back(term: FittedTerm, columns: Sequence[Columns], residual: list[Array]) -> None:
-    """Add what a term explains to a whitened residual, by channel, (n,)."""
-    for name, value, column in zip(term.names, term.values, columns, strict=True):
-        for i, change in column.items():
-            residual[i] += change * (value / term.hypothesis.size(name))
+def _summed_up(moved: Sequence[tuple[Vector, float]]) -> tuple[tuple[Vector, float], ...]:
+    """How much of each column there is in all."""
+    total: dict[int, tuple[Vector, float]] = {}
+    for column, amount in moved:
+        total[id(column)] = column, amount + total.get(id(column), (column, 0.0))[1]
+    return tuple(total.values())
 
 
 def _at_nothing(term: FittedTerm) -> FittedTerm:
     return replace(term, values=(0.0,) * len(term.names))
-
-
-def _beside(basis: Sequence[Array], residual: Sequence[Array]) -> list[Array]:
-    """A whitened residual without its part in an orthonormal basis, by channel, (n,)."""
-    along = sum(
-        (Q.T @ r for Q, r in zip(basis, residual, strict=True)), np.zeros(basis[0].shape[1])
-    )
-    return [r - Q @ along for Q, r in zip(basis, residual, strict=True)]
 
 
 def _descended(

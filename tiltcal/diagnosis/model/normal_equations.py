@@ -88,7 +88,7 @@ def explained_beside(
     inside = np.zeros((matrix.count, basis[0].shape[1]))
     for numbers, block, B in zip(matrix.where, matrix.blocks, basis, strict=True):
         inside[numbers] += block.T @ B
-    return _projected(matrix.gram(), matrix.along(target), inside, [0] * matrix.count, []).gain(
+    return _projected(matrix.gram, matrix.along(target), inside, [0] * matrix.count, []).gain(
         range(matrix.count)
     )
 

@@ -55,7 +55,7 @@ def in_shapes(
     found = []
     for k in range(len(whitened.hypotheses), len(local.hypotheses)):
         same = local.hypotheses[k].place == place
-        told = explain(k, fitted.basis, fitted.residual, local) if same else None
+        told = explain(k, fitted, local) if same else None
         if told is not None and possible(told.terms[0]):
             found.append(Proposal(told, proposal.prior))
     return found

@@ -14,7 +14,7 @@ from tiltcal.core.arrays import Array, Mask
 from tiltcal.diagnosis.data.observations import Columns
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cosine_basis import projected
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, stored_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.normal_equations import NormalEquations, normal_equations
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
@@ -59,39 +59,30 @@ class Explanation:
         return self.gain / 2 - self.evidence
 
 
-def explain(
-    number: int,
-    basis: Sequence[Array],
-    target: Sequence[Array],
-    whitened: WhitenedModel,
-) -> Explanation | None:
+def explain(number: int, fitted: FittedModel, whitened: WhitenedModel) -> Explanation | None:
     """A hypothesis with its deviation; None where it says nothing here.
 
     Args:
         number: of the hypothesis.
-        basis: orthonormal, of all that is fitted anyway, by channel, (n, q).
-        target: what has to be explained, free of it, whitened, by channel, (n,).
+        fitted: what is fitted anyway, and leaves what has to be explained.
         whitened: holds the columns.
     """
     members = [number, *whitened.columns.family(number)]
-    normal = normal_equations(members, basis, target, whitened)
-    return explained_by(normal, basis, target, whitened)
+    normal = normal_equations(members, fitted.basis, fitted.residual, whitened)
+    return explained_by(normal, fitted, whitened)
 
 
 def explained_by(
-    normal: NormalEquations,
-    basis: Sequence[Array],
-    target: Sequence[Array],
-    whitened: WhitenedModel,
+    normal: NormalEquations, fitted: FittedModel, whitened: WhitenedModel
 ) -> Explanation | None:
     """A hypothesis with its deviation, from its normal equations with its family; otherwise as
-    ``explain``. basis: by channel, (n, p); target: (n,) each.
+    ``explain``.
     """
     number = normal.owner[0]
     hypothesis = whitened.hypotheses[number]
     law = np.array([owner == number for owner in normal.owner])
     alike = np.array([whitened.hypotheses[k].id == hypothesis.id for k in normal.owner])
-    level = local_level(hypothesis, basis, target, whitened)
+    level = local_level(hypothesis, fitted, whitened)
     sized = hypothesis.has_plausible_size
     side, raw = normal.target / level, normal.raw / level
     build = _Build(normal.gram / level, side, raw, law, alike, sized)
@@ -112,18 +103,17 @@ def explained_by(
 def evidence_in_place(
     terms: Sequence[FittedTerm],
     tried: int,
-    basis: Sequence[Array],
-    target: Sequence[Array],
+    fitted: FittedModel,
     whitened: WhitenedModel,
 ) -> tuple[float, float]:
-    """Evidence for given terms of one cause, nats, and their gain. basis: by channel, (n, p);
-    target: (n,) each.
+    """Evidence for given terms of one cause, nats, and their gain.
 
     Args:
         terms: the law, then its deviation.
         tried: columns that this may be made of.
-        basis, target, whitened: as in ``explain``.
+        fitted, whitened: as in ``explain``.
     """
+    basis, target = fitted.basis, fitted.residual
     lengths = [len(r) for r in target]
     law = terms[0].hypothesis
     whole = [FittedTerm.start(law), *terms[1:]]
@@ -132,7 +122,7 @@ def evidence_in_place(
     block = np.column_stack(columns)
     owner = [t for t in whole for _ in t.names]
     along = block.T @ np.concatenate(target)
-    level = local_level(law, basis, target, whitened)
+    level = local_level(law, fitted, whitened)
     build = _Build(
         block.T @ block / level,
         along / level,

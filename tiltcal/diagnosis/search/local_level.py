@@ -4,36 +4,28 @@ A line among many others, or in a band where all is above the noise, is no line 
 70, 1982: the variance of a line test is that of its neighbourhood).
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.cosine_basis import basis_of, project, projected
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, stored_of
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, stored_of
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 
 OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
 FEWEST = 16  # coefficients to either side
 
 
-def local_level(
-    hypothesis: Hypothesis,
-    basis: Sequence[Array],
-    target: Sequence[Array],
-    whitened: WhitenedModel,
-) -> float:
+def local_level(hypothesis: Hypothesis, fitted: FittedModel, whitened: WhitenedModel) -> float:
     """Mean power of what a line leaves in its neighbourhood, in units of the noise, at least one;
-    one for a hypothesis that is no line in time. basis: by channel, (n, p); target: (n,) each.
+    one for a hypothesis that is no line in time. fitted: without it.
     """
     if hypothesis.law.spectral_line != "time":
         return 1.0
     frequency = hypothesis.effect.values["frequency"]
-    lengths = [len(r) for r in target]
+    lengths = [len(r) for r in fitted.residual]
     own = stored_of(whitened, [FittedTerm.start(hypothesis)])
-    mine = basis_of([projected(basis, c, lengths) for c in own], lengths)
-    left = project(mine, target)
+    mine = basis_of([projected(fitted.basis, c, lengths) for c in own], lengths)
+    left = project(mine, fitted.residual)
     found = [
         part[_near(frequency, float(np.ptp(channel.time)), len(part))]
         for channel, part, Q in zip(whitened.observations.channels, left, mine, strict=True)

@@ -47,7 +47,6 @@ Visit = tuple[list[object], float]
 
 def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[Proposal]:
     """What may explain the residual of a model, best first, each place at its best shape."""
-    basis, target = fitted.basis, fitted.residual
     score = scan.log_bayes_factors(fitted) + scan.log_odds
     seen: dict[object, int] = {}
     for k in np.argsort(-score):
@@ -59,7 +58,7 @@ def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[
     found = []
     for k in seen.values():
         normal = scan.products.normal_equations(k, fitted)
-        told = explained_by(normal, basis, target, whitened)
+        told = explained_by(normal, fitted, whitened)
         if told is not None and possible(told.terms[0]):
             found.append(Proposal(told, float(scan.log_odds[k])))
     return sorted(found, key=lambda p: -p.score)
@@ -135,7 +134,6 @@ def improved(state: State) -> State:
     while True:
         state = _merged(_each_exchanged(state, newest, scan), scan)
         count = len(state.fitted.findings())
-        scan.products.keep(state.fitted)
         more = _added(state, scan) if count < MOST else None
         if more is not None and (kept := _cheaper(more, state)) is not state:
             newest, state = count, kept
@@ -179,7 +177,6 @@ def _split(state: State, scan: Scan) -> State:
     """A state with two causes in place of one, where that costs less."""
     if len(state.causes) >= MOST:
         return state
-    scan.products.keep(state.fitted)
     for k in range(len(state.causes)):
         rest, mine = without(state, k), laws(state.fitted)[k]
         found = proposals(rest.fitted, state.whitened, scan)
@@ -244,7 +241,6 @@ def _with_next(proposal: Proposal, state: State, scan: Scan) -> float:
 
 def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
     """A state with some causes exchanged for one, or left out, where that costs less."""
-    scan.products.keep(state.fitted)
     rest = without(state, *which)
     if (kept := _cheaper(rest, state)) is not state:
         return kept

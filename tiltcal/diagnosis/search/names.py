@@ -136,11 +136,9 @@ def _imitated(rows: Sequence[Row], columns: int) -> Iterator[Row]:
 
 def _rows(state: State, k: int, scan: Scan) -> list[Row]:
     """Everything that may stand in the place of a cause, all others being as they are."""
-    scan.products.keep(state.fitted)
     rest, whitened, cause = without(state, k), state.whitened, state.causes[k]
-    basis, target = rest.fitted.basis, rest.fitted.residual
     terms = _terms(state, k)
-    evidence, gain = evidence_in_place(terms, cause.tried, basis, target, whitened)
+    evidence, gain = evidence_in_place(terms, cause.tried, rest.fitted, whitened)
     rows = [Row(_name(terms), evidence + cause.prior, evidence, gain / 2)]
     known = set()
     law = terms[0].hypothesis
@@ -191,7 +189,7 @@ def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Propos
     for k in range(len(whitened.hypotheses), len(local.hypotheses)):
         place = local.hypotheses[k].place
         if place != law.place:
-            told = explain(k, fitted.basis, fitted.residual, local)
+            told = explain(k, fitted, local)
             if told is not None and possible(told.terms[0]):
                 yield Proposal(told, odds[place])
 
@@ -228,7 +226,7 @@ def _late(state: State, k: int, own: Row) -> bool:
         if isinstance(h.effect, Learned)
         and (h.effect.coordinate, h.effect.lag) == (law.coordinate, 0.0)
         and h.effect.sensor == law.sensor
-        and (told := explain(number, fitted.basis, fitted.residual, whitened)) is not None
+        and (told := explain(number, fitted, whitened)) is not None
     ]
     beyond = own.evidence - max(prompt, default=0.0)
     return beyond > SEPARABLE / 2 * coarsened(own.gain)

@@ -171,8 +171,6 @@ def _priced(state: State) -> State:
     for k, (cause, places) in enumerate(zip(state.causes, fitted.findings(), strict=True)):
         rest = without(state, k).fitted
         terms = [fitted.terms[i] for i in places]
-        evidence, gain = evidence_in_place(
-            terms, cause.tried, rest.basis, rest.residual, state.whitened
-        )
+        evidence, gain = evidence_in_place(terms, cause.tried, rest, state.whitened)
         prices.append(gain / 2 - evidence - cause.prior)
     return replace(state, prices=tuple(prices))

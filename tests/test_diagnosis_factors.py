@@ -90,7 +90,9 @@ def test_factors_say_what_the_columns_say(observations, place):
         scale = np.abs(columns).max()
         np.testing.assert_allclose(factors[i].columns(), columns, atol=1e-6 * scale)
         vectors = np.random.default_rng(i).normal(size=(columns.shape[1], 3))
-        along = factors[i].along(vectors.astype(np.float32))
+        at = factors[i].adjoint(vectors.astype(np.float32))
+        answered = zip(factors[i].answers, factors[i].curve.parts, strict=True)
+        along = sum(part @ (a[:, None] * at) for a, part in answered if a is not None)
         size = scale * np.sqrt(columns.shape[1])
         np.testing.assert_allclose(along, columns @ vectors, atol=1e-5 * size)
 
@@ -128,7 +130,7 @@ def test_blocks_of_factors_weigh_as_blocks_of_columns(observations, vectors, whi
         U = np.vstack([cosines(kept[k][block.channel]) for k in dict.fromkeys(block.owners)])
         size = np.abs(U).max() * np.sqrt(n)
         np.testing.assert_allclose(block.along(Weighed(waves)), U @ waves, atol=1e-4 * size)
-        np.testing.assert_allclose(block.wave(40 % block.used), U[40 % len(U)], atol=1e-5 * size)
+        np.testing.assert_allclose(block.waves_of(slice(3, 9)), U[3:9], atol=1e-5 * size)
         single, several = block.energies(weight)
         assert not single.any()
         for k, (owner, numbers, gram) in enumerate(several):

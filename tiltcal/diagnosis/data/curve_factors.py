@@ -53,12 +53,9 @@ class CurveFactors:
         found = np.ascontiguousarray(self.sampling.of(total.T).T)
         return found if self.spread is None else found / self.spread
 
-    def along(self, vectors: Single) -> Single:
-        """Inner products of the columns with vectors, (n, q) -> (p, q): those of the curve with the
-        vectors times the answers.
+    def adjoint(self, vectors: Single) -> Single:
+        """What has the inner products with changes where a model is asked that vectors have with
+        those at the samples, (n, q) -> (m, q).
         """
         weighed = vectors if self.spread is None else vectors / self.spread[:, None]
-        at = self.sampling.adjoint(weighed)
-        parts = zip(self.answers, self.curve.parts, strict=True)
-        known = [part @ (answer[:, None] * at) for answer, part in parts if answer is not None]
-        return np.sum(known, axis=0)
+        return self.sampling.adjoint(weighed)

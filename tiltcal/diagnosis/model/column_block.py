@@ -63,9 +63,9 @@ class ColumnBlock:
             np.zeros(room, np.intp),
         )
 
-    def wave(self, row: int) -> Waves:
-        """Cosine coefficients of a column, (n,)."""
-        return self.waves[row]
+    def waves_of(self, rows: slice) -> Waves:
+        """Cosine coefficients of some columns, (rows, n)."""
+        return self.waves[rows]
 
     def along(self, vectors: Weighed) -> Waves:
         """Inner products of the columns with weighed vectors, (used, q)."""

@@ -12,6 +12,7 @@ from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.curve_factors import CurveFactors, SharedCurve
 from tiltcal.diagnosis.model.column_block import ColumnBlock, Waves
 from tiltcal.diagnosis.model.factored_block import FactoredBlock
+from tiltcal.diagnosis.model.tried_shapes import Parts
 
 Block = ColumnBlock | FactoredBlock
 ROOM = 256  # columns of a block, unless one hypothesis needs more
@@ -24,7 +25,7 @@ class ColumnStore:
     all: list[Block] = field(default_factory=list)
     _open: dict[tuple[int, bool], ColumnBlock] = field(default_factory=dict)
     _of_curves: dict[tuple[int, SharedCurve], FactoredBlock] = field(default_factory=dict)
-    _places: dict[int, list[tuple[Block, int]]] = field(default_factory=dict)
+    _places: dict[int, list[tuple[Block, int, Sequence[int]]]] = field(default_factory=dict)
 
     def put(
         self, channel: int, curve: bool, owner: int, numbers: Sequence[int], waves: Waves
@@ -46,7 +47,7 @@ class ColumnStore:
             self.all.append(block)
         rows = slice(block.used, block.used + len(numbers))
         block.waves[rows], block.numbers[rows], block.owners[rows] = waves, numbers, owner
-        self._remember(block, numbers)
+        self._remember(block, owner, numbers)
         block.used += len(numbers)
 
     def put_factors(self, channel: int, owner: int, first: int, factors: CurveFactors) -> None:
@@ -61,13 +62,13 @@ class ColumnStore:
         if block is None:
             block = self._of_curves[key] = FactoredBlock(channel, factors.curve)
             self.all.append(block)
-        self._remember(block, range(first, first + block.count))
+        self._remember(block, owner, range(first, first + block.count))
         block.add(factors, owner, first)
 
-    def _remember(self, block: Block, numbers: Sequence[int]) -> None:
+    def _remember(self, block: Block, owner: int, numbers: Sequence[int]) -> None:
         """Where columns that are about to be put will stand."""
-        for row, number in enumerate(numbers, block.used):
-            self._places[number] = [*self._places.get(number, []), (block, row)]
+        places = self._places.get(owner, [])
+        self._places[owner] = [*places, (block, block.used, numbers)]
 
     def shared(self) -> "ColumnStore":
         """Another store of the same columns, to which more can be added."""
@@ -79,6 +80,18 @@ class ColumnStore:
         """
         return [block for block in self.all if wanted[block.owners[: block.used]].any()]
 
-    def column(self, number: int) -> list[tuple[int, Waves]]:
-        """The channels that a column changes, and its coefficients there, (n,)."""
-        return [(block.channel, block.wave(row)) for block, row in self._places.get(number, [])]
+    def parts(self, owner: int, number: int | None = None) -> Parts:
+        """The columns of a hypothesis by channel: their numbers, and cosine coefficients, (k, n).
+
+        Args:
+            owner: number of the hypothesis.
+            number: of the only column that is asked for; all of them when None.
+        """
+        found: Parts = {}
+        for block, row, numbers in self._places.get(owner, []):
+            if number is None:
+                found[block.channel] = numbers, block.waves_of(slice(row, row + len(numbers)))
+            elif number in numbers:
+                row += numbers.index(number)
+                found[block.channel] = [number], block.waves_of(slice(row, row + 1))
+        return found

@@ -14,7 +14,7 @@ from tiltcal.diagnosis.data.curve_factors import CurveFactors, SharedCurve
 from tiltcal.diagnosis.model.column_block import Energies, Waves, Weighed
 from tiltcal.statistics.noise_spectrum import cosines
 
-FEW = 8  # vectors whose inner products cost less by the factors than by the columns
+FEW = 8  # vectors that are multiplied with the answers of all places at once
 
 
 @dataclass
@@ -59,17 +59,33 @@ class FactoredBlock:
         """Of the columns, (used,)."""
         return np.repeat(np.array(self.hypotheses, np.intp), self.count)
 
-    def wave(self, row: int) -> Waves:
-        """Cosine coefficients of a column, (n,)."""
-        place, k = divmod(row, self.count)
-        return cosines(self.places[place].columns(slice(k, k + 1))[0])
+    def waves_of(self, rows: slice) -> Waves:
+        """Cosine coefficients of some columns at one place, (rows, n)."""
+        place, first = divmod(rows.start, self.count)
+        return cosines(self.places[place].columns(slice(first, first + rows.stop - rows.start)))
 
     def along(self, vectors: Weighed) -> Waves:
-        """Inner products of the columns with weighed vectors, (used, q)."""
+        """Inner products of the columns with weighed vectors, (used, q): those of the curve with
+        the vectors times the answers.
+        """
         course = vectors.course
-        if course.shape[1] <= FEW:
-            return np.concatenate([place.along(course) for place in self.places])
-        return np.concatenate([place.columns() @ course for place in self.places])
+        found = [self._along(course[:, k : k + FEW]) for k in range(0, course.shape[1], FEW)]
+        return np.concatenate([np.zeros((self.used, 0), np.float32), *found], axis=1)
+
+    def _along(self, course: Waves) -> Waves:
+        """As ``along``, of few vectors in time, (n, q)."""
+        q = course.shape[1]
+        # all places are of one channel
+        at = self.places[0].adjoint(course)
+        total = np.zeros((self.count, len(self.places) * q), np.float32)
+        for k, part in enumerate(self.curve.parts):
+            answers = [place.answers[k] for place in self.places]
+            some = np.array([answer is not None for answer in answers])
+            if some.any():
+                there = np.stack([a for a in answers if a is not None], axis=1)
+                turned = (there[:, :, None] * at[:, None, :]).reshape(len(at), -1)
+                total[:, np.repeat(some, q)] += part @ turned
+        return total.reshape(self.count, -1, q).transpose(1, 0, 2).reshape(-1, q)
 
     def energies(self, weight: Waves) -> Energies:
         """What the columns hold. weight: of each coefficient, (n,)."""

@@ -8,7 +8,6 @@ from tiltcal.core.arrays import Mask
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.families import completes
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
-from tiltcal.diagnosis.model.column_block import Waves
 from tiltcal.diagnosis.model.column_store import Block, ColumnStore
 from tiltcal.diagnosis.model.tried_shapes import Parts, TriedShapes
 from tiltcal.effects.base import Effect
@@ -118,9 +117,9 @@ class HypothesisColumns:
             for place in range(self.starts[m], self.starts[m] + len(self.hypotheses[m].names))
         ]
 
-    def column(self, number: int) -> list[tuple[int, Waves]]:
-        """The channels that a column changes, and its coefficients there, (n,)."""
-        return self._store.column(number)
+    def parts(self, number: int) -> Parts:
+        """The columns of a hypothesis by channel: their numbers, and coefficients, (k, n)."""
+        return self._store.parts(number)
 
     def stored(self, hypothesis: Hypothesis, name: str) -> Columns:
         """Cosine coefficients of the change by one plausible size, about the model that the
@@ -129,7 +128,8 @@ class HypothesisColumns:
         number = self._numbers.get(id(hypothesis))
         if number is not None:
             place = self.starts[number] + hypothesis.names.index(name)
-            return {i: wave.astype(float) for i, wave in self.column(place)}
+            own = self._store.parts(number, place)
+            return {i: waves[0].astype(float) for i, (_, waves) in own.items()}
         parts, k = self._of_shape(hypothesis), hypothesis.names.index(name)
         return {
             i: waves[which.index(k)].astype(float)

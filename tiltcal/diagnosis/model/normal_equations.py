@@ -130,11 +130,16 @@ def _projected(
 
 def _parts(members: Sequence[int], whitened: WhitenedModel) -> dict[int, tuple[list[int], Array]]:
     """By channel: which columns of some hypotheses change it, and these whitened, (k, n)."""
-    by_channel: dict[int, list[tuple[int, Waves]]] = {}
-    for k, place in enumerate(whitened.columns.places(members)):
-        for i, wave in whitened.columns.column(place):
-            by_channel.setdefault(i, []).append((k, wave))
+    by_channel: dict[int, tuple[list[int], list[Waves]]] = {}
+    before = 0
+    for member in members:
+        start = whitened.columns.starts[member] - before
+        for i, (numbers, waves) in whitened.columns.parts(member).items():
+            which, rows = by_channel.setdefault(i, ([], []))
+            which += [number - start for number in numbers]
+            rows.append(waves)
+        before += len(whitened.hypotheses[member].names)
     return {
-        i: ([k for k, _ in rows], np.array([wave for _, wave in rows]) * (1 / whitened.roots[i]))
-        for i, rows in by_channel.items()
+        i: (which, np.concatenate(rows) * (1 / whitened.roots[i]))
+        for i, (which, rows) in by_channel.items()
     }

@@ -1,11 +1,11 @@
 """Columns of shapes that were tried and may be tried again, as far as memory is given to them."""
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from tiltcal.diagnosis.model.column_block import Waves
 
-Parts = dict[int, tuple[list[int], Waves]]
+Parts = dict[int, tuple[Sequence[int], Waves]]
 """By channel: numbers of the sizes that change it, and cosine coefficients of the changes,
 (k, n).
 """

@@ -6,8 +6,8 @@
 A block that opens with ```` ```toml bench.toml ```` is a file. A block that opens with
 ```` ```console ```` holds commands, ``$ ...``, and what each prints; a line ``...`` stands for any
 number of lines. The last digit of a decimal number may be one more or less: it is rounded, and
-processors round differently. All blocks of a page run in one empty folder, in order, beside the project's
-scenarios.
+processors round differently. All blocks of a page run in one empty folder, in order, beside the
+project's scenarios.
 """
 
 import doctest

@@ -3,6 +3,7 @@
 A column is written where it stays and is read as it lies.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tiltcal.core.arrays import Index, Single
-from tiltcal.statistics.noise_spectrum import inverse_cosines
+from tiltcal.statistics.noise_spectrum import cosines, inverse_cosines
 
 Waves = Single
 Energies = tuple[npt.NDArray[np.float64], list[tuple[int, Index, Waves]]]
 """Of each column alone, (used,), 0 where its hypothesis has several here; of these the owner, the
 numbers and the products.
 """
+TRANSFORMED = 32  # columns at once
 AT_ONCE = 4  # columns that are squared and weighed while they are at hand
 
 
@@ -42,16 +44,17 @@ class ColumnBlock:
 
     Args:
         channel: its number.
-        waves: cosine coefficients, (room, n); numbers: of the columns, (room,); owners: of their
-            hypotheses, (room,).
-        used: how many stand on it.
+        rows: cosine coefficients, (room, n); of those put last, what they are in time; numbers: of
+            the columns, (room,); owners: of their hypotheses, (room,).
+        used: how many stand on it; transformed: how many of these stand as coefficients.
     """
 
     channel: int
-    waves: Waves
+    rows: Waves
     numbers: Index
     owners: Index
     used: int = 0
+    transformed: int = 0
 
     @classmethod
     def empty(cls, channel: int, room: int, n: int) -> "ColumnBlock":
@@ -63,27 +66,56 @@ class ColumnBlock:
             np.zeros(room, np.intp),
         )
 
+    def put(self, owner: int, numbers: Sequence[int], columns: Waves, in_time: bool) -> None:
+        """Keep columns of a hypothesis.
+
+        Args:
+            owner: its number; numbers: of the columns, (p,).
+            columns: (p, n); in_time: whether they are to be transformed, which costs less for many
+                at once.
+        """
+        if not in_time:
+            self._transform()
+        rows = slice(self.used, self.used + len(numbers))
+        self.rows[rows], self.numbers[rows], self.owners[rows] = columns, numbers, owner
+        self.used += len(numbers)
+        if not in_time:
+            self.transformed = self.used
+
+    def _transform(self) -> None:
+        for first in range(self.transformed, self.used, TRANSFORMED):
+            rows = slice(first, min(first + TRANSFORMED, self.used))
+            self.rows[rows] = cosines(self.rows[rows])
+        self.transformed = self.used
+
+    @property
+    def waves(self) -> Waves:
+        """Cosine coefficients of the columns, (used, n)."""
+        self._transform()
+        return self.rows[: self.used]
+
     def waves_of(self, rows: slice) -> Waves:
         """Cosine coefficients of some columns, (rows, n)."""
         return self.waves[rows]
 
     def along(self, vectors: Weighed) -> Waves:
         """Inner products of the columns with weighed vectors, (used, q)."""
-        return self.waves[: self.used] @ vectors.waves
+        return self.waves @ vectors.waves
 
     def energies(self, weight: Waves) -> Energies:
         """What the columns hold. weight: of each coefficient, (n,)."""
         starts = np.flatnonzero(np.diff(self.owners[: self.used], prepend=-1))
         counts = np.diff(starts, append=self.used)
         single = np.zeros(self.used)
-        power, squares = weight * weight, np.empty((AT_ONCE, len(weight)), np.float32)
+        waves, power = self.waves, weight * weight
+        squares = np.empty((AT_ONCE, len(weight)), np.float32)
         for first in range(0, self.used, AT_ONCE):
-            part = self.waves[first : min(first + AT_ONCE, self.used)]
+            part = waves[first : first + AT_ONCE]
             single[first : first + AT_ONCE] = np.square(part, out=squares[: len(part)]) @ power
         several = []
         for start, count in zip(starts[counts > 1], counts[counts > 1], strict=True):
             rows = slice(start, start + count)
-            part = self.waves[rows] * weight
+            part = waves[rows] * weight
             single[rows] = 0.0
             several.append((int(self.owners[start]), self.numbers[rows], part @ part.T))
         return single, several

@@ -28,7 +28,13 @@ class ColumnStore:
     _places: dict[int, list[tuple[Block, int, Sequence[int]]]] = field(default_factory=dict)
 
     def put(
-        self, channel: int, curve: bool, owner: int, numbers: Sequence[int], waves: Waves
+        self,
+        channel: int,
+        curve: bool,
+        owner: int,
+        numbers: Sequence[int],
+        columns: Waves,
+        in_time: bool = False,
     ) -> None:
         """Keep columns of a hypothesis in a channel; all of them stand on one column block.
 
@@ -37,18 +43,16 @@ class ColumnStore:
             curve: of which kind the hypothesis is.
             owner: its number.
             numbers: of the columns, (p,).
-            waves: (p, n).
+            columns: cosine coefficients, or what they are in time, (p, n).
         """
         block = self._open.get((channel, curve))
         if block is None or block.used + len(numbers) > len(block.numbers):
             block = self._open[channel, curve] = ColumnBlock.empty(
-                channel, max(ROOM, len(numbers)), waves.shape[1]
+                channel, max(ROOM, len(numbers)), columns.shape[1]
             )
             self.all.append(block)
-        rows = slice(block.used, block.used + len(numbers))
-        block.waves[rows], block.numbers[rows], block.owners[rows] = waves, numbers, owner
         self._remember(block, owner, numbers)
-        block.used += len(numbers)
+        block.put(owner, numbers, columns, in_time)
 
     def put_factors(self, channel: int, owner: int, first: int, factors: CurveFactors) -> None:
         """Keep the columns of a hypothesis in a channel as factors.

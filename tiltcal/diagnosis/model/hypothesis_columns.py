@@ -40,7 +40,7 @@ class HypothesisColumns:
         self._around = self._around or tuple(around)
         factors = self.observations.factors(hypothesis.effect, hypothesis.names, around)
         if factors is None:
-            self._put(hypothesis, self._simulated(hypothesis, around))
+            self._put(hypothesis, self._simulated(hypothesis, around), in_time=True)
         elif factors:
             owner = self._numbered(hypothesis)
             for i, channel in factors.items():
@@ -60,13 +60,13 @@ class HypothesisColumns:
             other._put(hypothesis, self._of_shape(hypothesis))
         return other
 
-    def _put(self, hypothesis: Hypothesis, parts: Parts) -> None:
+    def _put(self, hypothesis: Hypothesis, parts: Parts, in_time: bool = False) -> None:
         if not parts:
             return
         owner = self._numbered(hypothesis)
-        for i, (which, waves) in parts.items():
+        for i, (which, columns) in parts.items():
             numbers = [self.starts[owner] + k for k in which]
-            self._store.put(i, not hypothesis.textbook, owner, numbers, waves)
+            self._store.put(i, not hypothesis.textbook, owner, numbers, columns, in_time)
 
     def _numbered(self, hypothesis: Hypothesis) -> int:
         """The number of a new hypothesis; its columns follow those of the others."""
@@ -79,17 +79,23 @@ class HypothesisColumns:
         return owner
 
     def _simulated(self, hypothesis: Hypothesis, around: Sequence[Effect]) -> Parts:
+        """The changes by each size, their rows weighed, in time."""
         parts = self.observations.columns(hypothesis.effect, hypothesis.names, around)
         channels = self.observations.channels
         return {
-            i: (which, cosines(channels[i].weighed(block).astype(np.float32)))
+            i: (which, channels[i].weighed(block).astype(np.float32))
             for i, (which, block) in parts.items()
         }
 
     def _of_shape(self, hypothesis: Hypothesis) -> Parts:
         """The columns of a hypothesis that is not among these: the same shapes are tried often."""
         key = repr((hypothesis.effect, hypothesis.names))
-        return self._shapes.of(key, lambda: self._simulated(hypothesis, self._around))
+
+        def simulate() -> Parts:
+            parts = self._simulated(hypothesis, self._around)
+            return {i: (which, cosines(columns)) for i, (which, columns) in parts.items()}
+
+        return self._shapes.of(key, simulate)
 
     def family(self, number: int) -> list[int]:
         """Numbers of the hypotheses that complete the form of one, in order."""

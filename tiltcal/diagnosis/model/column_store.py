@@ -44,6 +44,7 @@ class ColumnStore:
             owner: its number.
             numbers: of the columns, (p,).
             columns: cosine coefficients, or what they are in time, (p, n).
+            in_time: whether they are in time.
         """
         block = self._open.get((channel, curve))
         if block is None or block.used + len(numbers) > len(block.numbers):

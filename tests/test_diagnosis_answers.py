@@ -19,7 +19,8 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.name_probabilities import Names
 from tiltcal.effects import CATALOGUE

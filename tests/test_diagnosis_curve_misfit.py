@@ -9,7 +9,8 @@ from diagnosis_fixtures import bench, honest, recorded, tumble
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.curve_misfit import BEYOND_FAMILY, misfit_odds, other_energy
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named, without_misfits

@@ -11,7 +11,8 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit, refit_linearly
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED

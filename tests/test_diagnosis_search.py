@@ -17,7 +17,8 @@ from tiltcal.diagnosis.hypotheses.hypothesis import (
 from tiltcal.diagnosis.hypotheses.instants import Instant
 from tiltcal.diagnosis.model.channel_noise import noise_under
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
 
 SPAN = CoordinateRanges(

@@ -17,7 +17,8 @@ from tiltcal.diagnosis.data_quality.setting_errors import beside_stops, find_set
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.channel_noise import noise_under, noise_within_stops
-from tiltcal.diagnosis.model.fitted_model import FittedTerm, refit
+from tiltcal.diagnosis.model.fitted_model import FittedTerm
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.random_settings import WIDTHS, common_width, lawful
 from tiltcal.effects import CATALOGUE
 from tiltcal.statistics.noise_spectrum import NoiseFit, cosines

@@ -20,8 +20,9 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data_quality.prepare import PreparedData
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.normal_equations import normal_equations
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED, Names

@@ -22,7 +22,8 @@ from tiltcal.diagnosis.data_quality.prepare import PreparedData
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, shift_bias_to_start
 from tiltcal.diagnosis.model.cross_validation import heldout_residuals
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explained import Explained
 from tiltcal.effects import CATALOGUE, Effect

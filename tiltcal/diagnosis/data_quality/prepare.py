@@ -21,8 +21,9 @@ from tiltcal.diagnosis.data_quality.stuck_bit import with_bits
 from tiltcal.diagnosis.data_quality.timestamp_jitter import at_rest_only, find_stamp_jitter
 from tiltcal.diagnosis.data_quality.units_signs_axes import find_labelling_faults
 from tiltcal.diagnosis.hypotheses.hypothesis import adjustable
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
 from tiltcal.effects.data.faults import DataDrop

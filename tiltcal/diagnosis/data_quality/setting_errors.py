@@ -12,7 +12,8 @@ from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix, columns_of
 from tiltcal.diagnosis.model.channel_noise import models, noise_under, noise_within_stops
 from tiltcal.diagnosis.model.cosine_basis import project
 from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values, log_tail
-from tiltcal.diagnosis.model.fitted_model import FittedModel, refit
+from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.table.readout import EncoderZero, IndexError_
 from tiltcal.statistics.noise_spectrum import NoiseFit

@@ -18,8 +18,9 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, listed_hypothese
 from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.investigation.augmented_recordings import Joined, Remembering
 from tiltcal.diagnosis.model.channel_noise import models, noise_under
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explanation import Explanation, explain
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of

@@ -3,7 +3,7 @@ residual.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -12,18 +12,8 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Columns, Observations
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.block_matrix import BlockDesignMatrix
-from tiltcal.diagnosis.model.gram_inverse import (
-    column_lengths,
-    prior_covariance,
-    pseudo_inverse,
-)
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.effects.base import Effect
-
-# plausible sizes: how far ordinary calibration terms may be from nothing when the data do not say
-PRIOR = 5.0
-RUNAWAY = 4.0  # times the least deviance so far
-ROUNDS = 4  # of Gauss-Newton: columns are exact to a per cent, so each round gains two digits
 
 
 @dataclass(frozen=True)
@@ -175,154 +165,3 @@ def summed(
             for i, column in observations.changes(term.hypothesis.alone(name), effects).items():
                 total[i] = total.get(i, 0.0) + column * (value / term.hypothesis.size(name))
     return total
-
-
-def refit(fitted: FittedModel, whitened: WhitenedModel, rounds: int = ROUNDS) -> FittedModel:
-    """Fit all values of a fitted model to the readings, under the whitened model's noise."""
-    terms = [*fitted.nuisance, *fitted.terms]
-    split = len(fitted.nuisance)
-    units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
-    lengths = [len(c.values) for c in whitened.observations.channels]
-    if not lengths:  # every reading was at fault
-        return fitted
-    effects = fitted.effects
-    columns = whitened_of(whitened, terms, effects)
-    design = BlockDesignMatrix(columns, lengths)
-    gram = design.gram
-    size = column_lengths(gram)
-    prior = np.array(
-        [1 / PRIOR**2 if k < split else 0.0 for k, t in enumerate(terms) for _ in t.names]
-    )
-    relative = prior / size**2
-    inverse, open_ = pseudo_inverse(gram / np.outer(size, size) + np.diag(relative))
-    terms, residual = _descended(
-        fitted.known, terms, whitened, design, inverse, prior, size, rounds
-    )
-    left = tuple(design.explain(residual)[1])
-    source = object()
-    covariance = inverse + prior_covariance(open_, relative)
-    covariance = covariance / np.outer(size, size) * np.outer(units, units)
-    return replace(
-        fitted,
-        nuisance=tuple(terms[:split]),
-        terms=tuple(terms[split:]),
-        residual=left,
-        columns=tuple(Vector(source, k, c) for k, c in enumerate(columns)),
-        design=design,
-        reference=Vector(source, "left", dict(enumerate(left))),
-        moved=(),
-        covariance=covariance,
-        reached=sum(float(r @ r) for r in residual),
-    )
-
-
-def refit_linearly(
-    fitted: FittedModel, found: Sequence[FittedTerm], whitened: WhitenedModel
-) -> FittedModel:
-    """Other found terms in a fitted model, their values fitted to first order: nothing is
-    simulated.
-
-    The adjustable terms stay at their values, so that no column of theirs changes; what they would
-    take up is not in the residual.
-    """
-    owned, start = dict[int, tuple[Vector, ...]](), 0
-    for term in (*fitted.nuisance, *fitted.terms):
-        owned[id(term)] = fitted.columns[start : start + len(term.names)]
-        start += len(term.names)
-    kept = {id(t) for t in found}
-    removed = [
-        (column, value / term.hypothesis.size(name))
-        for term in fitted.terms
-        if id(term) not in kept
-        for name, value, column in zip(term.names, term.values, owned[id(term)], strict=True)
-    ]
-    residual = [r.copy() for r in fitted.residual]
-    for column, amount in removed:
-        for i, change in column.parts.items():
-            residual[i] += change * amount
-    terms = [*fitted.nuisance, *found]
-    columns: list[Vector] = []
-    for term in terms:
-        columns += owned.get(id(term)) or [
-            Vector(term.hypothesis, name, column)
-            for name, column in zip(term.names, stored_of(whitened, [term]), strict=True)
-        ]
-    design = BlockDesignMatrix([c.parts for c in columns], [len(r) for r in residual])
-    gram = design.gram
-    size = column_lengths(gram)
-    units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
-    inverse, _ = pseudo_inverse(gram / np.outer(size, size))
-    step = inverse @ (design.along(residual) / size) / size
-    new = _moved([t if id(t) in owned else _at_nothing(t) for t in terms], step * units)
-    taken, left = design.explain(residual)
-    moved = (*fitted.moved, *removed, *zip(columns, (-taken).tolist(), strict=True))
-    return replace(
-        fitted,
-        terms=tuple(new[len(fitted.nuisance) :]),
-        residual=tuple(left),
-        columns=tuple(columns),
-        design=design,
-        moved=_summed_up(moved),
-        covariance=None,
-        reached=None,
-    )
-
-
-def _summed_up(moved: Sequence[tuple[Vector, float]]) -> tuple[tuple[Vector, float], ...]:
-    """How much of each column there is in all."""
-    total: dict[int, tuple[Vector, float]] = {}
-    for column, amount in moved:
-        total[id(column)] = column, amount + total.get(id(column), (column, 0.0))[1]
-    return tuple(total.values())
-
-
-def _at_nothing(term: FittedTerm) -> FittedTerm:
-    return replace(term, values=(0.0,) * len(term.names))
-
-
-def _descended(
-    known: Sequence[Effect],
-    terms: list[FittedTerm],
-    whitened: WhitenedModel,
-    design: BlockDesignMatrix,
-    inverse: Array,
-    prior: Array,
-    size: Array,
-    rounds: int,
-) -> tuple[list[FittedTerm], list[Array]]:
-    """Gauss-Newton steps with the columns kept, and the whitened residual where they end.
-
-    A step to where the model has no reading, or leaves far more than before, is taken back, and is
-    the last.
-    """
-    units = np.array([t.hypothesis.size(n) for t in terms for n in t.names])
-    residual = whitened.residual([*known, *(t.effect for t in terms)])
-    least = sum(float(r @ r) for r in residual)
-    for _ in range(rounds if len(units) else 0):
-        at = np.array([v for t in terms for v in t.values]) / units
-        step = inverse @ ((design.along(residual) - prior * at) / size) / size
-        if not np.isfinite(step).all():
-            break
-        moved = _moved(terms, step * units)
-        left = whitened.residual([*known, *(t.effect for t in moved)])
-        deviance = sum(float(r @ r) for r in left)
-        if not deviance < RUNAWAY * least:
-            break
-        terms, residual, least = moved, left, min(least, deviance)
-        if np.abs(step * size).max(initial=0.0) < 1e-3:
-            break
-    return terms, residual
-
-
-def _moved(terms: Sequence[FittedTerm], step: Array) -> list[FittedTerm]:
-    found, start = [], 0
-    for t in terms:
-        end = start + len(t.names)
-        found.append(
-            replace(
-                t,
-                values=tuple(float(v + s) for v, s in zip(t.values, step[start:end], strict=True)),
-            )
-        )
-        start = end
-    return found

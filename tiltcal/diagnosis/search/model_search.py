@@ -14,7 +14,8 @@ import numpy as np
 
 from tiltcal.diagnosis.model.channel_noise import models, noise_within_stops
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
-from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, refit, refit_linearly
+from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
+from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.best_shape import best_shape
 from tiltcal.diagnosis.search.explanation import explained_by, possible

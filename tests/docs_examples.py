@@ -5,9 +5,8 @@
 
 A block that opens with ```` ```toml bench.toml ```` is a file. A block that opens with
 ```` ```console ```` holds commands, ``$ ...``, and what each prints; a line ``...`` stands for any
-number of lines. The last digit of a decimal number may be one more or less: it is rounded, and
-processors round differently. All blocks of a page run in one empty folder, in order, beside the
-project's scenarios.
+number of lines. All blocks of a page run in one empty folder, in order, beside the project's
+scenarios.
 """
 
 import doctest
@@ -17,14 +16,12 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
 LIMIT_S = 300
-DECIMAL = re.compile(r"\d+\.(\d+)")
 Checker = doctest.OutputChecker
 
 
@@ -40,26 +37,7 @@ class Example:
     @property
     def holds(self) -> bool:
         """Whether the page is right."""
-        printed = rounded_as(self.stated, self.printed)
-        return Checker().check_output(self.stated, printed, doctest.ELLIPSIS)
-
-
-def rounded_as(stated: str, printed: str) -> str:
-    """What was printed, with the decimal numbers that differ from those stated by no more than one
-    in the last place as these are.
-    """
-    numbers = list(DECIMAL.finditer(stated))
-    if len(numbers) != len(DECIMAL.findall(printed)):
-        return printed
-    left = iter(numbers)
-
-    def nearest(match: re.Match[str]) -> str:
-        other = next(left)
-        alike = len(match[1]) == len(other[1])
-        near = abs(Decimal(match[0]) - Decimal(other[0])) <= Decimal(10) ** -len(other[1])
-        return other[0] if alike and near else match[0]
-
-    return DECIMAL.sub(nearest, printed)
+        return Checker().check_output(self.stated, self.printed, doctest.ELLIPSIS)
 
 
 def examples_of(page: Path) -> list[Example]:

@@ -126,3 +126,18 @@ def test_a_classic_sequence_that_is_none_is_named():
 
     with pytest.raises(TiltcalError, match="sequence: found 'seven'"):
         classic("seven")
+
+
+def test_rounding_takes_no_sequence_beyond_its_budget():
+    """The sums of some dwells that fill a budget are rounded up."""
+    rng, clock = np.random.default_rng(3), Clock(120.0)
+    beyond = 0
+    for _ in range(300):
+        angles = rng.uniform(-1.0, 1.0, (int(rng.integers(3, 9)), 2))
+        share = rng.dirichlet(np.ones(len(angles)))
+        dwell = clock.shortest + clock.spare(angles) * share
+        beyond += clock.total(angles, dwell) > clock.budget
+        kept = clock.shortened(angles, dwell)
+        assert clock.total(angles, kept) <= clock.budget
+        np.testing.assert_allclose(kept, dwell, rtol=1e-11)
+    assert beyond > 10

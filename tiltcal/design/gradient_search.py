@@ -66,7 +66,7 @@ class Problem:
             if over < 1e-9 or not open_.any():
                 break
             dwell[open_] += over * share[open_] / share[open_].sum()
-        return np.asarray(np.minimum(dwell, self.clock.longest))
+        return self.clock.shortened(angles, np.minimum(dwell, self.clock.longest))
 
     def information(self, angles: Array, dwell: Array) -> Array:
         """Information of a sequence with its true table times, (p, p). angles: rad, (n, axes);

@@ -9,6 +9,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import DEG
 
 SHORTEST, LONGEST = 5.0, 60.0  # s, of a dwell unless stated
+ROUNDING = 1e-13  # of the budget: sums of some hundred numbers are not known better
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,15 @@ class Clock:
     def total(self, angles: Array, dwell: Array) -> float:
         """Table time of a sequence, s. angles: rad, (n, axes); dwell: s, (n,)."""
         return float(self.moves(angles).sum() + self.settle * len(angles) + dwell.sum())
+
+    def shortened(self, angles: Array, dwell: Array) -> Array:
+        """Dwells of a sequence that fills the budget, s, the longest of them so much shorter that
+        rounding exceeds it nowhere, (n,). angles: rad, (n, axes); dwell: s, (n,).
+        """
+        found, excess = np.array(dwell, dtype=float), self.total(angles, dwell) - self.budget
+        if len(found) and 0 < excess < ROUNDING * self.budget:
+            found[np.argmax(found)] -= excess + ROUNDING * self.budget
+        return found
 
     def spare(self, angles: Array) -> Array:
         """Time left for reading when every dwell has its shortest length, s, (...). angles: rad,

@@ -144,7 +144,9 @@ def most_probable_course(basis: SplineBasis, readings: Sequence[LinearReadings])
     for rows, weight in zip(basis.moves, weights, strict=True):
         penalty += weight * _banded(basis.differences[rows], system.size, len(system.matrix))
     found, _ = _solved(system.matrix + penalty, system.side)
-    return SmoothCourse(basis, found.reshape(-1, system.size), weights)
+    # normal equations lose half of the digits: what the readings leave brings them back
+    more, _ = _solved(system.matrix + penalty, system.left_by(found, weights))
+    return SmoothCourse(basis, (found + more).reshape(-1, system.size), weights)
 
 
 @dataclass(frozen=True)
@@ -204,6 +206,18 @@ class _System:
     def side(self) -> Array:
         """Right-hand side, (free * d,)."""
         return np.asarray(self.spread.T @ (self.value * np.sqrt(self.weight)))
+
+    def left_by(self, found: Array, weights: Array) -> Array:
+        """Right-hand side of what a course leaves of the readings and of its smoothness, (free *
+        d,). found: its coefficients, (free * d,); weights: of the penalty of each move, (moves,).
+        """
+        course = found.reshape(-1, self.size)
+        residual = self.value * np.sqrt(self.weight) - self.spread @ found
+        side = np.asarray(self.spread.T @ residual)
+        for rows, weight in zip(self.basis.moves, weights, strict=True):
+            D = self.basis.differences[rows]
+            side -= weight * (D.T @ (D @ course)).ravel()
+        return side
 
     def of_move(self, rows: Index) -> "tuple[_System, Array, int]":
         """Readings of one move with the rests at its ends; its penalty in bands, and its rank."""

@@ -1,5 +1,5 @@
 """What beats in a residual is found where it beats: in the readings, in the world, over an axis'
-angle, after each move.
+angle, over a reading's own input, after each move.
 """
 
 import numpy as np
@@ -31,6 +31,7 @@ def lines(*left_out):
 def test_noise_has_no_lines():
     found = lines()
     assert (found.tones, found.shakes, found.echoes, found.ripples) == ((), (), (), ())
+    assert found.waves == ()
 
 
 def test_a_hum_of_the_electronics_is_a_tone_of_the_readings():
@@ -162,6 +163,34 @@ def test_a_gyro_tells_the_lines_of_a_turn_about_the_upright():
     )
     found = prepare(honest(truth), [recorded(truth, 3)])
     assert spectral_lines_of(found.observations, found.start).ripples[:1] == (24,)
+
+
+PERIOD = 0.61  # m/s2
+
+
+def with_wave_over_input(truth, seed):
+    """A recording whose reading of y has an error that is periodic in what it reads."""
+    whole = recorded(truth, seed)
+    columns = {name: whole.column(name) for name in whole.column_names}
+    y = columns["accel_y_m_s2"]
+    columns["accel_y_m_s2"] = y + 1.5 * WHITE * np.sin(2 * np.pi * y / PERIOD)
+    return Recording.from_columns(whole.time, columns)
+
+
+def test_an_error_periodic_in_the_reading_is_a_line_over_its_own_input():
+    truth = bench()
+    found = prepare(honest(truth), [with_wave_over_input(truth, 4)])
+    (wave,) = spectral_lines_of(found.observations, found.start).waves
+    assert wave[:2] == ("accel", "y")
+    assert wave[2] == pytest.approx(PERIOD, rel=0.02)
+
+
+@pytest.mark.slow
+def test_an_error_periodic_in_the_reading_is_a_finding_without_a_name():
+    truth = bench()
+    found = diagnose(honest(truth), [with_wave_over_input(truth, 4)])
+    assert found.verdict == "unlisted"
+    assert "accel y that follows its own input, with a period of 0.6" in found.statement
 
 
 def test_what_rings_anew_after_each_move_is_an_echo():

@@ -81,13 +81,16 @@ def _lasso(gram: Array, target: Array, price: float) -> list[int]:
         gram: inner products of columns of unit length, (p, p); target: with the data, (p,).
         price: of one column, of deviance.
     """
-    best, least, size = list[int](), 0.0, np.zeros(len(target))
+    best, least, size, left = list[int](), 0.0, np.zeros(len(target)), np.array(target)
     for penalty in np.abs(target).max(initial=0.0) * np.geomspace(1, 1e-2, PENALTIES):
         for _ in range(SWEEPS):
             before = size.copy()
-            for i in range(len(target)):
-                along = target[i] - gram[i] @ size + gram[i, i] * size[i]
-                size[i] = np.sign(along) * max(abs(along) - penalty, 0.0)
+            for i in np.flatnonzero((np.abs(left) > penalty) | (size != 0)):
+                along = left[i] + gram[i, i] * size[i]
+                new = np.sign(along) * max(abs(along) - penalty, 0.0)
+                if new != size[i]:
+                    left -= gram[:, i] * (new - size[i])
+                    size[i] = new
             if np.abs(size - before).max(initial=0.0) < 1e-3 * penalty:
                 break
         used = [int(i) for i in np.flatnonzero(size)]

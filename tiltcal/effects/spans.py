@@ -13,24 +13,27 @@ class SpectralLines:
     Args:
         tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
             ripples: a turn of an axis.
+        waves: sensor, axis and period, SI, of lines over the input of a channel.
     """
 
     tones: tuple[float, ...] = ()
     shakes: tuple[float, ...] = ()
     echoes: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
+    waves: tuple[tuple[str, str, float], ...] = ()
 
     def beside(self, known: "SpectralLines", width: float) -> "SpectralLines":
-        """Those tones, shakes and ripples that are not among the known ones; width: Hz, of a
-        line.
+        """Those lines, but for echoes, that are not among the known ones; width: Hz, of a line in
+        time.
         """
 
         def new(mine: Sequence[float], theirs: Sequence[float]) -> tuple[float, ...]:
             return tuple(f for f in mine if all(abs(f - g) > 2 * width for g in theirs))
 
         ripples = tuple(n for n in self.ripples if n not in known.ripples)
+        waves = tuple(wave for wave in self.waves if wave not in known.waves)
         return SpectralLines(
-            new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples
+            new(self.tones, known.tones), new(self.shakes, known.shakes), (), ripples, waves
         )
 
 

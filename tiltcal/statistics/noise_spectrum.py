@@ -231,6 +231,12 @@ class NoiseFit:
         bins = SpectrumBins(weight, power, inverse, 1.0)
         return cls(law.most_likely(bins), bins)
 
+    @cached_property
+    def deviance(self) -> float:
+        """-2 log likelihood of the model, up to a constant of the spectrum."""
+        S = self.model.density(1 / self.bins.inverse) / self.bins.scale
+        return float(self.bins.weight @ np.log(S) + (self.bins.power / S).sum())
+
     def bounds(self, drop: float = CONFIDENCE) -> tuple[NoiseModel, NoiseModel]:
         """The noisiest models that the record allows: the deviance rises by ``drop``."""
         if not len(self.bins.weight):

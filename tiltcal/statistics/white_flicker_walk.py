@@ -17,6 +17,7 @@ SCORINGS = 60  # at most: convergence is quadratic in the end
 CLOSE = 1e-7  # of the deviance, that a further step may bring
 LEAST_WHITE = np.exp(-12.0)  # share of the mean power
 NOTHING = -14.0  # log of a variance, over that which the slowest bin would have from it alone
+PROBABLE = {"xatol": 0.05, "fatol": 1e-3}  # of logarithms of variances, and nats
 LESS = 1e-2  # of a slow variance, from where a more probable model is looked for too
 
 
@@ -65,7 +66,8 @@ class WhiteFlickerWalk(NoiseModel):
 
     def most_probable(self, bins: SpectrumBins, price: Callable[[Self], float]) -> Self:
         """The model of the largest posterior probability: simplex method in the logarithms of the
-        variances, from where the likelihood is largest with all or little of the slow noise.
+        variances, from where the likelihood is largest with all or little of the slow noise, or
+        with as much as white noise has where it is slowest.
         """
         from scipy.optimize import minimize
 
@@ -74,9 +76,11 @@ class WhiteFlickerWalk(NoiseModel):
             v[0] = max(v[0], LEAST_WHITE)
             return v
 
+        shares = _shares(bins)
+
         def cost(logs: Array) -> float:
             v = variances(logs)
-            return deviance(bins, v) / 2 + price(self._at(v, bins))
+            return _deviance(bins, shares @ v) / 2 + price(self._at(v, bins))
 
         best = np.array([self.white, self.flicker, self.walk]) ** 2 / bins.scale
         slowest = 1 / float(bins.inverse.max())
@@ -86,9 +90,11 @@ class WhiteFlickerWalk(NoiseModel):
             less = best.copy()
             less[k] *= LESS
             starts.append(search(bins, less, k)[1])
+        starts.append(np.maximum(best, best[0] * slowest ** np.arange(3)))
         logs = min((np.log(np.maximum(v, nothing)) for v in starts), key=cost)
         simplex = np.vstack([logs, logs + np.eye(3)])
-        found = minimize(cost, logs, method="Nelder-Mead", options={"initial_simplex": simplex})
+        options = {"initial_simplex": simplex, **PROBABLE}
+        found = minimize(cost, logs, method="Nelder-Mead", options=options)
         return self._at(variances(found.x), bins)
 
     def bounds(self, bins: SpectrumBins, drop: float) -> tuple[NoiseModel, NoiseModel]:
@@ -113,12 +119,15 @@ class WhiteFlickerWalk(NoiseModel):
 
     @classmethod
     def _at(cls, v: Array, bins: SpectrumBins) -> Self:
-        return cls(*(float(x) for x in np.sqrt(v * bins.scale)))
+        return cls(*np.sqrt(v * bins.scale).tolist())
 
 
 def deviance(bins: SpectrumBins, v: Array) -> float:
     """-2 log likelihood at the variances v = (sw^2, sf^2, sr^2) / scale. v: (3,)."""
-    S = _shares(bins) @ v
+    return _deviance(bins, _shares(bins) @ v)
+
+
+def _deviance(bins: SpectrumBins, S: Array) -> float:
     return float(bins.weight @ np.log(S) + (bins.power / S).sum())
 
 

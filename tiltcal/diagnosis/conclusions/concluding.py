@@ -106,10 +106,11 @@ def _finding(
 
 def _unlisted(finding: Finding, effect: Learned, seen: SeenRange | None) -> Finding:
     """The finding as a curve that no effect of the catalogue fits."""
+    words = learned_name(effect)
     return replace(
         finding,
         where=replace(finding.where, seen=seen),
-        statement=f"{learned_name(effect).capitalize()}: no named effect has this form."
+        statement=f"{words[0].upper()}{words[1:]}: no named effect has this form."
         + fitted_as(finding.parts)
         + (seen.words if seen else ""),
         next_measurement=next_step((), effect),

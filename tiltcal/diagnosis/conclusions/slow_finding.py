@@ -7,6 +7,7 @@ from tiltcal.diagnosis.search.slow_variation import SlowVariation
 
 def slow_finding(slow: SlowVariation) -> Finding:
     """The finding; it has no part in the amended scenario, where it stays noise."""
+    beside = f"the other axes of {slow.sensor}" if slow.beside_axes else "the worst grade"
     return Finding(
         effect=None,
         names=(),
@@ -16,7 +17,7 @@ def slow_finding(slow: SlowVariation) -> Finding:
         where=Where("time"),
         p_value=1 - slow.probability,
         statement=f"Slow variation of {slow.sensor} {slow.axis} that no listed effect explains:"
-        f" {slow.times:.0f} times the slow noise of the worst grade.",
+        f" {slow.times:.0f} times the slow noise of {beside}.",
         next_measurement="record the instrument at rest for as long, to see whether it varies"
         " without motion",
         probability=slow.probability,

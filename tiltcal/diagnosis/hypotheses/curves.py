@@ -106,6 +106,11 @@ def _reading_curves(
     for cls, count in product(_of_any_form(sensor, "input"), (9, 17, 33)):
         if knots := even_knots(f"{sensor.name}_input", span, count):
             yield replace(curve_over(LearnedReading, "input", knots, **where), alias=cls.id)
+    for period in (p for *channel, p in span.lines.waves if channel == [sensor.name, axis]):
+        for per_input in (False, True):
+            yield curve_over(
+                LearnedReading, "input", harmonics(2), period=period, per_input=per_input, **where
+            )
     inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
     turns = [f"angular_acceleration_{a}" for a in "xyz"]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"

@@ -1,14 +1,14 @@
 """Slow variation that is too large to be an instrument's noise, and that no cause explains.
 
 It fits a random walk or flicker as well as any other slow course, so that only the prior decides:
-instruments have grades.
+instruments have grades, and the axes of one are alike.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.diagnosis.model.noise_prior import above_grades, price_of
+from tiltcal.diagnosis.model.noise_prior import above_price, instruments, unlike_others
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES
 from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
@@ -23,30 +23,42 @@ class SlowVariation:
     """Slow variation of one axis of a sensor.
 
     Args:
-        sensor, axis: whose; times: the slow noise of the worst grade, that it is as large as.
+        sensor, axis: whose.
+        times: the slow noise of the worst grade, that it is as large as; or that of the other axes
+            of the sensor, where that says more.
+        beside_axes: whether it is that.
         probability: that it is no noise.
     """
 
     sensor: str
     axis: str
     times: float
+    beside_axes: bool
     probability: float
 
 
 def slow_variations(whitened: WhitenedModel, claim: float) -> tuple[SlowVariation, ...]:
     """The channels whose slow noise is no noise with at least this probability: beyond that of the
-    worst grade by its size, not only beside the white noise.
+    worst grade by its size, not only beside the white noise, or unlike that of the sensor's other
+    axes.
     """
-    observations = whitened.observations
+    observations, fits = whitened.observations, whitened.fits
     prior = SOMETHING * UNLISTED / len(observations.channels) / len(ENERGIES)
     found = []
-    for channel, fit in zip(observations.channels, whitened.fits, strict=True):
-        if channel.derived:
-            continue
-        above = above_grades(channel, observations, fit.model).min(axis=0) * _share(fit)
-        chance = float(1 / (1 + np.exp(-(price_of(above) + np.log(prior)))))
-        if chance >= claim:
-            found.append(SlowVariation(channel.sensor, channel.axis, float(above.max()), chance))
+    for one in instruments(observations, fits):
+        together = [fits[i] for i in one.which]
+        for k, (i, axis) in enumerate(zip(one.which, one.axes, strict=True)):
+            channel = observations.channels[i]
+            if channel.derived:
+                continue
+            above = axis.above_grades(fits[i].model).min(axis=0) * _share(fits[i])
+            large, (unlike, times) = above_price(above.tolist()), unlike_others(one, k, together)
+            chance = float(1 / (1 + np.exp(-(large + unlike + np.log(prior)))))
+            if chance >= claim and times >= 1:
+                size = times if unlike > large else float(above.max())
+                found.append(
+                    SlowVariation(channel.sensor, channel.axis, size, unlike > large, chance)
+                )
     return tuple(found)
 
 

@@ -33,6 +33,7 @@ def spectral_lines_of(observations: Observations, fitted: FittedModel) -> Spectr
         shakes_of(observations, fitted),
         echoes_of(observations, fitted),
         ripples_of(observations, fitted),
+        waves_of(observations, fitted),
     )
 
 
@@ -123,6 +124,32 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
             found.append((float(gain[n]), n))
             gain = after
     return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
+
+
+def waves_of(observations: Observations, fitted: FittedModel) -> tuple[tuple[str, str, float], ...]:
+    """Sensor, axis and period, SI, of lines in the residual of a reading over its own input,
+    strongest first: one for each channel at most, and none by hand.
+    """
+    found: list[tuple[float, str, str, float]] = []
+    left, watches = observations.residuals(fitted.effects), observations.watches(fitted.effects)
+    for channel, residual in zip(observations.channels, left, strict=True):
+        if channel.derived or channel.recording >= len(watches):
+            continue
+        sense = watches[channel.recording].sense[channel.sensor]
+        felt = sense.true_input()
+        rows = np.minimum(channel.rows // observations.block, len(felt) - 1)
+        own = felt[rows, channel.column]
+        span = float(np.ptp(own))
+        if not span:
+            continue
+        power = np.abs(_harmonics(2 * np.pi * (own - own.min()) / (FINER * span), residual)) ** 2
+        seen = power[FINER * FIRST :]
+        k = int(np.argmax(seen))
+        strength = float(seen[k] / max(float(np.median(seen)), np.finfo(float).tiny)) * np.log(2)
+        if strength > np.log(LINES / CHANCE):
+            period = FINER * span / (FINER * FIRST + k)
+            found.append((strength, channel.sensor, channel.axis, period))
+    return tuple(wave[1:] for wave in sorted(found, reverse=True)[:MOST])
 
 
 def _gains(

@@ -17,7 +17,7 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.statistics.noise_spectrum import cosines, estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
-# bias instability of x, y and z, gyro and accelerometer, each in a unit of its own, as the owners of
+# bias instability of x, y and z, gyro and accelerometer, each in a unit of its own, as owners of
 # these instruments published what imu_utils and allan_variance_ros made of hours at rest
 TRIADS = {
     "Xsens MTi of a camera rig": ((8.736, 7.369, 8.728), (1.371, 1.091, 1.464)),
@@ -102,11 +102,10 @@ def test_the_most_probable_noise_of_the_axes_is_no_dearer_than_the_most_likely_o
     one, fits = priors(3), noise_fits([WALK, 8 * WALK, WALK], 3)
     probable = one.most_probable(fits)
     assert one.cost(probable) <= one.cost(fits) + 1e-3
-    apart = [
-        np.ptp([a.level(f.model) for a, f in zip(one.axes, x, strict=True)])
-        for x in (fits, probable)
+    levels = [
+        [a.level(f.model) for a, f in zip(one.axes, x, strict=True)] for x in (fits, probable)
     ]
-    assert apart[1] < apart[0]
+    assert np.ptp(levels[1]) < np.ptp(levels[0])
 
 
 @pytest.mark.slow

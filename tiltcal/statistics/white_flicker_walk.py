@@ -17,7 +17,7 @@ SCORINGS = 60  # at most: convergence is quadratic in the end
 CLOSE = 1e-7  # of the deviance, that a further step may bring
 LEAST_WHITE = np.exp(-12.0)  # share of the mean power
 NOTHING = -14.0  # log of a variance, over that which the slowest bin would have from it alone
-PROBABLE = {"xatol": 0.05, "fatol": 1e-3}  # of logarithms of variances, and nats
+SAME, NEAR = 0.05, 1e-3  # logarithm of a variance, and nats, that a simplex has left
 LESS = 1e-2  # of a slow variance, from where a more probable model is looked for too
 
 
@@ -93,8 +93,12 @@ class WhiteFlickerWalk(NoiseModel):
         starts.append(np.maximum(best, best[0] * slowest ** np.arange(3)))
         logs = min((np.log(np.maximum(v, nothing)) for v in starts), key=cost)
         simplex = np.vstack([logs, logs + np.eye(3)])
-        options = {"initial_simplex": simplex, **PROBABLE}
-        found = minimize(cost, logs, method="Nelder-Mead", options=options)
+        found = minimize(
+            cost,
+            logs,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "xatol": SAME, "fatol": NEAR},
+        )
         return self._at(variances(found.x), bins)
 
     def bounds(self, bins: SpectrumBins, drop: float) -> tuple[NoiseModel, NoiseModel]:

@@ -13,7 +13,7 @@ STEP = 0.02  # s
 
 def test_differentiation_of_a_readout_is_smooth_and_zero_at_rest():
     time = np.linspace(0, 10, 1001)
-    v, a, _ = differentiate(time, np.sin(time), np.zeros(1001, bool))
+    v, a, *_ = differentiate(time, np.sin(time), np.zeros(1001, bool))
     np.testing.assert_allclose(v[20:-20], np.cos(time)[20:-20], atol=1e-5)
     np.testing.assert_allclose(a[20:-20], -np.sin(time)[20:-20], atol=1e-3)
     assert not differentiate(time, np.sin(time), np.ones(1001, bool))[0].any()
@@ -143,6 +143,27 @@ def test_rounded_stamps_ask_for_longer_windows(rng):
     assert np.std((v - rate)[30:-30]) < narrow / 4  # with the noise of the readout alone: 0.35
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_log_that_ends_under_way_tells_its_last_rates(turned, rng):
+    """No window is around the last rows: there the narrowest is one-sided, and its noise is told
+    with it. Sixty logs: the last row is off by no more than that noise allows.
+    """
+    beyond = []
+    for _ in range(60):
+        time = np.arange(0, 4, STEP)
+        angle, rate = 0.3 * np.maximum(time - 3.0, 0) ** 2, 0.6 * np.maximum(time - 3.0, 0)
+        read = angle + NOISE * rng.standard_normal(len(time))
+        still = angle == 0
+        if turned:
+            read, rate, still = read[::-1], -rate[::-1], still[::-1]
+        v, a, noise, other = differentiate(time, read, still)
+        last = slice(0, 2) if turned else slice(-2, None)
+        beyond += list(np.abs(v - rate)[last] / noise[last])
+        beyond += list(np.abs(a - 0.6)[last] / other[last])
+    assert max(beyond) < 5.0
+    assert np.mean(np.square(beyond)) < 1.5
+
+
 @pytest.mark.parametrize("tick", [0.0, 1e-4])
 def test_the_noise_of_a_rate_is_what_it_is_off_by(tick, rng):
     """Of a turn with ramps and of a swing, with stamps that scatter and may be rounded: the means
@@ -158,7 +179,7 @@ def test_the_noise_of_a_rate_is_what_it_is_off_by(tick, rng):
     truth = np.radians(30) * (1 + np.cos(np.pi * u)) / 2 + 0.6 * np.sin(3 * swing)
     still = (time > 41.1) & (time < 60)
     stamps = np.rint(time / tick) * tick if tick else time
-    v, _, noise = differentiate(stamps, angle + NOISE * rng.standard_normal(3000), still)
+    v, _, noise, _ = differentiate(stamps, angle + NOISE * rng.standard_normal(3000), still)
     assert not noise[still].any()
     for part in (time < 39, (time > 62) & (time < 148)):
         off = ((v - truth)[part] / noise[part])[: part.sum() // 16 * 16].reshape(-1, 16)

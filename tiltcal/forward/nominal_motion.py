@@ -81,9 +81,11 @@ class NominalMotion:
             changes = self._moved(effect, beside)
         return {name: self._converted(name, change, effect) for name, change in changes.items()}
 
-    def by_rate(self, axis: str) -> dict[str, Array]:
-        """Change of the readings of each sensor with the rate of an axis, per rad/s, SI, (n, k)."""
-        force, rate = self.responses.to({("axis", axis): Jet(0.0, np.ones(len(self.time)))})
+    def by_motion(self, axis: str, change: Jet) -> dict[str, Array]:
+        """Change of the readings of each sensor by a small one of the motion of an axis, SI,
+        (n, k). change: (n,).
+        """
+        force, rate = self.responses.to({("axis", axis): change})
         return {name: self._said(name, c) for name, c in self._read(force, rate).items()}
 
     def curve(self, effect: Learned) -> Jet:
@@ -216,9 +218,11 @@ class SeveralPlaces(NominalMotion):
         """The same motion through other sensor matrices, by sensor, (axes, 3)."""
         return SeveralPlaces(self.setup, [part.through(matrices) for part in self.parts])
 
-    def by_rate(self, axis: str) -> dict[str, Array]:
-        """Change of the readings of each sensor with the rate of an axis, per rad/s, SI, (n, k)."""
-        return {name: change for p in self.parts for name, change in p.by_rate(axis).items()}
+    def by_motion(self, axis: str, change: Jet) -> dict[str, Array]:
+        """Change of the readings of each sensor by a small one of the motion of an axis, SI,
+        (n, k). change: (n,).
+        """
+        return {n: read for p in self.parts for n, read in p.by_motion(axis, change).items()}
 
     def changes(self, effect: Effect, beside: Sequence[Effect] = ()) -> dict[str, Array]:
         """Change of the readings of each sensor that changes, SI, (n, k); beside: see

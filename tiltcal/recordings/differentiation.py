@@ -40,17 +40,18 @@ ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
 
 class Rates(NamedTuple):
-    """Rate and acceleration of a readout, rad/s and rad/s2, and the noise of the rate, rad/s, (n,)
-    each: the standard deviation of white noise that hides as much of a slow course.
+    """Rate and acceleration of a readout, rad/s and rad/s2, and the noise of both, (n,) each: the
+    standard deviation of white noise that hides as much of a slow course.
     """
 
     rate: Array
     acceleration: Array
     noise: Array
+    acceleration_noise: Array
 
 
 def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHERE) -> Rates:
-    """Rate and acceleration of a readout, exactly zero at rest, and the noise of the rate.
+    """Rate and acceleration of a readout, exactly zero at rest, and the noise of both.
 
     Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
     the noise of readout and stamps and tells the rate best: long in steady turns, short where moves
@@ -62,7 +63,7 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
         still: rows at which the axis rests, (n,).
         parted: first rows after pauses of the log.
     """
-    found = Rates(*np.zeros((3, len(angle))))
+    found = Rates(*np.zeros((4, len(angle))))
     readout = noise_of_rests(angle, still, parted)
     for rows in stretches(len(time), parted):
         part = _of_stretch(time[rows], angle[rows], still[rows], readout)
@@ -118,7 +119,7 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
 
     even = _evenly(time, angle)
     if even is None:
-        return Rates(*np.zeros((3, len(angle))))
+        return Rates(*np.zeros((4, len(angle))))
     grid, uniform = even
     n, step = len(grid), float(grid[1] - grid[0])
     readout, pace = told or _noise_of_motion(uniform), _pace(uniform)
@@ -126,11 +127,14 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
     beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
     reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
     wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
-    v, a, variance = np.zeros((3, n))
+    v, a, *errors = np.zeros((4, n))
     if wanted.sum() >= WIDTHS[0]:
         noise = np.hypot(readout, late * pace)[wanted]
-        v[wanted], a[wanted], variance[wanted] = _by_best_windows(uniform[wanted], noise)
-    variance = np.where(still, 0.0, np.interp(time, grid, variance))
+        for whole, part in zip(
+            (v, a, *errors), _by_best_windows(uniform[wanted], noise), strict=True
+        ):
+            whole[wanted] = part
+    variance, bending = (np.where(still, 0.0, np.interp(time, grid, e)) for e in errors)
     v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
     lined = _on_lines(uniform, np.hypot(readout, late * pace))
@@ -140,10 +144,12 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
         better = c.near | (~still[c.rows] & (c.variance < variance[c.rows]))
         rows = c.rows[better]
         v[rows], a[rows] = c.rate[better], c.acceleration[better]
-        variance[rows] = c.variance[better]
-    # a stamp that is off tells the rate of another instant
+        variance[rows], bending[rows] = c.variance[better], c.bending[better]
+    # a stamp that is off tells the motion of another instant
     noise = np.hypot(CHOSEN * np.sqrt(SHARED * variance), late * a)
-    return Rates(v / step, a / step**2, noise / step)
+    jerk = np.where(still, 0.0, np.gradient(a, time / step))
+    other = np.hypot(CHOSEN * np.sqrt(SHARED * bending), late * jerk)
+    return Rates(v / step, a / step**2, noise / step, other / step**2)
 
 
 def _on_lines(u: Array, noise: Array) -> Mask:
@@ -171,22 +177,29 @@ def _pace(u: Array) -> Array:
     )
 
 
-def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array]:
-    """First and second derivative per sample from the polynomials of the best windows, and the
-    expected square of the first one's error, (n,) each.
+def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
+    """First and second derivative per sample from the polynomials of the windows that are best for
+    the first, and the expected squares of the errors of both, (n,) each.
 
-    That is its variance and the square of its bias, told from the rate that a polynomial of two
-    degrees more has (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
+    That is the variance and the square of the bias, told from what a polynomial of two degrees
+    more has (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
 
     Args:
         u: angle, rad. noise: of each sample, rad, (n,).
     """
     n, half = len(u), WIDTHS[0] // 2
     first, second = _weights(WIDTHS[0], half, DEGREES[0])
-    v, a = _centred(u, first), _centred(u, second)
-    narrowest = float(first @ first) * noise**2
+    v, a = np.zeros((2, n))
+    v[half : n - half] = np.convolve(u, first[::-1], mode="valid")
+    a[half : n - half] = np.convolve(u, second[::-1], mode="valid")
+    narrowest, bending = (float(w @ w) * noise**2 for w in (first, second))
     error = narrowest.copy()
-    error[:half] = error[n - half :] = np.inf  # no window is around the ends
+    for row in (*range(half), *range(n - half, n)):  # no window is around the ends
+        begin = 0 if row < half else n - WIDTHS[0]
+        first, second = _weights(WIDTHS[0], row - begin, DEGREES[0])
+        v[row], a[row] = (float(w @ u[begin : begin + WIDTHS[0]]) for w in (first, second))
+        narrowest[row], bending[row] = (float(w @ w) * noise[row] ** 2 for w in (first, second))
+        error[row] = np.inf
     fits = {(w, d): _fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
     for places in (AROUND, BESIDE):
         wanted = np.ones(n, bool) if places is AROUND else error >= narrowest
@@ -194,16 +207,25 @@ def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array]:
             place = round(share * (width - 1))
             first, second = _weights(width, place, degree)
             rows = slice(place, n - width + 1 + place)
-            expected = float(first @ first) * noise[rows] ** 2
+            expected, bent = (float(w @ w) * noise[rows] ** 2 for w in (first, second))
             if width > degree + 3:
-                more = _weights(width, place, degree + 2)[0] - first
-                bias = np.convolve(u, more[::-1], mode="valid") ** 2
-                expected = expected + np.maximum(bias - float(more @ more) * noise[rows] ** 2, 0)
+                more = _weights(width, place, degree + 2)
+                expected = expected + _bias(u, more[0] - first, noise[rows])
+                bent = bent + _bias(u, more[1] - second, noise[rows])
             better = fit & wanted[rows] & (expected < error[rows])
             v[rows] = np.where(better, np.convolve(u, first[::-1], mode="valid"), v[rows])
             a[rows] = np.where(better, np.convolve(u, second[::-1], mode="valid"), a[rows])
             error[rows] = np.where(better, expected, error[rows])
-    return v, a, np.where(np.isinf(error), narrowest, error)
+            bending[rows] = np.where(better, bent, bending[rows])
+    return v, a, np.where(np.isinf(error), narrowest, error), bending
+
+
+def _bias(u: Array, more: Array, noise: Array) -> Array:
+    """Square of what the weights of a higher degree add in each full window, beyond its noise,
+    (m,). more: those weights less the weights in use; noise: of the sample told, rad, (m,).
+    """
+    added = np.convolve(u, more[::-1], mode="valid") ** 2
+    return np.asarray(np.maximum(added - float(more @ more) * noise**2, 0.0))
 
 
 def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:
@@ -267,15 +289,4 @@ def _noise_of_motion(uniform: Array) -> float:
             MAD_TO_SIGMA * np.median(np.abs(np.diff(uniform, k))) / np.sqrt(comb(2 * k, k))
             for k in ORDERS
         )
-    )
-
-
-def _centred(u: Array, weights: Array) -> Array:
-    """Weighted sums of the windows around every sample, (n,); the ends held (Savitzky and Golay
-    1964).
-    """
-    return np.convolve(
-        np.pad(u, len(weights) // 2, mode="reflect", reflect_type="odd"),
-        weights[::-1],
-        mode="valid",
     )

@@ -54,7 +54,7 @@ class Replay:
         axes = {}
         nearest = nearest_rows(self.time, time)
         for name, angle in self.angles.items():
-            v, a, _ = self._rates[name]
+            v, a, *_ = self._rates[name]
             if len(time) == len(self.time) and np.array_equal(time, self.time):
                 axes[name] = Jet(angle, v, a)
                 continue
@@ -67,9 +67,11 @@ class Replay:
             )
         return self.standing(time, axes)
 
-    def rate_noise(self, axis: str) -> Array:
-        """Standard deviation of the rate that an axis' readout tells, rad/s, (n,)."""
-        return self._rates[axis].noise
+    def motion_noise(self, axis: str) -> tuple[Array, Array]:
+        """Standard deviations of the rate, rad/s, and the acceleration, rad/s2, that an axis'
+        readout tells, (n,) each.
+        """
+        return self._rates[axis].noise, self._rates[axis].acceleration_noise
 
     @cached_property
     def _rates(self) -> dict[str, Rates]:
@@ -78,8 +80,8 @@ class Replay:
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
             sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
-            v, a, noise = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
-            found[name] = Rates(sign * v, sign * a, noise)
+            v, a, *noise = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
+            found[name] = Rates(sign * v, sign * a, *noise)
         return found
 
     @cached_property

@@ -53,7 +53,7 @@ def corners(time: Array, angle: Array, still: Mask, steady: Mask, noise: Array) 
     n = len(time)
     yield from _fitted(side_of(time, angle, still, steady, noise))
     for c in _fitted(side_of(-time[::-1], angle[::-1], still[::-1], steady[::-1], noise[::-1])):
-        yield Corner(n - 1 - c.rows, c.near, -c.rate, c.acceleration, c.variance)
+        yield Corner(n - 1 - c.rows, c.near, -c.rate, c.acceleration, c.variance, c.bending)
 
 
 def edges(

@@ -31,7 +31,7 @@ class Corner:
     Args:
         rows: (n,); near: of them those that every window would take across the corner, (n,).
         rate, acceleration: per sample and per sample squared, (n,).
-        variance: of the rate, rad2, (n,).
+        variance: of the rate, bending: of the acceleration, rad2, (n,).
     """
 
     rows: Index
@@ -39,6 +39,7 @@ class Corner:
     rate: Array
     acceleration: Array
     variance: Array
+    bending: Array
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,8 @@ def spread_of(width: int, powers: tuple[float, ...]) -> float:
     readout's.
     """
     u = np.maximum(np.arange(width + 1) - 1.5, 0.0)
-    return float(_variance(u, np.ones(len(powers)), np.ones(len(u)), powers)[u > 0][:3].sum())
+    rate, _ = _variances(u, np.ones(len(powers)), np.ones(len(u)), powers)
+    return float(rate[u > 0][:3].sum())
 
 
 def instants(
@@ -201,25 +203,35 @@ def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant
     c = np.linalg.lstsq(
         np.column_stack([u**p / noise for p in powers]), beyond[0] / noise, rcond=None
     )[0]
-    rate, bend = _rates(u, c, powers)
-    variance = _variance(u, c, noise, powers)
-    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, variance)
+    rate, bend, _ = _derivatives(u, c, powers)
+    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, *_variances(u, c, noise, powers))
 
 
-def _rates(u: Array, c: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:
-    """First and second derivative of the course, (n,)."""
-    v = sum((a * p * u ** (p - 1) for a, p in zip(c, powers, strict=True)), np.zeros_like(u))
-    bend = sum(
-        (a * p * (p - 1) * u ** (p - 2) for a, p in zip(c, powers, strict=True)), np.zeros_like(u)
-    )
-    return v, np.where(u > 0, bend, 0.0)
+def _derivatives(u: Array, c: Array, powers: tuple[float, ...]) -> Array:
+    """First to third derivative of the course, nothing before the instant, (3, n)."""
+    found = np.zeros((3, len(u)))
+    for a, p in zip(c, powers, strict=True):
+        factor = a
+        for k in range(3):
+            factor *= p - k
+            if factor:
+                found[k] += np.where(u > 0, factor * u ** (p - k - 1), 0.0)
+    return found
 
 
-def _variance(u: Array, c: Array, noise: Array, powers: tuple[float, ...]) -> Array:
-    """Of the rate, the instant being fitted too, in units of the noise squared, (n,)."""
-    v, bend = _rates(u, c, powers)
+def _variances(u: Array, c: Array, noise: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:
+    """Of the rate and of the acceleration, the instant being fitted too, in units of the noise
+    squared, (n,) each.
+    """
+    v, bend, jerk = _derivatives(u, c, powers)
     fitted = np.column_stack([*(u**p for p in powers), -v]) / noise[:, None]
     rate = np.column_stack([*(p * u ** (p - 1) for p in powers), -bend])
+    moving = u > 0
+    second = [np.where(moving, p * (p - 1) * u ** (p - 2), 0.0) for p in powers]
+    acceleration = np.column_stack([*second, -jerk])
     scale = np.linalg.norm(fitted, axis=0) + (np.linalg.norm(fitted, axis=0) == 0)
     spread = np.linalg.pinv(fitted / scale)
-    return np.asarray(((rate / scale @ spread) ** 2).sum(axis=1))
+    of_rate, of_acceleration = (
+        np.asarray(((each / scale @ spread) ** 2).sum(axis=1)) for each in (rate, acceleration)
+    )
+    return of_rate, of_acceleration

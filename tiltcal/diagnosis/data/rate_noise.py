@@ -1,5 +1,5 @@
-"""How much more uncertain readings are while a table is fast: their prediction holds the noise of
-the rates that the readout tells.
+"""How much more uncertain readings are while a table moves: their prediction holds the noise of the
+rates and the accelerations that the readout tells.
 """
 
 from collections.abc import Iterator, Sequence
@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.block_grid import Sampling
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.recordings.replay import Replay
+from tiltcal.setup.trajectory import Jet
 from tiltcal.statistics.noise_spectrum import robust_white
 
 FEW = 50  # rows at rest that tell the noise
@@ -35,15 +37,28 @@ def with_spread(
     variances = [np.zeros(len(c.values)) for c in channels]
     for number, (course, watch) in enumerate(zip(courses, watches, strict=True)):
         for axis in course.angles:
-            noise = np.interp(watch.time, course.time, course.rate_noise(axis))
-            changes = watch.by_rate(axis) if noise.any() else {}
-            for i, c in enumerate(channels):
-                if c.recording == number and c.sensor in changes:
-                    each = changes[c.sensor][:, c.column] * noise
-                    variances[i] += samplings[i].of(each) ** 2 / block
+            for changes in _by_noise(axis, course, watch):
+                for i, c in enumerate(channels):
+                    if c.recording == number and c.sensor in changes:
+                        each = changes[c.sensor][:, c.column]
+                        variances[i] += samplings[i].of(each) ** 2 / block
     for channel, variance in zip(channels, variances, strict=True):
         spread = np.sqrt(1 + variance / _noise_at_rest(channel) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel
+
+
+def _by_noise(axis: str, course: Replay, watch: NominalMotion) -> Iterator[dict[str, Array]]:
+    """What one standard deviation of the rate of an axis, and of its acceleration, does to the
+    readings of each sensor, SI, (n, k).
+    """
+    rate, acceleration = (
+        np.interp(watch.time, course.time, noise) for noise in course.motion_noise(axis)
+    )
+    nothing = np.zeros(len(watch.time))
+    if rate.any():
+        yield watch.by_motion(axis, Jet(nothing, rate))
+    if acceleration.any():
+        yield watch.by_motion(axis, Jet(nothing, nothing, acceleration))
 
 
 def _noise_at_rest(channel: Channel) -> float:

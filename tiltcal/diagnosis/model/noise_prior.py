@@ -195,6 +195,7 @@ def unlike_others(one: InstrumentPrior, k: int, fits: Sequence[NoiseFit]) -> tup
     others, nats, and how many times their slow noise it has; (0, 1) where there are no others.
 
     Args:
+        one: the instrument; k: which axis.
         fits: of these axes, the most probable ones.
     """
     if len(fits) < 2:

@@ -29,6 +29,7 @@ instrument: so far apart are the published bias instabilities of the axes of 15 
 ROUNDS = 20  # at most, of one axis after the other
 CLOSE = 0.05  # nats, that a further round may bring
 NOTHING = 1e-300  # of a variance
+FASTEST = np.array([2.0])  # s of the highest frequency: all that is left there is white noise
 
 
 @dataclass(frozen=True)
@@ -85,9 +86,6 @@ class AxisPrior:
         of_flicker, of_walk = _variances(self.count)
         variance = flicker**2 * of_flicker + walk**2 * of_walk + model.white**2 / self.count
         return 0.5 * log(max(variance, NOTHING))
-
-
-FASTEST = np.array([2.0])  # s of the highest frequency: all that is left there is white noise
 
 
 @dataclass(frozen=True)

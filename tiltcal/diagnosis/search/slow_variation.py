@@ -46,7 +46,7 @@ def slow_variations(whitened: WhitenedModel, claim: float) -> tuple[SlowVariatio
     prior = SOMETHING * UNLISTED / len(observations.channels) / len(ENERGIES)
     found = []
     for one in instruments(observations, fits):
-        together = [fits[i] for i in one.which]
+        together = one.most_probable([fits[i] for i in one.which])  # a record at rest has others
         for k, (i, axis) in enumerate(zip(one.which, one.axes, strict=True)):
             channel = observations.channels[i]
             if channel.derived:
@@ -54,7 +54,7 @@ def slow_variations(whitened: WhitenedModel, claim: float) -> tuple[SlowVariatio
             above = axis.above_grades(fits[i].model).min(axis=0) * _share(fits[i])
             large, (unlike, times) = above_price(above.tolist()), unlike_others(one, k, together)
             chance = float(1 / (1 + np.exp(-(large + unlike + np.log(prior)))))
-            if chance >= claim and times >= 1:
+            if chance >= claim and times >= 1:  # of two axes apart, the one with more
                 size = times if unlike > large else float(above.max())
                 found.append(
                     SlowVariation(channel.sensor, channel.axis, size, unlike > large, chance)

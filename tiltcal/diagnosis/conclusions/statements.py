@@ -125,10 +125,8 @@ def learned_name(effect: Learned) -> str:
         what += f" and repeats every {np.degrees(effect.period):.4g} deg"
     if effect.period and effect.coordinate == "input":
         what += f", with a period of {effect.period:.3g} in SI units"
-    if effect.play and effect.odd:
+    if effect.play:
         what = f"which way {what} last went, {_width(effect)} of it"
-    elif effect.play:
-        what = f"how far {what} is from the middle of a play of {_width(effect)}"
     if effect.lag and effect.coordinate != "temperature":
         what += f" with a memory of about {effect.lag:.0f} s"
         what += ", less what it follows at once" if effect.relaxing else ""

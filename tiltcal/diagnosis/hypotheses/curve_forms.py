@@ -35,14 +35,12 @@ def curve_over(
     return Hypothesis(effect, names, variants)
 
 
-def proportional(
-    curve: Hypothesis, variants: int = 1, alias: str | None = None, odd: bool = True
-) -> Hypothesis:
-    """What is in proportion to the coordinate of a curve, or to its modulus, in its place."""
+def proportional(curve: Hypothesis, variants: int = 1, alias: str | None = None) -> Hypothesis:
+    """What is in proportion to the coordinate of a curve, in its place."""
     effect = curve.effect
     assert isinstance(effect, Learned)
     return Hypothesis(
-        replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=odd),
+        replace(effect, values={"c0": 1e-6}, knots=(), power=1.0, odd=True),
         ("c0",),
         variants,
         alias,

@@ -46,11 +46,7 @@ def motion_of_readings(
         inputs: forces and rates that the sensor may feel.
     """
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    for per_input in (False, True):  # of the reading, and of the scale factor
-        over = {"per_input": per_input, **where}
-        yield from _motion(LearnedReading, rig.axis_names, span, over)
-        for force, travel in product([c for c in inputs if c.startswith("force")], LOADS):
-            yield from _played(LearnedReading, force, travel, len(LOADS), over)
+    yield from _motion(LearnedReading, rig.axis_names, span, where)
     if spread_knots("since_move", span):
         for frequency in span.lines.echoes:
             yield curve_over(
@@ -61,6 +57,8 @@ def motion_of_readings(
             late = curve_over(LearnedReading, coordinate, knots, lag=lag, **where)
             yield replace(odd_curve(late), variants=len(MEMORIES))
             yield proportional(late, len(MEMORIES))
+    for coordinate, travel in product([c for c in inputs if c.startswith("force")], LOADS):
+        yield _played(LearnedReading, coordinate, travel, len(LOADS), where)
     if knots := even_knots("braking", span, 7):
         yield curve_over(LearnedReading, "braking", knots, **where)
 
@@ -102,7 +100,7 @@ def loads_of_mount(span: CoordinateRanges) -> Iterator[Hypothesis]:
             late = curve_over(LearnedTilt, coordinate, knots, lag=lag, relaxing=relaxing, **where)
             yield proportional(late, 2 * len(CREEPS))
         for travel in LOADS:
-            yield from _played(LearnedTilt, coordinate, travel, len(LOADS), where)
+            yield _played(LearnedTilt, coordinate, travel, len(LOADS), where)
 
 
 def _motion(
@@ -120,7 +118,7 @@ def _motion(
     for name, travel in product(axes, TURNS):
         low, high = span.ranges.get(angle_channel(name), (0.0, 0.0))
         if high - low > travel:
-            yield from _played(cls, angle_channel(name), travel, len(TURNS), where)
+            yield _played(cls, angle_channel(name), travel, len(TURNS), where)
     if knots := even_knots("speed", span, 7):
         yield curve_over(cls, "speed", knots, **where)
         for lag in COOLING:
@@ -131,8 +129,7 @@ def _motion(
 
 def _played(
     cls: type[Learned], coordinate: str, travel: float, variants: int, where: dict[str, Any]
-) -> Iterator[Hypothesis]:
-    """What is in proportion to the state of a play, and to its modulus."""
+) -> Hypothesis:
+    """What is in proportion to the state of a play."""
     state = curve_over(cls, coordinate, (-1.0, 1.0), play=travel, **where)
-    for odd in (True, False):
-        yield proportional(state, 2 * variants, odd=odd)
+    return proportional(state, variants)

@@ -1,7 +1,7 @@
 """How significant each finding is, in the noisiest way that the recording allows."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm, whiten
 from tiltcal.diagnosis.model.noise_prior import with_probable_noise
 from tiltcal.diagnosis.model.removed_finding import remove_finding
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.effects.learned import LearnedReading
 from tiltcal.statistics.noise_spectrum import NoiseFit
 
 ALPHA = 0.01  # family-wise, over everything that was tried
@@ -70,6 +71,7 @@ class NoiseGate:
         it was taken from a record at rest.
         """
         left = whitened.as_fitted(self.noise(fitted, whitened))
+        left = replace(left, curved=_curved(fitted, whitened))
         return left if self.static is not None else with_probable_noise(left)
 
     def log_p(
@@ -86,6 +88,17 @@ class NoiseGate:
         ]
         worst = [max(pair) for pair in zip(*sides, strict=True)]
         return worst, whitened.under(models(fits))
+
+
+def _curved(fitted: FittedModel, whitened: WhitenedModel) -> frozenset[int]:
+    """Numbers of the channels to whose reading a nameless curve of the model adds."""
+    readings = {
+        (law.effect.sensor, law.effect.axis)
+        for law in (t.hypothesis for t in fitted.terms)
+        if not law.listed and isinstance(law.effect, LearnedReading)
+    }
+    channels = enumerate(whitened.observations.channels)
+    return frozenset(i for i, c in channels if (c.sensor, c.axis) in readings)
 
 
 def finding_log_p_values(

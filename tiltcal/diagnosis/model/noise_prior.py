@@ -149,13 +149,15 @@ class InstrumentPrior:
         return apart_price(levels, [log(max(m.white, NOTHING)) for m in models])
 
 
-def instruments(observations: Observations, fits: Sequence[NoiseFit]) -> list[InstrumentPrior]:
-    """The instruments of a recording; a channel that is no reading of its own, or whose noise was
-    not fitted, is one by itself.
+def instruments(whitened: WhitenedModel) -> list[InstrumentPrior]:
+    """The instruments of a recording; a channel that is no reading of its own, whose noise was not
+    fitted, or to which a nameless curve adds, is one by itself.
     """
+    observations, fits = whitened.observations, whitened.fits
     groups: dict[tuple[int, str, str], list[int]] = {}
     for i, (channel, fit) in enumerate(zip(observations.channels, fits, strict=bool(fits))):
-        alone = channel.derived or not channel.rate_hz or not len(fit.bins.weight)
+        told = channel.rate_hz and len(fit.bins.weight) and not channel.derived
+        alone = not told or i in whitened.curved
         key = (channel.recording, channel.sensor, channel.axis if alone else "")
         groups.setdefault(key, []).append(i)
     return [
@@ -169,10 +171,7 @@ def instruments(observations: Observations, fits: Sequence[NoiseFit]) -> list[In
 def noise_price(whitened: WhitenedModel) -> float:
     """-log prior of the noise of all channels, nats; nothing where it was not estimated."""
     fits = whitened.fits
-    return sum(
-        one.price([fits[i].model for i in one.which])
-        for one in instruments(whitened.observations, fits)
-    )
+    return sum(one.price([fits[i].model for i in one.which]) for one in instruments(whitened))
 
 
 def with_probable_noise(whitened: WhitenedModel) -> WhitenedModel:
@@ -180,7 +179,7 @@ def with_probable_noise(whitened: WhitenedModel) -> WhitenedModel:
     likelihood.
     """
     fits = list(whitened.fits)
-    for one in instruments(whitened.observations, fits):
+    for one in instruments(whitened):
         found = one.most_probable([fits[i] for i in one.which])
         for i, fit in zip(one.which, found, strict=True):
             fits[i] = fit

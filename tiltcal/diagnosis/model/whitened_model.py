@@ -28,6 +28,8 @@ class WhitenedModel:
         roots: square roots of their spectra, by channel, (n,) each.
         law: kind of noise model, wherever noise is estimated.
         fits: of the noise of each channel, where it was estimated.
+        curved: numbers of the channels to whose reading a nameless curve adds: what is left of
+            its law is in their noise.
     """
 
     columns: HypothesisColumns
@@ -35,6 +37,7 @@ class WhitenedModel:
     roots: tuple[Array, ...]
     law: type[NoiseModel] = WhiteFlickerWalk
     fits: tuple[NoiseFit, ...] = ()
+    curved: frozenset[int] = frozenset()
 
     @classmethod
     def of(
@@ -65,7 +68,8 @@ class WhitenedModel:
 
     def as_fitted(self, fits: Sequence[NoiseFit]) -> "WhitenedModel":
         """The same columns under an estimated noise."""
-        return replace(self.under([f.model for f in fits]), fits=tuple(fits))
+        told = self.under([f.model for f in fits])
+        return replace(told, fits=tuple(fits), curved=self.curved)
 
     def alone(self, hypotheses: Sequence[Hypothesis], around: Sequence[Effect]) -> "WhitenedModel":
         """Columns of these hypotheses only, under the same noise."""

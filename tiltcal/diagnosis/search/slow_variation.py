@@ -45,7 +45,7 @@ def slow_variations(whitened: WhitenedModel, claim: float) -> tuple[SlowVariatio
     observations, fits = whitened.observations, whitened.fits
     prior = SOMETHING * UNLISTED / len(observations.channels) / len(ENERGIES)
     found = []
-    for one in instruments(observations, fits):
+    for one in instruments(whitened):
         together = one.most_probable([fits[i] for i in one.which])  # a record at rest has others
         for k, (i, axis) in enumerate(zip(one.which, one.axes, strict=True)):
             channel = observations.channels[i]

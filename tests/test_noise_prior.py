@@ -1,16 +1,21 @@
 """What is known of the noise of instruments before it is read: grades, and axes that are alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_fixtures import bench, honest, recorded
 from statistics_helpers import rng_of
 
+from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.model.channel_noise import noise_under
 from tiltcal.diagnosis.model.noise_prior import (
     ALIKE,
     AxisPrior,
     InstrumentPrior,
     apart_price,
+    instruments,
     unlike_others,
 )
 from tiltcal.recordings.recording import Recording
@@ -106,6 +111,15 @@ def test_the_most_probable_noise_of_the_axes_is_no_dearer_than_the_most_likely_o
         [a.level(f.model) for a, f in zip(one.axes, x, strict=True)] for x in (fits, probable)
     ]
     assert np.ptp(levels[1]) < np.ptp(levels[0])
+
+
+def test_an_axis_with_a_nameless_curve_is_not_compared():
+    truth = bench()
+    found = prepare(honest(truth), [recorded(truth, 1)])
+    whitened = found.whitened.as_fitted(noise_under(found.start, found.whitened.columns))
+    assert [one.which for one in instruments(whitened)] == [(0, 1, 2)]
+    curved = replace(whitened, curved=frozenset({1}))
+    assert sorted(one.which for one in instruments(curved)) == [(0, 2), (1,)]
 
 
 @pytest.mark.slow

@@ -11,6 +11,8 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
+from tiltcal.effects.electronics.mains import MainsPickup
+from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import parse_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sequence import Step
@@ -68,10 +70,10 @@ def test_lost_rows_do_not_smear_a_tone():
 
 def test_a_hum_that_wanders_is_told_by_all_its_lines_together():
     """Its phase swings by 2.6 rad three times: the strongest of its lines has a quarter of its
-    energy, and does not stand out.
+    energy, and does not stand out. At 26.7 Hz 50 Hz shows near it.
     """
     table = bench().model_dump(exclude_defaults=True, by_alias=True)
-    table["sensor"][0]["rate_hz"] = 25.0
+    table["sensor"][0]["rate_hz"] = 26.7
     truth = parse_scenario({"schema": 1, **table})
     whole = recorded(truth, 4)
     time = whole.time - whole.time[0]
@@ -220,3 +222,46 @@ def test_what_stood_in_the_shadow_of_a_finding_comes_onto_the_ledger_later():
     new = {s.effect.values.get("frequency") for s in found.whitened.hypotheses[count:]}
     assert any(f is not None and abs(f - 3.37) < 0.01 for f in new)
     assert not extend_dictionary(found.whitened.columns, found.start, before)
+
+
+def test_the_odds_of_the_mains_follow_the_alias_of_a_grid():
+    """By hand, 30 Hz for 200 s: 50 Hz shows at 10 Hz, with half of 0.9 within 1 Hz, and 0.1 over 15
+    Hz; a cycle of anything else has 1 / (10 ln 3000) there.
+    """
+    span = CoordinateRanges(200.0, 30.0)
+    at_alias = MainsPickup.shape_odds({"frequency": 10.0}, span)
+    assert at_alias == pytest.approx(np.log((0.45 + 0.1 / 15) * 10 * np.log(3000)))
+    elsewhere = MainsPickup.shape_odds({"frequency": 4.0}, span)
+    assert elsewhere == pytest.approx(np.log(0.1 / 15 * 4 * np.log(3000)))
+    assert MainsPickup.shape_odds({"frequency": 50.0}, span) == pytest.approx(at_alias)
+
+
+def with_overtones(rate_hz, frequency, second, third):
+    """A set-up, and a recording with a tone of y that has overtones, of 1200 of deviance in all."""
+    table = bench().model_dump(exclude_defaults=True, by_alias=True)
+    table["sensor"][0]["rate_hz"] = rate_hz
+    truth = parse_scenario({"schema": 1, **table})
+    whole = recorded(truth, 4)
+    turn = 2 * np.pi * frequency * (whole.time - whole.time[0])
+    wave = np.sin(turn) + second * np.sin(2 * turn + 1.0) + third * np.sin(3 * turn)
+    columns = {name: whole.column(name) for name in whole.column_names}
+    size = WHITE * np.sqrt(1200.0 / np.sum(wave**2))
+    columns["accel_y_m_s2"] = columns["accel_y_m_s2"] + size * wave
+    return honest(truth), Recording.from_columns(whole.time, columns)
+
+
+@pytest.mark.slow
+def test_a_cycle_that_is_no_sinusoid_and_no_alias_of_a_grid_has_no_name():
+    scenario, recording = with_overtones(25.0, 3.1, 0.5, 0.3)
+    found = diagnose(scenario, [recording])
+    assert found.verdict == "unlisted"
+    assert "accel y that follows time, with a period of 0.323 s" in found.statement
+
+
+@pytest.mark.slow
+def test_overtones_at_the_alias_of_a_grid_are_of_the_mains():
+    """At 26 Hz 50 Hz shows at 2 Hz."""
+    scenario, recording = with_overtones(26.0, 2.0, 0.0, 0.2)
+    found = diagnose(scenario, [recording])
+    assert [f.effect for f in found.findings] == ["mains_pickup"]
+    assert "follows time, with a period of 0.5 s" in found.statement

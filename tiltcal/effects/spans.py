@@ -42,7 +42,7 @@ class CoordinateRanges:
     """What recordings span.
 
     Args:
-        duration: s; rate_hz: of the fastest sensor.
+        duration: s; rate_hz: samples a second.
         lines: that stand out of the residual.
         ranges: least and largest value of each coordinate, SI; that of a sensor's own input under
             ``<sensor>_input``.

@@ -111,3 +111,10 @@ class Traits:
     def shapes(cls, span: CoordinateRanges) -> list[dict[str, float]]:
         """Shapes at which a scan tries it, SI; none where the recordings cannot show it."""
         return [{}]
+
+    @classmethod
+    def shape_odds(cls, shape: Mapping[str, float], span: CoordinateRanges) -> float:
+        """Natural logarithm of the odds of a shape against an unlisted law of that shape, beside
+        the odds of the effect; 0: the shape tells nothing.
+        """
+        return 0.0

@@ -135,16 +135,20 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
         ):
             whole[wanted] = part
     variance, bending = (np.where(still, 0.0, np.interp(time, grid, e)) for e in errors)
-    v, a = CubicHermiteSpline(grid, v, a / step)(time), np.interp(time, grid, a)
+    v = CubicHermiteSpline(grid, v, a / step)(time)
+    a = CubicHermiteSpline(grid, a, np.gradient(a, step))(time)  # a line cuts off its peaks
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
     lined = _on_lines(uniform, np.hypot(readout, late * pace))
     steady = _lasting(~still & (np.interp(time, grid, lined) > 0.5))
     stamped = _with_stamps(readout, late, grid, time, angle)
     for c in corners(time / step, angle, still, steady, stamped):
-        better = c.near | (~still[c.rows] & (c.variance < variance[c.rows]))
-        rows = c.rows[better]
-        v[rows], a[rows] = c.rate[better], c.acceleration[better]
-        variance[rows], bending[rows] = c.variance[better], c.bending[better]
+        for whole, error, found, expected in (
+            (v, variance, c.rate, c.variance),
+            (a, bending, c.acceleration, c.bending),
+        ):
+            better = c.near | (~still[c.rows] & (expected < error[c.rows]))
+            rows = c.rows[better]
+            whole[rows], error[rows] = found[better], expected[better]
     # a stamp that is off tells the motion of another instant
     noise = np.hypot(CHOSEN * np.sqrt(SHARED * variance), late * a)
     jerk = np.where(still, 0.0, np.gradient(a, time / step))
@@ -178,8 +182,8 @@ def _pace(u: Array) -> Array:
 
 
 def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
-    """First and second derivative per sample from the polynomials of the windows that are best for
-    the first, and the expected squares of the errors of both, (n,) each.
+    """First and second derivative per sample, each from the polynomial of the window that is best
+    for it, and the expected squares of the errors of both, (n,) each.
 
     That is the variance and the square of the bias, told from what a polynomial of two degrees
     more has (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
@@ -187,37 +191,53 @@ def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array
     Args:
         u: angle, rad. noise: of each sample, rad, (n,).
     """
-    n, half = len(u), WIDTHS[0] // 2
-    first, second = _weights(WIDTHS[0], half, DEGREES[0])
-    v, a = np.zeros((2, n))
-    v[half : n - half] = np.convolve(u, first[::-1], mode="valid")
-    a[half : n - half] = np.convolve(u, second[::-1], mode="valid")
-    narrowest, bending = (float(w @ w) * noise**2 for w in (first, second))
-    error = narrowest.copy()
-    for row in (*range(half), *range(n - half, n)):  # no window is around the ends
-        begin = 0 if row < half else n - WIDTHS[0]
-        first, second = _weights(WIDTHS[0], row - begin, DEGREES[0])
-        v[row], a[row] = (float(w @ u[begin : begin + WIDTHS[0]]) for w in (first, second))
-        narrowest[row], bending[row] = (float(w @ w) * noise[row] ** 2 for w in (first, second))
-        error[row] = np.inf
+    n = len(u)
+    told, error = _by_narrowest(u, noise)
+    narrowest = error.copy()
+    for row in _ends(n):  # no window is around them
+        error[:, row] = np.inf
     fits = {(w, d): _fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
     for places in (AROUND, BESIDE):
-        wanted = np.ones(n, bool) if places is AROUND else error >= narrowest
+        wanted = np.ones((2, n), bool) if places is AROUND else error >= narrowest
         for ((width, degree), fit), share in product(fits.items(), places):
             place = round(share * (width - 1))
-            first, second = _weights(width, place, degree)
             rows = slice(place, n - width + 1 + place)
-            expected, bent = (float(w @ w) * noise[rows] ** 2 for w in (first, second))
-            if width > degree + 3:
-                more = _weights(width, place, degree + 2)
-                expected = expected + _bias(u, more[0] - first, noise[rows])
-                bent = bent + _bias(u, more[1] - second, noise[rows])
-            better = fit & wanted[rows] & (expected < error[rows])
-            v[rows] = np.where(better, np.convolve(u, first[::-1], mode="valid"), v[rows])
-            a[rows] = np.where(better, np.convolve(u, second[::-1], mode="valid"), a[rows])
-            error[rows] = np.where(better, expected, error[rows])
-            bending[rows] = np.where(better, bent, bending[rows])
-    return v, a, np.where(np.isinf(error), narrowest, error), bending
+            each = _weights(width, place, degree)
+            more = _weights(width, place, degree + 2) if width > degree + 3 else each
+            for k, weights in enumerate(each):
+                expected = float(weights @ weights) * noise[rows] ** 2
+                expected = expected + _bias(u, more[k] - weights, noise[rows])
+                better = fit & wanted[k, rows] & (expected < error[k, rows])
+                if better.any():
+                    found = np.convolve(u, weights[::-1], mode="valid")
+                    told[k, rows] = np.where(better, found, told[k, rows])
+                    error[k, rows] = np.where(better, expected, error[k, rows])
+    v, a = told
+    squares, bending = np.where(np.isinf(error), narrowest, error)
+    return v, a, squares, bending
+
+
+def _by_narrowest(u: Array, noise: Array) -> tuple[Array, Array]:
+    """First and second derivative per sample from the narrowest window around it, at the ends to
+    one side, and the variances of both, (2, n) each.
+    """
+    n, half = len(u), WIDTHS[0] // 2
+    told, variance = np.zeros((2, 2, n))
+    for k, weights in enumerate(_weights(WIDTHS[0], half, DEGREES[0])):
+        told[k, half : n - half] = np.convolve(u, weights[::-1], mode="valid")
+        variance[k] = float(weights @ weights) * noise**2
+    for row in _ends(n):
+        begin = 0 if row < half else n - WIDTHS[0]
+        for k, weights in enumerate(_weights(WIDTHS[0], row - begin, DEGREES[0])):
+            told[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
+            variance[k, row] = float(weights @ weights) * noise[row] ** 2
+    return told, variance
+
+
+def _ends(n: int) -> tuple[int, ...]:
+    """Rows that no window is around."""
+    half = WIDTHS[0] // 2
+    return (*range(half), *range(n - half, n))
 
 
 def _bias(u: Array, more: Array, noise: Array) -> Array:

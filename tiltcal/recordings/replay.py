@@ -75,19 +75,27 @@ class Replay:
 
     @cached_property
     def _rates(self) -> dict[str, Rates]:
-        """Rate and acceleration of each axis: the drive is asked for many times."""
-        found = {}
+        """Rate and acceleration of each axis: the drive is asked for many times. Where nothing was
+        read it turns evenly: no motion is told from interpolated angles.
+        """
+        found, read = {}, self.known
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
             sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
-            v, a, *noise = _differentiated(self.time.tobytes(), (sign * angle).tobytes())
-            found[name] = Rates(sign * v, sign * a, *noise)
+            told = _differentiated(self.time[read].tobytes(), (sign * angle[read]).tobytes())
+            rates = Rates(*np.zeros((4, len(angle))))
+            if not read.all():
+                rates.rate[:] = sign * np.gradient(angle, self.time)
+            for whole, part in zip(rates, told, strict=True):
+                whole[read] = part
+            found[name] = rates._replace(rate=sign * rates.rate, acceleration=sign * rates[1])
         return found
 
     @cached_property
     def rests(self) -> Rests:
         """When each rest began and ended: to a part of a sample where the readout tells it."""
-        said = [_edges(self.time.tobytes(), angle.tobytes()) for angle in self.angles.values()]
+        time, read = self.time[self.known].tobytes(), self.known
+        said = [_edges(time, angle[read].tobytes()) for angle in self.angles.values()]
         leaves, comes = (
             np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0)
             for side in (0, 1)

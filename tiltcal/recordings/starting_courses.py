@@ -204,7 +204,27 @@ def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant
         np.column_stack([u**p / noise for p in powers]), beyond[0] / noise, rcond=None
     )[0]
     rate, bend, _ = _derivatives(u, c, powers)
-    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, *_variances(u, c, noise, powers))
+    left = (beyond[0] - sum(a * u**p for a, p in zip(c, powers, strict=True))) / noise
+    errors = _errors(u, c, noise, powers, left)
+    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, *errors)
+
+
+def _errors(
+    u: Array, c: Array, noise: Array, powers: tuple[float, ...], left: Array
+) -> tuple[Array, Array]:
+    """Expected squares of the errors of the rate and of the acceleration, (n,) each: the variance,
+    and the square of the bias, told from what a course with one power more has (Ruppert, J. Am.
+    Stat. Assoc. 92, 1997). left: of the course's fit, in units of the noise, (n,).
+    """
+    mine = _maps(u, c, noise, powers)
+    variances = [(one**2).sum(axis=1) for one in mine]
+    if (u > 0).sum() > len(powers) + 2:
+        more = _maps(u, np.append(c, 0.0), noise, (*powers, powers[-1] + 1))
+        for k, (one, other) in enumerate(zip(mine, more, strict=True)):
+            added = (other @ left) ** 2 - ((other - one) ** 2).sum(axis=1)
+            variances[k] = variances[k] + np.maximum(added, 0.0)
+    rate, acceleration = variances
+    return rate, acceleration
 
 
 def _derivatives(u: Array, c: Array, powers: tuple[float, ...]) -> Array:
@@ -220,8 +240,14 @@ def _derivatives(u: Array, c: Array, powers: tuple[float, ...]) -> Array:
 
 
 def _variances(u: Array, c: Array, noise: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:
-    """Of the rate and of the acceleration, the instant being fitted too, in units of the noise
-    squared, (n,) each.
+    """Of the rate and of the acceleration, in units of the noise squared, (n,) each."""
+    rate, acceleration = _maps(u, c, noise, powers)
+    return (rate**2).sum(axis=1), (acceleration**2).sum(axis=1)
+
+
+def _maps(u: Array, c: Array, noise: Array, powers: tuple[float, ...]) -> tuple[Array, Array]:
+    """What takes a small change of the angles, in units of their noise, to that of the rate and of
+    the acceleration, the instant being fitted too, (n, n) each.
     """
     v, bend, jerk = _derivatives(u, c, powers)
     fitted = np.column_stack([*(u**p for p in powers), -v]) / noise[:, None]
@@ -231,7 +257,4 @@ def _variances(u: Array, c: Array, noise: Array, powers: tuple[float, ...]) -> t
     acceleration = np.column_stack([*second, -jerk])
     scale = np.linalg.norm(fitted, axis=0) + (np.linalg.norm(fitted, axis=0) == 0)
     spread = np.linalg.pinv(fitted / scale)
-    of_rate, of_acceleration = (
-        np.asarray(((each / scale @ spread) ** 2).sum(axis=1)) for each in (rate, acceleration)
-    )
-    return of_rate, of_acceleration
+    return rate / scale @ spread, acceleration / scale @ spread

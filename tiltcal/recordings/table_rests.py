@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from math import comb
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -14,6 +15,7 @@ from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
 EDGE = 2  # samples beside a move that are left to the polynomial
 BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
+SMOOTH = 8  # degree of a polynomial that a motion follows about its turning point
 FEWEST = 3  # of them: a dwell of fewer than four times as many is one rest
 QUARTILE = 0.3186  # of the sizes of standard normal numbers, the lower one
 # rad: what a readout covers within a stop; more is a slow move, or the turning point of an
@@ -42,6 +44,7 @@ def still_rows(angles: Array, resting: Mask, parted: Index = NOWHERE) -> Mask:
     codes = 1.01 * np.array([code_width(column) for column in angles.T])
     ends = {0, len(angles), *(int(row) for row in parted)}  # nothing is known beyond
     for first, last in _runs(resting, parted):
+        still[first:last] = False
         for begin, end, level in _levels(angles[first:last], codes):
             part = angles[first + begin : first + end]
             off = np.abs(part - np.median(part[level], axis=0))
@@ -71,7 +74,8 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
     """The rests of a dwell: from row, to row, and which of these rows tell the level.
 
     Slow moves lie between them, each half a rest's, or before the first and after the last. A
-    readout that hardly ever stays where it is wanders: that is one rest.
+    readout that hardly ever stays where it is wanders: that is one rest; or it goes on smoothly:
+    that is the turning point of a motion, and no rest.
 
     Args:
         part: rad, (n, axes). codes: of each axis, rad.
@@ -85,7 +89,9 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
     means = sliding_window_view(part, m, axis=0).mean(axis=-1)
     # most of the steps may be those of a move; rounding to codes hides less than one of them
     quick = np.quantile(np.abs(np.diff(part, axis=0)), 0.25, axis=0) + codes
-    noise = quick / QUARTILE / np.sqrt(2)
+    # a smooth motion leaves nothing of its fourth differences
+    bent = np.median(np.abs(np.diff(part, 4, axis=0)), axis=0) * MAD_TO_SIGMA / np.sqrt(comb(8, 4))
+    noise = np.minimum(quick / QUARTILE / np.sqrt(2), bent + codes)
     steps = np.abs(means[m:] - means[:-m])
     slow = np.ones(n, bool)
     slow[m : n - m + 1] = (steps > 6 * noise * np.sqrt(2 / m) + codes).any(axis=1)
@@ -93,8 +99,19 @@ def _levels(part: Array, codes: Array) -> Iterator[tuple[int, int, slice]]:
     ends = np.flatnonzero(np.diff(np.concatenate([[0], ~slow, [0]])))
     rests = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= m]
     if sum(b - a + m for a, b in rests) < n / 3:  # means see a slow move that many rows early
-        yield from whole
+        if not _goes_on(part, noise):
+            yield from whole
         return
     parted = [0, *((b + a) // 2 for (_, b), (a, _) in pairwise(rests)), n]
     for (a, b), begin, end in zip(rests, parted, parted[1:], strict=False):
         yield begin, end, slice(a - begin, b - begin)
+
+
+def _goes_on(part: Array, noise: Array) -> bool:
+    """Whether a readout, rad, (n, axes), is one smooth motion within its noise, rad, (axes,)."""
+    time = np.linspace(-1.0, 1.0, len(part))
+    degree = min(SMOOTH, len(part) // 3)
+    basis = np.linalg.qr(np.vander(time, degree + 1))[0]
+    left = part - basis @ (basis.T @ part)
+    spread = np.sqrt((left**2).sum(axis=0) / (len(part) - degree - 1))
+    return bool((spread <= 2 * noise).all())

@@ -15,9 +15,10 @@ from typing import Self
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Real
-from tiltcal.statistics.dwell_noise import ARITHMETIC, second_difference_noise
+from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA
 from tiltcal.statistics.projection import column_space
 
+FEW = 50  # readings at rest that tell the noise
 BINS = 160  # of the logarithmic frequency axis: S is smooth
 LOW = 3000  # cosine coefficients in which slow noise may stand out of white noise
 CHI2_MEDIAN = 0.4549  # of one degree of freedom
@@ -164,8 +165,31 @@ def sines(n: int) -> Array:
 
 def robust_white(residual: Array) -> float:
     """White noise from second differences, in which no slow signal is left. residual: (n,)."""
-    second = residual[2:] - 2 * residual[1:-1] + residual[:-2]
-    return max(second_difference_noise(residual), 0.05 * float(np.std(second)), ARITHMETIC)
+    return _white_of(_second_differences(residual))
+
+
+def white_at_rest(values: Array, stop: Index) -> float:
+    """The same of readings within stops, whose levels differ; of all where the table hardly rests.
+
+    Args:
+        values: (n,). stop: number of the stop of each, -1 while moving, (n,).
+    """
+    from_one = (stop[2:] >= 0) & (stop[2:] == stop[1:-1]) & (stop[2:] == stop[:-2])
+    if from_one.sum() < FEW:
+        return robust_white(values)
+    return _white_of(_second_differences(values)[from_one])
+
+
+def _second_differences(values: Array) -> Array:
+    return values[2:] - 2 * values[1:-1] + values[:-2]
+
+
+def _white_of(second: Array) -> float:
+    """White noise of readings by their second differences, not below a part of these: codes hide
+    the noise of most.
+    """
+    white = MAD_TO_SIGMA * float(np.median(np.abs(second))) / np.sqrt(6)
+    return max(float(white), 0.05 * float(np.std(second)), ARITHMETIC)
 
 
 @dataclass(frozen=True)

@@ -116,11 +116,9 @@ def learned_name(effect: Learned) -> str:
         what += f" times the {axis_of(effect.beside)} angle"
     if effect.times:
         what += f", in proportion to the {_factor(effect.times)}"
-    if effect.period and effect.coordinate in ("since_move", "moves"):
-        what += (
-            ", with a period of"
-            f" {effect.period:.3g}{' s' if effect.coordinate == 'since_move' else ''}"
-        )
+    if effect.period and effect.coordinate in ("time", "since_move", "moves"):
+        unit = "" if effect.coordinate == "moves" else " s"
+        what += f", with a period of {effect.period:.3g}{unit}"
     if effect.period and effect.knots:
         what += f" and repeats every {np.degrees(effect.period):.4g} deg"
     if effect.period and effect.coordinate == "input":

@@ -13,9 +13,8 @@ from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.recordings.replay import Replay
 from tiltcal.setup.trajectory import Jet
-from tiltcal.statistics.noise_spectrum import robust_white
+from tiltcal.statistics.noise_spectrum import white_at_rest
 
-FEW = 50  # rows at rest that tell the noise
 ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
 
 
@@ -43,7 +42,7 @@ def with_spread(
                         each = changes[c.sensor][:, c.column]
                         variances[i] += samplings[i].of(each) ** 2 / block
     for channel, variance in zip(channels, variances, strict=True):
-        spread = np.sqrt(1 + variance / _noise_at_rest(channel) ** 2)
+        spread = np.sqrt(1 + variance / white_at_rest(channel.values, channel.stop) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel
 
 
@@ -59,9 +58,3 @@ def _by_noise(axis: str, course: Replay, watch: NominalMotion) -> Iterator[dict[
         yield watch.by_motion(axis, Jet(nothing, rate))
     if acceleration.any():
         yield watch.by_motion(axis, Jet(nothing, nothing, acceleration))
-
-
-def _noise_at_rest(channel: Channel) -> float:
-    """White noise of a channel where the table rests, SI; of all rows where it hardly does."""
-    resting = channel.values[channel.stop >= 0]
-    return robust_white(resting if len(resting) > FEW else channel.values)

@@ -149,7 +149,7 @@ class TableObservations(Observations):
             return self.block > 1
         period = (
             getattr(effect, "period", 0.0)
-            if getattr(effect, "coordinate", "") == "since_move"
+            if getattr(effect, "coordinate", "") in ("since_move", "time")
             else 0.0
         )
         frequency = effect.values.get("frequency", 1 / period if period else 0.0)

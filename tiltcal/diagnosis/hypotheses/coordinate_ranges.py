@@ -26,8 +26,14 @@ def ranges_of(observations: Observations, lines: SpectralLines) -> CoordinateRan
         ranges[f"angular_acceleration_{a}"] = (-most, most)
     if most := max(quickest.values(), default=0.0):
         ranges["braking"] = (-most, most)
-    rate = max(s.rate_hz for s in observations.scenario.sensor)
+    rate = max(_sampling_rate(r.time) for r in observations.recordings)
     return CoordinateRanges(duration, rate, lines, ranges)
+
+
+def _sampling_rate(time: Array) -> float:
+    """Samples a second, also where rows are lost."""
+    gaps = np.diff(time)
+    return float(np.rint(gaps / np.median(gaps)).sum() / (time[-1] - time[0]))
 
 
 def _thermal(observations: Observations) -> Ranges:

@@ -22,6 +22,7 @@ from tiltcal.diagnosis.hypotheses.motion_curves import (
     motion_of_frames,
     motion_of_readings,
 )
+from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_products import ORDERS
@@ -48,15 +49,13 @@ POWERS = (
 def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Curves over every coordinate at every place of the chain: the open world."""
     scenario = observations.scenario
-    read = {c.sensor for c in observations.channels}
-    # the gyros say where the FOG should be: what is wrong with them shows in it
-    if not scenario.rig.axes:
-        read |= {s.name for s in scenario.sensors("gyro")}
+    read = read_sensors(observations)
     for sensor in scenario.sensor:
         for axis in sensor.axes:
             if sensor.name in read:
                 yield from _reading_curves(scenario, sensor, axis, span)
     yield from curves_of_axes(scenario.rig, span)
+    yield from periodic_curves(scenario, span.lines, sorted(read))
     if scenario.rig.axes:
         for slot, turns in (("base", "xy"), ("mount", "xyz")):
             for turn, coordinate in product(turns, ("time", "temperature", "warming")):
@@ -75,6 +74,15 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
         yield from _late_tilts(span)
         yield from motion_of_frames(scenario.rig, span)
         yield from loads_of_mount(span)
+
+
+def read_sensors(observations: Observations) -> set[str]:
+    """Sensors whose errors show. By hand the gyros say where the FOG should be: what is wrong with
+    them shows in it.
+    """
+    scenario = observations.scenario
+    by_hand = () if scenario.rig.axes else scenario.sensors("gyro")
+    return {c.sensor for c in observations.channels} | {s.name for s in by_hand}
 
 
 def _named(slot: str, coordinate: str) -> str | None:

@@ -30,6 +30,8 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
         return False  # a curve over time is the same in every recording
     if effect.times or effect.relaxing:  # a coefficient that varies, or fades, is no form of it
         return False
+    if effect.coordinate == "time" and effect.period:
+        return _overtones(effect, host)
     family = host.law.family
     if isinstance(effect, LearnedReading):
         if effect.sensor != host.effect.sensor or (
@@ -50,6 +52,14 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
         return effect.axis == axis and effect.coordinate in own
     assert isinstance(effect, LearnedTilt)
     return family.has_tilt(effect.slot, effect.coordinate, host.effect.axis)
+
+
+def _overtones(curve: Learned, host: Hypothesis) -> bool:
+    """Whether a curve that repeats in time has the frequency of a tone of the same sensor."""
+    if not isinstance(curve, LearnedReading) or not (wander := host.law.wander):
+        return False
+    near = abs(1 / curve.period - host.effect.values["frequency"]) < wander
+    return curve.sensor == host.effect.sensor and near
 
 
 def _same_law(listed: Hypothesis, host: Hypothesis) -> bool:

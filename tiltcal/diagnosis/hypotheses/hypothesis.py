@@ -24,12 +24,14 @@ class Hypothesis:
         names: bare names of the sizes.
         variants: how many shapes of it are tried: they pay for it.
         alias: catalogue id of a curve that is a known law without a known form.
+        odds: natural logarithm of the odds of its shape against an unlisted law of that shape.
     """
 
     effect: Effect
     names: tuple[str, ...]
     variants: int = 1
     alias: str | None = None
+    odds: float = 0.0
 
     @property
     def id(self) -> str:
@@ -67,6 +69,16 @@ class Hypothesis:
     def instant(self) -> Instant | None:
         """When it begins; None where that is no instant."""
         return Instant.of(self.effect) if self.has_instant else None
+
+    @property
+    def line_hz(self) -> float:
+        """Frequency of a line in time, of a curve that repeats its first one; 0 for anything
+        else.
+        """
+        effect = self.effect
+        if isinstance(effect, Learned):
+            return 1 / effect.period if effect.period and effect.coordinate == "time" else 0.0
+        return effect.values["frequency"] if self.law.spectral_line == "time" else 0.0
 
     @property
     def is_step(self) -> bool:
@@ -159,7 +171,7 @@ def listed_hypotheses(
             for shape in shapes:
                 hypothesis = _hypothesis(cls, scenario, sensor, axis, shape, len(shapes))
                 if hypothesis.place not in nuisance:
-                    yield hypothesis
+                    yield replace(hypothesis, odds=cls.shape_odds(shape, span))
 
 
 def _eligible(cls: type[Effect], scenario: Scenario) -> bool:

@@ -10,10 +10,11 @@ import numpy as np
 from tiltcal.core.progress import Part, unmeasured
 from tiltcal.diagnosis.data_quality.quantisation_limit import needs_motion
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
-from tiltcal.diagnosis.hypotheses.curves import curves
+from tiltcal.diagnosis.hypotheses.curves import curves, read_sensors
 from tiltcal.diagnosis.hypotheses.hypothesis import listed_hypotheses, step_hypotheses
 from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
+from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
@@ -80,4 +81,6 @@ def extend_dictionary(
         lines = hypothesis.effect.values.get("lines")
         if hypothesis.law.spectral_line and (lines is None or lines in new.ripples):
             columns.add(hypothesis, fitted.effects)
+    for curve in periodic_curves(observations.scenario, new, sorted(read_sensors(observations))):
+        columns.add(curve, fitted.effects)
     return len(columns.hypotheses) > before

@@ -82,7 +82,8 @@ def explained_by(
     hypothesis = whitened.hypotheses[number]
     law = np.array([owner == number for owner in normal.owner])
     alike = np.array([whitened.hypotheses[k].id == hypothesis.id for k in normal.owner])
-    level = local_level(hypothesis, fitted, whitened)
+    family = [whitened.hypotheses[k] for k in dict.fromkeys(normal.owner) if k != number]
+    level = local_level(hypothesis, family, fitted, whitened)
     sized = hypothesis.has_plausible_size
     side, raw = normal.target / level, normal.raw / level
     build = _Build(normal.gram / level, side, raw, law, alike, sized)
@@ -122,7 +123,7 @@ def evidence_in_place(
     block = np.column_stack(columns)
     owner = [t for t in whole for _ in t.names]
     along = block.T @ np.concatenate(target)
-    level = local_level(law, fitted, whitened)
+    level = local_level(law, [t.hypothesis for t in terms[1:]], fitted, whitened)
     build = _Build(
         block.T @ block / level,
         along / level,

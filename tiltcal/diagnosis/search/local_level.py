@@ -4,6 +4,8 @@ A line among many others, or in a band where all is above the noise, is no line 
 70, 1982: the variance of a line test is that of its neighbourhood).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -15,15 +17,23 @@ OCTAVE = 2.0  # from the lowest frequency of a neighbourhood to the highest
 FEWEST = 16  # coefficients to either side
 
 
-def local_level(hypothesis: Hypothesis, fitted: FittedModel, whitened: WhitenedModel) -> float:
+def local_level(
+    law: Hypothesis,
+    family: Sequence[Hypothesis],
+    fitted: FittedModel,
+    whitened: WhitenedModel,
+) -> float:
     """Mean power of what a line leaves in its neighbourhood, in units of the noise, at least one;
-    one for a hypothesis that is no line in time. fitted: without it.
+    one for a law that is no line in time.
+
+    Args:
+        law: the line; family: what completes it: of a tone that wanders the lines beside it.
+        fitted: the model without them; whitened: the noise.
     """
-    if hypothesis.law.spectral_line != "time":
+    if not (frequency := law.line_hz):
         return 1.0
-    frequency = hypothesis.effect.values["frequency"]
     lengths = [len(r) for r in fitted.residual]
-    own = stored_of(whitened, [FittedTerm.start(hypothesis)])
+    own = stored_of(whitened, [FittedTerm.start(h) for h in (law, *family)])
     mine = basis_of([projected(fitted.basis, c, lengths) for c in own], lengths)
     left = project(mine, fitted.residual)
     found = [

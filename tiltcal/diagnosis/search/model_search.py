@@ -19,6 +19,7 @@ from tiltcal.diagnosis.model.refitting import refit, refit_linearly
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.best_shape import best_shape
 from tiltcal.diagnosis.search.explanation import explained_by, possible
+from tiltcal.diagnosis.search.priors import kind
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.state import (
@@ -52,7 +53,7 @@ def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[
     seen: dict[object, int] = {}
     for k in np.argsort(-score):
         hypothesis = whitened.hypotheses[k]
-        key = (hypothesis.place, hypothesis.alias) if hypothesis.listed else int(k)
+        key = (hypothesis.place, hypothesis.alias) if hypothesis.listed else kind(hypothesis)
         seen.setdefault(key, int(k))
         if len(seen) == LOOKED_AT:
             break

@@ -19,6 +19,7 @@ from tiltcal.diagnosis.search.curve_misfit import (
     taken_in,
 )
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain, possible
+from tiltcal.diagnosis.search.local_level import local_level
 from tiltcal.diagnosis.search.model_search import proposals
 from tiltcal.diagnosis.search.name_probabilities import (
     UNLISTED,
@@ -151,6 +152,8 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
     factors = scan.log_bayes_factors(rest.fitted)
     for hypothesis, factor, odds in zip(whitened.hypotheses, factors, scan.log_odds, strict=True):
         if id(hypothesis) not in known:
+            if hypothesis.line_hz and factor > 0:
+                factor /= local_level(hypothesis, (), rest.fitted, whitened)
             name = hypothesis.id if hypothesis.listed else UNLISTED
             rows.append(Row(name, float(factor + odds), float(factor), 0.0))
     rows = list(_fitted(state, k, rows))

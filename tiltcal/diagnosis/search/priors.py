@@ -20,23 +20,25 @@ not.
 
 
 def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
-    """Natural logarithm of the prior probability of each hypothesis, (n,); they sum to one."""
+    """Natural logarithm of the prior probability of each hypothesis, (n,): they sum to one but for
+    the odds of the shapes of some.
+    """
     members: dict[tuple[object, ...], list[int]] = {}
     for k, hypothesis in enumerate(hypotheses):
-        members.setdefault(_kind(hypothesis), []).append(k)
-    curves = sum(kind[0] is None for kind in members)
+        members.setdefault(kind(hypothesis), []).append(k)
+    curves = sum(key[0] is None for key in members)
     named = max(len(members) - curves, 1)
     found = np.zeros(len(hypotheses))
-    for kind, which in members.items():
-        share = UNLISTED / curves if kind[0] is None else (1 - UNLISTED) / named
+    for key, which in members.items():
+        share = UNLISTED / curves if key[0] is None else (1 - UNLISTED) / named
         pause = np.array([(i := hypotheses[k].instant) is not None and i.in_pause for k in which])
         halves = [half for half in (pause, ~pause) if half.any()]
         for half in halves:
             found[np.array(which)[half]] = np.log(share / len(halves) / half.sum())
-    return found
+    return found + np.array([h.odds for h in hypotheses])
 
 
-def _kind(hypothesis: Hypothesis) -> tuple[object, ...]:
+def kind(hypothesis: Hypothesis) -> tuple[object, ...]:
     """What shares one prior: an id on a sensor; of curves a place, what they follow, and whether
     they are steps.
     """

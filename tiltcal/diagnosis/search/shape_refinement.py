@@ -50,9 +50,8 @@ def refined(
     for name in _shapes_of(terms):
         if pause and name == "time":
             continue
-        line = name == "frequency" and first.law.spectral_line == "time"
-        step = LINE / duration if line else STEP[name]
-        added = line or name in SHIFTED
+        step = _step(first, name, duration)
+        added = name in SHIFTED or (name == "frequency" and first.line_hz > 0)
         terms = _shaped(terms, name, _shapes_of(terms)[name], duration)
         limits = _limits(first, name, whitened.hypotheses)
         here = _gain(terms, fitted, whitened)
@@ -70,6 +69,16 @@ def refined(
                 terms = _shaped(terms, name, at, duration)
             step /= 2
     return terms
+
+
+def _step(hypothesis: Hypothesis, name: str, duration: float) -> float:
+    """From one value of a shape to the next: of a line in time half its width."""
+    line = hypothesis.line_hz
+    if line and name == "frequency":
+        return LINE / duration
+    if line and name == "period":
+        return LINE / (line * duration)
+    return float(STEP[name])
 
 
 def _limits(
@@ -96,15 +105,14 @@ def _top(before: float, here: float, after: float) -> float:
 
 
 def shapes(hypothesis: Hypothesis) -> dict[str, float]:
-    """The continuous shapes of a hypothesis; of a curve its lag, its period where it begins anew
-    with each move, and where a localised form lies.
+    """The continuous shapes of a hypothesis; of a curve its lag, its period in time, and where a
+    localised form lies.
     """
     effect = hypothesis.effect
     if isinstance(effect, Learned):
-        echo = (
-            {"period": effect.period} if effect.coordinate == "since_move" and effect.period else {}
-        )
-        return ({"lag": effect.lag} if effect.lag else {}) | echo | form_of(hypothesis)
+        repeats = effect.period and effect.coordinate in ("time", "since_move")
+        period = {"period": effect.period} if repeats else {}
+        return ({"lag": effect.lag} if effect.lag else {}) | period | form_of(hypothesis)
     return {
         n: v
         for n, v in effect.values.items()

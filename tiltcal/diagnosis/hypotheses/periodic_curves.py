@@ -1,0 +1,39 @@
+"""Curves that repeat in time, at the frequencies of spectral lines: thermostats, pumps, hum."""
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any
+
+from tiltcal.diagnosis.hypotheses.curve_forms import curve_over, harmonics
+from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
+from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
+from tiltcal.effects.spans import SpectralLines
+from tiltcal.laboratory.scenario import Scenario
+
+Place = tuple[type[Learned], dict[str, Any]]
+HARMONICS = (1, 4)
+
+
+def periodic_curves(
+    scenario: Scenario, lines: SpectralLines, sensors: Sequence[str]
+) -> Iterator[Hypothesis]:
+    """At every place, one for each spectral line in time.
+
+    Args:
+        sensors: that are read.
+    """
+    for cls, where in _places(scenario, sensors) if lines.tones else ():
+        for frequency, count in product(lines.tones, HARMONICS):
+            yield curve_over(cls, "time", harmonics(count), period=1 / frequency, **where)
+
+
+def _places(scenario: Scenario, sensors: Sequence[str]) -> Iterator[Place]:
+    for sensor in scenario.sensor:
+        for axis in sensor.axes if sensor.name in sensors else ():
+            yield LearnedReading, {"sensor": sensor.name, "axis": axis}
+    for axis in scenario.rig.axis_names:
+        yield LearnedReadout, {"axis": axis, "place": "table"}
+    if scenario.rig.axes:
+        for slot, turns, place in (("base", "xy", "environment"), ("mount", "xyz", "mount")):
+            for turn in turns:
+                yield LearnedTilt, {"slot": slot, "turn": turn, "place": place}

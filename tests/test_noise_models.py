@@ -7,7 +7,13 @@ from diagnosis_fixtures import bench, honest, recorded
 from scipy.signal import lfilter
 
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.statistics.noise_spectrum import CONFIDENCE, NoiseFit, cosines, estimate_noise
+from tiltcal.statistics.noise_spectrum import (
+    CONFIDENCE,
+    NoiseFit,
+    cosines,
+    estimate_noise,
+    white_at_rest,
+)
 from tiltcal.statistics.white_flicker_walk import LEAST_WHITE, WhiteFlickerWalk
 
 MODELS = [
@@ -76,3 +82,11 @@ def test_a_diagnosis_takes_another_noise_model_as_an_argument():
     assert (
         diagnose(honest(bench()), [recorded(bench(), 4)], noise=AutoRegressive2).verdict == "match"
     )
+
+
+def test_noise_at_rest_is_that_of_the_stops_whatever_their_levels(rng):
+    """Thirty-six poses of 10 m/s2 about each other, in noise of 5e-4 m/s2."""
+    stop = np.repeat(np.arange(36), 100)
+    stop[np.arange(len(stop)) % 100 > 80] = -1
+    values = rng.uniform(-10, 10, 36)[np.maximum(stop, 0)] + 5e-4 * rng.standard_normal(len(stop))
+    assert white_at_rest(values, stop) == pytest.approx(5e-4, rel=0.1)

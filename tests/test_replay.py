@@ -132,6 +132,44 @@ def test_a_table_that_never_rests_has_no_stops_at_its_turning_points():
     assert np.abs(np.gradient(course.angles["inner"], recording.time) - axis.v)[20:-20].max() < 1e-3
 
 
+@pytest.mark.parametrize(("first", "second", "lasts"), [(2.0, -0.5, 5.0), (3.0, 3.0, 8.0)])
+def test_where_a_move_follows_the_last_at_once_the_axis_is_not_at_rest(first, second, lasts, rng):
+    """A stop of no duration: 0.3 s beside it the axis turns at some 0.1 deg/s, in noise of 0.06
+    arcsec.
+    """
+    time = np.arange(0, 2 * lasts + 3, 0.02)
+    begin, end = 1.003, 1.003 + lasts
+    angle = first * smooth((time - begin) / lasts) + second * smooth((time - end) / lasts)
+    read = Recording.from_columns(
+        time, {"table_outer_deg": np.degrees(angle + 3e-7 * rng.standard_normal(len(time)))}
+    )
+    course = replay(read, setup_of("placing", ACCEL))
+    off = np.abs(course.drive(time).axes["outer"].v - np.gradient(angle, time))
+    assert off[np.abs(time - end) < 0.5].max() < 3e-4  # taken for rest: 3e-3
+
+
+def smooth(u):
+    """From 0 to 1, three derivatives of nothing at both ends."""
+    u = np.clip(u, 0, 1)
+    return u**4 * (35 - 84 * u + 70 * u**2 - 20 * u**3)
+
+
+def test_no_rate_is_told_across_angles_that_were_not_read(rng):
+    """A head that is read at its stops only: between them nobody knows how it turned, and it rests
+    up to the last sample that was read.
+    """
+    time = np.arange(0, 30, 0.04)
+    turned = np.clip((time % 10 - 7) / 3, 0, 1) + np.floor(time / 10)
+    read = np.where(time % 10 < 7, 90 * turned + 1e-5 * rng.standard_normal(len(time)), np.nan)
+    course = replay(
+        Recording.from_columns(time, {"table_outer_deg": read}), setup_of("placing", ACCEL)
+    )
+    axis = course.drive(time).axes["outer"]
+    assert course.known.sum() == np.isfinite(read).sum()
+    assert np.abs(axis.v[course.known]).max() < 1e-5
+    assert np.abs(axis.a[course.known]).max() < 1e-3
+
+
 @pytest.mark.parametrize("noise_codes", [0.0, 0.2, 0.4, 0.6, 0.9, 2.0, 5.0])
 def test_every_dwell_is_one_stop_however_coarse_the_readout_is(noise_codes, rng):
     time = np.arange(0, 60, 0.04)

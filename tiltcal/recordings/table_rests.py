@@ -16,6 +16,7 @@ from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 EDGE = 2  # samples beside a move that are left to the polynomial
 BESIDE = 10  # samples on either side of one whose means tell that the readout moves slowly there
 SMOOTH = 8  # degree of a polynomial that a motion follows about its turning point
+GOES_ON = 3.0  # times the noise, as told from so few rows, that it may leave
 FEWEST = 3  # of them: a dwell of fewer than four times as many is one rest
 QUARTILE = 0.3186  # of the sizes of standard normal numbers, the lower one
 # rad: what a readout covers within a stop; more is a slow move, or the turning point of an
@@ -114,4 +115,4 @@ def _goes_on(part: Array, noise: Array) -> bool:
     basis = np.linalg.qr(np.vander(time, degree + 1))[0]
     left = part - basis @ (basis.T @ part)
     spread = np.sqrt((left**2).sum(axis=0) / (len(part) - degree - 1))
-    return bool((spread <= 2 * noise).all())
+    return bool((spread <= GOES_ON * noise).all())

@@ -215,7 +215,7 @@ def shaking(frequency):
 
 
 def level_of(found, hypothesis):
-    return local_level(hypothesis, found.start, found.whitened)
+    return local_level(hypothesis, (), found.start, found.whitened)
 
 
 def lines(*frequencies):

@@ -34,12 +34,14 @@ def same_recording(one: str, other: str) -> bool:
 
 
 def afterwards(effect: Effect) -> Effect | None:
-    """What an event leaves: a step stays, a creep stays where it ended, lost samples and what has
-    no cause that is known leave nothing.
+    """What an event leaves: a step stays, a creep stays where it ended, lost samples, a cycle and
+    what has no cause that is known leave nothing.
     """
     if effect.leaves_nothing or not effect.lasts:
         return None
     if isinstance(effect, Learned) and effect.coordinate == "time":
+        if effect.period:
+            return None
         return replace(effect, knots=tuple(k - AGO for k in effect.knots))
     if "time" in effect.values:
         return replace(effect, values={**effect.values, "time": -AGO})

@@ -23,14 +23,13 @@ HISTORY = ("time", "moves")
 
 
 def is_history(effect: Effect, observations: Observations) -> bool:
-    """Whether a curve tells the history of the only recording there is."""
-    return (
-        isinstance(effect, Learned)
-        and effect.coordinate in HISTORY
-        and bool(effect.knots or effect.power)
-        and not effect.period
-        and len(observations.recordings) == 1
-    )
+    """Whether a curve tells the history of the only recording there is: a cycle, whose phase
+    another one does not have, among them.
+    """
+    if not isinstance(effect, Learned) or len(observations.recordings) > 1:
+        return False
+    once = bool(effect.knots or effect.power) and not effect.period
+    return effect.coordinate in HISTORY and (once or effect.coordinate == "time")
 
 
 def mean_and_rest(
@@ -95,7 +94,13 @@ def _level(effect: Effect) -> Effect:
     size = float(np.abs(effect.coefficients).max()) or 1.0
     ends = (0.0, 1.0)
     return replace(
-        effect, values={"c0": size, "c1": size}, sigmas={}, knots=ends, power=0.0, odd=False
+        effect,
+        values={"c0": size, "c1": size},
+        sigmas={},
+        knots=ends,
+        period=0.0,
+        power=0.0,
+        odd=False,
     )
 
 

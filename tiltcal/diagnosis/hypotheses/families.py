@@ -9,6 +9,9 @@ another place or coordinate is another effect.
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.effects.learned import Learned, LearnedReading, LearnedReadout, LearnedTilt
 
+OFF = 0.05  # of a tone's frequency, that an overtone may be off a multiple of it
+OVERTONES = 9.5  # times its frequency
+
 
 def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     """Whether a curve is of the family of a named effect."""
@@ -30,8 +33,10 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
         return False  # a curve over time is the same in every recording
     if effect.times or effect.relaxing:  # a coefficient that varies, or fades, is no form of it
         return False
-    if effect.coordinate == "time" and effect.period:
-        return _overtones(effect, host)
+    if curve.line_hz:
+        same = isinstance(effect, LearnedReading) and effect.sensor == host.effect.sensor
+        wander = host.law.wander
+        return same and abs(curve.line_hz - host.effect.values.get("frequency", 0.0)) < wander
     family = host.law.family
     if isinstance(effect, LearnedReading):
         if effect.sensor != host.effect.sensor or (
@@ -54,14 +59,6 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     return family.has_tilt(effect.slot, effect.coordinate, host.effect.axis)
 
 
-def _overtones(curve: Learned, host: Hypothesis) -> bool:
-    """Whether a curve that repeats in time has the frequency of a tone of the same sensor."""
-    if not isinstance(curve, LearnedReading) or not (wander := host.law.wander):
-        return False
-    near = abs(1 / curve.period - host.effect.values["frequency"]) < wander
-    return curve.sensor == host.effect.sensor and near
-
-
 def _same_law(listed: Hypothesis, host: Hypothesis) -> bool:
     """Whether an effect of the catalogue completes another."""
     if listed.id in host.law.family.effects:
@@ -72,8 +69,15 @@ def _same_law(listed: Hypothesis, host: Hypothesis) -> bool:
     if law.acts_from_an_instant:  # what creeps on after it
         return listed.instant == host.instant and mine.get("creep", 0) > 0
     if law.wander:
-        return abs(mine["frequency"] - other["frequency"]) < law.wander
+        return _of_one_source(mine["frequency"], other["frequency"], law.wander)
     return law.alike_on_axes or (law.superposes and listed.effect.axis == host.effect.axis)
+
+
+def _of_one_source(frequency: float, tone: float, wander: float) -> bool:
+    """Whether a frequency is that of a tone that wanders, Hz, or an overtone of it."""
+    times = max(frequency, tone) / min(frequency, tone)
+    overtone = frequency > tone and abs(times - round(times)) < OFF and 1.5 < times < OVERTONES
+    return abs(frequency - tone) < wander or overtone
 
 
 def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:

@@ -10,6 +10,8 @@ from dataclasses import replace
 from itertools import product
 from typing import Any
 
+import numpy as np
+
 from tiltcal.core.units import DEG, G0
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
@@ -31,6 +33,8 @@ COOLING = (10.0, 30.0, 100.0, 300.0)  # s, of what motion warms
 CREEPS = (4.0, 15.0, 60.0)  # s, of a structure that gives way late to what it carries
 SHOWN = 2.0  # times a time constant of cooling that a recording has to last
 TURNS = (0.5 * DEG, 10 * DEG, 45 * DEG)  # rad, of a play; the first tells the direction
+WOUND = (10 * DEG, 45 * DEG)  # rad, of what winds up before it slips
+PLAYED = tuple(np.linspace(-1.0, 1.0, 5))  # knots over the state of a play
 LOADS = (0.02 * G0, 0.3 * G0, 1.0 * G0)  # m/s2, of a play
 COUNTS = (2, 3, 4, 5)  # of moves after which a law begins anew
 
@@ -57,6 +61,14 @@ def motion_of_readings(
             late = curve_over(LearnedReading, coordinate, knots, lag=lag, **where)
             yield replace(odd_curve(late), variants=len(MEMORIES))
             yield proportional(late, len(MEMORIES))
+            yield curve_over(
+                LearnedReading,
+                coordinate,
+                even_knots(coordinate, span, 5),
+                lag=lag,
+                variants=len(MEMORIES),
+                **where,
+            )
     for coordinate, travel in product([c for c in inputs if c.startswith("force")], LOADS):
         yield _played(LearnedReading, coordinate, travel, len(LOADS), where)
     if knots := even_knots("braking", span, 7):
@@ -65,8 +77,12 @@ def motion_of_readings(
 
 def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Tilts of frames and errors of readouts that follow what went before."""
-    for axis in rig.axis_names:  # the play of a readout is a backlash, which is listed
+    for axis in rig.axis_names:
         where: dict[str, Any] = {"axis": axis, "place": "table"}
+        low, high = span.ranges.get(angle_channel(axis), (0.0, 0.0))
+        for travel in WOUND:  # a play of some arcsec is a backlash, which is listed
+            if high - low > travel:
+                yield curve_over(LearnedReadout, angle_channel(axis), PLAYED, play=travel, **where)
         yield from _motion(LearnedReadout, (), span, where)
         knots = even_knots(angle_channel(axis), span, 2)
         for lag in CREEPS if knots else ():

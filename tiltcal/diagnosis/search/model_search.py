@@ -53,8 +53,8 @@ def proposals(fitted: FittedModel, whitened: WhitenedModel, scan: Scan) -> list[
     seen: dict[object, int] = {}
     for k in np.argsort(-score):
         hypothesis = whitened.hypotheses[k]
-        key = (hypothesis.place, hypothesis.alias) if hypothesis.listed else kind(hypothesis)
-        seen.setdefault(key, int(k))
+        place = (hypothesis.place, hypothesis.alias) if hypothesis.listed else kind(hypothesis)
+        seen.setdefault((place, 0 if hypothesis.listed else len(hypothesis.names)), int(k))
         if len(seen) == LOOKED_AT:
             break
     found = []

@@ -9,7 +9,7 @@ from tiltcal.design.identifiability import SEPARABLE
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis, steps_at
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.search import priors
-from tiltcal.diagnosis.search.best_shape import in_shapes
+from tiltcal.diagnosis.search.best_shape import best_shape, in_shapes
 from tiltcal.diagnosis.search.curve_misfit import (
     BEYOND_FAMILY,
     misfit_odds,
@@ -199,14 +199,18 @@ def _at_its_instant(law: Hypothesis, rest: State, scan: Scan) -> Iterator[Propos
 
 def _at_its_shape(law: Hypothesis, found: Sequence[Proposal], rest: State) -> Iterator[Proposal]:
     """Proposals, the best of each other name at the shape of a cause, which was refined: a lag that
-    both have is compared at the same value. Of events see ``_at_its_instant``.
+    both have is compared at the same value, and lines in time each at their own best frequency. Of
+    events see ``_at_its_instant``.
     """
     mine = {} if law.has_instant else shapes(law)
     seen = {law.id}
     for p in found:
         terms = p.explanation.terms
         common = mine.keys() & shapes(terms[0].hypothesis).keys()
-        if common and terms[0].hypothesis.id not in seen:
+        if law.line_hz and terms[0].hypothesis.line_hz and terms[0].hypothesis.id not in seen:
+            seen.add(terms[0].hypothesis.id)
+            p = best_shape(p, rest.fitted, rest.whitened)
+        elif common and terms[0].hypothesis.id not in seen:
             seen.add(terms[0].hypothesis.id)
             moved = [t.hypothesis for t in terms if common <= shapes(t.hypothesis).keys()]
             for name in sorted(common):

@@ -4,6 +4,7 @@ most.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ STEP = {
     "lag": np.log(1.5),
     "phase": np.pi / 6,
     "period": np.log(1.05),
+    "play": np.log(1.5),
     "creep": np.log(1.6),
     "crossing": np.log(1.5),
     "place": 0.1,
@@ -105,14 +107,14 @@ def _top(before: float, here: float, after: float) -> float:
 
 
 def shapes(hypothesis: Hypothesis) -> dict[str, float]:
-    """The continuous shapes of a hypothesis; of a curve its lag, its period in time, and where a
-    localised form lies.
+    """The continuous shapes of a hypothesis; of a curve its lag, the width of its play, its period
+    in time, and where a localised form lies.
     """
     effect = hypothesis.effect
     if isinstance(effect, Learned):
         repeats = effect.period and effect.coordinate in ("time", "since_move")
-        period = {"period": effect.period} if repeats else {}
-        return ({"lag": effect.lag} if effect.lag else {}) | period | form_of(hypothesis)
+        own = {"lag": effect.lag, "play": effect.play, "period": effect.period if repeats else 0.0}
+        return {name: value for name, value in own.items() if value} | form_of(hypothesis)
     return {
         n: v
         for n, v in effect.values.items()
@@ -202,12 +204,8 @@ def at_shape(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:
     if name in form_of(hypothesis):
         return with_form(hypothesis, name, float(value))
     if isinstance(effect, Learned):
-        changed = (
-            replace(effect, lag=float(value))
-            if name == "lag"
-            else replace(effect, period=float(value))
-        )
-        return replace(hypothesis, effect=changed)
+        changed: dict[str, Any] = {name: float(value)}
+        return replace(hypothesis, effect=replace(effect, **changed))
     return replace(hypothesis, effect=replace(effect, values={**effect.values, name: float(value)}))
 
 

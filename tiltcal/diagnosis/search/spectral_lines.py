@@ -22,7 +22,7 @@ SMALL = 1e-6  # rad
 CHANCE = 1e-4  # of a line in any recording without one
 MOST = 5
 FINER = 4  # frequencies a width of a line
-SLOWEST = 8  # periods of a recording: below it a drift looks like a line
+SLOWEST = 4  # periods of a recording: below it a drift looks like a line
 WIDE = (6, 12, 24, 48, 96)  # widths of a line, of a band that a wandering line may fill
 
 

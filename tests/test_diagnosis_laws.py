@@ -161,3 +161,20 @@ def test_the_same_input_gives_the_same_answer_whoever_was_diagnosed_before(known
     diagnose(honest(other), [recorded(other, 5)])
     again = diagnose(scenario, [recording])
     assert replace(again, views=()).to_json() == replace(found, views=()).to_json()
+
+
+@pytest.mark.slow
+def test_a_floor_that_comes_to_rest_is_one_number_and_a_time_constant():
+    """And not the heat of a drive, which also grows to a level."""
+    truth = bench(sensor="incl", table="vertical")
+    whole = recorded(truth, 4)
+    turned = whole.column("table_outer_deg") * DEG
+    tilt = 2e-3 * (1 - np.exp(-(whole.time - whole.time[0]) / 80.0))  # deg, of the base about east
+    columns = {name: whole.column(name) for name in whole.column_names}
+    columns["incl_x_deg"] = columns["incl_x_deg"] + tilt * np.sin(turned)
+    columns["incl_y_deg"] = columns["incl_y_deg"] + tilt * np.cos(turned)
+    found = diagnose(honest(truth), [Recording.from_columns(whole.time, columns)])
+    (only,) = found.findings
+    assert only.effect == "floor_tilt_drift"
+    (law,) = [e for e in found.amended["effect"] if e.get("relaxing")]
+    assert law["lag_s"] == pytest.approx(80.0, rel=0.2)

@@ -94,6 +94,27 @@ def harmonic_of(effect: Effect, rig: Rig) -> tuple[int, int] | None:
 
 def learned_name(effect: Learned) -> str:
     """A curve in words."""
+    what = _followed(effect)
+    if effect.times:
+        what += f", in proportion to the {_factor(effect.times)}"
+    what += _repeating(effect)
+    if effect.play:
+        what = f"which way {what} last went, {_width(effect)} of it"
+    if effect.relaxing and effect.coordinate == "time":
+        what = f"an exponential over time, with a time constant of {effect.lag:.0f} s"
+    elif effect.lag and effect.coordinate != "temperature":
+        what += f" with a memory of about {effect.lag:.0f} s"
+        what += ", less what it follows at once" if effect.relaxing else ""
+    if isinstance(effect, LearnedReadout):
+        return f"an error of the {effect.axis} axis' readout that follows {what}"
+    if isinstance(effect, LearnedTilt):
+        return f"a tilt of the frame '{effect.slot}' about {effect.turn} that follows {what}"
+    kind = "a scale factor" if effect.per_input else "an addition to the reading"
+    return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
+
+
+def _followed(effect: Learned) -> str:
+    """The coordinate of a curve in words."""
     words = {
         "input": "its own input",
         "transverse": "the rate across its axis",
@@ -104,36 +125,25 @@ def learned_name(effect: Learned) -> str:
         "speed": "the speed of turn",
         "braking": "how quickly the turn slows down",
     }
-    what = words.get(
-        effect.coordinate,
-        " along body ".join(
-            effect.coordinate.replace("angular_acceleration", "angular acceleration").split("_")
-        ),
-    )
+    body = effect.coordinate.replace("angular_acceleration", "angular acceleration").split("_")
+    what = words.get(effect.coordinate, " along body ".join(body))
     if axis := axis_of(effect.coordinate):
         what = f"the {axis} angle"
-    if effect.beside:
-        what += f" times the {axis_of(effect.beside)} angle"
-    if effect.times:
-        what += f", in proportion to the {_factor(effect.times)}"
-    if effect.period and effect.coordinate in ("time", "since_move", "moves"):
+    return f"{what} times the {axis_of(effect.beside)} angle" if effect.beside else what
+
+
+def _repeating(effect: Learned) -> str:
+    """After what a curve repeats; nothing of one that does not."""
+    if not effect.period:
+        return ""
+    if effect.coordinate in ("time", "since_move", "moves"):
         unit = "" if effect.coordinate == "moves" else " s"
-        what += f", with a period of {effect.period:.3g}{unit}"
-    if effect.period and effect.knots:
-        what += f" and repeats every {np.degrees(effect.period):.4g} deg"
-    if effect.period and effect.coordinate == "input":
-        what += f", with a period of {effect.period:.3g} in SI units"
-    if effect.play:
-        what = f"which way {what} last went, {_width(effect)} of it"
-    if effect.lag and effect.coordinate != "temperature":
-        what += f" with a memory of about {effect.lag:.0f} s"
-        what += ", less what it follows at once" if effect.relaxing else ""
-    if isinstance(effect, LearnedReadout):
-        return f"an error of the {effect.axis} axis' readout that follows {what}"
-    if isinstance(effect, LearnedTilt):
-        return f"a tilt of the frame '{effect.slot}' about {effect.turn} that follows {what}"
-    kind = "a scale factor" if effect.per_input else "an addition to the reading"
-    return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
+        return f", with a period of {effect.period:.3g}{unit}"
+    if effect.knots:
+        return f" and repeats every {np.degrees(effect.period):.4g} deg"
+    if effect.coordinate == "input":
+        return f", with a period of {effect.period:.3g} in SI units"
+    return ""
 
 
 def _factor(times: str) -> str:

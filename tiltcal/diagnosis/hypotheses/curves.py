@@ -34,6 +34,8 @@ from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import PLACING, angle_channel
 
 PACE = 2.5  # from one lag to the next beyond those, where a recording is long enough to show
+SETTLING = (10.0, 30.0, 90.0, 270.0)  # s, in which a floor comes to rest
+SHOWS_BEND = 0.5  # times such a time that a recording has to last
 SHOWS = 7.0  # times a lag that a recording has to last
 # of a force or a rate; whether odd
 POWERS = (
@@ -65,6 +67,8 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
                         LearnedTilt, coordinate, knots, slot=slot, turn=turn, place=place
                     )
                     yield replace(tilt, alias=_named(slot, coordinate))
+        for turn in "xy":
+            yield from _settling(turn, span)
         for turn, axis in product("xyz", scenario.rig.axis_names):
             for basis in (harmonics(4), even_knots(f"table_{axis}", span, 10)):
                 if basis:
@@ -83,6 +87,15 @@ def read_sensors(observations: Observations) -> set[str]:
     scenario = observations.scenario
     by_hand = () if scenario.rig.axes else scenario.sensors("gyro")
     return {c.sensor for c in observations.channels} | {s.name for s in by_hand}
+
+
+def _settling(turn: str, span: CoordinateRanges) -> Iterator[Hypothesis]:
+    """A tilt of the base that comes to rest, exponentially: what a late time is less than time."""
+    lags = [lag for lag in SETTLING if SHOWS_BEND * lag < span.duration]
+    where: dict[str, Any] = {"slot": "base", "turn": turn, "place": "environment"}
+    for lag in lags if (alias := _named("base", "time")) else ():
+        late = curve_over(LearnedTilt, "time", 1, lag=lag, relaxing=True, **where)
+        yield proportional(late, len(lags), alias)
 
 
 def _named(slot: str, coordinate: str) -> str | None:

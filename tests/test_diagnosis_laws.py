@@ -169,7 +169,7 @@ def test_a_floor_that_comes_to_rest_is_one_number_and_a_time_constant():
     truth = bench(sensor="incl", table="vertical")
     whole = recorded(truth, 4)
     turned = whole.column("table_outer_deg") * DEG
-    tilt = 2e-3 * (1 - np.exp(-(whole.time - whole.time[0]) / 80.0))  # deg, of the base about east
+    tilt = 8e-3 * (1 - np.exp(-(whole.time - whole.time[0]) / 80.0))  # deg, of the base about east
     columns = {name: whole.column(name) for name in whole.column_names}
     columns["incl_x_deg"] = columns["incl_x_deg"] + tilt * np.sin(turned)
     columns["incl_y_deg"] = columns["incl_y_deg"] + tilt * np.cos(turned)

@@ -132,7 +132,7 @@ class Recording(Tabular):
         Raises:
             TiltcalError: it stands there in two units.
         """
-        names = [name for name in self.column_names if split_unit(name)[0] == channel]
+        names = self._by_channel.get(channel, [])
         if len(names) > 1:
             raise TiltcalError(
                 f"{self.source}, channel {channel}",
@@ -141,6 +141,14 @@ class Recording(Tabular):
                 do="remove the other",
             )
         return names[0] if names else None
+
+    @cached_property
+    def _by_channel(self) -> dict[str, list[str]]:
+        """Columns of each channel, whatever their units."""
+        found: dict[str, list[str]] = {}
+        for name in self.column_names:
+            found.setdefault(split_unit(name)[0], []).append(name)
+        return found
 
     def has_columns(self, sensor: Sensor) -> bool:
         """Whether every axis of ``sensor`` has a column."""

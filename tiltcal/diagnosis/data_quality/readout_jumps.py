@@ -61,10 +61,13 @@ def find_readout_jumps(
     """
     faults: list[Fault] = []
     recordings = list(observations.recordings)
+    left = observations.residuals(fitted.effects)
     for number, course in enumerate(observations.courses):
         for axis, angle in course.angles.items():
             jump = jump_of(axis, angle, course.known)
-            if jump is not None and _unfollowed(observations, fitted.effects, number, jump):
+            if jump is None or not _misfits(observations, left, number, jump):
+                continue
+            if _unfollowed(observations, fitted.effects, number, jump):
                 fault, recordings[number] = mistyped(
                     observations,
                     number,
@@ -108,6 +111,21 @@ def _sharp(bent: Array) -> Array:
     around = np.zeros(len(bent))
     around[1:-1] = bent[:-2] + bent[2:]
     return np.where(-around * np.sign(bent) > np.abs(bent) / 2, bent, 0.0)
+
+
+def _misfits(observations: Observations, left: Sequence[Array], number: int, jump: Jump) -> bool:
+    """Whether the readout as it is leaves so much between the jumps, or beside them, that all but
+    SHARE of it may go; left: by channel, SI.
+    """
+    beside = np.convolve(np.diff(jump.rows, prepend=False), np.ones(2 * RISE), "same") > 0
+    for channel, residual in zip(observations.channels, left, strict=True):
+        if channel.recording == number:
+            noise = robust_white(residual)
+            for rows in (jump.rows, beside):
+                part = residual[rows[channel.rows]]
+                if len(part) and np.mean(part**2) > noise**2 / SHARE / 2:
+                    return True
+    return False
 
 
 def _unfollowed(

@@ -34,9 +34,7 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     if effect.times or effect.relaxing:  # a coefficient that varies, or fades, is no form of it
         return False
     if curve.line_hz:
-        same = isinstance(effect, LearnedReading) and effect.sensor == host.effect.sensor
-        wander = host.law.wander
-        return same and abs(curve.line_hz - host.effect.values.get("frequency", 0.0)) < wander
+        return host.law.spectral_line == "time" and _cycle_of(curve, host)
     family = host.law.family
     if isinstance(effect, LearnedReading):
         if effect.sensor != host.effect.sensor or (
@@ -71,6 +69,17 @@ def _same_law(listed: Hypothesis, host: Hypothesis) -> bool:
     if law.wander:
         return _of_one_source(mine["frequency"], other["frequency"], law.wander)
     return law.alike_on_axes or (law.superposes and listed.effect.axis == host.effect.axis)
+
+
+def _cycle_of(curve: Hypothesis, host: Hypothesis) -> bool:
+    """Whether a curve that repeats in time is of a tone: an addition to the same readings, as near
+    as the tone wanders; a base that tilts to and fro shakes.
+    """
+    effect, law = curve.effect, host.law
+    if isinstance(effect, LearnedReading):
+        near = abs(curve.line_hz - host.line_hz) < law.wander
+        return near and effect.sensor == host.effect.sensor
+    return isinstance(effect, LearnedTilt) and effect.slot == "base" and law.superposes
 
 
 def _of_one_source(frequency: float, tone: float, wander: float) -> bool:

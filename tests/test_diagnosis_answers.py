@@ -35,7 +35,7 @@ ENCODER = {"id": "table_encoder_2rev", "axis": "outer", "cos_arcsec": 40.0}
 TIME = {"id": "learned", "on": "tilt", "coordinate": "time", "slot": "base", "turn": "x"}
 RELAXING = TIME | {
     "knots": [0.0, 50.0, 100.0, 150.0, 220.0],
-    "coefficients": [0.0, 2e-4, 3e-4, 3.6e-4, 4e-4],
+    "coefficients": [0.0, 5e-5, 3.2e-4, 3.4e-4, 4e-4],
 }
 BUMP = {
     "id": "learned",

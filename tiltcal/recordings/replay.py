@@ -11,6 +11,7 @@ from tiltcal.core.frames import parse_mounts
 from tiltcal.recordings.differentiation import Rates, differentiate, noise_of_stamped
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
+from tiltcal.recordings.segmentation import tells_rests
 from tiltcal.recordings.stamps import unrounded
 from tiltcal.recordings.table_columns import other_tables
 from tiltcal.recordings.table_rests import at_rest
@@ -73,12 +74,18 @@ class Replay:
         """
         return self._rates[axis].noise, self._rates[axis].acceleration_noise
 
+    @property
+    def _read(self) -> Mask:
+        """Rows that tell the motion, (n,): those that were read; all, where hardly any was."""
+        enough = tells_rests(self.time[self.known])
+        return self.known if enough and self.known.any() else np.ones(len(self.time), bool)
+
     @cached_property
     def _rates(self) -> dict[str, Rates]:
         """Rate and acceleration of each axis: the drive is asked for many times. Where nothing was
         read it turns evenly: no motion is told from interpolated angles.
         """
-        found, read = {}, self.known
+        found, read = {}, self._read
         for name, angle in self.angles.items():
             # counted the other way it has the same rates, turned
             sign = -1.0 if angle[np.argmax(np.abs(angle))] < 0 else 1.0
@@ -94,7 +101,8 @@ class Replay:
     @cached_property
     def rests(self) -> Rests:
         """When each rest began and ended: to a part of a sample where the readout tells it."""
-        time, read = self.time[self.known].tobytes(), self.known
+        read = self._read
+        time = self.time[read].tobytes()
         said = [_edges(time, angle[read].tobytes()) for angle in self.angles.values()]
         leaves, comes = (
             np.sort(np.concatenate([one[side] for one in said])) if said else np.zeros(0)

@@ -22,6 +22,8 @@ from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.stamps import require_measurable
 from tiltcal.setup.pauses import breaks
 
+FEWEST = 4  # rows, of which any may move
+NARROWEST = 6  # rows of a window
 WINDOW = 0.5  # s
 GUARD = WINDOW / 2  # s cut off at both ends of a dwell: hands leave, structures settle
 SHORTEST = 1.0  # s, of a dwell
@@ -115,6 +117,16 @@ def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
     return _quiet(time, angles, window, "readout")
 
 
+def tells_rests(time: Array, window: float = WINDOW) -> bool:
+    """Whether rows are enough to tell rests from motion: more than one window."""
+    return len(time) < FEWEST or len(time) > _width(time, window)
+
+
+def _width(time: Array, window: float) -> int:
+    """Rows of a window, s."""
+    return max(round(min(window / float(np.median(np.diff(time))), len(time))), NARROWEST)
+
+
 def _signals(recording: Recording) -> list[tuple[npt.NDArray[np.intp], Array, Array]]:
     """Rows, all moving channels as written (n, k), and those among them that are rates in rad/s (n,
     j), of each block.
@@ -157,10 +169,9 @@ def _turning(time: Array, rates: Array, quiet: Mask) -> Mask:
 
 def _quiet(time: Array, values: Array, window: float, source: str) -> Mask:
     n = len(time)
-    if n < 4:
+    if n < FEWEST:
         return np.ones(n, bool)
-    dt = float(np.median(np.diff(time)))
-    width = max(round(min(window / dt, n)), 6)
+    width = _width(time, window)
     if n <= width:
         raise TiltcalError(
             source,

@@ -118,7 +118,9 @@ def resting_rows(time: Array, angles: Array, window: float = WINDOW) -> Mask:
 
 
 def tells_rests(time: Array, window: float = WINDOW) -> bool:
-    """Whether rows are enough to tell rests from motion: more than one window."""
+    """Whether rows are enough to tell rests from motion: more than one window. time: s, (n,);
+    window: s.
+    """
     return len(time) < FEWEST or len(time) > _width(time, window)
 
 

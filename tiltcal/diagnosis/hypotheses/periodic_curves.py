@@ -20,6 +20,7 @@ def periodic_curves(
     """At every place, one for each spectral line in time.
 
     Args:
+        scenario: whose table and sensors; lines: that stand out of the residual.
         sensors: that are read.
     """
     for cls, where in _places(scenario, sensors) if lines.tones else ():

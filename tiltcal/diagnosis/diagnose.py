@@ -223,7 +223,7 @@ def _explained(
         gate,
         tuple(names[k] for k in held),
         tuple(chances[k] for k in held),
-        slow_variations(left, CLAIM),
+        slow_variations(left, CLAIM, floors),
         doubts,
     )
 

@@ -4,11 +4,12 @@ It fits a random walk or flicker as well as any other slow course, so that only 
 instruments have grades, and the axes of one are alike.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from tiltcal.diagnosis.model.noise_prior import above_price, instruments, unlike_others
+from tiltcal.diagnosis.model.noise_prior import NOTHING, above_price, instruments, unlike_others
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.bayes_factors import ENERGIES
 from tiltcal.diagnosis.search.priors import SOMETHING, UNLISTED
@@ -37,10 +38,17 @@ class SlowVariation:
     probability: float
 
 
-def slow_variations(whitened: WhitenedModel, claim: float) -> tuple[SlowVariation, ...]:
+def slow_variations(
+    whitened: WhitenedModel, claim: float, floors: Mapping[str, float]
+) -> tuple[SlowVariation, ...]:
     """The channels whose slow noise is no noise with at least this probability: beyond that of the
     worst grade by its size, not only beside the white noise, or unlike that of the sensor's other
     axes.
+
+    Args:
+        whitened: the noise that a model leaves.
+        claim: probability from which one is told.
+        floors: size, SI, of what coarse codes do to a sensor's misfit: none below it is told.
     """
     observations, fits = whitened.observations, whitened.fits
     prior = SOMETHING * UNLISTED / len(observations.channels) / len(ENERGIES)
@@ -49,7 +57,8 @@ def slow_variations(whitened: WhitenedModel, claim: float) -> tuple[SlowVariatio
         together = one.most_probable([fits[i] for i in one.which])  # a record at rest has others
         for k, (i, axis) in enumerate(zip(one.which, one.axes, strict=True)):
             channel = observations.channels[i]
-            if channel.derived:
+            hidden = axis.level(fits[i].model) < np.log(floors.get(channel.sensor) or NOTHING)
+            if channel.derived or hidden:
                 continue
             above = axis.above_grades(fits[i].model).min(axis=0) * _share(fits[i])
             large, (unlike, times) = above_price(above.tolist()), unlike_others(one, k, together)

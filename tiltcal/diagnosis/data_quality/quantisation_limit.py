@@ -20,9 +20,15 @@ BLURRED = ("motion", "direction")  # needs of what moves tell: rates, and which 
 
 def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]:
     """Size, SI, below which the codes of a sensor, or of the table's readout, determine the misfit;
-    by sensor.
+    by sensor. What truncated axes do to a reading adds up.
     """
     floors: dict[str, float] = {}
+    cut = sum(f.effect.value("step") for f in faults if isinstance(f.effect, DataTruncation))
+    if cut:
+        for sensor in scenario.sensor:
+            size = scenario.site.gravity if sensor.kind == "accelerometer" else 1.0
+            size = sensor.rate_hz if sensor.quantity == "rate" else size
+            floors[sensor.name] = size * cut
     for fault in faults:
         if isinstance(fault.effect, AdcQuantisation):
             for name in fault.sensors:
@@ -32,13 +38,6 @@ def code_floors(scenario: Scenario, faults: Sequence[Fault]) -> dict[str, float]
             floors[fault.sensors[0]] = max(
                 floors.get(fault.sensors[0], 0.0), fault.effect.value("bit_value")
             )
-        if isinstance(fault.effect, DataTruncation):
-            for sensor in scenario.sensor:
-                size = scenario.site.gravity if sensor.kind == "accelerometer" else 1.0
-                size = sensor.rate_hz if sensor.quantity == "rate" else size
-                floors[sensor.name] = max(
-                    floors.get(sensor.name, 0.0), size * fault.effect.value("step")
-                )
     return floors
 
 

@@ -95,7 +95,9 @@ class Replay:
                 rates.rate[:] = sign * np.gradient(angle, self.time)
             for whole, part in zip(rates, told, strict=True):
                 whole[read] = part
-            found[name] = rates._replace(rate=sign * rates.rate, acceleration=sign * rates[1])
+            found[name] = rates._replace(
+                rate=sign * rates.rate, acceleration=sign * rates.acceleration
+            )
         return found
 
     @cached_property

@@ -18,7 +18,18 @@ def second_difference_noise(values: Array) -> float:
     """White noise of evenly sampled values from their second differences, in which no slow signal
     is left: standard deviation of a sample, robust against outliers. values: (n,).
     """
-    second = values[2:] - 2 * values[1:-1] + values[:-2]
+    return white_of(second_differences(values))
+
+
+def second_differences(values: Array) -> Array:
+    """What each value is off the line through its neighbours, twice, (n,) -> (n - 2,)."""
+    return values[2:] - 2 * values[1:-1] + values[:-2]
+
+
+def white_of(second: Array) -> float:
+    """Standard deviation of a sample of white noise with these second differences, (n,), robust
+    against outliers.
+    """
     return float(MAD_TO_SIGMA * np.median(np.abs(second)) / np.sqrt(6))
 
 

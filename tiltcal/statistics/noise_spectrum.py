@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from tiltcal.core.arrays import Array, Index, Real
-from tiltcal.statistics.dwell_noise import ARITHMETIC, MAD_TO_SIGMA
+from tiltcal.statistics.dwell_noise import ARITHMETIC, second_differences, white_of
 from tiltcal.statistics.projection import column_space
 
 FEW = 50  # readings at rest that tell the noise
@@ -165,7 +165,7 @@ def sines(n: int) -> Array:
 
 def robust_white(residual: Array) -> float:
     """White noise from second differences, in which no slow signal is left. residual: (n,)."""
-    return _white_of(_second_differences(residual))
+    return _not_below_codes(second_differences(residual))
 
 
 def white_at_rest(values: Array, stop: Index) -> float:
@@ -177,19 +177,14 @@ def white_at_rest(values: Array, stop: Index) -> float:
     from_one = (stop[2:] >= 0) & (stop[2:] == stop[1:-1]) & (stop[2:] == stop[:-2])
     if from_one.sum() < FEW:
         return robust_white(values)
-    return _white_of(_second_differences(values)[from_one])
+    return _not_below_codes(second_differences(values)[from_one])
 
 
-def _second_differences(values: Array) -> Array:
-    return values[2:] - 2 * values[1:-1] + values[:-2]
-
-
-def _white_of(second: Array) -> float:
-    """White noise of readings by their second differences, not below a part of these: codes hide
-    the noise of most.
+def _not_below_codes(second: Array) -> float:
+    """White noise of readings by their second differences, (n,), not below a part of these: codes
+    hide the noise of most.
     """
-    white = MAD_TO_SIGMA * float(np.median(np.abs(second))) / np.sqrt(6)
-    return max(float(white), 0.05 * float(np.std(second)), ARITHMETIC)
+    return max(white_of(second), 0.05 * float(np.std(second)), ARITHMETIC)
 
 
 @dataclass(frozen=True)

@@ -178,3 +178,10 @@ def test_a_floor_that_comes_to_rest_is_one_number_and_a_time_constant():
     assert only.effect == "floor_tilt_drift"
     (law,) = [e for e in found.amended["effect"] if e.get("relaxing")]
     assert law["lag_s"] == pytest.approx(80.0, rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_hysteresis_has_its_name_beside_plays_of_the_force():
+    truth = bench({"id": "acc_hysteresis", "sensor": "accel", "hysteresis_x_ug": -90.0})
+    (only,) = diagnose(honest(truth), [recorded(truth, 3)]).findings
+    assert only.effect == "acc_hysteresis"

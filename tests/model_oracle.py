@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from model_rig import Mapped, poses_and_moves
 from mujoco import sysid
 
 from tiltcal.api.simulating import simulator
+from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import Scenario, parse_scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import replay
 from tiltsim.sysid import Exchange
 
 TERMS = {
@@ -21,6 +24,36 @@ TERMS = {
     "scale": ("acc_scale", [f"scale_{a}_ppm" for a in "xyz"]),
     "cross_axis": ("acc_cross_axis", [f"cross_{a}{b}_ppm" for a in "xyz" for b in "xyz" if a != b]),
 }
+
+
+def law(id: str, axis: str | None = None, **sizes: float) -> str:
+    """An `[[effect]]` table with the sizes of its numbers."""
+    where = [f'axis = "{axis}"'] if axis else []
+    lines = [f'id = "{id}"', *where, 'role = "found"', *(f"{k} = {v}" for k, v in sizes.items())]
+    return "\n".join(["[[effect]]", *lines, ""])
+
+
+def recorded(axes: dict[str, Mapped], poses: int = 4, seed: int = 1) -> tuple[Recording, Any, Any]:
+    """Moves between random poses, their stamps and their readouts with derivatives."""
+    time, jets = poses_and_moves(np.random.default_rng(seed), list(axes), poses)
+    columns = {f"accelerometer_{a}_m_s2": np.zeros(len(time)) for a in "xyz"}
+    for axis, jet in jets.items():
+        columns |= axes[axis].column(axis, jet[0])
+    return Recording.from_columns(time, columns), time, jets
+
+
+def forces_by_both(file: Path, model: Path, axes: dict[str, Mapped]) -> tuple[Any, Any, Any]:
+    """Forces on the user's own model with the effects of a scenario built in, by the closed form,
+    and without effects, (n, 3) each.
+    """
+    exchange = Exchange.of(file, model)
+    recording, time, _ = recorded(axes)
+    course = replay(recording, exchange.scenario)
+    effects = exchange.effects(exchange.parameters)
+    times = {"accelerometer": time}
+    closed = readings(exchange.scenario, course, times, effects)["accelerometer"]
+    own = readings(exchange.scenario, course, times, effects, mover=exchange._move)["accelerometer"]
+    return own, closed, readings(exchange.scenario, course, times, ())["accelerometer"]
 
 
 def effect(id: str, *free: str, **where: str) -> str:

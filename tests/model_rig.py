@@ -14,15 +14,30 @@ from tiltcal.core.units import ARCSEC
 
 RATE = 50.0  # Hz
 GRAVITY = 9.80123
+SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """A joint with the sense and the zero of its readout."""
+    """A joint with the sense and the zero of its readout, rad, or m where it slides."""
 
     joint: str
     sign: int = 1
-    offset: float = 0.0  # rad
+    offset: float = 0.0
+    slides: bool = False
+
+    @property
+    def written_zero(self):
+        """The zero as a scenario states it."""
+        if self.slides:
+            return f"offset_mm = {1e3 * self.offset}"
+        return f"offset_deg = {np.degrees(self.offset)}"
+
+    def column(self, axis, place):
+        """The readout's column and what stands in it."""
+        if self.slides:
+            return {f"table_{axis}_mm": 1e3 * place}
+        return {f"table_{axis}_deg": np.degrees(place)}
 
 
 class PlainModel:
@@ -36,7 +51,8 @@ class PlainModel:
         link_stiffness: N m/rad of two springs behind a joint, about the axes across it, by joint.
         base_stiffness: N m/rad under the root body about East and North, whose origin is the
             world's.
-        axis_tilt: rad, of a joint's axis about the two axes across it, by joint.
+        axis_tilt: rad, of a joint's axis about the two axes across it, by joint; a slide stands
+            as before where its readout says zero.
         payload: kg, and where in the frame of the joint's body, m, (3,), by joint.
     """
 
@@ -92,6 +108,11 @@ class PlainModel:
             x, y = across(axis)
             tilted = axis + a * np.cross(x, axis) + b * np.cross(y, axis)
             joint.axis = tilted / np.linalg.norm(tilted)
+            zeros = [m.offset for m in axes.values() if m.joint == name and m.slides]
+            for zero in zeros:  # where the readout says zero it stands as before
+                R = _matrix(joint.parent.quat)
+                moved = R @ (axis - np.array(joint.axis)) * (zero - joint.ref)
+                joint.parent.pos = np.array(joint.parent.pos) + moved
         for name, (mass, place) in dict(payload).items():
             spec.joint(name).parent.add_body(
                 pos=place, mass=mass, inertia=[1e-9] * 3, explicitinertial=True
@@ -162,9 +183,15 @@ class PlainModel:
             mujoco.mj_rnePostConstraint(model, data)
             wrench = data.cfrc_int[joint.bodyid[0]]
             reference = data.subtree_com[model.body_rootid[joint.bodyid[0]]]
-            arm = reference - (data.xanchor[joint.id] if about is None else about)
+            arm = reference - (self._anchor(joint) if about is None else about)
             vector[k] = -(wrench[:3] + np.cross(arm, wrench[3:]))
         return along, vector
+
+    def _anchor(self, joint):
+        """Of a joint; where it slides, the one of the body that it moves."""
+        data, place = self.data, joint.qposadr[0]
+        slid = (data.qpos - self.model.qpos0)[place] * (joint.type[0] == SLIDE)
+        return data.xanchor[joint.id] + slid * data.xaxis[joint.id]
 
     def _bends(self, n, angles):
         """Deflections of the springs under the loads, rad, (n, springs); their own motion is left
@@ -237,8 +264,7 @@ def scenario_text(path, axes, site, sensors=("accelerometer",), adjustable=("bia
     lines = ["schema = 1", 'name = "own model"', "[site]", f"gravity_m_s2 = {GRAVITY}", "[rig]"]
     lines += [f'mjcf = "{Path(path).name}"', f'site = "{site}"', "[rig.axes]"]
     for name, m in axes.items():
-        offset = np.degrees(m.offset)
-        lines.append(f'{name} = {{joint = "{m.joint}", sign = {m.sign}, offset_deg = {offset}}}')
+        lines.append(f'{name} = {{joint = "{m.joint}", sign = {m.sign}, {m.written_zero}}}')
     for kind in sensors:
         terms = ", ".join(f'"{a}"' for a in adjustable)
         lines += ["[[sensor]]", f'name = "{kind}"', f'kind = "{kind}"', f"rate_hz = {RATE}"]
@@ -288,6 +314,18 @@ _LEG = """<body name="leg_{k}" pos="{x:.3f} {y:.3f} 0" euler="0 0 {turn}">
 <body name="shin_{k}" pos=".15 0 0"><joint name="tibia_{k}" axis="0 1 .1"/>
 <geom type="capsule" fromto="0 0 0 .05 .02 -.2" size=".015" mass=".3"/>{site}
 </body></body></body>"""
+LIFT = """<mujoco model="pan-tilt head on a lift"><worldbody><body name="foot">
+<geom type="cylinder" size=".3 .05" mass="30"/><site name="floor_imu" pos=".1 0 .05"/>
+<body name="carriage" pos="0 .02 .3"><joint name="lift" type="slide" axis=".02 0 1" ref=".05"/>
+<geom type="box" size=".1 .1 .05" mass="6" pos=".05 0 0"/>
+<body name="yoke" pos=".1 0 .2"><joint name="pan" axis="0 0 1" pos=".01 0 0"/>
+<geom type="box" size=".02 .12 .15" mass="3" pos=".03 0 .15"/>
+<body name="cradle" pos="0 0 .25"><joint name="tilt" axis="0 1 0"/>
+<geom type="box" size=".15 .08 .05" mass="4" pos=".12 .01 .03"/>
+<body name="boom" pos=".1 0 .02"><joint name="boom" type="slide" axis="1 .1 0" range="-.2 .6"/>
+<geom type="cylinder" size=".06 .1" mass="2" pos=".05 .04 0" euler="0 90 0"/>
+<site name="imu" pos=".1 0 .04" euler="5 -10 20"/>
+</body></body></body></body></body></worldbody></mujoco>"""
 HEXAPOD = (
     '<mujoco model="hexapod"><worldbody><body name="trunk" pos="0 0 1" euler="3 -2 0"><freejoint/>'
     '<geom type="cylinder" size=".2 .05" mass="5"/>'

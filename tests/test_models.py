@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 import tomli_w
-from model_rig import GRAVITY, Mapped, PlainModel, poses_and_moves, scenario_text, stated
+from model_rig import GRAVITY, LIFT, Mapped, PlainModel, poses_and_moves, scenario_text, stated
 from statistics_helpers import rng_of
 
 from tiltcal.core.assets import folder
@@ -47,6 +47,12 @@ PUSHER = {
         )
     )
 }
+HOIST = {
+    "lift": Mapped("lift", -1, 0.03, slides=True),
+    "pan": Mapped("pan", 1, 0.2),
+    "tilt": Mapped("tilt", -1),
+    "boom": Mapped("boom", 1, -0.1, slides=True),
+}
 URDF = """<robot name="head">
   <link name="mast"><inertial><origin xyz="0 0 .5"/><mass value="3"/>
     <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -75,7 +81,10 @@ def models(tmp_path_factory):
     (place / "pusher.xml").write_text(
         text.replace(site, f'{site}<site name="imu" pos=".02 0 .1"/>')
     )
+    for name in ("lift", "floor"):
+        (place / f"{name}.xml").write_text(LIFT)
     found = {"arm": (ARM, "tool"), "base": (ARM, "base_imu"), "pusher": (PUSHER, "imu")}
+    found |= {"lift": (HOIST, "imu"), "floor": (HOIST, "floor_imu")}
     (place / "base.xml").write_text((place / "arm.xml").read_text())
     for name, (axes, site) in found.items():
         (place / f"{name}.toml").write_text(scenario_text(f"{name}.xml", axes, site))
@@ -88,7 +97,7 @@ def drive_of(time, jets):
     return Drive(time, jets, 0.0, np.zeros(n), 0.0, still, ((0, np.eye(3)),))
 
 
-@pytest.mark.parametrize("name", ["arm", "base", "pusher"])
+@pytest.mark.parametrize("name", ["arm", "base", "pusher", "lift"])
 def test_closed_form_and_both_models_of_mujoco_agree(models, name):
     path, axes, site = models[name]
     scenario = load_scenario(path.with_suffix(".toml"))
@@ -147,7 +156,7 @@ def test_effects_of_links_are_refused_on_a_table(tmp_path):
 
 
 @pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("name", ["arm", "pusher"])
+@pytest.mark.parametrize("name", ["arm", "pusher", "lift"])
 def test_loads_are_those_of_inverse_dynamics_in_mujoco(models, name, moving):
     path, axes, site = models[name]
     chain = load_scenario(path.with_suffix(".toml")).rig.kind.chain
@@ -160,7 +169,8 @@ def test_loads_are_those_of_inverse_dynamics_in_mujoco(models, name, moving):
         torque, vector = plain.moments(jets, mapped.joint)
         size = np.linalg.norm(vector, axis=1)
         within = {"rtol": 0, "atol": 1e-9 * size.max()}
-        np.testing.assert_allclose(found[axis][:, 2], mapped.sign * torque, **within)
+        if not mapped.slides:
+            np.testing.assert_allclose(found[axis][:, 2], mapped.sign * torque, **within)
         np.testing.assert_allclose(np.linalg.norm(found[axis], axis=1), size, **within)
         if chain.links[axis].on == BASE:
             base += plain.moments(jets, mapped.joint, np.zeros(3))[1]
@@ -184,12 +194,12 @@ def test_urdf_is_read_like_mjcf(tmp_path):
 WRONG = {
     "../out.xml": ({}, "outside the scenario's folder"),
     "absent.xml": ({}, "no such file"),
-    "slide.xml": (
+    "ball.xml": (
         {
-            "slide.xml": "<mujoco><worldbody><body name='b'><joint name='pan' type='slide'/>"
+            "ball.xml": "<mujoco><worldbody><body name='b'><joint name='pan' type='ball'/>"
             "<geom size='.1'/></body></worldbody></mujoco>"
         },
-        "for axis pan, a slide joint and no hinge.*leave it out",
+        "for axis pan, a ball joint.*leave it out",
     ),
     "broken.xml": ({"broken.xml": "<mujoco><worldbody>"}, "no XML"),
     "unknown.xml": ({"unknown.xml": "<mujoco><nothing/></mujoco>"}, "a model that MuJoCo loads"),
@@ -258,12 +268,14 @@ def recorded(models, name, seed, poses=24, **springs):
     time, angles = poses_and_moves(rng, list(axes), poses)
     force, _ = PlainModel(path, axes, site, **springs).readings(time, angles)
     force = force + rng.normal(0, 60e-6 * 9.8 * np.sqrt(50), force.shape)
-    columns = {f"table_{a}_deg": np.degrees(jet[0]) for a, jet in angles.items()}
+    columns = {}
+    for axis, jet in angles.items():
+        columns |= axes[axis].column(axis, jet[0])
     columns |= {f"accelerometer_{a}_m_s2": force[:, i] for i, a in enumerate("xyz")}
     return load_scenario(path.with_suffix(".toml")), Recording.from_columns(time, columns)
 
 
-@pytest.mark.parametrize("name", ["arm", "pusher"])
+@pytest.mark.parametrize("name", ["arm", "pusher", "lift", "floor"])
 def test_a_sound_model_matches(models, name):
     scenario, recording = recorded(models, name, "null")
     assert diagnose(scenario, [recording]).verdict == "match"
@@ -345,7 +357,7 @@ def test_columns_of_loads_are_differences_of_the_closed_form(models, id, where, 
     np.testing.assert_allclose(column, expected, rtol=0, atol=2e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("name", "axis"), [("arm", "wrist"), ("pusher", "j1")])
+@pytest.mark.parametrize(("name", "axis"), [("arm", "wrist"), ("pusher", "j1"), ("lift", "tilt")])
 def test_a_link_that_bends_is_two_springs_behind_its_joint_in_plain_mujoco(models, name, axis):
     path, axes, site = models[name]
     scenario = load_scenario(path.with_suffix(".toml"))
@@ -374,7 +386,7 @@ def swing(time, size, frequency, phase):
     return size * np.array(rates)
 
 
-@pytest.mark.parametrize("name", ["arm", "pusher"])
+@pytest.mark.parametrize("name", ["arm", "pusher", "lift"])
 def test_a_tilted_axis_is_one_effect_whatever_its_readout_says_at_the_reference(models, name):
     path, axes, site = models[name]
     scenario = load_scenario(path.with_suffix(".toml"))

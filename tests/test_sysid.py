@@ -3,7 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from model_rig import Mapped, PlainModel, poses_and_moves, scenario_text
+from model_oracle import forces_by_both, law, recorded
+from model_rig import Mapped, PlainModel, scenario_text
 from mujoco import sysid
 from scipy.ndimage import binary_erosion
 
@@ -11,10 +12,8 @@ from tiltcal.cli import main
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.units import ARCSEC
-from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
-from tiltcal.recordings.replay import replay
 from tiltsim.sysid import Exchange
 
 ARM = folder("scenarios") / "arm" / "arm.xml"
@@ -32,19 +31,6 @@ def written(place, effects, site="tool"):
     file = place / "scenario.toml"
     file.write_text(text + effects)
     return file
-
-
-def recorded(poses=4, seed=1):
-    time, jets = poses_and_moves(np.random.default_rng(seed), list(AXES), poses)
-    columns = {f"table_{a}_rad": j[0] for a, j in jets.items()}
-    columns |= {f"accelerometer_{a}_m_s2": np.zeros(len(time)) for a in "xyz"}
-    return Recording.from_columns(time, columns), time, jets
-
-
-def law(id, axis=None, **sizes):
-    where = [f'axis = "{axis}"'] if axis else []
-    lines = [f'id = "{id}"', *where, 'role = "found"', *(f"{k} = {v}" for k, v in sizes.items())]
-    return "\n".join(["[[effect]]", *lines, ""])
 
 
 LAWS = {
@@ -87,15 +73,7 @@ def test_a_link_bends_before_the_next_joint_of_its_body(tmp_path):
 
 
 def by_both(tmp_path, effect):
-    """Forces on the users own model, by the closed form, and without the effect, (n, 3) each."""
-    exchange = Exchange.of(written(tmp_path, effect), ARM)
-    recording, time, _ = recorded()
-    course = replay(recording, exchange.scenario)
-    effects = exchange.effects(exchange.parameters)
-    times = {"accelerometer": time}
-    closed = readings(exchange.scenario, course, times, effects)["accelerometer"]
-    own = readings(exchange.scenario, course, times, effects, mover=exchange._move)["accelerometer"]
-    return own, closed, readings(exchange.scenario, course, times, ())["accelerometer"]
+    return forces_by_both(written(tmp_path, effect), ARM, AXES)
 
 
 def test_a_diagnosis_goes_to_sysid_and_comes_back(tmp_path):
@@ -146,7 +124,7 @@ def test_a_file_that_holds_no_result_is_refused(tmp_path, capsys, text, found):
 
 def test_sysid_finds_on_the_users_model_what_plain_mujoco_has(tmp_path):
     """The recording is plain MuJoCo's; the optimiser begins at a tenth of the truth."""
-    _, time, jets = recorded(poses=6)
+    _, time, jets = recorded(AXES, poses=6)
     rig = PlainModel(ARM, AXES, "tool", joint_stiffness={"lift": 1 / (10 * ARCSEC)})
     force, _ = rig.readings(time, jets)
     columns = {f"table_{a}_rad": j[0] for a, j in jets.items()}

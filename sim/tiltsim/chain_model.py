@@ -13,7 +13,7 @@ SMALLEST = 1e-6  # kg and kg m2: MuJoCo refuses a body that moves and has none
 
 
 def mjcf_of(chain: Chain) -> str:
-    """MJCF of the links: a body ``<axis>`` with a hinge of that name behind a frame
+    """MJCF of the links: a body ``<axis>`` with a hinge or slide of that name behind a frame
     ``<axis>_bearing``, and the instrument behind ``mount``.
     """
     root = Element("mujoco", model="links")
@@ -42,10 +42,11 @@ def mjcf_of(chain: Chain) -> str:
 
 
 def _link(parent: Element, link: Link) -> Element:
-    """A link on its parent: its place, its bearing, and what turns."""
+    """A link on its parent: its place, its bearing, and what moves."""
     place = _body(parent, f"{link.axis}_place", SMALLEST, link)
     body = SubElement(_body(place, bearing(link.axis), SMALLEST), "body", name=link.axis)
-    joint = SubElement(body, "joint", name=link.axis, type="hinge", axis="0 0 1")
+    kind = "slide" if link.slides else "hinge"
+    joint = SubElement(body, "joint", name=link.axis, type=kind, axis="0 0 1")
     joint.set("armature", repr(link.armature_kg_m2))
     joint.set("damping", repr(link.damping_N_m_s_rad))
     joint.set("frictionloss", repr(link.friction_N_m))

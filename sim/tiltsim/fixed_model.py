@@ -59,10 +59,8 @@ class Reference:
                 need="a model of your own: [rig] mjcf, axes and site",
                 do="state it, and diagnose again",
             )
-        axes = {
-            link.axis: ModelAxis(joint=link.joint, sign=link.sign, offset_deg=link.offset_deg)
-            for link in rig.link
-        }
+        stated = ("joint", "sign", "offset_deg", "offset_mm")
+        axes = {link.axis: ModelAxis(**{k: getattr(link, k) for k in stated}) for link in rig.link}
         words = ModelWords(mjcf=rig.model, axes=axes, site=rig.site)
         reader = ModelReader(spec.compile(), words, f"model {rig.model}")
         reader.place(rig.site)
@@ -109,7 +107,7 @@ def build_in(
 def _bearing_turn(setup: Setup, effects: Sequence[Effect], axis: str) -> Array:
     """Turn before a joint, with the constant error of its readout, in its frame, (3, 3)."""
     errors = [fixed_error(e, setup, axis) for e in effects if isinstance(e, AngleEffect)]
-    zero = sum(error for error in errors if error is not None)
+    zero = sum(error for error in errors if error is not None)  # a slide has none
     return fixed_turn(setup, effects, bearing(axis)) @ rotation("z", zero)
 
 
@@ -127,7 +125,8 @@ def _turn_joint(
     parent, base = reference.pose(int(model.body_parentid[joint.body]))
     frame = parent @ _matrix(_orientation(body, model.body_quat[joint.body]))
     place = base + parent @ np.array(body.pos)
-    turned, moved = turn @ frame, joint.origin + turn @ (place - joint.origin)
+    slid = joint.origin - joint.start  # at the model's reference, from readout zero
+    turned, moved = turn @ frame, joint.start + turn @ (place - joint.start - slid) + before @ slid
     for other in body.joints:
         if other.name == own.name:
             other.axis = turned.T @ before @ frame @ np.array(other.axis)
@@ -166,7 +165,7 @@ def _install_springs(
         found[name] = 1 / bend.value if abs(bend.value) * STIFFEST > 1 else STIFFEST
         if bend.slot in bearings:
             joint = bearings[bend.slot]
-            carrier, origin, along = joint.body, joint.origin, joint.bearing[:, direction]
+            carrier, origin, along = joint.body, joint.start, joint.bearing[:, direction]
             before = spec.joint(reference.model.joint(joint.joint).name)
         elif bend.slot in links:
             joint = links[bend.slot]

@@ -71,12 +71,18 @@ class ModelJoint:
     body: int
     origin: Array
     R: Array
-    zero: float  # rad: angle of the link when the readout says zero, from the reference
+    zero: float  # of the link when the readout says zero, from the reference, rad or m
+    slides: bool = False
 
     @property
     def bearing(self) -> Array:
         """The frame before it turns: as ``R`` when the readout says zero, (3, 3)."""
-        return self.R @ rotation("z", self.zero)
+        return self.R if self.slides else self.R @ rotation("z", self.zero)
+
+    @property
+    def start(self) -> Array:
+        """Where the origin is when the readout says zero, m, (3,)."""
+        return self.origin + self.R[:, 2] * self.zero if self.slides else self.origin
 
 
 class ModelReader:
@@ -119,12 +125,19 @@ class ModelReader:
                 "the name of a joint",
                 nearest(axis.joint, [n for n in names if n] or ["no joint has a name"]),
             )
-        if model.jnt_type[number] != mujoco.mjtJoint.mjJNT_HINGE:
-            kind = mujoco.mjtJoint(model.jnt_type[number]).name.removeprefix("mjJNT_").lower()
+        kind = mujoco.mjtJoint(model.jnt_type[number])
+        words = kind.name.removeprefix("mjJNT_").lower()
+        if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             raise self._error(
-                f"joint '{axis.joint}' for axis {name}, a {kind} joint and no hinge",
-                "joints that turn about one axis",
+                f"joint '{axis.joint}' for axis {name}, a {words} joint",
+                "joints that turn about one axis, or slide along it",
                 "leave it out of [rig.axes]: it stays at the model's reference",
+            )
+        other = "offset_deg" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "offset_mm"
+        if getattr(axis, other):
+            raise self._error(
+                f"{other} of axis {name}, whose joint is a {words}",
+                "offset_mm of a slide, offset_deg of a hinge",
             )
         return int(number)
 
@@ -133,21 +146,25 @@ class ModelReader:
         body = int(self.model.jnt_bodyid[joint])
         R = _frame_along(along, self.data.xmat[body].reshape(3, 3))
         reference = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
-        zero = axis.sign * (np.radians(axis.offset_deg) - reference)
-        return ModelJoint(name, joint, body, np.array(self.data.xanchor[joint]), R, zero)
+        slides = bool(self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
+        offset = axis.offset_mm * 1e-3 if slides else np.radians(axis.offset_deg)
+        zero, origin = axis.sign * (offset - reference), np.array(self.data.xanchor[joint])
+        return ModelJoint(name, joint, body, origin, R, float(zero), slides)
 
     def _link(self, k: int) -> Link:
         axis = self.axes[k]
         on = self._before(k)
-        place = self._placed(on, axis.origin, axis.bearing)
+        place = self._placed(on, axis.start, axis.bearing)
         words = self.words.axes[axis.name]
         return Link(
             axis=axis.name,
             joint=words.joint,
+            slides=axis.slides,
             sign=words.sign,
             offset_deg=words.offset_deg,
-            reference_deg=float(-np.degrees(axis.zero)),
-            range_deg=self._range(axis.joint, words),
+            offset_mm=words.offset_mm,
+            reference_deg=0.0 if axis.slides else float(-np.degrees(axis.zero)),
+            range_deg=None if axis.slides else self._range(axis.joint, words),
             **self._mass(k),
             **drive_of(self.model, axis.joint),
             **place,
@@ -189,7 +206,7 @@ class ModelReader:
         return self._on(int(self.model.body_parentid[self.axes[k].body]))
 
     def _mass(self, k: int) -> dict[str, Any]:
-        """Mass, centre and inertia, as a ``Link`` has them, of all bodies that turn with an axis
+        """Mass, centre and inertia, as a ``Link`` has them, of all bodies that move with an axis
         and with no axis inside it.
         """
         own = [b for b in range(1, self.model.nbody) if self._on(b) == k]

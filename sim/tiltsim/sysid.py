@@ -212,7 +212,7 @@ class Exchange:
         v, a = np.zeros((n, rig.model.nv)), np.zeros((n, rig.model.nv))
         for link in self.scenario.rig.link:
             jet, dof = angles[link.axis], rig.dof(link.joint)
-            q[:, rig.position(link.joint)] = link.sign * jet.x + np.radians(link.offset_deg)
+            q[:, rig.position(link.joint)] = link.sign * jet.x + link.zero
             v[:, dof], a[:, dof] = link.sign * jet.v, link.sign * jet.a
         return q, v, a
 

@@ -1,18 +1,18 @@
 """Simulating: the MuJoCo laboratory, recordings of a scenario, and their truth."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import entry_points
 
 import numpy as np
 
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import Progress, Rate, silent, told_pieces
-from tiltcal.core.units import DEG
 from tiltcal.effects import to_file
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.laboratory.laboratory import Laboratory, SimulatedLaboratory
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.setup.tables import Table
 
 STAGES = ("environment", "table", "mount")  # of the effects that change the true attitude
 
@@ -95,6 +95,15 @@ def truth_table(scenario: Scenario, seed: int | None) -> dict[str, object]:
     return truth
 
 
+def _readout(table: Table, places: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Places of the axes, rad or m, as ``readout_<unit>`` by axis."""
+    found: dict[str, dict[str, float]] = {"readout_deg": {}}
+    for name, place in places.items():
+        of_unit = found.setdefault(f"readout_{table.unit(name)}", {})
+        of_unit[name] = float(place / table.size(name))
+    return found
+
+
 def _true_poses(scenario: Scenario) -> list[dict[str, object]]:
     legs = [leg for leg in scenario.schedule.legs if leg.stop >= 0]
     drive = scenario.schedule.drive(np.array([(leg.t0 + leg.t1) / 2 for leg in legs]))
@@ -106,7 +115,7 @@ def _true_poses(scenario: Scenario) -> list[dict[str, object]]:
             "end_s": leg.t1,
             "label": leg.label,
             "up": up[k].tolist(),
-            "readout_deg": {n: float(np.asarray(jet.x)[k] / DEG) for n, jet in drive.axes.items()},
+            **_readout(scenario.rig.kind, {n: np.asarray(j.x)[k] for n, j in drive.axes.items()}),
         }
         for k, leg in enumerate(legs)
     ]

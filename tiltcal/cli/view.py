@@ -13,7 +13,7 @@ from tiltcal.cli.output import print_json, progress_line, tell
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import Rate, told_each
-from tiltcal.core.units import DEG
+from tiltcal.core.units import unit_sign
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.replay import replay
@@ -57,9 +57,13 @@ class Shown:
     @property
     def labels(self) -> list[str]:
         """Time and angles at each instant."""
-        angles = {name: np.asarray(jet.x) / DEG for name, jet in self.drive.axes.items()}
+        table = self.setup.rig.kind
+        places = {
+            f"{name} {{:.1f}}{unit_sign(table.unit(name))}": np.asarray(jet.x) / table.size(name)
+            for name, jet in self.drive.axes.items()
+        }
         return [
-            ", ".join([f"{t:.1f} s", *(f"{name} {a[k]:.1f}°" for name, a in angles.items())])
+            ", ".join([f"{t:.1f} s", *(said.format(a[k]) for said, a in places.items())])
             for k, t in enumerate(self.drive.elapsed)
         ]
 

@@ -28,6 +28,7 @@ COLUMN_UNITS: dict[str, Unit] = {
     **_table("acceleration", m_s2=1.0, g=G0, mg=1e-3 * G0, ug=1e-6 * G0),
     **_table("rate", rad_s=1.0, deg_s=DEG, deg_h=DEG_H),
     **_table("temperature", degC=1.0),
+    **_table("length", m=1.0, mm=1e-3, um=1e-6),
     **_table("raw", V=1.0, mV=1e-3, mA=1e-3, LSB=1.0),
 }
 """Units a column of a recording may end in (CONTRACT: recording)."""
@@ -36,7 +37,6 @@ COLUMN_UNITS: dict[str, Unit] = {
 def _parameter_units() -> dict[str, Unit]:
     units = dict(COLUMN_UNITS)
     units |= _table("ratio", unitless=1.0, ppm=1e-6, percent=1e-2)
-    units |= _table("length", mm=1e-3, m=1.0, um=1e-6)
     units |= _table("frequency", hz=1.0)
     units |= _table("mass", kg=1.0)
     units |= {"": Unit(1.0, "count")} | _table("count", sigma=1.0)

@@ -108,7 +108,7 @@ class Block:
 
 def candidates(table: TableLimits) -> Iterator[Block]:
     """Every block that this table can run."""
-    names = table.rig.axis_names
+    names = table.rig.kind.turning
     for axis in names:
         yield from _of_axis(table, axis)
     if len(names) > 1:
@@ -163,7 +163,7 @@ def _of_axis(table: TableLimits, axis: str) -> Iterator[Block]:
 
 def _elsewhere(table: TableLimits, axis: str) -> list[dict[str, float]]:
     """Where the other axes stand: as they are, and turned a quarter."""
-    others = [n for n in table.rig.axis_names if n != axis]
+    others = [n for n in table.rig.kind.turning if n != axis]
     if not others:
         return [{}]
     places = []
@@ -178,7 +178,7 @@ def _spread(table: TableLimits) -> list[tuple[float, ...]]:
     """Poses all over the reach, in an order of short moves that passes most angles from both sides,
     deg.
     """
-    names = table.rig.axis_names
+    names = table.rig.kind.turning
     if len(names) == 1:
         grid = table.grid(names[0], 45.0)
         return [(a,) for a in (*grid, *grid[-2::-1])]
@@ -196,7 +196,7 @@ def _spread(table: TableLimits) -> list[tuple[float, ...]]:
 
 def _poses(table: TableLimits, poses: Sequence[Sequence[float]]) -> tuple[Step, ...]:
     """Moves to poses, with a dwell at each."""
-    names = [angle_key(n) for n in table.rig.axis_names]
+    names = [angle_key(n) for n in table.rig.kind.turning]
     common = {"action": "move", "rate_deg_s": table.rate, "dwell_s": table.dwell}
     return tuple(
         Step.model_validate({**common, **dict(zip(names, pose, strict=True))}) for pose in poses

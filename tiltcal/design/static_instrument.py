@@ -67,7 +67,7 @@ class Still:
         for name, about in table.moving:
             if table.chain is not None:
                 v = v @ table.chain.links[name].R
-            if name not in self.axes:
+            if name not in self.axes:  # it slides, or stands upright
                 continue
             i = "xyz".index(about)
             j, m = (i + 1) % 3, (i + 2) % 3

@@ -96,6 +96,13 @@ class Effect(Traits, ABC):
         return not cls.seen_by_encoder or rig.readout == "command"
 
     @classmethod
+    def axes_on(cls, rig: Rig) -> tuple[str | None, ...]:
+        """The axes of a rig that it may act on, one at a time; None alone: it acts on the whole."""
+        if not cls.axis_wise:
+            return (None,)
+        return rig.axis_names if cls.on_slides else rig.kind.turning
+
+    @classmethod
     def senses(cls, kind: str) -> bool:
         """Whether it acts on a kind of sensor, in the unit of its sizes."""
         accelerations = any(p.unit.split("_")[0] == "ug" for p in cls.parameters)

@@ -198,10 +198,15 @@ def _bound_to(
             do="remove the effect",
         )
     bound = _sensor_of(cls, setup, sensor, subject)
-    if cls.axis_wise and axis is not None and axis not in setup.rig.axis_names:
-        have = ", ".join(setup.rig.axis_names) or "none"
+    acting = axis or next(iter(setup.rig.axis_names), None)
+    if cls.axis_wise and acting is not None and acting not in cls.axes_on(setup.rig):
+        able, slides = cls.axes_on(setup.rig), acting in setup.rig.kind.sliding
         raise TiltcalError(
-            subject, found=f"axis '{axis}'", need=f"an axis of this table: {have}", do="correct it"
+            subject,
+            found=f"axis '{acting}'" + (", which slides" if slides else ""),
+            need=f"an axis of this table{' that turns' if slides else ''}: "
+            + (", ".join(map(str, able)) or "none"),
+            do="correct it",
         )
     if axis is not None and cls.channel_wise and bound is not None:
         one_of(axis, bound.axes, subject, "axis")

@@ -80,6 +80,8 @@ class Traits:
     """Nothing but the angles of a table shows it."""
     of_model: ClassVar[bool] = False
     """Only the links of a user's own model have it."""
+    on_slides: ClassVar[bool] = False
+    """It acts on an axis that slides as on one that turns."""
     axis_by_gravity: ClassVar[bool] = False
     """It acts on the axis that gravity loads, where none is named."""
     felt_late: ClassVar[bool] = False

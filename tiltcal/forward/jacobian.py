@@ -104,9 +104,8 @@ def candidates(
         if not (cls.has_column() and cls.shows_on(setup.rig)):
             continue
         sensors: Iterable[Sensor | None] = setup.sensors(*cls.kinds) if cls.kinds else (None,)
-        axes: Iterable[str | None] = setup.rig.axis_names if cls.axis_wise else (None,)
         for sensor in sensors:
-            for axis in axes:
+            for axis in cls.axes_on(setup.rig):
                 for p in cls.parameters:
                     if p.is_shape or not p.stands_on(setup.rig):
                         continue  # a shape, not a size; or of another table

@@ -6,8 +6,8 @@ current link; a hinge about a coordinate axis mixes two of its components. With 
 and e its axis,
 u' = R(e, q)^T u,   w' = w + e v,   dw' = dw + e a + w x e v;   the proper acceleration of the
 common point starts as
-(0, 0, g) plus the base's own, and a lever arm r adds dw x r + w x (w x r).  Source: any text on the
-recursive
+(0, 0, g) plus the base's own, and a lever arm r adds dw x r + w x (w x r); a slide is the lever arm
+r = e q that grows, and adds e a + 2 w x e v.  Source: any text on the recursive
 Newton-Euler method; checked against MuJoCo over all tables in tests/test_kinematics.py.
 """
 
@@ -130,7 +130,10 @@ def _carried(
             link.fixed(chain.links[name])
         link.offset(link_offset(setup, effects, bearing(name)))
         slot(bearing(name))
-        link.turn(Turn(axis, angles[name]))
+        if name in setup.rig.kind.sliding:
+            link.slide(angles[name])
+        else:
+            link.turn(Turn(axis, angles[name]))
         if chain is not None:
             slot(name)
     if drive.attitude is not None:
@@ -217,6 +220,22 @@ class _Link:
             (self.place, np.broadcast_to(r, rate.shape)),
         ):
             target[:] = [component + change[:, i] for i, component in enumerate(target)]
+
+    def slide(self, along: Jet) -> None:
+        """Pass a slide along z: the point behind it moves on as the link does, and on its own."""
+        rate, spin = np.column_stack(self.rate), np.column_stack(self.spin)
+        r, v = (
+            np.multiply.outer(np.broadcast_to(part, self.time.shape), [0.0, 0.0, 1.0])
+            for part in (along.x, along.v)
+        )
+        turned = np.cross(spin, r) + np.cross(rate, np.cross(rate, r) + 2 * v)
+        for target, change, own in (
+            (self.acceleration, turned, along.a),
+            (self.speed, np.cross(rate, r), along.v),
+            (self.place, np.zeros_like(r), along.x),
+        ):
+            target[:] = [component + change[:, i] for i, component in enumerate(target)]
+            target[2] = target[2] + own
 
     def fixed(self, place: Place) -> None:
         """Pass to a frame that is fixed on this link."""

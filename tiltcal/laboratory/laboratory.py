@@ -9,7 +9,6 @@ import numpy as np
 from tiltcal import __version__
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.units import DEG
 from tiltcal.effects.base import DelayEffect, Effect, SignalEffect, WritingEffect
 from tiltcal.effects.events import as_met
 from tiltcal.effects.sense import Sense
@@ -31,7 +30,7 @@ from tiltcal.laboratory.sensor_columns import columns_like, sensor_columns
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
 from tiltcal.setup.setup import Setup
-from tiltcal.setup.tables import CHANNEL, angle_channel
+from tiltcal.setup.tables import CHANNEL
 from tiltcal.setup.trajectory import Course, Drive, Jet
 
 # fingerprint of a recording that does not exist yet: events that were seen in another are over
@@ -140,8 +139,7 @@ class SimulatedLaboratory:
             if not np.array_equal(one, time):
                 time = np.union1d(time, one)
         drive = course.drive(time)
-        written = written_readout(scenario.effects, drive).items()
-        columns = {f"{angle_channel(name)}_deg": angle / DEG for name, angle in written}
+        columns = scenario.rig.kind.columns(written_readout(scenario.effects, drive))
         for sensor in scenario.sensor:
             rows = np.searchsorted(time, own[sensor.name])
             columns |= sensor_columns(sensor, values[sensor.name], rows, len(time), seed)

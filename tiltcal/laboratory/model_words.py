@@ -21,12 +21,14 @@ class ModelAxis(Part):
     Args:
         joint: its name in the model.
         sign: -1 where the readout counts the other way.
-        offset_deg: angle of the joint where the readout says zero.
+        offset_deg: angle of a joint that turns, where the readout says zero.
+        offset_mm: place of a joint that slides, where the readout says zero.
     """
 
     joint: str
     sign: Literal[1, -1] = 1
     offset_deg: float = 0.0
+    offset_mm: float = 0.0
 
 
 class ModelWords(Part):

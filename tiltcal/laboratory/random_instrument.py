@@ -37,8 +37,7 @@ def draw_instrument(setup: Setup, grade: str, seed: int) -> list[Effect]:
         if not cls.shows_on(setup.rig):
             continue
         sensors: Sequence[Sensor | None] = setup.sensors(*cls.kinds) if cls.kinds else [None]
-        each_axis = cls.axis_wise and not cls.axis_by_gravity
-        axes: Sequence[str | None] = setup.rig.axis_names if each_axis else [None]
+        axes = (None,) if cls.axis_by_gravity else cls.axes_on(setup.rig)
         for sensor in sensors:
             for axis in axes:
                 rng = stream(seed, "grade", cls.id, sensor.name if sensor else axis)

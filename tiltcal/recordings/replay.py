@@ -8,6 +8,7 @@ import numpy as np
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mounts
+from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.recordings.differentiation import Rates, differentiate, noise_of_stamped
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
@@ -162,6 +163,7 @@ def replay(
                 need=f"the readout of the {setup.rig.table} table",
                 do="record it, or label the poses" + other_tables(recording, setup.rig.table),
             )
+        _require_unit(recording, setup, axis)
         read = ~np.isnan(angle)
         known &= _near(recording.time, recording.time[read])
         angles[axis] = np.interp(recording.time, recording.time[read], angle[read])
@@ -174,6 +176,19 @@ def replay(
     mounts = tuple(parse_mounts(recording.metadata.get("mount", setup.rig.mount)))
     stop = numbered_stops(recording.time, angles)
     return Replay(recording.time, angles, known, temperature, reference, mounts, stop)
+
+
+def _require_unit(recording: Recording, setup: Setup, axis: str) -> None:
+    """Refuse a readout in a unit of something else than its axis moves by."""
+    column, table = str(recording.channel(angle_channel(axis))), setup.rig.kind
+    unit, wanted = str(split_unit(column)[1]), COLUMN_UNITS[table.unit(axis)].quantity
+    if COLUMN_UNITS[unit].quantity != wanted:
+        raise TiltcalError(
+            f"{recording.source}, column {column}",
+            found=f"unit {unit}",
+            need=f"a unit of {wanted}: axis {axis} {'slides' if wanted == 'length' else 'turns'}",
+            do=f"rename it, such as {angle_channel(axis)}_{table.unit(axis)}",
+        )
 
 
 def _near(time: Array, read: Array) -> Mask:

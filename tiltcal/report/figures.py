@@ -95,7 +95,8 @@ def residual_figures(recording: Recording, setup: Setup, calibration: Calibratio
         return []
     middle = np.array([(s.start_s + s.end_s) / 2 for s in poses.spans])
     residual, channels, unit = _residuals(poses, setup, calibration)
-    angles = {f"table {name}, °": angle / DEG for name, angle in list(poses.angles.items())[:1]}
+    turned = [n for n in setup.rig.kind.turning if n in poses.angles][:1]
+    angles = {f"table {name}, °": poses.angles[name] / DEG for name in turned}
     return [
         _scatter(x, residual, channels, title, unit)
         for title, x in {"time, s": middle, **angles}.items()

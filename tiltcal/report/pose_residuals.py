@@ -104,7 +104,7 @@ def _rows(calibration: Calibration, poses: Poses, setup: Setup) -> list[PoseRow]
             span.start_s,
             span.end_s,
             span.label or "",
-            {name: float(angle[k] / DEG) for name, angle in poses.angles.items()},
+            {n: float(poses.angles[n][k] / DEG) for n in setup.rig.kind.turning if poses.angles},
             dict(zip(channels, map(float, micro[k]), strict=True)),
             *(None if np.isnan(e[k]) else float(e[k] / ARCSEC) for e in errors),
         )

@@ -101,13 +101,18 @@ def poses_of_steps(steps: Sequence[Step], setup: Setup, group: str) -> list[Pose
     return [
         Pose(
             up[k],
-            {name: float(np.asarray(jet.x)[k] / DEG) for name, jet in drive.axes.items()},
+            _turned(setup, {name: np.asarray(jet.x)[k] for name, jet in drive.axes.items()}),
             leg.t0,
             group,
             drive.mounts[int(np.searchsorted(starts, leg.t0, side="right"))][1],
         )
         for k, leg in enumerate(legs)
     ]
+
+
+def _turned(setup: Setup, places: Mapping[str, float]) -> dict[str, float]:
+    """Angles of the axes that turn, deg. places: of all axes, rad and m."""
+    return {name: float(places[name] / DEG) for name in setup.rig.kind.turning}
 
 
 def drive_of(poses: Sequence[Pose], setup: Setup) -> Drive:
@@ -145,7 +150,7 @@ def _by_readout(recording: Recording, setup: Setup) -> Iterator[Pose]:
         place = int(np.searchsorted(starts, course.time[row], side="right"))
         yield Pose(
             up[k],
-            {name: float(angle[row] / DEG) for name, angle in course.angles.items()},
+            _turned(setup, {name: angle[row] for name, angle in course.angles.items()}),
             float(course.time[first[k]] - course.time[0]),
             f"{recording.source}, mount {words[place].rpartition(':')[2].strip()}",
             course.mounts[place][1],

@@ -109,6 +109,7 @@ def _motion(block: Block, setup: Setup) -> Plot:
     traces = [
         line(time, np.asarray(jet.x) / DEG, name, k, hover="%{x:.1f} s: %{y:.2f}°")
         for k, (name, jet) in enumerate(drive.axes.items())
+        if name in setup.rig.kind.turning
     ]
     return Plot(
         traces,

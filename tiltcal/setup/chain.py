@@ -1,7 +1,7 @@
-"""The mechanics of a user's own model: links that turn about one axis each, and where the
-instrument sits among them.
+"""The mechanics of a user's own model: links that turn about one axis each or slide along it, and
+where the instrument sits among them.
 
-Link frames have their origin on the axis and z along it. At angle zero a link stands in its
+Link frames have their origin on the axis and z along it. At readout zero a link stands in its
 parent's frame as its ``Place`` says; the base's frame is the world's: East, North, Up.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from tiltcal.core.arrays import Array
+from tiltcal.core.units import DEG
 from tiltcal.setup.part import Part
 
 BASE = ""
@@ -56,22 +57,27 @@ class Link(Place):
     Args:
         axis: name of the axis; its readout is the column ``table_<axis>_<unit>``.
         joint: of the model that it was read from.
-        sign, offset_deg: -1 where the readout counts the other way than that joint, and the joint's
-            angle where the readout says zero.
-        reference_deg: what the readout says where the model stands at its reference.
-        range_deg: lowest and highest readout by the joint's range; None: it has none.
-        mass_kg, centre_m: of all that turns with it, and where that has its centre of mass.
+        slides: along its axis, instead of turning about it.
+        sign: -1 where the readout counts the other way than that joint.
+        offset_deg, offset_mm: the joint's angle, or its place where it slides, where the readout
+            says zero.
+        reference_deg: what the readout of a joint that turns says where the model stands at its
+            reference.
+        range_deg: lowest and highest readout by the range of a joint that turns; None: it has none.
+        mass_kg, centre_m: of all that moves with it, and where that has its centre of mass.
         inertia_kg_m2: of it about that centre: xx, yy, zz, xy, xz, yz in the link's frame.
-        armature_kg_m2: inertia of the drive about the joint.
-        damping_N_m_s_rad, friction_N_m: of the joint.
+        armature_kg_m2: inertia of the drive about the joint; along a slide kg.
+        damping_N_m_s_rad, friction_N_m: of the joint; along a slide N s/m and N.
         servo_N_m_rad, servo_N_m_s_rad: stiffness and damping of the servo that moves it in a run by
-            time steps.
+            time steps; along a slide N/m and N s/m.
     """
 
     axis: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
     joint: str = ""
+    slides: bool = False
     sign: Literal[1, -1] = 1
     offset_deg: float = 0.0
+    offset_mm: float = 0.0
     reference_deg: float = 0.0
     range_deg: tuple[float, float] | None = None
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
@@ -82,6 +88,11 @@ class Link(Place):
     friction_N_m: Annotated[float, Field(ge=0)] = 0.0
     servo_N_m_rad: Annotated[float, Field(ge=0)] = 0.0
     servo_N_m_s_rad: Annotated[float, Field(ge=0)] = 0.0
+
+    @property
+    def zero(self) -> float:
+        """Angle or place of the joint where the readout says zero, rad or m."""
+        return 1e-3 * self.offset_mm if self.slides else self.offset_deg * DEG
 
     @cached_property
     def inertia(self) -> Array:
@@ -113,14 +124,14 @@ class Chain(Part):
 
     @cached_property
     def upright(self) -> frozenset[str]:
-        """Axes that stand upright when all angles are zero and no axis inside them tilts: they do
-        not change the direction of gravity.
+        """Axes that do not change the direction of gravity: those that slide, and those that stand
+        upright when all angles are zero and no axis outside them tilts.
         """
-        found: set[str] = set()
+        found = {link.axis for link in self.link if link.slides}
         R = np.eye(3)
         for name in self.path:
             R = R @ self.links[name].R
-            if abs(R[2, 2]) < 1 - 1e-12:
+            if name not in found and abs(R[2, 2]) < 1 - 1e-12:
                 break
             found.add(name)
         return frozenset(found)

@@ -77,7 +77,7 @@ def moments(
 
     Args:
         chain: the links.
-        axes: their angles with rates and accelerations, (n,) each.
+        axes: their angles or places with rates and accelerations, (n,) each.
         gravity: m/s2; the base is taken as level and at rest.
         masses: on the links, beside theirs.
     """
@@ -93,25 +93,32 @@ def moments(
         load[mass.axis].add(-mass.mass * motion[mass.axis].at(r), zero, r)
     found: Moments = {}
     for link in reversed(chain.link):
-        carried, jet = load[link.axis], axes[link.axis]
-        found[link.axis], before = carried.moment, _about_z(carried.moment, jet, 1)
-        found[bearing(link.axis)] = before
-        force = _about_z(carried.force, jet, 1) @ link.R.T
-        load[link.on].add(force, before @ link.R.T, link.offset)
+        found[link.axis] = load[link.axis].moment
+        force, moment = _before(load[link.axis], link, axes[link.axis])
+        found[bearing(link.axis)] = moment
+        load[link.on].add(force @ link.R.T, moment @ link.R.T, link.offset)
     return {BASE: load[BASE].moment, **found}
+
+
+def _before(load: _Load, link: Link, jet: Jet) -> tuple[Array, Array]:
+    """Force at the origin of a link's bearing, N, and moment about it, N m, in that frame, (n, 3)
+    each.
+    """
+    if link.slides:
+        return load.force, load.moment - _crossed_z(load.force, jet.x)
+    return _about_z(load.force, jet, 1), _about_z(load.moment, jet, 1)
 
 
 def _outward(motion: _Motion, link: Link, jet: Jet) -> _Motion:
     """The motion of a link from that of what it stands on."""
-    rate, spin, force = (
-        _about_z(u @ link.R, jet, -1) for u in (motion.rate, motion.spin, motion.at(link.offset))
-    )
-    v = np.broadcast_to(jet.v, len(rate))
-    # the rate crossed with z v
-    turned = np.column_stack([rate[:, 1] * v, -rate[:, 0] * v, np.zeros(len(rate))])
-    along = np.array([0.0, 0.0, 1.0])
-    spin = spin + turned + np.multiply.outer(np.broadcast_to(jet.a, len(rate)), along)
-    return _Motion(rate + np.multiply.outer(v, along), spin, force)
+    before = motion.rate, motion.spin, motion.at(link.offset)
+    rate, spin, force = (u @ link.R for u in before)
+    v, a = (_along_z(part, len(rate)) for part in (jet.v, jet.a))
+    if link.slides:
+        force = _Motion(rate, spin, force).at(_along_z(jet.x, len(rate)))
+        return _Motion(rate, spin, force + 2 * _crossed_z(rate, jet.v) + a)
+    rate, spin, force = (_about_z(u, jet, -1) for u in (rate, spin, force))
+    return _Motion(rate + v, spin + _crossed_z(rate, jet.v) + a, force)
 
 
 def _of_link(motion: _Motion, link: Link) -> _Load:
@@ -120,6 +127,16 @@ def _of_link(motion: _Motion, link: Link) -> _Load:
     force = -link.mass_kg * motion.at(centre)
     turning = -(motion.spin @ inertia + np.cross(motion.rate, motion.rate @ inertia))
     return _Load(force, turning + np.cross(centre, force))
+
+
+def _along_z(size: Array | float, n: int) -> Array:
+    """Vectors along z, (n, 3). size: (n,), or a number."""
+    return np.multiply.outer(np.broadcast_to(size, n), np.array([0.0, 0.0, 1.0]))
+
+
+def _crossed_z(u: Array, size: Array | float) -> Array:
+    """Vectors crossed with ones along z, (n, 3). size: (n,), or a number."""
+    return np.column_stack([u[:, 1] * size, -u[:, 0] * size, np.zeros(len(u))])
 
 
 def _about_z(u: Array, jet: Jet, sign: int) -> Array:

@@ -17,6 +17,7 @@ from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Rig
 
 MOST_LEGS = 100_000
+MM = 1e-3
 
 
 def build_schedule(steps: Sequence[Step], rig: Rig, climate: Climate | None = None) -> Schedule:
@@ -50,6 +51,7 @@ class _Builder:
 
     def __init__(self, rig: Rig) -> None:
         self.rig, self.names = rig, rig.axis_names
+        self.slides = np.array([name in rig.kind.sliding for name in self.names], bool)
         self.q = np.zeros(len(self.names) or 3)
         self.R = np.eye(3)
         self.mount = rig.mount
@@ -72,21 +74,29 @@ class _Builder:
         elif step.action == "oscillate":
             # the step's own check has seen to it that it stands there
             frequency = step.frequency_hz or 1.0
-            dq = self._along(step.axis, (step.amplitude_deg or 0.0) * DEG)
+            dq = self._turned(step.axis, (step.amplitude_deg or 0.0) * DEG)
             self._leg(step.cycles / frequency, dq, "swing", frequency=frequency)
         elif step.action == "turn":
-            self._go(
-                self.q + self._along(step.axis, (step.angle_deg or 0.0) * DEG), step.rate_deg_s
-            )
+            self._go(self.q + self._turned(step.axis, (step.angle_deg or 0.0) * DEG), step)
         else:
-            self._go(self._target(step), step.rate_deg_s)
+            self._go(self._target(step), step)
         if step.action != "sweep":
             self._dwell(step.dwell_s)
 
     def _target(self, step: Step) -> Array:
         target = self.q.copy()
-        for name, angle in step.angles_deg.items():
-            target[self._index(name)] = angle * DEG
+        table = self.rig.kind
+        for stated, places in (("deg", step.angles_deg), ("mm", step.lengths_mm)):
+            for name, place in places.items():
+                k = self._index(name)
+                if table.unit(name) != stated:
+                    raise TiltcalError(
+                        self.subject,
+                        found=f"{name}_{stated}",
+                        need=f"{name}_{table.unit(name)}",
+                        do="correct the step",
+                    )
+                target[k] = place * table.size(name)
         return target
 
     def _index(self, name: str) -> int:
@@ -100,18 +110,27 @@ class _Builder:
             )
         return self.names.index(name)
 
-    def _along(self, axis: object, angle: float) -> Array:
+    def _turned(self, axis: object, angle: float) -> Array:
+        k = self._index(str(axis))
+        if self.slides[k]:
+            raise TiltcalError(
+                self.subject,
+                found=f"axis {axis}, which slides",
+                need="an axis that turns",
+                do=f"move it with {axis}_mm",
+            )
         dq = np.zeros(len(self.q))
-        dq[self._index(str(axis))] = angle
+        dq[k] = angle
         return dq
 
     def _sweep(self, step: Step) -> None:
         start, end = self.q.copy(), self._target(step)
-        steps = float(np.abs(end - start).max()) / (step.step_deg * DEG) - 1e-9
+        sizes = np.where(self.slides, step.step_mm * MM, step.step_deg * DEG)
+        steps = float((np.abs(end - start) / sizes).max()) - 1e-9
         self._require_room(steps)
         n = max(1, ceil(steps))
         for k in range(0 if not self.legs else 1, n + 1):
-            self._go(start + (end - start) * k / n, step.rate_deg_s)
+            self._go(start + (end - start) * k / n, step)
             self._dwell(step.dwell_s)
 
     def _require_room(self, more: float) -> None:
@@ -139,7 +158,7 @@ class _Builder:
                     ),
                 )
                 continue
-            self._go(table_angles(self.rig, up, k, self.subject), step.rate_deg_s)
+            self._go(table_angles(self.rig, up, k, self.subject), step)
             self._dwell(step.dwell_s)
 
     def _by_hand(self, step: Step) -> None:
@@ -178,11 +197,12 @@ class _Builder:
             do="correct the step",
         )
 
-    def _go(self, target: Array, rate_deg_s: float) -> None:
+    def _go(self, target: Array, step: Step) -> None:
         dq = target - self.q
-        distance = float(np.abs(dq).max())
-        if distance > 0:
-            self._leg(move_time(distance, rate_deg_s * DEG), dq, "ramp")
+        rates = np.where(self.slides, step.rate_mm_s * MM, step.rate_deg_s * DEG)
+        cruise = float((np.abs(dq) / rates).max())
+        if cruise > 0:
+            self._leg(move_time(cruise, 1.0), dq, "ramp")
             self.q = target.copy()
 
     def _leg(

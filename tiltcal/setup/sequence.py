@@ -11,7 +11,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.frames import parse_up
 from tiltcal.setup.part import Part
 from tiltcal.setup.setup import readable_mount
-from tiltcal.setup.tables import angle_key, axis_names, built_in_axes
+from tiltcal.setup.tables import angle_key, axis_names, built_in_axes, every_table, length_key
 
 
 class Climate(Part):
@@ -45,19 +45,25 @@ class Climate(Part):
         )
 
 
-def _angle_keys() -> list[str]:
-    return [angle_key(axis) for axis in axis_names()]
+def sliding_axes() -> list[str]:
+    """Names of the axes that slide, of all tables."""
+    found = (name for table in every_table().values() for name in sorted(table.sliding))
+    return list(dict.fromkeys(found))
 
 
-def _is_angle_key(key: str) -> str:
-    if key not in map(angle_key, built_in_axes()) and key not in _angle_keys():
+def _axis_keys() -> list[str]:
+    return [*map(angle_key, axis_names()), *map(length_key, sliding_axes())]
+
+
+def _is_axis_key(key: str) -> str:
+    if key not in map(angle_key, built_in_axes()) and key not in _axis_keys():
         raise PydanticCustomError("extra_forbidden", "Extra inputs are not permitted")
     return key
 
 
-def _list_angles(schema: dict[str, Any]) -> None:
+def _list_axes(schema: dict[str, Any]) -> None:
     number = schema["additionalProperties"]
-    schema["properties"] |= dict.fromkeys(_angle_keys(), number)
+    schema["properties"] |= dict.fromkeys(_axis_keys(), number)
     schema["additionalProperties"] = False
 
 
@@ -68,20 +74,23 @@ class Step(Part):
     turns ``axis`` by ``angle_deg`` at a constant rate; ``sweep`` goes to the angles in steps of
     ``step_deg``, dwelling at each; ``oscillate`` swings ``axis``; ``remount`` changes the mounting;
     ``scheme`` goes through all positions of a measuring ``scheme`` of the library, dwelling at
-    each. Angles are keys ``<axis>_deg``, of any axis of any table; those left out stay as they are.
+    each. Angles are keys ``<axis>_deg``, of any axis of any table, and ``<axis>_mm`` of axes that
+    slide; those left out stay as they are.
     """
 
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False, json_schema_extra=_list_angles)
-    __pydantic_extra__: dict[Annotated[str, AfterValidator(_is_angle_key)], float | None]
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False, json_schema_extra=_list_axes)
+    __pydantic_extra__: dict[Annotated[str, AfterValidator(_is_axis_key)], float | None]
 
     action: Literal["rest", "move", "turn", "sweep", "oscillate", "remount", "scheme"]
     rate_deg_s: Annotated[float, Field(gt=0)] = 20.0
+    rate_mm_s: Annotated[float, Field(gt=0)] = 50.0
     dwell_s: Annotated[float, Field(ge=0)] = 0.0
     mount: str | None = None
     label: str | None = None
     axis: str | tuple[float, float, float] | None = None
     angle_deg: float | None = None
     step_deg: Annotated[float, Field(gt=0)] = 10.0
+    step_mm: Annotated[float, Field(gt=0)] = 50.0
     amplitude_deg: float | None = None
     frequency_hz: Annotated[float, Field(gt=0)] | None = None
     cycles: Annotated[int, Field(gt=0)] = 5
@@ -90,14 +99,20 @@ class Step(Part):
 
     @classmethod
     def keys(cls) -> list[str]:
-        """All keys, those of the angles of every known table included."""
-        return [*super().keys(), *_angle_keys()]
+        """All keys, those of the axes of every known table included."""
+        return [*super().keys(), *_axis_keys()]
 
     @property
     def angles_deg(self) -> dict[str, float]:
         """Angle of each axis that the step names, deg."""
         given = {name: (self.model_extra or {}).get(angle_key(name)) for name in axis_names()}
         return {name: angle for name, angle in given.items() if angle is not None}
+
+    @property
+    def lengths_mm(self) -> dict[str, float]:
+        """Place of each axis that slides and that the step names, mm."""
+        given = {name: (self.model_extra or {}).get(length_key(name)) for name in sliding_axes()}
+        return {name: place for name, place in given.items() if place is not None}
 
     @field_validator("up")
     @classmethod

@@ -11,12 +11,11 @@ from tiltcal.core.csv_cells import cell_of, text_of
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.files import require_file
 from tiltcal.core.frames import parse_mount
-from tiltcal.core.units import DEG
 from tiltcal.setup.schedule import Leg
 from tiltcal.setup.schedule_builder import build_schedule
-from tiltcal.setup.sequence import Step
+from tiltcal.setup.sequence import Step, sliding_axes
 from tiltcal.setup.setup import Rig
-from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names
+from tiltcal.setup.tables import FILE_AXES, angle_key, axis_names, length_key
 
 # all go to the angles of their row; a turn and a sweep say that the way there matters
 GOING = (
@@ -25,13 +24,16 @@ GOING = (
     "sweep",
 )
 ACTIONS = ("rest", *GOING, "remount")
-WHOLE_TURN = 360 * DEG
+WHOLE_TURN = 360.0  # deg
 
 
-def sequence_columns(axes: Sequence[str]) -> tuple[str, ...]:
-    """Columns of a sequence file: the angles of the usual axes, and of any further one."""
-    angles = map(angle_key, dict.fromkeys((*FILE_AXES, *axes)))
-    return ("step", "action", *angles, "rate_deg_s", "dwell_s", "mount", "label")
+def sequence_columns(axes: Sequence[str], sliding: Sequence[str] = ()) -> tuple[str, ...]:
+    """Columns of a sequence file: the angles of the usual axes and of any further one, and the
+    places of those that slide.
+    """
+    keys = [*map(angle_key, dict.fromkeys((*FILE_AXES, *axes))), *map(length_key, sliding)]
+    rates = ("rate_deg_s", "rate_mm_s") if sliding else ("rate_deg_s",)
+    return ("step", "action", *keys, *rates, "dwell_s", "mount", "label")
 
 
 def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
@@ -74,7 +76,8 @@ def sequence_text(steps: Sequence[Step], rig: Rig) -> str:
                 }
             )
     text = StringIO()
-    writer = csv.DictWriter(text, sequence_columns(rig.axis_names), restval="", lineterminator="\n")
+    columns = sequence_columns(rig.kind.turning, sorted(rig.kind.sliding))
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows({"step": str(k), **row} for k, row in enumerate(rows, start=1))
     return text.getvalue()
@@ -84,18 +87,22 @@ def _going(
     leg: Leg, rig: Rig, here: "np.ndarray[tuple[int], np.dtype[np.float64]]"
 ) -> dict[str, str]:
     """The row of a move."""
-    rate = float(np.abs(leg.dq).max()) / (leg.t1 - leg.t0 - leg.ramp) / DEG
-    action = "turn" if np.abs(leg.dq).max() >= WHOLE_TURN - 1e-9 else "move"
-    target = leg.q0 + leg.dq
-    angles = {
-        angle_key(name): _number(target[k] / DEG)
-        for k, name in enumerate(rig.axis_names)
-        if target[k] != here[k]
+    table, target, longest = rig.kind, leg.q0 + leg.dq, {"deg": 0.0, "mm": 0.0}
+    places = {}
+    for k, name in enumerate(rig.axis_names):
+        unit, size = table.unit(name), table.size(name)
+        longest[unit] = max(longest[unit], float(abs(leg.dq[k])) / size)
+        if target[k] != here[k]:
+            places[f"{name}_{unit}"] = _number(target[k] / size)
+    rates = {
+        f"rate_{unit}_s": _number(moved / (leg.t1 - leg.t0 - leg.ramp))
+        for unit, moved in longest.items()
+        if moved
     }
     return {
-        "action": action,
-        **angles,
-        "rate_deg_s": _number(rate),
+        "action": "turn" if longest["deg"] >= WHOLE_TURN - 1e-7 else "move",
+        **places,
+        **rates,
         "label": cell_of(leg.label or ""),
     }
 
@@ -126,7 +133,7 @@ def read_sequence(path: Path | str) -> tuple[Step, ...]:
             need="a CSV in UTF-8",
             do="check the file",
         ) from error
-    columns = sequence_columns(axis_names())
+    columns = sequence_columns(axis_names(), sliding_axes())
     for name in head:
         if name not in columns:
             raise TiltcalError(
@@ -157,7 +164,8 @@ def _step(row: Mapping[str, str | None], subject: str) -> Step:
             do=nearest(action, [*ACTIONS]),
         )
     known: dict[str, float] = {}
-    for name in (*map(angle_key, axis_names()), "rate_deg_s", "dwell_s"):
+    places = (*map(angle_key, axis_names()), *map(length_key, sliding_axes()))
+    for name in (*places, "rate_deg_s", "rate_mm_s", "dwell_s"):
         cell = (row.get(name) or "").strip()
         if cell:
             known[name] = _value(cell, name, subject)
@@ -186,7 +194,7 @@ def _value(cell: str, name: str, subject: str) -> float:
         value = float(cell)
     except ValueError:
         value = float("nan")
-    least = {"rate_deg_s": 1e-6, "dwell_s": 0.0}.get(name, -np.inf)
+    least = {"rate_deg_s": 1e-6, "rate_mm_s": 1e-6, "dwell_s": 0.0}.get(name, -np.inf)
     if not np.isfinite(value) or value < least:
         need = (
             "a number"

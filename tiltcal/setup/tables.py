@@ -12,10 +12,12 @@ from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
 
+from tiltcal.core.arrays import Array
 from tiltcal.core.assets import folder
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.extensions import members
 from tiltcal.core.frames import AXES
+from tiltcal.core.units import COLUMN_UNITS
 from tiltcal.setup.chain import Chain
 
 GROUP = "tiltcal.tables"
@@ -61,6 +63,32 @@ class Table:
     def directions(self) -> tuple[str, ...]:
         """Coordinate axis of each axis, outermost first."""
         return tuple(direction for _, direction in self.axes)
+
+    @cached_property
+    def sliding(self) -> frozenset[str]:
+        """Names of the axes that slide: their readout is a length."""
+        links = () if self.chain is None else self.chain.link
+        return frozenset(link.axis for link in links if link.slides)
+
+    @cached_property
+    def turning(self) -> tuple[str, ...]:
+        """Names of the axes that turn, outermost first."""
+        return tuple(name for name in self.axis_names if name not in self.sliding)
+
+    def unit(self, axis: str) -> str:
+        """The unit in which the readout of an axis is written: deg, or mm where it slides."""
+        return "mm" if axis in self.sliding else "deg"
+
+    def size(self, axis: str) -> float:
+        """One ``unit`` of an axis, rad or m."""
+        return COLUMN_UNITS[self.unit(axis)].factor
+
+    def columns(self, readout: Mapping[str, Array]) -> dict[str, Array]:
+        """Columns ``table_<axis>_<unit>`` of a readout by axis, rad or m, (n,) each."""
+        return {
+            f"{angle_channel(name)}_{self.unit(name)}": place / self.size(name)
+            for name, place in readout.items()
+        }
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
@@ -210,6 +238,11 @@ def bearing(axis: str) -> str:
 def angle_key(axis: str) -> str:
     """Key of an axis' angle in a sequence."""
     return f"{axis}_deg"
+
+
+def length_key(axis: str) -> str:
+    """Key of the place of an axis that slides, in a sequence."""
+    return f"{axis}_mm"
 
 
 def angle_channel(axis: str, suffix: str = "") -> str:

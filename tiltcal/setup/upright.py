@@ -18,10 +18,10 @@ def up_in_body(
     """The unit vector up in the body, (n, 3).
 
     Args:
-        moving: axes that move the instrument with the coordinate axis that each turns about,
-            outermost first.
+        moving: axes that move the instrument with the coordinate axis that each turns about or
+            slides along, outermost first.
         chain: the links of a user's own model; None on a table.
-        axes: angles, rad.
+        axes: angles, rad, and places, m.
         drive: has the mountings.
     """
     up = np.zeros((len(drive.time), 3))
@@ -29,6 +29,8 @@ def up_in_body(
     for name, axis in moving:
         if chain is not None:
             up = up @ chain.links[name].R
+            if chain.links[name].slides:
+                continue
         i = "xyz".index(axis)
         j, k = (i + 1) % 3, (i + 2) % 3
         c, s = axes[name].cos_sin

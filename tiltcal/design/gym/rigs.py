@@ -158,6 +158,8 @@ def _require_movable(scenario: Scenario, duration_s: float) -> None:
     found, do = "", ""
     if not scenario.rig.axes:
         found, do = f"table {scenario.rig.table}", "choose a rig with axes"
+    elif slides := sorted(scenario.rig.kind.sliding):
+        found, do = f"axis {slides[0]}, which slides", "leave it out of [rig.axes]"
     elif not scenario.sensor:
         found, do = "no sensors", "add [[sensor]]"
     elif scenario.dynamics is not None:

@@ -17,7 +17,6 @@ from tiltcal.effects.learned import LearnedReading
 from tiltcal.effects.mechanisms import Context
 from tiltcal.recordings.replay import nearest_rows
 from tiltcal.setup.setup import Setup
-from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive
 
 MOST = 400  # points of a law that has no data of its own
@@ -160,7 +159,7 @@ def _deviations(observations: Observations, effects: Sequence[Effect]) -> Iterat
             sums[0] = sums[0] + angle
             sums[1] = sums[1] + (angle if k == 0 else 0.0)
     rows = np.unique(np.linspace(0, len(drive.time) - 1, MOST).astype(int))
-    coordinates = {f"{angle_channel(n)}_deg": np.degrees(a) for n, a in course.angles.items()}
+    coordinates = observations.scenario.rig.kind.columns(course.angles)
     coordinates |= {"time_s": drive.elapsed, "temperature_degC": drive.temperature}
     shown = {name: u[rows] for name, u in coordinates.items() if np.ptp(u) > 0}
     source = observations.recordings[0].source

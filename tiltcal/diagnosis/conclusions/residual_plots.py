@@ -10,7 +10,6 @@ import numpy as np
 from tiltcal.core.arrays import Array, Index
 from tiltcal.core.units import COLUMN_UNITS, readable_unit
 from tiltcal.diagnosis.data.observations import Channel, Observations
-from tiltcal.setup.tables import angle_channel
 
 PIECES = 150  # of a recording's time: a longer rest or move is shown in several points
 UNITS = {"accelerometer": "m_s2", "inclinometer": "rad", "gyro": "rad_s", "fog": "rad_s"}
@@ -161,10 +160,8 @@ def coordinates_of(observations: Observations, points: Points) -> dict[str, Arra
     found = {"time_s": channel.time - recording.time[0]}
     if observations.courses:
         course = observations.courses[channel.recording]
-        found |= {
-            f"{angle_channel(name)}_deg": np.degrees(angle[channel.rows])
-            for name, angle in course.angles.items()
-        }
+        rows = {name: angle[channel.rows] for name, angle in course.angles.items()}
+        found |= observations.scenario.rig.kind.columns(rows)
     temperature = recording.temperature()
     if temperature is not None:
         found["temperature_degC"] = temperature[channel.rows]

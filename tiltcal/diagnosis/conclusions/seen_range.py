@@ -90,8 +90,9 @@ def _beyond(effect: Learned, observations: Observations) -> Beyond:
 
 def _unit(effect: Learned, observations: Observations) -> tuple[str, float]:
     name = effect.coordinate
-    if axis_of(name):
-        return "deg", DEGREE
+    if (axis := axis_of(name)) is not None:
+        table = observations.scenario.rig.kind
+        return table.unit(axis), table.size(axis)
     if name == "input":
         quantity = observations.scenario.named(str(effect.sensor)).quantity
         return UNITS["rate" if quantity == "rate" else "force"]

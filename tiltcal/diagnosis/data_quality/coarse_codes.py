@@ -68,7 +68,7 @@ CUT = (
 def truncated_angles(recording: Recording, scenario: Scenario) -> list[Fault]:
     """A readout of the table that was written with too few decimals."""
     found = []
-    for axis in scenario.rig.axis_names:
+    for axis in scenario.rig.kind.turning:
         angle = recording.table(axis)
         if angle is None:
             continue

@@ -186,7 +186,7 @@ def stops_by_axis(
     """The stops of each axis that stops often enough; one axis at a time, as there may be hundreds
     of stops.
     """
-    for axis in observations.scenario.rig.axis_names:
+    for axis in observations.scenario.rig.kind.turning:
         stops = _stops(observations, axis, fitted)
         if len(stops) >= FEWEST:
             yield axis, stops

@@ -66,7 +66,7 @@ def _rewritten(
     rows = course.stop == stop
     best: tuple[float, float, str] | None = None
     before = _misfit(observations, fitted, number, stop, course.angles)
-    for axis in observations.scenario.rig.axis_names:
+    for axis in observations.scenario.rig.kind.turning:
         errors: Array = np.linspace(-np.pi, np.pi, 361)[1:]
         for width in (0.0, 2e-2, 2e-3, 2e-4, 2e-5):
             if width and best is not None and best[2] == axis:

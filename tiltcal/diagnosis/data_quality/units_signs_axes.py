@@ -80,7 +80,7 @@ def find_labelling_faults(scenario: Scenario, recording: Recording) -> list[Faul
         )
     except TiltcalError:
         return []
-    words, *others = _subsets(scenario.rig.axis_names)
+    words, *others = _subsets(scenario.rig.kind.turning)
     as_written = _version(scenario, recording, course, words)
     if not as_written.faults and as_written.misfit < LEAST:
         return []

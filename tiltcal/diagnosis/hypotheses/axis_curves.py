@@ -24,10 +24,10 @@ def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Errors of a readout and tilts of a bearing over the table's angles."""
     for axis in rig.axis_names:
         for other in rig.axis_names:
-            for basis in (harmonics(4), even_knots(f"table_{other}", span, 10)):
-                if not basis:
-                    continue
-                yield curve_over(LearnedReadout, f"table_{other}", basis, axis=axis, place="table")
+            for basis in bases_over(rig, other, span):
+                if axis in rig.kind.turning:
+                    where: dict[str, Any] = {"axis": axis, "place": "table"}
+                    yield curve_over(LearnedReadout, f"table_{other}", basis, **where)
                 for turn in _across(dict(rig.axes)[axis]):
                     yield curve_over(
                         LearnedTilt,
@@ -44,11 +44,12 @@ def _varying_errors_of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypoth
     its bearing, those that grow with time, temperature or an angle (Hastie and Tibshirani, J. R.
     Stat. Soc. B 55, 1993: coefficients that vary).
     """
-    for axis, coordinate in product(rig.axis_names, ("time", "temperature", "warming")):
+    turning = rig.kind.turning
+    for axis, coordinate in product(turning, ("time", "temperature", "warming")):
         if knots := even_knots(coordinate, span, 5):
             yield curve_over(LearnedReadout, coordinate, knots, axis=axis, place="table")
     factors = ["temperature", "time", *(angle_channel(axis) for axis in rig.axis_names)]
-    for axis, factor in product(rig.axis_names, factors):
+    for axis, factor in product(turning, factors):
         if not even_knots(factor, span, 2):
             continue
         over: dict[str, Any] = {"place": "table", "times": factor}
@@ -64,15 +65,24 @@ def _of_two_angles(rig: Rig) -> Iterator[Hypothesis]:
     """
     places = [("base", turn, "environment") for turn in "xy"]
     places += [("mount", turn, "mount") for turn in "xyz"]
-    for one, other in combinations(rig.axis_names, 2):
+    turning = rig.kind.turning
+    for one, other in combinations(turning, 2):
         over: dict[str, Any] = {"beside": angle_channel(other)}
         coordinate, count = angle_channel(one), 4 * ORDERS**2
-        for axis in rig.axis_names:
+        for axis in turning:
             yield curve_over(LearnedReadout, coordinate, count, axis=axis, place="table", **over)
         for slot, turn, place in places:
             yield curve_over(
                 LearnedTilt, coordinate, count, slot=slot, turn=turn, place=place, **over
             )
+
+
+def bases_over(rig: Rig, axis: str, span: CoordinateRanges) -> Iterator[int | tuple[float, ...]]:
+    """Bases of a curve over an axis: harmonics of an angle, knots over what is spanned."""
+    if axis in rig.kind.turning:
+        yield harmonics(4)
+    if knots := even_knots(angle_channel(axis), span, 10):
+        yield knots
 
 
 def _across(axis: str) -> tuple[str, str]:

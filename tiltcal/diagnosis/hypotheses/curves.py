@@ -8,7 +8,7 @@ from itertools import combinations, product
 from typing import Any
 
 from tiltcal.diagnosis.data.observations import Observations
-from tiltcal.diagnosis.hypotheses.axis_curves import curves_of_axes
+from tiltcal.diagnosis.hypotheses.axis_curves import bases_over, curves_of_axes
 from tiltcal.diagnosis.hypotheses.curve_forms import (
     curve_over,
     even_knots,
@@ -70,11 +70,10 @@ def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypot
         for turn in "xy":
             yield from _settling(turn, span)
         for turn, axis in product("xyz", scenario.rig.axis_names):
-            for basis in (harmonics(4), even_knots(f"table_{axis}", span, 10)):
-                if basis:
-                    yield curve_over(
-                        LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount"
-                    )
+            for basis in bases_over(scenario.rig, axis, span):
+                yield curve_over(
+                    LearnedTilt, f"table_{axis}", basis, slot="mount", turn=turn, place="mount"
+                )
         yield from _late_tilts(span)
         yield from motion_of_frames(scenario.rig, span)
         yield from loads_of_mount(span)
@@ -193,12 +192,13 @@ def _angle_curves(
 ) -> Iterator[Hypothesis]:
     """Of the table's angles, one by one and in products of two."""
     where: dict[str, Any] = {"sensor": sensor.name, "axis": axis}
-    names = scenario.rig.axis_names
+    names, turning = scenario.rig.axis_names, scenario.rig.kind.turning
     for name in names:
-        for basis in (harmonics(4), harmonics(10), even_knots(f"table_{name}", span, 10)):
-            if basis:
-                yield curve_over(LearnedReading, f"table_{name}", basis, **where)
-    for one, other in combinations(names, 2):
+        for basis in bases_over(scenario.rig, name, span):
+            yield curve_over(LearnedReading, f"table_{name}", basis, **where)
+        if name in turning:
+            yield curve_over(LearnedReading, f"table_{name}", harmonics(10), **where)
+    for one, other in combinations(turning, 2):
         yield curve_over(
             LearnedReading, f"table_{one}", 4 * ORDERS**2, beside=f"table_{other}", **where
         )

@@ -121,13 +121,9 @@ def adjustable(scenario: Scenario) -> list[Hypothesis]:
             if (cls := calibration_effect(term, sensor.kind)) is not None:
                 found += [
                     _hypothesis(cls, scenario, sensor, axis, role="calibration")
-                    for axis in _axes(cls, scenario)
+                    for axis in cls.axes_on(scenario.rig)
                 ]
     return found
-
-
-def _axes(cls: type[Effect], scenario: Scenario) -> Sequence[str | None]:
-    return scenario.rig.axis_names if cls.axis_wise else (None,)
 
 
 def _hypothesis(
@@ -166,7 +162,7 @@ def listed_hypotheses(
         # the recorder's own: all sensors alike
         if issubclass(cls, DelayEffect) and len(sensors) > 1 and cls.stage == "timing":
             sensors = (*sensors, None) if scenario.rig.axes else sensors
-        for sensor, axis in product(sensors, _axes(cls, scenario)):
+        for sensor, axis in product(sensors, cls.axes_on(scenario.rig)):
             shapes = cls.shapes(span)
             for shape in shapes:
                 hypothesis = _hypothesis(cls, scenario, sensor, axis, shape, len(shapes))

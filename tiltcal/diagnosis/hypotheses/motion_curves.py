@@ -77,7 +77,7 @@ def motion_of_readings(
 
 def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Tilts of frames and errors of readouts that follow what went before."""
-    for axis in rig.axis_names:
+    for axis in rig.kind.turning:
         where: dict[str, Any] = {"axis": axis, "place": "table"}
         low, high = span.ranges.get(angle_channel(axis), (0.0, 0.0))
         for travel in WOUND:  # a play of some arcsec is a backlash, which is listed
@@ -97,7 +97,8 @@ def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     for slot, turn, place, axes in places:
         where = {"slot": slot, "turn": turn, "place": place}
         yield from _motion(LearnedTilt, axes, span, where)
-        for name, lag, relaxing in product(axes, CREEPS, (False, True)):
+        turning = [name for name in axes if name in rig.kind.turning]
+        for name, lag, relaxing in product(turning, CREEPS, (False, True)):
             late = {"lag": lag, "relaxing": relaxing, **where}
             creep = curve_over(LearnedTilt, angle_channel(name), harmonics(1), **late)
             yield replace(creep, variants=2 * len(CREEPS))

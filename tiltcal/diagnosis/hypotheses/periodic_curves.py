@@ -32,7 +32,7 @@ def _places(scenario: Scenario, sensors: Sequence[str]) -> Iterator[Place]:
     for sensor in scenario.sensor:
         for axis in sensor.axes if sensor.name in sensors else ():
             yield LearnedReading, {"sensor": sensor.name, "axis": axis}
-    for axis in scenario.rig.axis_names:
+    for axis in scenario.rig.kind.turning:
         yield LearnedReadout, {"axis": axis, "place": "table"}
     if scenario.rig.axes:
         for slot, turns, place in (("base", "xy", "environment"), ("mount", "xyz", "mount")):

@@ -42,7 +42,7 @@ def imagined(block: Block, scenario: Scenario, question: Question) -> Recording:
 def last_sides(recording: Recording, scenario: Scenario) -> dict[str, float]:
     """Which way each axis of the table moved last, +1 or -1."""
     found = {}
-    for axis in scenario.rig.axis_names:
+    for axis in scenario.rig.kind.turning:
         readout = recording.table(axis)
         steps = np.diff(readout[~np.isnan(readout)]) if readout is not None else np.zeros(0)
         moved = steps[np.abs(steps) > MOVED * np.abs(steps).max(initial=0.0)]

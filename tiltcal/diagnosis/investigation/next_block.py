@@ -145,6 +145,8 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
     flat = any(s.kind == "inclinometer" for s in scenario.sensor)
     reach = {}
     for name, turns_about in scenario.rig.axes:
+        if name in scenario.rig.kind.sliding:
+            continue
         seen = [a[~np.isnan(a)] / DEG for r in recordings if (a := r.table(name)) is not None]
         upright = turns_about == "z" and name == scenario.rig.axis_names[0]
         if flat and not upright and seen:
@@ -173,7 +175,7 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
 
 def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...], ...]:
     """Angles of the dwells of a recording, in order, deg."""
-    columns = [recording.table(n) for n in scenario.rig.axis_names]
+    columns = [recording.table(n) for n in scenario.rig.kind.turning]
     read = [c for c in columns if c is not None]
     if not read or len(read) < len(columns):
         return ()

@@ -105,7 +105,7 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
     found: list[tuple[float, int]] = []
     left = observations.residuals(fitted.effects)
     noise = [robust_white(r) for r in left]
-    for axis in observations.scenario.rig.axis_names:
+    for axis in observations.scenario.rig.kind.turning:
         waves = _of_one_line(observations, axis, fitted)
         angles = {
             i: observations.courses[c.recording].angles[axis][c.rows]

@@ -26,6 +26,7 @@ class _OfModel(FrameEffect):
     stage = "table"
     linear = True
     of_model = True
+    on_slides = True
 
 
 class JointAxisTilt(_OfModel):
@@ -35,8 +36,9 @@ class JointAxisTilt(_OfModel):
     parameters = TILT
     axis_wise = True
     physics = (
-        "A joint turns about an axis that is tilted against the model's; at the model's reference"
-        " all that it carries stands where the model has it."
+        "A joint turns about, or slides along, an axis that is tilted against the model's. At the"
+        " model's reference, of a slide at readout zero, all that it carries stands where the model"
+        " has it."
     )
     equation = (
         "the joint's rotation R becomes T R R0^T T^-1 R0, T = Rx(tilt_x) Ry(tilt_y) in the joint's"
@@ -186,6 +188,7 @@ class Payload(LoadEffect):
     linear = True
     of_model = True
     axis_wise = True
+    on_slides = True
     id = "payload"
     title = "a link carries another mass than the model's"
     parameters = (

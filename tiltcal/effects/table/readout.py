@@ -44,7 +44,7 @@ class EncoderZero(ReadoutError):
     id = "table_encoder_zero"
     title = "zero of the angle readout"
     parameters = PerTable(
-        lambda table: tuple(map(zero_of, table.axis_names)),
+        lambda table: tuple(map(zero_of, table.turning)),
         "arcsec",
         (3, 60, 1800),
         order=lambda: tuple(map(zero_of, axis_names())),

@@ -193,6 +193,8 @@ def require_served(scenario: Scenario, mechanics: Mechanics | None) -> None:
     found, do = "", ""
     if not scenario.rig.axes:
         found, do = f"table {scenario.rig.table}", "choose a table with axes"
+    elif slides := sorted(scenario.rig.kind.sliding):
+        found, do = f"axis {slides[0]}, which slides", "leave it out of [rig.axes]"
     elif scenario.dynamics is not None and mechanics is None:
         found, do = "[dynamics] and no mechanics", "leave it out, or install the simulator"
     elif not scenario.sensor:

@@ -1,0 +1,175 @@
+"""A user's own model with joints that slide: scenario, recording, diagnosis, mujoco.sysid, and what
+is refused.
+"""
+
+import numpy as np
+import pytest
+from model_oracle import forces_by_both, law
+from model_rig import LIFT, Mapped, scenario_text
+from statistics_helpers import rng_of
+
+from tiltcal.api.simulating import simulator
+from tiltcal.core.errors import TiltcalError
+from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.replay import replay
+from tiltcal.setup.schedule_builder import build_schedule
+from tiltcal.setup.sequence_files import read_sequence, sequence_text
+
+AXES = {
+    "lift": Mapped("lift", -1, 0.03, slides=True),
+    "pan": Mapped("pan", 1, 0.2),
+    "tilt": Mapped("tilt", -1),
+    "boom": Mapped("boom", 1, -0.1, slides=True),
+}
+STEPS = """
+[[sequence]]
+action = "move"
+pan_deg = 60
+boom_mm = 300
+dwell_s = 3
+[[sequence]]
+action = "move"
+pan_deg = 120
+tilt_deg = 40
+boom_mm = 500
+rate_mm_s = 100
+dwell_s = 3
+[[sequence]]
+action = "sweep"
+boom_mm = -100
+step_mm = 200
+dwell_s = 2
+[[sequence]]
+action = "move"
+pan_deg = -90
+lift_mm = 200
+dwell_s = 3
+[[sequence]]
+action = "sweep"
+boom_mm = 500
+step_mm = 200
+dwell_s = 2
+"""
+SOFT_FLOOR = """
+[[effect]]
+id = "base_load_compliance"
+bend_east_arcsec_N_m = 2
+bend_north_arcsec_N_m = 3
+"""
+STATED = {"bend_east_arcsec_N_m": 2.0, "bend_north_arcsec_N_m": 3.0}
+
+
+def scenario_of(place, more="", site="floor_imu", name="s.toml"):
+    """The scenario of a head on a lift, with more tables."""
+    (place / "lift.xml").write_text(LIFT)
+    text = scenario_text("lift.xml", AXES, site)
+    noise = '[[effect]]\nid = "acc_noise"\nwhite_ug_rthz = 30\n'
+    (place / name).write_text(text.replace('name = "own', 'seed = 3\nname = "own') + more + noise)
+    return load_scenario(place / name)
+
+
+def test_a_floor_that_gives_way_to_a_boom_is_named(tmp_path):
+    true = scenario_of(tmp_path, STEPS + SOFT_FLOOR)
+    honest = scenario_of(tmp_path, name="honest.toml")
+    recording = simulator().record(true, true.seed)
+    assert {"table_boom_mm", "table_lift_mm", "table_pan_deg"} <= set(recording.column_names)
+    boom = recording.column("table_boom_mm")
+    assert (boom.min(), boom.max()) == pytest.approx((-100, 500))
+    answer = diagnose(honest, [recording])
+    (finding,) = answer.findings
+    assert (answer.verdict, finding.effect) == ("explained", "base_load_compliance")
+    for name, size in STATED.items():
+        value, sigma = finding.parameters[name]
+        assert abs(value - size) < 4 * sigma
+        assert sigma < 0.1 * size
+
+
+def test_a_table_that_tilts_along_its_rail_is_a_curve_over_the_slide(tmp_path):
+    """A carriage that pitches by 200 arcsec in an S along the rail: no listed effect."""
+    honest = scenario_of(tmp_path, STEPS, "imu")
+    clean = simulator().record(honest, None)
+    rng, rows = rng_of("rail"), len(clean)
+    boom = clean.table("boom") / 0.3
+    tilt = 1e-3 * np.sin(3 * boom)
+    force = np.column_stack([clean.column(f"accelerometer_{a}_m_s2") for a in "xyz"])
+    turned = force + np.cross(force, [0.0, 1.0, 0.0]) * tilt[:, None]
+    turned += rng.normal(0, 30e-6 * 9.8 * np.sqrt(50), (rows, 3))
+    columns = {n: clean.column(n) for n in clean.column_names if n.startswith("table")}
+    columns |= {f"accelerometer_{a}_m_s2": turned[:, k] for k, a in enumerate("xyz")}
+    answer = diagnose(honest, [Recording.from_columns(clean.time, columns)])
+    assert answer.verdict == "unlisted"
+    assert answer.findings[0].where.coordinate == "table_boom"
+
+
+def test_by_time_steps_it_hangs_in_its_servos(tmp_path):
+    stepped = scenario_of(tmp_path, STEPS + "[dynamics]\n")
+    asked = scenario_of(tmp_path, STEPS, name="asked.toml")
+    lift, still = (simulator().record(s, None).column("table_lift_mm") for s in (stepped, asked))
+    # the servo swings at 20 Hz with what it carries: its weight pulls it down by g / w^2
+    droop = 1e3 * 9.80123 / (2 * np.pi * 20) ** 2
+    assert (lift - still)[-1] == pytest.approx(droop, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        law("joint_axis_tilt", "boom", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+        law("link_tilt", "boom", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+        law("link_tilt", "lift", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+        law("joint_compliance", "boom", bend_x_arcsec_N_m=3, bend_y_arcsec_N_m=9),
+        law("link_compliance", "lift", bend_x_arcsec_N_m=3, bend_y_arcsec_N_m=-2),
+    ],
+    ids=["axis tilt", "link tilt", "tilted lift", "rail bends", "carriage bends"],
+)
+def test_the_users_own_model_moves_as_the_closed_form_says(tmp_path, law):
+    scenario_of(tmp_path, law, "imu")
+    own, closed, without = forces_by_both(tmp_path / "s.toml", tmp_path / "lift.xml", AXES)
+    assert np.abs(own - closed).max() < 1e-2 * np.abs(closed - without).max()
+
+
+def test_a_sequence_goes_through_its_file(tmp_path):
+    scenario = scenario_of(tmp_path, STEPS)
+    (tmp_path / "s.csv").write_text(sequence_text(scenario.sequence, scenario.rig))
+    back = build_schedule(read_sequence(tmp_path / "s.csv"), scenario.rig)
+    time = np.linspace(*scenario.schedule.times, 400)
+    there, again = (s.drive(time).axes for s in (scenario.schedule, back))
+    for axis in AXES:
+        # rates are written in six digits: a move ends some 1e-5 s elsewhere
+        np.testing.assert_allclose(again[axis].x, there[axis].x, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("boom_mm = 300", "boom_deg = 300", "found boom_deg, need boom_mm"),
+        ("pan_deg = 60", "pan_mm = 60", "pan_mm: unknown key"),
+        ("offset_mm = 30", "offset_deg = 30", "offset_deg of axis lift, whose joint is a slide"),
+        ('action = "sweep"', 'action = "turn"\naxis = "boom"\nangle_deg = 3', "axis boom, which"),
+    ],
+)
+def test_angles_of_a_slide_are_refused(tmp_path, old, new, words):
+    scenario_of(tmp_path, STEPS)
+    text = (tmp_path / "s.toml").read_text()
+    assert old in text
+    (tmp_path / "s.toml").write_text(text.replace(old, new, 1))
+    with pytest.raises(TiltcalError, match=words):
+        load_scenario(tmp_path / "s.toml")
+
+
+def test_what_turns_is_no_effect_of_a_slide(tmp_path):
+    with pytest.raises(TiltcalError, match=r"which slides, need an axis .* that turns"):
+        scenario_of(tmp_path, law("table_backlash", "boom", width_arcsec=4))
+    with pytest.raises(TiltcalError, match="axis 'lift', which slides"):
+        scenario_of(tmp_path, law("table_backlash", width_arcsec=4))
+
+
+def test_a_readout_in_a_unit_of_angle_is_refused(tmp_path):
+    scenario = scenario_of(tmp_path, STEPS)
+    recording = simulator().record(scenario, None)
+    columns = {
+        n.replace("boom_mm", "boom_deg"): recording.column(n) for n in recording.column_names
+    }
+    with pytest.raises(TiltcalError, match="unit deg, need a unit of length: axis boom slides"):
+        replay(Recording.from_columns(recording.time, columns), scenario)

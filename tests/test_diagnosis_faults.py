@@ -13,6 +13,7 @@ from diagnosis_fixtures import (
 )
 from statistics_helpers import rng_of
 
+from tiltcal.diagnosis.data.channels import repeat_chance
 from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.diagnosis.data_quality.inspection import inspect
 from tiltcal.diagnosis.data_quality.lost_samples import lost_as_another
@@ -49,6 +50,33 @@ def test_repeated_samples(truth, sound, rng):
         columns[f"accel_{axis}_m_s2"] = sound.column(f"accel_{axis}_m_s2")[source]
     fault = faults_of(truth, rewritten(sound, **columns))["data_duplicate"]
     assert fault.effect.value("share") == pytest.approx(again.mean(), rel=0.1)
+
+
+def test_rows_that_repeat_on_all_axes_at_once(truth, sound, rng):
+    """0.6 % of the rows: on each axis alone chance repeats more often."""
+    moved = np.hypot(*(np.diff(sound.column(f"table_{a}_deg")) for a in ("outer", "inner")))
+    again = rng.choice(np.flatnonzero(moved < 1e-3) + 1, len(sound) * 6 // 1000, replace=False)
+    columns = {}
+    for axis in "xyz":
+        name = f"accel_{axis}_m_s2"
+        code = 0.3 * np.median(np.abs(np.diff(sound.column(name))))
+        values = np.rint(sound.column(name) / code) * code
+        values[again] = values[again - 1]
+        columns[name] = values
+    (fault,) = prepare(honest(truth), [rewritten(sound, **columns)]).faults
+    assert fault.effect.id == "data_duplicate"
+    assert fault.axes == ("x", "y", "z")
+    assert fault.effect.value("share") == pytest.approx(len(again) / len(sound), rel=0.3)
+
+
+def test_codes_repeat_by_chance_where_the_table_rests_though_it_moves_most_of_the_time(rng):
+    """The noise of a rest is what repeats; that of second differences holds the moves."""
+    sweep = 9.8 * np.sin(np.linspace(0, 40, 6000) ** 2)
+    course = np.concatenate([sweep, np.full(4000, sweep[-1])])
+    values = np.rint((course + rng.normal(0, 4e-5, 10000)) / 1e-5) * 1e-5
+    again = np.mean(np.diff(values) == 0)
+    assert again > 0.02
+    assert repeat_chance(values) == pytest.approx(again, rel=0.3)
 
 
 def test_clipping(truth, sound):
@@ -180,6 +208,16 @@ def test_a_readout_cut_to_a_few_decimals(truth, sound):
     )
     # a reading may be off by what both axes lack
     assert found.floors["accel"] == pytest.approx(9.81 * 2 * np.radians(0.05), rel=1e-6)
+
+
+def test_the_counts_of_a_coarse_encoder_are_no_cut_decimals(truth, sound):
+    """20 arcsec, poses on counts."""
+    count = 20 / 3600
+    coarse = {
+        n: np.round(np.rint(sound.column(n) / count) * count, 5)
+        for n in ("table_outer_deg", "table_inner_deg")
+    }
+    assert not prepare(honest(truth), [rewritten(sound, **coarse)]).faults
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.quantisation import code_grid
+from tiltcal.core.units import COLUMN_UNITS, split_unit
 from tiltcal.diagnosis.data.channels import (
     column_values,
     runs_of,
@@ -14,6 +15,7 @@ from tiltcal.effects.electronics.converter import AdcQuantisation, GyrQuantisati
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.setup.sensor import Sensor
+from tiltcal.setup.tables import angle_channel
 
 # code over noise: below it what rounding does is white to exp(-2 (pi / 1.5)^2), a part in 6000
 COARSE = 1.5
@@ -60,13 +62,20 @@ def coarse_codes(recording: Recording, sensor: Sensor) -> tuple[Recording, list[
     ]
 
 
-CUT = (
-    0.002  # deg: no encoder that is worth a calibration has coarser steps, and no noise hides them
-)
+CUT = 0.002  # deg: finer steps spoil nothing that noise does not
+DECIMAL = 1e-3  # relative, to which steps are told
+
+
+def _decimal(step: float) -> bool:
+    """Whether a step is 1, 2 or 5 in some decimal place."""
+    first = step / 10 ** np.floor(np.log10(step))
+    return bool(np.min(np.abs(first / np.array([1.0, 2.0, 5.0, 10.0]) - 1)) < DECIMAL)
 
 
 def truncated_angles(recording: Recording, scenario: Scenario) -> list[Fault]:
-    """A readout of the table that was written with too few decimals."""
+    """A readout of the table that was written with too few decimals: its steps are decimal ones.
+    Those of an encoder are parts of a turn.
+    """
     found = []
     for axis in scenario.rig.kind.turning:
         angle = recording.table(axis)
@@ -74,7 +83,8 @@ def truncated_angles(recording: Recording, scenario: Scenario) -> list[Fault]:
             continue
         angle = angle[~np.isnan(angle)]
         step = code_grid(angle) if len(angle) >= 64 else None
-        if step is None or step < np.radians(CUT):
+        unit = str(split_unit(str(recording.channel(angle_channel(axis))))[1])
+        if step is None or step < np.radians(CUT) or not _decimal(step / COLUMN_UNITS[unit].factor):
             continue
         counts = angle / step
         if np.abs(counts - np.rint(counts)).max() < 0.03 and len(np.unique(np.rint(counts))) > 64:

@@ -3,10 +3,11 @@ because they spoil every fit; each is reported, and its samples become missing.
 """
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Mask
+from tiltcal.core.arrays import Array, Index, Mask
 from tiltcal.core.quantisation import code_width
 from tiltcal.diagnosis.data.channels import (
     CHANCE,
@@ -68,6 +69,10 @@ def stuck_values(
         )
         found.append(Fault(effect, (sensor.name,), (axis,), words, (start, start + length)))
     return recording, found
+
+
+FINE = 0.1
+"""Chance of a repeat up to which codes are so fine that steps by one are as likely as none."""
 
 
 def _at_end(values: Array, value: float) -> bool:
@@ -153,23 +158,50 @@ def noise_of(values: Array) -> float:
     return float(max(second_difference_noise(values), code, 1e-15))
 
 
+def _too_often(again: Mask, chance: float) -> bool:
+    """Whether more samples repeat than by chance."""
+    n, p = len(again), min(1.5 * chance, 1.0)
+    return n > 64 and at_least(int(again.sum()), n, p) < CHANCE and again.mean() > p + 5e-4
+
+
+def _repeated_on_all(
+    columns: Sequence[tuple[str, Index, Array]], expected: Sequence[float]
+) -> Index | None:
+    """Rows that repeat the one before on all axes at once, (m,), where they are more than by
+    chance; None where not, or where the codes are too coarse to tell.
+
+    Noise may be correlated between the axes: the chance of no step on any axis is that of each
+    combination of steps by one code, or none.
+    """
+    if len(columns) < 2 or max(expected) > FINE:
+        return None
+    rows = reduce(np.intersect1d, (own for _, own, _ in columns))
+    steps = [
+        np.abs(np.rint(np.diff(v[np.searchsorted(own, rows)]) / code_width(v)))
+        for _, own, v in columns
+    ]
+    still = np.all([s == 0 for s in steps], axis=0)
+    near = np.all([s <= 1 for s in steps], axis=0) & ~still
+    chance = max(float(np.prod(expected)), float(near.mean()) / (3 ** len(steps) - 1))
+    return rows[1:][still] if _too_often(still, chance) else None
+
+
 def repeated_samples(
     recording: Recording, sensor: Sensor, fine: Sequence[str]
 ) -> tuple[Recording, list[Fault]]:
-    """Samples that repeat the one before more often than their codes explain."""
+    """Samples that repeat the one before more often than their codes explain: on one axis, or on
+    all axes at once, which chance hardly does where the codes are fine.
+    """
     again, expected, columns = [], [], []
     for axis in fine:
         rows, _, values = column_values(recording, sensor, axis)
         columns.append((axis, rows, values))
         again.append(np.concatenate([[False], np.diff(values) == 0]))
         expected.append(min(repeat_chance(values), 1.0))
-    hit = [
-        k
-        for k, (a, p) in enumerate(zip(again, expected, strict=True))
-        if len(a) > 64
-        and at_least(int(a.sum()), len(a), min(1.5 * p, 1.0)) < CHANCE
-        and a.mean() > 1.5 * p + 5e-4
-    ]
+    hit = [k for k, (a, p) in enumerate(zip(again, expected, strict=True)) if _too_often(a, p)]
+    if not hit and (whole := _repeated_on_all(columns, expected)) is not None:
+        hit, expected = list(range(len(columns))), [0.0] * len(columns)
+        again = [np.isin(rows, whole) for _, rows, _ in columns]
     if not hit:
         return recording, []
     share = float(np.mean([again[k].mean() - expected[k] for k in hit]))

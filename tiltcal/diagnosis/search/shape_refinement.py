@@ -54,7 +54,7 @@ def refined(
         step = _step(first, name, duration)
         added = name in SHIFTED or (name == "frequency" and first.line_hz > 0)
         terms = _shaped(terms, name, _shapes_of(terms)[name], duration)
-        limits = _limits(first, name, whitened.hypotheses)
+        limits = _limits(first, name, whitened.hypotheses, duration)
         here = _gain(terms, fitted, whitened)
         for last in reversed(range(FINE if added else GRAIN)):
             x = _shapes_of(terms)[name]
@@ -83,9 +83,13 @@ def _step(hypothesis: Hypothesis, name: str, duration: float) -> float:
 
 
 def _limits(
-    hypothesis: Hypothesis, name: str, offered: Sequence[Hypothesis]
+    hypothesis: Hypothesis, name: str, offered: Sequence[Hypothesis], duration: float
 ) -> tuple[float, float]:
-    """Between which values a shape is refined: where it is bounded, those that are offered."""
+    """Between which values a shape is refined: an instant within the recording; where it is
+    bounded, those that are offered.
+    """
+    if name == "time":
+        return 0.0, duration
     if not any(p.name == name and p.bounded for p in hypothesis.effect.parameters):
         return -np.inf, np.inf
     values = [

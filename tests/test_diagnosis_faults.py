@@ -59,7 +59,7 @@ def test_rows_that_repeat_on_all_axes_at_once(truth, sound, rng):
     columns = {}
     for axis in "xyz":
         name = f"accel_{axis}_m_s2"
-        code = 0.3 * np.median(np.abs(np.diff(sound.column(name))))
+        code = 0.2 * np.median(np.abs(np.diff(sound.column(name))))
         values = np.rint(sound.column(name) / code) * code
         values[again] = values[again - 1]
         columns[name] = values

@@ -30,7 +30,6 @@ class MountMisalignment(FrameEffect):
     look = "antisymmetric part of the sensitivity matrix: inside a full cross-axis calibration"
     linear = True
     ordinary = True
-    same_law_as = "acc_cross_axis"
 
     def turns(self, slot: str, context: Context) -> Sequence[Turn]:
         return (

@@ -157,7 +157,30 @@ def _rows(state: State, k: int, scan: Scan) -> list[Row]:
             name = hypothesis.id if hypothesis.listed else UNLISTED
             rows.append(Row(name, float(factor + odds), float(factor), 0.0))
     rows = list(_fitted(state, k, rows))
+    rows += _of_other_source(rows, law)
     return [*rows, *_misfits(state, k, rows), *_imitated(rows, whitened.columns.width)]
+
+
+def _of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
+    """What is listed in a cause's place and whose shape tells its source, such as the frequency of
+    a tone, as a law of that shape from a source that no list has. It acts on the same channels
+    alike, which no curve of one channel does.
+
+    Args:
+        rows: in the cause's place; law: of the first of them.
+    """
+    curves = [r for r in rows if r.name == UNLISTED and r.proposal is not None]
+    if not curves:
+        return
+    curve, other = (
+        max(curves, key=lambda r: r.score),
+        np.log(priors.UNLISTED / (1 - priors.UNLISTED)),
+    )
+    for k, row in enumerate(rows):
+        source = law if k == 0 else row.proposal and row.proposal.explanation.hypothesis
+        if source and source.listed and source.odds:
+            score = row.score - source.odds + float(other)
+            yield replace(row, name=UNLISTED, score=score, proposal=curve.proposal)
 
 
 def _fitted(state: State, k: int, rows: Sequence[Row]) -> Iterator[Row]:

@@ -107,9 +107,8 @@ def at_least(k: int, n: int, p: float) -> float:
 def repeat_chance(values: Array) -> float:
     """Chance that two independent samples of a noisy column fall on the same code. values: (n,).
 
-    From the noise, and from how often samples are one and two codes apart, whichever is more: where
-    the table moves much of the time the noise is overestimated, and the steps by few codes are
-    those of the rests.
+    From the noise, and from how often a sample is that two before, whichever is more: where the
+    table moves much of the time the noise is overestimated, and codes need not be equally wide.
     """
     noise = second_difference_noise(values)
     width = code_width(values)
@@ -117,16 +116,8 @@ def repeat_chance(values: Array) -> float:
         return 0.0
     if noise < 0.4 * width:
         return 1.0  # the code hides the noise: repeats say nothing
-    return float(min(max(width / (2 * noise * np.sqrt(np.pi)), _chance_by_steps(values, width)), 1))
-
-
-def _chance_by_steps(values: Array, width: float) -> float:
-    """Chance of a repeat as normal noise has it where ever fewer samples are one and two codes
-    apart: the logarithm falls with the square of the distance.
-    """
-    steps = np.abs(np.rint(np.diff(values) / width))
-    one, two = (float(np.mean(steps == k)) / 2 for k in (1, 2))
-    return one * (one / two) ** (1 / 3) if one and two else one
+    later = float(np.mean(values[2:] == values[:-2]))
+    return float(min(max(width / (2 * noise * np.sqrt(np.pi)), later), 1.0))
 
 
 CHANCE = 1e-6  # of a fault in a sound recording

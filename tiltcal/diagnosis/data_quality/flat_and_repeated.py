@@ -71,10 +71,6 @@ def stuck_values(
     return recording, found
 
 
-FINE = 0.1
-"""Chance of a repeat up to which codes are so fine that steps by one are as likely as none."""
-
-
 def _at_end(values: Array, value: float) -> bool:
     """Whether a value is the largest or smallest of all: clipping, not freezing."""
     return bool(value in (values.max(), values.min()))
@@ -168,29 +164,24 @@ def _repeated_on_all(
     columns: Sequence[tuple[str, Index, Array]], expected: Sequence[float]
 ) -> Index | None:
     """Rows that repeat the one before on all axes at once, (m,), where they are more than by
-    chance; None where not, or where the codes are too coarse to tell.
+    chance; None where not, or where a code hides the noise.
 
-    Noise may be correlated between the axes: the chance of no step on any axis is that of each
-    combination of steps by one code, or none.
+    Noise may be correlated between the axes: the chance is how often a row is that two before.
     """
-    if len(columns) < 2 or max(expected) > FINE:
+    if len(columns) < 2 or max(expected) >= 1:
         return None
     rows = reduce(np.intersect1d, (own for _, own, _ in columns))
-    steps = [
-        np.abs(np.rint(np.diff(v[np.searchsorted(own, rows)]) / code_width(v)))
-        for _, own, v in columns
-    ]
-    still = np.all([s == 0 for s in steps], axis=0)
-    near = np.all([s <= 1 for s in steps], axis=0) & ~still
-    chance = max(float(np.prod(expected)), float(near.mean()) / (3 ** len(steps) - 1))
-    return rows[1:][still] if _too_often(still, chance) else None
+    values = np.column_stack([v[np.searchsorted(own, rows)] for _, own, v in columns])
+    again, later = (np.all(values[k:] == values[:-k], axis=1) for k in (1, 2))
+    chance = max(float(np.prod(expected)), float(later.mean()))
+    return rows[1:][again] if _too_often(again, chance) else None
 
 
 def repeated_samples(
     recording: Recording, sensor: Sensor, fine: Sequence[str]
 ) -> tuple[Recording, list[Fault]]:
     """Samples that repeat the one before more often than their codes explain: on one axis, or on
-    all axes at once, which chance hardly does where the codes are fine.
+    all axes at once, which chance seldom does.
     """
     again, expected, columns = [], [], []
     for axis in fine:

@@ -15,7 +15,9 @@ from tiltcal.effects.spans import CoordinateRanges
 WANDER = 0.05  # Hz, of the mains about its frequency (PHYSICS 3.6); further off is another tone
 GRIDS = (50.0, 60.0)  # Hz
 OFF = 0.5  # Hz, of a grid from its frequency, a weak one or by a clock that is not right
-OTHER = 0.3  # share of tones at any alias: generators, converters, sampling inside at a rate not stated
+OTHER = (
+    0.3  # share of tones at any alias: generators, converters, sampling inside at a rate not stated
+)
 
 
 def _folded_density(frequency: float, grid: float, rate: float) -> float:

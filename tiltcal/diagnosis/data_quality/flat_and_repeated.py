@@ -71,6 +71,10 @@ def stuck_values(
     return recording, found
 
 
+FINE = 0.1
+"""Chance of a repeat on one axis up to which codes are fine: a fourth of the noise."""
+
+
 def _at_end(values: Array, value: float) -> bool:
     """Whether a value is the largest or smallest of all: clipping, not freezing."""
     return bool(value in (values.max(), values.min()))
@@ -164,11 +168,12 @@ def _repeated_on_all(
     columns: Sequence[tuple[str, Index, Array]], expected: Sequence[float]
 ) -> Index | None:
     """Rows that repeat the one before on all axes at once, (m,), where they are more than by
-    chance; None where not, or where a code hides the noise.
+    chance; None where not, or where the codes are coarse.
 
-    Noise may be correlated between the axes: the chance is how often a row is that two before.
+    Noise may be correlated between the axes: the chance is how often a row is that two before. Of
+    coarse codes it says too little where noise is correlated in time as well.
     """
-    if len(columns) < 2 or max(expected) >= 1:
+    if len(columns) < 2 or max(expected) > FINE:
         return None
     rows = reduce(np.intersect1d, (own for _, own, _ in columns))
     values = np.column_stack([v[np.searchsorted(own, rows)] for _, own, v in columns])

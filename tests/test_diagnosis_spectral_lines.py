@@ -225,15 +225,31 @@ def test_what_stood_in_the_shadow_of_a_finding_comes_onto_the_ledger_later():
 
 
 def test_the_odds_of_the_mains_follow_the_alias_of_a_grid():
-    """By hand, 30 Hz for 200 s: 50 Hz shows at 10 Hz, with half of 0.9 within 1 Hz, and 0.1 over 15
+    """By hand, 30 Hz for 200 s: 50 Hz shows at 10 Hz, with half of 0.7 within 1 Hz, and 0.3 over 15
     Hz; a cycle of anything else has 1 / (10 ln 3000) there.
     """
     span = CoordinateRanges(200.0, 30.0)
     at_alias = MainsPickup.shape_odds({"frequency": 10.0}, span)
-    assert at_alias == pytest.approx(np.log((0.45 + 0.1 / 15) * 10 * np.log(3000)))
+    assert at_alias == pytest.approx(np.log((0.35 + 0.3 / 15) * 10 * np.log(3000)))
     elsewhere = MainsPickup.shape_odds({"frequency": 4.0}, span)
-    assert elsewhere == pytest.approx(np.log(0.1 / 15 * 4 * np.log(3000)))
+    assert elsewhere == pytest.approx(np.log(0.3 / 15 * 4 * np.log(3000)))
     assert MainsPickup.shape_odds({"frequency": 50.0}, span) == pytest.approx(at_alias)
+
+
+def test_a_slow_wave_on_two_channels_is_no_mains_though_each_curve_has_one_channel():
+    """0.05 Hz at 18 Hz, where 50 Hz shows at 4 Hz and 60 Hz at 6 Hz."""
+    table = bench().model_dump(exclude_defaults=True, by_alias=True)
+    table["sensor"][0]["rate_hz"] = 18.0
+    truth = parse_scenario({"schema": 1, **table})
+    whole = recorded(truth, 4)
+    wave = np.sin(2 * np.pi * 0.05 * (whole.time - whole.time[0]) + 0.4)
+    columns = {name: whole.column(name) for name in whole.column_names}
+    for axis, deviance in (("x", 600.0), ("y", 300.0)):
+        size = WHITE * np.sqrt(18 / 25 * deviance / np.sum(wave**2))
+        columns[f"accel_{axis}_m_s2"] = columns[f"accel_{axis}_m_s2"] + size * wave
+    found = diagnose(honest(truth), [Recording.from_columns(whole.time, columns)])
+    assert found.verdict == "unlisted"
+    assert found.findings[0].where.coordinate == "time"
 
 
 def with_overtones(rate_hz, frequency, second, third):

@@ -165,6 +165,12 @@ def test_what_turns_is_no_effect_of_a_slide(tmp_path):
         scenario_of(tmp_path, law("table_backlash", width_arcsec=4))
 
 
+def test_what_gravity_loads_is_found_behind_a_slide(tmp_path):
+    scenario = scenario_of(tmp_path, law("table_sag", sag_arcsec=20), "imu")
+    sag = next(e for e in scenario.effects if e.id == "table_sag")
+    assert [a for a in AXES if sag.acts_on(a, scenario.rig)] == ["tilt"]
+
+
 def test_a_readout_in_a_unit_of_angle_is_refused(tmp_path):
     scenario = scenario_of(tmp_path, STEPS)
     recording = simulator().record(scenario, None)

@@ -15,6 +15,7 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError, nearest
 from tiltcal.core.frames import rotation
+from tiltcal.core.units import MM
 from tiltcal.laboratory.model_words import ModelAxis, ModelWords
 from tiltcal.setup.chain import BASE, Chain, Link, Place
 from tiltsim.model_drives import drive_of
@@ -147,7 +148,7 @@ class ModelReader:
         R = _frame_along(along, self.data.xmat[body].reshape(3, 3))
         reference = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
         slides = bool(self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
-        offset = axis.offset_mm * 1e-3 if slides else np.radians(axis.offset_deg)
+        offset = axis.offset_mm * MM if slides else np.radians(axis.offset_deg)
         zero, origin = axis.sign * (offset - reference), np.array(self.data.xanchor[joint])
         return ModelJoint(name, joint, body, origin, R, float(zero), slides)
 

@@ -6,6 +6,7 @@ from math import pi
 G0 = 9.80665  # m/s2, the unit g (CGPM 1901), not the local gravity
 DEG = pi / 180
 ARCSEC = pi / 648000
+MM = 1e-3
 DEG_H = DEG / 3600
 EARTH_RATE = 7.292115e-5  # rad/s, WGS 84
 

@@ -198,7 +198,8 @@ def _bound_to(
             do="remove the effect",
         )
     bound = _sensor_of(cls, setup, sensor, subject)
-    acting = axis or next(iter(setup.rig.axis_names), None)
+    first = None if cls.axis_by_gravity else next(iter(setup.rig.axis_names), None)
+    acting = axis or first
     if cls.axis_wise and acting is not None and acting not in cls.axes_on(setup.rig):
         able, slides = cls.axes_on(setup.rig), acting in setup.rig.kind.sliding
         raise TiltcalError(

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.units import DEG
+from tiltcal.core.units import DEG, MM
 from tiltcal.setup.part import Part
 
 BASE = ""
@@ -92,7 +92,7 @@ class Link(Place):
     @property
     def zero(self) -> float:
         """Angle or place of the joint where the readout says zero, rad or m."""
-        return 1e-3 * self.offset_mm if self.slides else self.offset_deg * DEG
+        return self.offset_mm * MM if self.slides else self.offset_deg * DEG
 
     @cached_property
     def inertia(self) -> Array:

@@ -10,14 +10,13 @@ import numpy as np
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import angle_between, parse_up, unit
-from tiltcal.core.units import DEG
+from tiltcal.core.units import DEG, MM
 from tiltcal.setup.pose_schemes import directions, label_of, table_angles
 from tiltcal.setup.schedule import RAMP, Leg, Schedule, rotations
 from tiltcal.setup.sequence import Climate, Step
 from tiltcal.setup.setup import Rig
 
 MOST_LEGS = 100_000
-MM = 1e-3
 
 
 def build_schedule(steps: Sequence[Step], rig: Rig, climate: Climate | None = None) -> Schedule:

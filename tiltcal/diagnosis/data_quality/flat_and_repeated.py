@@ -72,7 +72,7 @@ def stuck_values(
 
 
 FINE = 0.1
-"""Chance of a repeat on one axis up to which codes are fine: a fourth of the noise."""
+"""Chance of a repeat on one axis up to which codes are fine: a third of the noise."""
 
 
 def _at_end(values: Array, value: float) -> bool:

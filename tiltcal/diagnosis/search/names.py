@@ -172,14 +172,12 @@ def _of_other_source(rows: Sequence[Row], law: Hypothesis) -> Iterator[Row]:
     curves = [r for r in rows if r.name == UNLISTED and r.proposal is not None]
     if not curves:
         return
-    curve, other = (
-        max(curves, key=lambda r: r.score),
-        np.log(priors.UNLISTED / (1 - priors.UNLISTED)),
-    )
+    curve = max(curves, key=lambda r: r.score)
+    other = float(np.log(priors.UNLISTED / (1 - priors.UNLISTED)))
     for k, row in enumerate(rows):
         source = law if k == 0 else row.proposal and row.proposal.explanation.hypothesis
         if source and source.listed and source.odds:
-            score = row.score - source.odds + float(other)
+            score = row.score - source.odds + other
             yield replace(row, name=UNLISTED, score=score, proposal=curve.proposal)
 
 

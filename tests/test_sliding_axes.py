@@ -11,6 +11,7 @@ from statistics_helpers import rng_of
 from tiltcal.api.simulating import simulator
 from tiltcal.core.errors import TiltcalError
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
@@ -169,6 +170,13 @@ def test_what_gravity_loads_is_found_behind_a_slide(tmp_path):
     scenario = scenario_of(tmp_path, law("table_sag", sag_arcsec=20), "imu")
     sag = next(e for e in scenario.effects if e.id == "table_sag")
     assert [a for a in AXES if sag.acts_on(a, scenario.rig)] == ["tilt"]
+
+
+def test_the_zero_of_a_readout_is_a_parameter_of_axes_that_turn_alone(tmp_path):
+    scenario_of(tmp_path, STEPS)
+    names = {p.name for p in CATALOGUE["table_encoder_zero"].parameters}
+    assert {"outer_zero", "pan_zero"} <= names
+    assert not {"lift_zero", "boom_zero"} & names
 
 
 def test_a_readout_in_a_unit_of_angle_is_refused(tmp_path):

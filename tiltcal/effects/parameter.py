@@ -122,4 +122,5 @@ def _on_all_tables(each: PerTable, names: tuple[str, ...]) -> tuple[Parameter, .
     return tuple(
         Parameter(name, each.unit, each.plausible, tables=frozenset(of))
         for name, of in found.items()
+        if of
     )

@@ -61,3 +61,26 @@ def test_rows_are_weighed_by_the_noise_of_the_rate_that_the_readout_tells():
 def test_the_noise_of_rates_is_no_finding():
     recording, _ = swung("null")
     assert diagnose(TABLE, [recording]).verdict == "match"
+
+
+def test_noise_that_grows_with_the_motion_weighs_rows_and_is_told():
+    rng = rng_of("grows")
+    recording, moving = swung("grows")
+    columns = {name: recording.column(name) for name in recording.column_names}
+    columns["fog_a_rad_s"] = columns["fog_a_rad_s"] + 20 * NOISE * moving * rng.normal(
+        size=len(moving)
+    )
+    loud = Recording.from_columns(recording.time, columns)
+    observations = observe(TABLE, [loud])
+    (channel,), (left,) = observations.channels, observations.residuals(observations.known)
+    assert channel.growth is not None
+    weighed = channel.weighed(left)
+    assert 0.6 < np.std(weighed[moving]) / np.std(weighed[~moving]) < 1.5
+    (averaged,) = observations.averaged(3).channels
+    assert averaged.growth is not None
+    middles = channel.growth[1::3][: len(averaged.growth)]
+    within = (averaged.stop < 0) & (middles > 1)
+    np.testing.assert_allclose(averaged.growth[within], middles[within], rtol=0.2)
+    answer = diagnose(TABLE, [loud])
+    assert answer.verdict == "match"
+    assert any("while moving as at rest" in note for note in answer.notes)

@@ -231,3 +231,17 @@ def test_the_law_of_a_start_is_that_which_fits_furthest_of_all_windows(power, rn
     told = ~np.isnan(expected)
     assert total > 0
     np.testing.assert_array_equal(leaves[told], expected[told])
+
+
+def test_beside_a_jump_an_acceleration_is_as_uncertain_as_the_jump(rng):
+    """A reading may be a mean over the time to the next: there anything between is read."""
+    jump, start = 0.5, 2.0 + 0.2 * STEP
+    time = np.arange(0, 6, STEP)
+    angle = jump / 2 * np.maximum(time - start, 0.0) ** 2
+    resting = time < 1.95
+    noisy = angle + NOISE * rng.standard_normal(len(time))
+    *_, noise = differentiate(time, noisy, resting)
+    beside = np.abs(time - start) < 0.5 * STEP
+    assert beside.sum() == 1
+    assert noise[beside].min() > jump / np.sqrt(12)
+    assert noise[time > start + 5 * STEP].max() < jump / 20

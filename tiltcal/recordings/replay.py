@@ -75,6 +75,15 @@ class Replay:
         """
         return self._rates[axis].noise, self._rates[axis].acceleration_noise
 
+    @cached_property
+    def speed(self) -> Array:
+        """Of the axis that moves fastest, each in units of its largest rate, (n,)."""
+        fastest = np.zeros(len(self.time))
+        for rates in self._rates.values():
+            speed = np.abs(rates.rate)
+            fastest = np.maximum(fastest, speed / max(float(speed.max()), np.finfo(float).tiny))
+        return fastest
+
     @property
     def _read(self) -> Mask:
         """Rows that tell the motion, (n,): those that were read; all, where hardly any was."""

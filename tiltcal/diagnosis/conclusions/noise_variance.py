@@ -62,13 +62,19 @@ def noise_dependences(
         noise: of each.
     """
     tests = [
-        dict(_tests(_coordinates(observations, channel, r), model.whiten(channel.weighed(r))))
+        dict(_tests(_coordinates(observations, channel, r), _own_noise(channel, r, model)))
         if not channel.derived
         else {}
         for channel, r, model in zip(observations.channels, residuals, noise, strict=True)
     ]
     tried = sum(len(each) for each in tests)
     return [_significant(each, tried) for each in tests]
+
+
+def _own_noise(channel: Channel, residual: Array, noise: NoiseModel) -> Array:
+    """A whitened residual that grows with the motion as the channel's own noise does, (n,)."""
+    white = noise.whiten(channel.weighed(residual))
+    return white if channel.growth is None else white * channel.growth
 
 
 def _significant(

@@ -41,8 +41,10 @@ class Channel:
         white: standard deviation, SI, that its noise has at least, where that is white and known to
             be; 0 elsewhere.
         spread: standard deviation of each row in units of that at rest, at least 1, (n,): a rate
-            that is told from a readout is less certain where the table is fast; None where all
-            rows are alike.
+            that is told from a readout is less certain where the table is fast, and the noise may
+            grow with the motion; None where all rows are alike.
+        growth: the part of the spread that is the channel's own noise, at least 1, (n,); None where
+            it does not grow with the motion.
     """
 
     recording: int
@@ -56,6 +58,7 @@ class Channel:
     derived: bool = False
     white: float = 0.0
     spread: Array | None = None
+    growth: Array | None = None
 
     def weighed(self, column: Array) -> Array:
         """A column with every row in units of its spread, (..., n)."""

@@ -1,5 +1,5 @@
 """How much more uncertain readings are while a table moves: their prediction holds the noise of the
-rates and the accelerations that the readout tells.
+rates and the accelerations that the readout tells, and their own noise may grow.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,9 +13,11 @@ from tiltcal.diagnosis.data.observations import Channel
 from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.recordings.replay import Replay
 from tiltcal.setup.trajectory import Jet
+from tiltcal.statistics.noise_in_motion import noise_growth
 from tiltcal.statistics.noise_spectrum import white_at_rest
 
 ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
+SIGNIFICANCE = 0.01  # family-wise over the channels
 
 
 def with_spread(
@@ -44,6 +46,31 @@ def with_spread(
     for channel, variance in zip(channels, variances, strict=True):
         spread = np.sqrt(1 + variance / white_at_rest(channel.values, channel.stop) ** 2)
         yield replace(channel, spread=spread) if spread.max() > ALIKE else channel
+
+
+def with_growth(
+    channels: Sequence[Channel], predicted: Sequence[Array], courses: Sequence[Replay]
+) -> Iterator[Channel]:
+    """Channels whose spread is that of their own noise too, where it grows with the motion.
+
+    Args:
+        channels: with the spread of what is predicted.
+        predicted: readings of each without any cause, SI, (n,).
+        courses: of each recording.
+    """
+    speeds = [course.speed for course in courses]
+    for c, p in zip(channels, predicted, strict=True):
+        read, said = c.weighed(c.values), c.weighed(p)
+        speed = speeds[c.recording][c.rows]
+        yield grown(c, noise_growth(read, said, c.stop, speed, SIGNIFICANCE / len(channels)))
+
+
+def grown(channel: Channel, growth: Array | None) -> Channel:
+    """A channel whose noise grows so much. growth: (n,), of each row; None: it does not."""
+    if growth is None:
+        return channel
+    spread = growth if channel.spread is None else channel.spread * growth
+    return replace(channel, spread=spread, growth=growth)
 
 
 def _by_noise(axis: str, course: Replay, watch: NominalMotion) -> Iterator[dict[str, Array]]:

@@ -118,7 +118,7 @@ def test_joints_keep_to_their_range_unless_told_otherwise(tmp_path):
     (tmp_path / "s.toml").write_text(scenario_text("arm.xml", AXES, "tool"))
     scenario = load_scenario(tmp_path / "s.toml")
     # the readout counts the other way, and says zero where the joint stands at 10 deg
-    assert scenario.rig.ranges_deg == {"lift": pytest.approx((-20.0, 90.0))}
+    assert scenario.rig.ranges == {"lift": pytest.approx((-20.0, 90.0))}
     lift = list(AXES).index("lift")
     low, high = clock_of(scenario, 100.0).limits[lift]
     assert (low / DEG, high / DEG) == pytest.approx((-20.0, 90.0))

@@ -10,7 +10,9 @@ from statistics_helpers import rng_of
 
 from tiltcal.api.simulating import simulator
 from tiltcal.core.errors import TiltcalError
+from tiltcal.design.recording_blocks import candidates, within
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.investigation.next_block import Limits, poses_of, table_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
@@ -187,3 +189,38 @@ def test_a_readout_in_a_unit_of_angle_is_refused(tmp_path):
     }
     with pytest.raises(TiltcalError, match="unit deg, need a unit of length: axis boom slides"):
         replay(Recording.from_columns(recording.time, columns), scenario)
+
+
+ALONG = "along boom at lift 0 at pan 0 at tilt -20"
+
+
+def test_blocks_move_slides_within_the_range_of_the_joint_or_as_far_as_they_went(tmp_path):
+    scenario = scenario_of(tmp_path, STEPS, "imu")
+    recording = simulator().record(scenario, None)
+    table = table_of(scenario, [recording], Limits(angles={"tilt": (-20.0, 40.0)}))
+    # the joint goes from -200 to 600 mm, and stands at -100 mm where the readout says zero
+    assert table.reach["boom"] == pytest.approx((-100.0, 700.0))
+    assert table.reach["lift"] == pytest.approx((0.0, 200.0))  # no range: as far as it went
+    blocks = {block.name: block for block in candidates(table)}
+    # the recording turned the pan to -90 deg
+    assert {name for name, block in blocks.items() if not within(block, table)} == {"repeat"}
+    start, *rest = (step.lengths_mm["boom"] for step in blocks[ALONG].steps)
+    assert (start, rest[-1]) == pytest.approx((-100.0, 700.0))
+    *_, slow = blocks[ALONG.replace("along", "slow")].steps
+    assert slow.rate_mm_s == pytest.approx(800 / 60)
+    last = build_schedule(blocks[ALONG].steps, scenario.rig).legs[-1]
+    assert (last.q0 + last.dq)[list(AXES).index("boom")] == pytest.approx(0.7)
+    assert {"circle tilt at lift 0 at pan 0 at boom -100", "reverse lift at pan 0"} <= {
+        name.removesuffix(" at tilt -20 at boom -100") for name in blocks
+    }
+    assert not [name for name in blocks if name.startswith(("spin boom", "circle boom"))]
+
+
+def test_a_slide_without_a_range_stands_still_unless_told(tmp_path):
+    still = STEPS.replace("lift_mm", "tilt_deg")
+    scenario = scenario_of(tmp_path, still, "imu")
+    recording = simulator().record(scenario, None)
+    assert "lift" not in table_of(scenario, [recording], Limits()).reach
+    told = table_of(scenario, [recording], Limits(angles={"lift": (0.0, 50.0)}))
+    assert told.reach["lift"] == (0.0, 50.0)
+    assert poses_of(recording, scenario)[-1] == pytest.approx((0.0, -90.0, 200.0, 500.0), abs=0.1)

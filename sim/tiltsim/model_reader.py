@@ -165,18 +165,22 @@ class ModelReader:
             offset_deg=words.offset_deg,
             offset_mm=words.offset_mm,
             reference_deg=0.0 if axis.slides else float(-np.degrees(axis.zero)),
-            range_deg=None if axis.slides else self._range(axis.joint, words),
+            **self._range(axis, words),
             **self._mass(k),
             **drive_of(self.model, axis.joint),
             **place,
         )
 
-    def _range(self, joint: int, words: ModelAxis) -> tuple[float, float] | None:
-        """Lowest and highest readout within a joint's range, deg; None where it has none."""
-        if not self.model.jnt_limited[joint]:
-            return None
-        ends = words.sign * (np.degrees(self.model.jnt_range[joint]) - words.offset_deg)
-        return float(ends.min()), float(ends.max())
+    def _range(self, axis: ModelJoint, words: ModelAxis) -> dict[str, tuple[float, float]]:
+        """Lowest and highest readout within a joint's range, as a ``Link`` has them."""
+        if not self.model.jnt_limited[axis.joint]:
+            return {}
+        ends = self.model.jnt_range[axis.joint]
+        if axis.slides:
+            name, readout = "range_mm", words.sign * (ends / MM - words.offset_mm)
+        else:
+            name, readout = "range_deg", words.sign * (np.degrees(ends) - words.offset_deg)
+        return {name: (float(readout.min()), float(readout.max()))}
 
     def _placed(self, on: int, origin: Array, R: Array) -> dict[str, Any]:
         """A frame of the world as a ``Place`` on a link, by its number; -1: the base."""

@@ -4,13 +4,13 @@ from collections.abc import Collection, Sequence
 
 from tiltcal.core.errors import TiltcalError
 
-LARGEST_DEG = 3600.0
+LARGEST = 3600.0  # deg; mm of an axis that slides
 
 
 def axis_limits(
     texts: Sequence[str], axes: Collection[str] | None = None
 ) -> dict[str, tuple[float, float]]:
-    """Lowest and highest angle of each named axis, deg.
+    """Lowest and highest readout of each named axis, deg, or mm where it slides.
 
     Args:
         texts: values of the option.
@@ -29,7 +29,7 @@ def _limit(text: str, axes: Collection[str] | None) -> tuple[str, tuple[float, f
         limit = (float(low), float(high))
     except ValueError:
         limit = (1.0, 0.0)
-    if not axis or not -LARGEST_DEG <= limit[0] <= limit[1] <= LARGEST_DEG:
+    if not axis or not -LARGEST <= limit[0] <= limit[1] <= LARGEST:
         raise TiltcalError(
             f"--angles {text}",
             found="no AXIS=LOW:HIGH",

@@ -7,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tiltcal.cli.options import SEVERAL, WHOLE, AxisLimits, Grade, between
+from tiltcal.design.recording_blocks import SLIDE_RATE
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,13 @@ class Separation:
         Path | None,
         Parameter("--scenario", help="With --split: the scenario that was diagnosed."),
     ] = None
+    rate_mm_s: Annotated[
+        float,
+        Parameter(
+            validator=between(1e-6, 1e6),
+            help="With --split: rate of moves of axes that slide.",
+        ),
+    ] = SLIDE_RATE
     recordings: Annotated[
         tuple[Path, ...],
         SEVERAL,

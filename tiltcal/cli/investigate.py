@@ -17,6 +17,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.files import require_file
 from tiltcal.core.progress import Progress
 from tiltcal.core.tasks.engines import shared_engine
+from tiltcal.design.recording_blocks import SLIDE_RATE
 from tiltcal.diagnosis.investigation.command import CommandLaboratory
 from tiltcal.diagnosis.investigation.investigate import InvestigationSetup
 from tiltcal.diagnosis.investigation.investigate import (
@@ -39,6 +40,7 @@ class BlockLimits:
     rate_deg_s: Annotated[
         float, Parameter(help="Rate of moves; turns use up to twice this rate.")
     ] = 30.0
+    rate_mm_s: Annotated[float, Parameter(help="The same of axes that slide.")] = SLIDE_RATE
     dwell_s: Annotated[float, Parameter(help="Duration of each dwell.")] = 3.0
     angles: AxisLimits = ()
 
@@ -148,9 +150,16 @@ def block_limits(given: BlockLimits) -> Limits:
     sizes = {
         "--block-min": given.block_min,
         "--rate-deg-s": given.rate_deg_s,
+        "--rate-mm-s": given.rate_mm_s,
         "--dwell-s": given.dwell_s,
     }
     for name, size in sizes.items():
         if not size > 0:
             raise TiltcalError(name, found=f"{size:g}", need="more than 0", do="correct it")
-    return Limits(given.block_min, given.rate_deg_s, given.dwell_s, axis_limits(given.angles))
+    return Limits(
+        given.block_min,
+        given.rate_deg_s,
+        given.dwell_s,
+        axis_limits(given.angles),
+        given.rate_mm_s,
+    )

@@ -20,7 +20,7 @@ SegmentsFile = Annotated[
 ]
 AxisLimits = Annotated[
     tuple[str, ...],
-    Parameter(help="Allowed angles of an axis, AXIS=LOW:HIGH in deg; may be repeated."),
+    Parameter(help="Allowed range of an axis, AXIS=LOW:HIGH in deg (slides: mm); may be repeated."),
 ]
 SEVERAL = Parameter(consume_multiple=(1, None))
 """An option with one or more values, separated by spaces."""

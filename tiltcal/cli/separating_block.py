@@ -51,7 +51,11 @@ def design_separating_block(
     amended = require_file(split.with_name("amended.toml"), "amended scenario")
     data = [read_recording(p) for p in _recordings_of(diagnosis, split, wanted.recordings)]
     limits = Limits(
-        table.budget_s / 60, table.rate_deg_s, table.dwell_s[0], axis_limits(table.angles)
+        table.budget_s / 60,
+        table.rate_deg_s,
+        table.dwell_s[0],
+        axis_limits(table.angles),
+        wanted.rate_mm_s,
     )
     with progress_line() as progress:
         amended_table = read_toml(amended, "amended scenario", AMENDED)

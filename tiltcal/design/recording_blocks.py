@@ -7,10 +7,10 @@ from math import ceil
 from tiltcal.setup.schedule_builder import build_schedule
 from tiltcal.setup.sequence import Step
 from tiltcal.setup.setup import Rig
-from tiltcal.setup.tables import angle_key
 
 WORDS = {
     "circle": "go once round with {axis}: whole circles separate what a part of one mixes",
+    "along": "dwell at places all along the range of {axis}",
     "reverse": "approach the same angles of {axis} from both sides",
     "tumble": "add poses all over the sphere, with two axes loaded at 45 deg among them",
     "flip": (
@@ -21,7 +21,7 @@ WORDS = {
     "ramp": "move {axis} over the same way at several rates, with sharp stops",
     "far": "dwell long at the ends of the range of {axis}",
     "rest": "rest for a while without moving",
-    "slow": "turn {axis} slowly over its range",
+    "slow": "move {axis} slowly over its range",
     "repeat": "repeat the poses of the first recording in the opposite order",
     "remount": (
         "remount by {mount} and repeat the same angles: table errors stay with the angle, sensor"
@@ -36,10 +36,12 @@ def said(kind: str, axis: str | None = None, mount: str = "180 deg") -> str:
     return WORDS[kind].format(axis="an axis" if axis is None else f"the {axis} axis", mount=mount)
 
 
-DWELL, RATE = 3.0, 30.0  # s, deg/s, unless the user says otherwise
+# s, deg/s, mm/s, unless the user says otherwise
+DWELL, RATE, SLIDE_RATE = 3.0, 30.0, 50.0
 REMOUNT = 60.0  # s of table time that a remounting takes
 # s at rest at both ends of a slow turn: a recording that hardly rests does not show what rest is
 QUIET = 10.0
+SLOW, SLOWEST = 60.0, 1 / 30  # s of a slow turn at most, part of the usual rate at least
 MOUNTS = ("Rz(180)", "Rx(180)", "Rz(90)")
 CIRCLE = (0.0, 360.0)  # deg, of an axis that may go round
 
@@ -50,11 +52,12 @@ class TableLimits:
 
     Args:
         rig: which table.
-        reach: smallest and largest angle of each axis, deg.
+        reach: smallest and largest readout of each axis that may move, deg, or mm where it slides.
         rate: of moves, deg/s; slow and fast rates are a third and twice of it.
         dwell: s.
-        visited: angles of the poses so far, outermost axis first, deg.
+        visited: readouts of the poses so far, outermost axis first, deg or mm.
         mounts: mountings that may be tried.
+        slide_rate: as ``rate``, of axes that slide, mm/s.
     """
 
     rig: Rig
@@ -63,16 +66,37 @@ class TableLimits:
     dwell: float = DWELL
     visited: tuple[tuple[float, ...], ...] = ()
     mounts: tuple[str, ...] = MOUNTS
+    slide_rate: float = SLIDE_RATE
+
+    def slides(self, axis: str) -> bool:
+        """Whether an axis slides."""
+        return axis in self.rig.kind.sliding
+
+    @property
+    def turning(self) -> list[str]:
+        """The axes that turn, outermost first."""
+        return [name for name in self.rig.kind.turning if name in self.reach]
+
+    def rates(self, times: float = 1.0) -> dict[str, float]:
+        """Rates of a step, so many times the usual ones."""
+        return {"rate_deg_s": times * self.rate, "rate_mm_s": times * self.slide_rate}
+
+    def moved(self, places: Mapping[str, float]) -> dict[str, float]:
+        """Where a step moves axes to: keys of a sequence, of places by axis."""
+        return {self.rig.kind.key(axis): place for axis, place in places.items()}
 
     def round_trip(self, axis: str) -> bool:
         """Whether an axis may go round."""
         low, high = self.reach[axis]
-        return high - low >= 360 - 1e-9
+        return not self.slides(axis) and high - low >= 360 - 1e-9
 
     def grid(self, axis: str, step: float) -> list[float]:
-        """Angles over an axis' range, deg, evenly, at most ``step`` apart."""
+        """Places over an axis' range, evenly, at most ``step`` apart, deg: the whole range of one
+        that slides counts as a circle.
+        """
         low, high = self.reach[axis]
-        n = max(1, ceil((high - low) / step - 1e-9))
+        span = CIRCLE[1] if self.slides(axis) else high - low
+        n = max(1, ceil(span / step - 1e-9))
         return [low + (high - low) * k / n for k in range(n + 1)]
 
 
@@ -108,8 +132,8 @@ class Block:
 
 def candidates(table: TableLimits) -> Iterator[Block]:
     """Every block that this table can run."""
-    names = table.rig.kind.turning
-    for axis in names:
+    names = table.turning
+    for axis in (name for name in table.rig.axis_names if name in table.reach):
         yield from _of_axis(table, axis)
     if len(names) > 1:
         yield Block("tumble", said("tumble"), _poses(table, _spread(table)))
@@ -120,7 +144,8 @@ def candidates(table: TableLimits) -> Iterator[Block]:
         poses = [pose for a, b in pairs for pose in ((a, b), (360 - a, b + 180))]
         yield Block("flip", said("flip"), _poses(table, poses))
     if table.visited:
-        yield Block("repeat", said("repeat"), _poses(table, table.visited[::-1]))
+        every = table.rig.axis_names
+        yield Block("repeat", said("repeat"), _poses(table, table.visited[::-1], every))
     yield Block("rest", said("rest"), (Step(action="rest", dwell_s=90.0),))
     for mount in table.mounts if names else ():
         steps = (Step(action="remount", mount=mount), *_poses(table, _spread(table)))
@@ -130,40 +155,38 @@ def candidates(table: TableLimits) -> Iterator[Block]:
 def _of_axis(table: TableLimits, axis: str) -> Iterator[Block]:
     """Blocks that move one axis, the others where they tell most."""
     for others in _elsewhere(table, axis):
-        at = {angle_key(k): v for k, v in others.items()}
+        at = table.moved(others)
         where = "".join(f" at {k} {v:g}" for k, v in others.items())
         low, high = table.reach[axis]
 
         def block(kind: str, moves: Sequence[tuple[float, float, float]], more: str = "") -> Block:
             go = [
-                {angle_key(axis): angle, "rate_deg_s": rate, "dwell_s": dwell}
-                for angle, rate, dwell in moves
+                {**table.moved({axis: place}), **table.rates(times), "dwell_s": dwell}
+                for place, times, dwell in moves
             ]
             go[0] |= at  # noqa: B023
             steps = tuple(Step.model_validate({"action": "move", **g}) for g in go)
             return Block(f"{kind}{more} {axis}{where}", said(kind, axis), steps)  # noqa: B023
 
-        dwell, rate = table.dwell, table.rate
-        yield block("circle", [(a, rate, dwell) for a in table.grid(axis, 30.0)])
-        yield block("circle", [(a, rate, dwell) for a in table.grid(axis, 15.0)], " fine")
-        up = table.grid(axis, 45.0)
-        yield block("reverse", [(a, rate, dwell) for a in (*up, *up[-2::-1])])
-        start = [(low, rate, dwell)]
-        yield block(
-            "spin", [*start, *((a, r, dwell) for r in (rate, 2 * rate) for a in (high, low))]
-        )
-        far = low + (high - low) / 4
-        yield block(
-            "ramp",
-            [*start, *((a, r, dwell) for r in (rate / 3, rate, 2 * rate) for a in (far, low))],
-        )
-        yield block("far", [(a, rate, 25.0) for a in (low, (low + high) / 2, high)])
-        yield block("slow", [(low, rate, QUIET), (high, max((high - low) / 60.0, 1.0), QUIET)])
+        dwell, up = table.dwell, table.grid(axis, 45.0)
+        start, far = [(low, 1.0, dwell)], low + (high - low) / 4
+        way = "along" if table.slides(axis) else "circle"
+        yield block(way, [(a, 1.0, dwell) for a in table.grid(axis, 30.0)])
+        yield block(way, [(a, 1.0, dwell) for a in table.grid(axis, 15.0)], " fine")
+        yield block("reverse", [(a, 1.0, dwell) for a in (*up, *up[-2::-1])])
+        if not table.slides(axis):
+            yield block("spin", [*start, *((a, k, dwell) for k in (1.0, 2.0) for a in (high, low))])
+        ramps = ((a, k, dwell) for k in (1 / 3, 1.0, 2.0) for a in (far, low))
+        yield block("ramp", [*start, *ramps])
+        yield block("far", [(a, 1.0, 25.0) for a in (low, (low + high) / 2, high)])
+        rate = table.slide_rate if table.slides(axis) else table.rate
+        slow = max((high - low) / SLOW, SLOWEST * rate) / rate
+        yield block("slow", [(low, 1.0, QUIET), (high, slow, QUIET)])
 
 
 def _elsewhere(table: TableLimits, axis: str) -> list[dict[str, float]]:
     """Where the other axes stand: as they are, and turned a quarter."""
-    others = [n for n in table.rig.kind.turning if n != axis]
+    others = [n for n in table.rig.axis_names if n != axis and n in table.reach]
     if not others:
         return [{}]
     places = []
@@ -178,7 +201,7 @@ def _spread(table: TableLimits) -> list[tuple[float, ...]]:
     """Poses all over the reach, in an order of short moves that passes most angles from both sides,
     deg.
     """
-    names = table.rig.kind.turning
+    names = table.turning
     if len(names) == 1:
         grid = table.grid(names[0], 45.0)
         return [(a,) for a in (*grid, *grid[-2::-1])]
@@ -194,20 +217,26 @@ def _spread(table: TableLimits) -> list[tuple[float, ...]]:
     return poses
 
 
-def _poses(table: TableLimits, poses: Sequence[Sequence[float]]) -> tuple[Step, ...]:
-    """Moves to poses, with a dwell at each."""
-    names = [angle_key(n) for n in table.rig.kind.turning]
-    common = {"action": "move", "rate_deg_s": table.rate, "dwell_s": table.dwell}
+def _poses(
+    table: TableLimits, poses: Sequence[Sequence[float]], axes: Sequence[str] = ()
+) -> tuple[Step, ...]:
+    """Moves to poses, with a dwell at each. axes: whose places a pose has; those that turn if not
+    given.
+    """
+    names = axes or table.turning
+    common = {"action": "move", "dwell_s": table.dwell, **table.rates()}
     return tuple(
-        Step.model_validate({**common, **dict(zip(names, pose, strict=True))}) for pose in poses
+        Step.model_validate({**common, **table.moved(dict(zip(names, pose, strict=True)))})
+        for pose in poses
     )
 
 
 def within(block: Block, table: TableLimits) -> bool:
-    """Whether every angle of a block is allowed."""
+    """Whether every place of a block is allowed."""
     for step in block.steps:
+        places = step.angles_deg | step.lengths_mm
         for axis, (low, high) in table.reach.items():
-            angle = step.angles_deg.get(axis)
-            if angle is not None and not low - 1e-9 <= angle <= high + 1e-9:
+            place = places.get(axis)
+            if place is not None and not low - 1e-9 <= place <= high + 1e-9:
                 return False
     return True

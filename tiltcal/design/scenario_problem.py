@@ -43,7 +43,7 @@ def clock_of(
     # every run starts with all axes at zero
     ranges = {
         axis: (min(low, 0.0), max(high, 0.0))
-        for axis, (low, high) in scenario.rig.ranges_deg.items()
+        for axis, (low, high) in scenario.rig.ranges.items()
         if axis in axes
     }
     stated = ranges | dict(angles_deg or {})

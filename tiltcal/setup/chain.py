@@ -63,7 +63,8 @@ class Link(Place):
             says zero.
         reference_deg: what the readout of a joint that turns says where the model stands at its
             reference.
-        range_deg: lowest and highest readout by the range of a joint that turns; None: it has none.
+        range_deg, range_mm: lowest and highest readout by the range of the joint, in mm where it
+            slides; None: it has none.
         mass_kg, centre_m: of all that moves with it, and where that has its centre of mass.
         inertia_kg_m2: of it about that centre: xx, yy, zz, xy, xz, yz in the link's frame.
         armature_kg_m2: inertia of the drive about the joint; along a slide kg.
@@ -80,6 +81,7 @@ class Link(Place):
     offset_mm: float = 0.0
     reference_deg: float = 0.0
     range_deg: tuple[float, float] | None = None
+    range_mm: tuple[float, float] | None = None
     mass_kg: Annotated[float, Field(ge=0)] = 0.0
     centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0,) * 6
@@ -137,9 +139,10 @@ class Chain(Part):
         return frozenset(found)
 
     @cached_property
-    def ranges_deg(self) -> Mapping[str, tuple[float, float]]:
-        """Lowest and highest readout of the axes whose joint has a range."""
-        return {link.axis: link.range_deg for link in self.link if link.range_deg is not None}
+    def ranges(self) -> Mapping[str, tuple[float, float]]:
+        """Lowest and highest readout of the axes whose joint has a range, deg, or mm of a slide."""
+        ranges = {link.axis: link.range_mm if link.slides else link.range_deg for link in self.link}
+        return {axis: ends for axis, ends in ranges.items() if ends is not None}
 
     def problem(self) -> str | None:
         """What is wrong with it; None where nothing is."""

@@ -116,9 +116,11 @@ class Rig(Part):
         return parse_mount(self.mount)
 
     @property
-    def ranges_deg(self) -> Mapping[str, tuple[float, float]]:
-        """Lowest and highest angle of the axes whose joint in a user's own model has a range."""
-        return {} if self.kind.chain is None else self.kind.chain.ranges_deg
+    def ranges(self) -> Mapping[str, tuple[float, float]]:
+        """Lowest and highest readout of the axes whose joint in a user's own model has a range, deg
+        or, where it slides, mm.
+        """
+        return {} if self.kind.chain is None else self.kind.chain.ranges
 
     @property
     def directions(self) -> tuple[str, ...]:

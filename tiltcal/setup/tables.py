@@ -79,6 +79,10 @@ class Table:
         """The unit in which the readout of an axis is written: deg, or mm where it slides."""
         return "mm" if axis in self.sliding else "deg"
 
+    def key(self, axis: str) -> str:
+        """Key of the place of an axis in a sequence."""
+        return f"{axis}_{self.unit(axis)}"
+
     def size(self, axis: str) -> float:
         """One ``unit`` of an axis, rad or m."""
         return COLUMN_UNITS[self.unit(axis)].factor

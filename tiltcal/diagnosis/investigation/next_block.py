@@ -9,9 +9,8 @@ import numpy as np
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.progress import Progress
 from tiltcal.core.tasks.engines import Engine
-from tiltcal.core.units import DEG
 from tiltcal.design.identifiability import tie_breaker
-from tiltcal.design.recording_blocks import CIRCLE, TableLimits, candidates, within
+from tiltcal.design.recording_blocks import CIRCLE, SLIDE_RATE, TableLimits, candidates, within
 from tiltcal.diagnosis.investigation.discriminating_blocks import Design, Proposal, propose
 from tiltcal.diagnosis.investigation.judging import judge_over, open_questions
 from tiltcal.effects import CATALOGUE
@@ -32,13 +31,14 @@ class Limits:
 
     Args:
         minutes: of one block; rate: deg/s of moves; dwell: s; angles: (least, largest) of an axis,
-            deg.
+            deg, or mm where it slides; slide_rate: mm/s of moves.
     """
 
     minutes: float = 3.0
     rate: float = 30.0
     dwell: float = 3.0
     angles: Mapping[str, tuple[float, float]] | None = None
+    slide_rate: float = SLIDE_RATE
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,8 @@ def next_block(
 
 def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits) -> TableLimits:
     """What the table may do: the whole circle, unless the user, an inclinometer's range or the
-    range of a joint of the user's own model says otherwise.
+    range of a joint of the user's own model says otherwise. An axis that slides goes as far as its
+    joint or the user says, else as far as it has gone.
 
     Raises:
         TiltcalError: a limit names an axis that the table does not have.
@@ -145,19 +146,17 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
     flat = any(s.kind == "inclinometer" for s in scenario.sensor)
     reach = {}
     for name, turns_about in scenario.rig.axes:
-        if name in scenario.rig.kind.sliding:
-            continue
-        seen = [a[~np.isnan(a)] / DEG for r in recordings if (a := r.table(name)) is not None]
+        size, slides = scenario.rig.kind.size(name), name in scenario.rig.kind.sliding
+        read = [a for r in recordings if (a := r.table(name)) is not None]
+        seen = [a[~np.isnan(a)] / size for a in read]
         upright = turns_about == "z" and name == scenario.rig.axis_names[0]
-        if flat and not upright and seen:
-            given.setdefault(
-                name,
-                (
-                    float(np.floor(min(a.min() for a in seen))),
-                    float(np.ceil(max(a.max() for a in seen))),
-                ),
-            )
-        reach[name] = given.get(name, scenario.rig.ranges_deg.get(name, CIRCLE))
+        range_of_joint = scenario.rig.ranges.get(name, None if slides else CIRCLE)
+        if seen and (range_of_joint is None or (flat and not upright and not slides)):
+            lowest, highest = min(a.min() for a in seen), max(a.max() for a in seen)
+            range_of_joint = float(np.floor(lowest)), float(np.ceil(highest))
+        span = given.get(name, range_of_joint)
+        if span is not None and (span[0] < span[1] or not slides):
+            reach[name] = span
     for name in given:
         if name not in reach:
             have = ", ".join(reach) or "none"
@@ -168,24 +167,27 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
                 do="correct it",
             )
     visited = poses_of(recordings[0], scenario) if recordings else ()
+    mounts = () if flat else TableLimits.mounts
     return TableLimits(
-        scenario.rig, reach, limits.rate, limits.dwell, visited, () if flat else TableLimits.mounts
+        scenario.rig, reach, limits.rate, limits.dwell, visited, mounts, limits.slide_rate
     )
 
 
 def poses_of(recording: Recording, scenario: Scenario) -> tuple[tuple[float, ...], ...]:
-    """Angles of the dwells of a recording, in order, deg."""
-    columns = [recording.table(n) for n in scenario.rig.kind.turning]
+    """Readouts of the dwells of a recording, in order, deg, or mm of axes that slide."""
+    table = scenario.rig.kind
+    columns = [recording.table(n) for n in table.axis_names]
     read = [c for c in columns if c is not None]
     if not read or len(read) < len(columns):
         return ()
-    angles = np.column_stack(read)
-    angles = angles[~np.isnan(angles).any(axis=1)]
-    time = recording.time[~np.isnan(np.column_stack(read)).any(axis=1)]
-    rest = resting_rows(time, angles)
+    places = np.column_stack(read)
+    there = ~np.isnan(places).any(axis=1)
+    places, time = places[there], recording.time[there]
+    rest = resting_rows(time, places)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.astype(int), [0]])))
+    sizes = np.array([table.size(n) for n in table.axis_names])
     middles = [
-        np.median(angles[a:b], axis=0) / DEG for a, b in zip(edges[::2], edges[1::2], strict=True)
+        np.median(places[a:b], axis=0) / sizes for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
     return tuple(tuple(round(float(x), 2) for x in m) for m in middles)
 

@@ -4,11 +4,12 @@ the reward, limits and refusals.
 
 import shutil
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
+from gym_course import Course, driven
 from gymnasium.utils.env_checker import check_env
 from statistics_helpers import rng_of
 
@@ -21,7 +22,7 @@ from tiltcal.design.gym.rig_environment import RigEnvironmentVector
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario, parse_scenario
-from tiltcal.setup.trajectory import Drive, Jet
+from tiltcal.setup.tables import DUAL
 from tiltsim.motion import mujoco_motion
 
 RIG = tiltcal.design.gym.RIG
@@ -100,57 +101,6 @@ def test_the_checker_has_nothing_to_say(path):
         environment = gymnasium.make(RIG, scenario=path)
         check_env(environment.unwrapped)
         environment.close()
-
-
-@dataclass
-class Course:
-    """The motion of an environment whose states were kept: accelerations are linear in a step."""
-
-    names: tuple[str, ...]
-    step: float
-    states: np.ndarray  # (steps, 3, axes)
-    rows_apart: bool = True  # loads as for an environment, which knows no later row
-
-    @property
-    def times(self):
-        return 0.0, (len(self.states) - 1) * self.step
-
-    def drive(self, time):
-        k = np.clip(np.floor(time / self.step + 1e-9).astype(int), 0, len(self.states) - 1)
-        t = np.where(time < 0, 0.0, time - k * self.step)[:, None]
-        x, v, a = self.states[k].transpose(1, 0, 2)
-        jerk = (self.states[np.minimum(k + 1, len(self.states) - 1), 2] - a) / self.step
-        parts = x + t * (v + t * (a / 2 + t * jerk / 6)), v + t * (a + t * jerk / 2), a + t * jerk
-        axes = {n: Jet(*(p[:, i] for p in parts)) for i, n in enumerate(self.names)}
-        n = len(time)
-        climate = np.full(n, 20.0)
-        mounts = ((0, np.eye(3)),)
-        return Drive(
-            time,
-            axes,
-            0.0,
-            climate,
-            20.0,
-            np.full(n, -1),
-            mounts,
-            known=np.ones(n, bool),
-            rows_apart=self.rows_apart,
-        )
-
-
-def driven(environment, rng, steps, seed):
-    """The states and readings of an environment under random demands."""
-    motion = environment.unwrapped.rigs.motion
-    _, info = environment.reset(seed=seed)
-    states = [np.concatenate([motion.angle, motion.rate, motion.acceleration])]
-    found = [info["readings"]]
-    for step in range(steps):
-        if step % 20 == 0:
-            action = rng.uniform(-1, 1, environment.action_space.shape)
-        _, _, _, _, info = environment.step(action.astype(np.float32))
-        states.append(np.concatenate([motion.angle, motion.rate, motion.acceleration]))
-        found.append(info["readings"])
-    return np.array(states), {n: np.array([f[n] for f in found]) for n in found[0]}
 
 
 @pytest.mark.parametrize(
@@ -270,7 +220,9 @@ def prior(id):
 
 
 def test_axes_reach_their_rate_in_two_steps_and_stop_before_their_limits():
-    limits = AxisLimits.stated(("pan", "lift"), 100, 100, {"pan": (-20, 30)})
+    limits = AxisLimits.stated(
+        DUAL, {"deg": 100, "mm": 1}, {"deg": 100, "mm": 1}, {"deg": {"outer": (-20, 30)}}
+    )
     motion = AxisMotion.at_rest(limits, 0.02, 64)
     everyone, rng = np.ones(64, bool), rng_of("limits")
     motion.move(np.full((64, 2), 0.5 * DEG), everyone)
@@ -282,11 +234,11 @@ def test_axes_reach_their_rate_in_two_steps_and_stop_before_their_limits():
         if step % 30 == 0:
             demand = rng.uniform(-2, 2, (64, 2))
         motion.move(demand, everyone)
-        assert (motion.angle[:, 0] <= 30 * DEG).all()
-        assert (motion.angle[:, 0] >= -20 * DEG).all()
+        assert (motion.place[:, 0] <= 30 * DEG).all()
+        assert (motion.place[:, 0] >= -20 * DEG).all()
         assert np.abs(motion.rate).max() <= 100 * DEG * (1 + 1e-12)
         assert np.abs(motion.acceleration).max() <= 100 * DEG * (1 + 1e-12)
-    assert np.ptp(motion.angle[:, 0]) > 40 * DEG
+    assert np.ptp(motion.place[:, 0]) > 40 * DEG
 
 
 @pytest.mark.parametrize(

@@ -2,23 +2,31 @@
 is refused.
 """
 
+import warnings
+
+import gymnasium
 import numpy as np
 import pytest
+from gym_course import Course, driven
+from gymnasium.utils.env_checker import check_env
 from model_oracle import forces_by_both, law
 from model_rig import LIFT, Mapped, scenario_text
 from statistics_helpers import rng_of
 
 from tiltcal.api.simulating import simulator
 from tiltcal.core.errors import TiltcalError
+from tiltcal.design.gym import RIG
 from tiltcal.design.recording_blocks import candidates, within
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.investigation.next_block import Limits, poses_of, table_of
 from tiltcal.effects import CATALOGUE
+from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
 from tiltcal.setup.schedule_builder import build_schedule
 from tiltcal.setup.sequence_files import read_sequence, sequence_text
+from tiltsim.motion import mujoco_motion
 
 AXES = {
     "lift": Mapped("lift", -1, 0.03, slides=True),
@@ -115,17 +123,17 @@ def test_by_time_steps_it_hangs_in_its_servos(tmp_path):
     assert (lift - still)[-1] == pytest.approx(droop, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        law("joint_axis_tilt", "boom", tilt_x_arcsec=400, tilt_y_arcsec=-300),
-        law("link_tilt", "boom", tilt_x_arcsec=400, tilt_y_arcsec=-300),
-        law("link_tilt", "lift", tilt_x_arcsec=400, tilt_y_arcsec=-300),
-        law("joint_compliance", "boom", bend_x_arcsec_N_m=3, bend_y_arcsec_N_m=9),
-        law("link_compliance", "lift", bend_x_arcsec_N_m=3, bend_y_arcsec_N_m=-2),
-    ],
-    ids=["axis tilt", "link tilt", "tilted lift", "rail bends", "carriage bends"],
-)
+LAWS = {
+    "axis tilt": law("joint_axis_tilt", "boom", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+    "link tilt": law("link_tilt", "boom", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+    "tilted lift": law("link_tilt", "lift", tilt_x_arcsec=400, tilt_y_arcsec=-300),
+    "rail bends": law("joint_compliance", "boom", bend_x_arcsec_N_m=3, bend_y_arcsec_N_m=9),
+    "carriage bends": law("link_compliance", "lift", bend_x_arcsec_N_m=3, bend_y_arcsec_N_m=-2),
+}
+of_each_law = pytest.mark.parametrize("law", LAWS.values(), ids=list(LAWS))
+
+
+@of_each_law
 def test_the_users_own_model_moves_as_the_closed_form_says(tmp_path, law):
     scenario_of(tmp_path, law, "imu")
     own, closed, without = forces_by_both(tmp_path / "s.toml", tmp_path / "lift.xml", AXES)
@@ -161,6 +169,32 @@ def test_angles_of_a_slide_are_refused(tmp_path, old, new, words):
         load_scenario(tmp_path / "s.toml")
 
 
+@of_each_law
+def test_an_environment_moves_a_slide_as_the_laboratory_does(tmp_path, law):
+    scenario_of(tmp_path, law, "imu")
+    with pytest.raises(TiltcalError, match="no axis lift, which slides"):
+        gymnasium.make(RIG, scenario=tmp_path / "s.toml", noise=False)
+    environment = gymnasium.make(
+        RIG, scenario=tmp_path / "s.toml", noise=False, limits_mm={"lift": (-50, 200)}
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(environment.unwrapped, skip_render_check=True)
+    readout = environment.observation_space["readout"]
+    np.testing.assert_allclose(readout.low, (-0.05, -np.pi, -np.pi, -0.1))
+    np.testing.assert_allclose(readout.high, (0.2, np.pi, np.pi, 0.7))
+    scenario = load_scenario(tmp_path / "s.toml")
+    states, live = driven(environment, rng_of("slides"), 400, seed=7)
+    places, rates = states[:, 0], states[:, 1]
+    assert 0.2 < np.ptp(places[:, 3]) <= 0.8
+    assert 0.1 < np.abs(rates[:, 3]).max() <= 0.2 + 1e-12
+    course = Course(scenario.rig.axis_names, 1 / 50, states)
+    times = {s.name: np.arange(len(states)) / 50 for s in scenario.sensor}
+    lab = readings(scenario, course, times, scenario.effects, mover=mujoco_motion)
+    for name, values in lab.items():
+        np.testing.assert_allclose(live[name], values, rtol=0, atol=1e-8, err_msg=name)
+
+
 def test_what_turns_is_no_effect_of_a_slide(tmp_path):
     with pytest.raises(TiltcalError, match=r"which slides, need an axis .* that turns"):
         scenario_of(tmp_path, law("table_backlash", "boom", width_arcsec=4))
@@ -175,10 +209,9 @@ def test_what_gravity_loads_is_found_behind_a_slide(tmp_path):
 
 
 def test_the_zero_of_a_readout_is_a_parameter_of_axes_that_turn_alone(tmp_path):
-    scenario_of(tmp_path, STEPS)
-    names = {p.name for p in CATALOGUE["table_encoder_zero"].parameters}
-    assert {"outer_zero", "pan_zero"} <= names
-    assert not {"lift_zero", "boom_zero"} & names
+    rig = scenario_of(tmp_path, STEPS).rig
+    parameters = CATALOGUE["table_encoder_zero"].parameters
+    assert {p.name for p in parameters if p.stands_on(rig)} == {"pan_zero", "tilt_zero"}
 
 
 def test_a_readout_in_a_unit_of_angle_is_refused(tmp_path):

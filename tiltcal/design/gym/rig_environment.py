@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from tiltcal.design.gym.rigs import Rigs, action_space, observation_space
+from tiltcal.design.gym.rigs import Rigs
 from tiltcal.laboratory.scenario import Scenario
 
 
@@ -16,14 +16,15 @@ class RigEnvironment(gymnasium.Env[Any, Any]):
     """Turn the axes of a rig and read its instrument, one sample of the fastest sensor a step.
 
     The action is the demanded rate of each axis over the largest. The observation holds the
-    readout, rad within half a turn, and the readings, SI. The reward is the nats that the sample
-    brings on the terms that the sensors' ``adjustable`` lists name. ``info``: readout and readings
-    without bounds, and the time elapsed. An episode is truncated when its time is used up.
+    readout, rad within half a turn, or m, and the readings, SI. The reward is the nats that the
+    sample brings on the terms that the sensors' ``adjustable`` lists name. ``info``: readout and
+    readings without bounds, and the time elapsed. An episode is truncated when its time is used up.
 
     Args:
         scenario: a file, or a scenario.
         render_mode: None only.
-        how: keywords of ``Rigs``: noise, rate_deg_s, acceleration_deg_s2, limits_deg, duration_s.
+        how: keywords of ``Rigs``: noise, rate_deg_s, acceleration_deg_s2, limits_deg, duration_s;
+            of axes that slide rate_mm_s, acceleration_mm_s2, limits_mm.
     """
 
     metadata = {"render_modes": []}
@@ -33,8 +34,8 @@ class RigEnvironment(gymnasium.Env[Any, Any]):
     ) -> None:
         self.render_mode = render_mode
         self.rigs = Rigs(scenario, 1, **how)
-        self.observation_space = observation_space(self.rigs.scenario)
-        self.action_space = action_space(self.rigs.scenario)
+        self.observation_space = self.rigs.observation_space()
+        self.action_space = self.rigs.action_space()
         self._all = np.ones(1, bool)
 
     def reset(
@@ -77,8 +78,8 @@ class RigEnvironmentVector(VectorEnv[Any, Any, Any]):
     ) -> None:
         self.num_envs, self.render_mode = num_envs, render_mode
         self.rigs = Rigs(scenario, num_envs, **how)
-        self.single_observation_space = observation_space(self.rigs.scenario)
-        self.single_action_space = action_space(self.rigs.scenario)
+        self.single_observation_space = self.rigs.observation_space()
+        self.single_action_space = self.rigs.action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._over = np.zeros(num_envs, bool)

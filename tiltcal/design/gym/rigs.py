@@ -2,7 +2,6 @@
 ``rig_environment`` step.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from gymnasium import spaces
 
 from tiltcal.core.arrays import Array, Mask
 from tiltcal.core.errors import TiltcalError
-from tiltcal.design.gym.axis_motion import AxisLimits, AxisMotion
+from tiltcal.design.gym.axis_motion import AxisLimits, AxisMotion, Ranges
 from tiltcal.design.gym.sensor_information import information_of
 from tiltcal.laboratory.instrument.carried import CarriedInstrument
 from tiltcal.laboratory.scenario import Scenario, load_scenario
@@ -30,12 +29,15 @@ class Rigs:
         scenario: a file, or a scenario; its sequence is not used.
         count: rigs.
         noise: whether random effects and quantisation act.
-        rate_deg_s, acceleration_deg_s2: largest of each axis.
-        limits_deg: lowest and highest angle by axis; others turn without end.
+        rate_deg_s, acceleration_deg_s2: largest of each axis; rate_mm_s, acceleration_mm_s2: of
+            each that slides.
+        limits_deg: lowest and highest angle by axis; others turn without end. limits_mm: of axes
+            that slide; others have the range of their joint.
         duration_s: of an episode.
 
     Raises:
-        TiltcalError: the rig has no axes or no sensor, or an effect cannot act step by step.
+        TiltcalError: the rig has no axes or no sensor, an axis that slides has no limits, or an
+            effect cannot act step by step.
     """
 
     def __init__(
@@ -46,15 +48,25 @@ class Rigs:
         noise: bool = True,
         rate_deg_s: float = 100.0,
         acceleration_deg_s2: float = 100.0,
-        limits_deg: Mapping[str, tuple[float, float]] | None = None,
+        limits_deg: Ranges | None = None,
+        rate_mm_s: float = 200.0,
+        acceleration_mm_s2: float = 500.0,
+        limits_mm: Ranges | None = None,
         duration_s: float = 60.0,
     ) -> None:
         known = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         _require_movable(known, duration_s)
         self.scenario, self.count, self.duration_s = known, count, duration_s
         self.step_s = 1 / max(sensor.rate_hz for sensor in known.sensor)
-        names = known.rig.axis_names
-        limits = AxisLimits.stated(names, rate_deg_s, acceleration_deg_s2, limits_deg)
+        table, ranges = known.rig.kind, known.rig.ranges
+        joints = {name: ranges[name] for name in table.sliding & ranges.keys()}
+        limits = AxisLimits.stated(
+            table,
+            {"deg": rate_deg_s, "mm": rate_mm_s},
+            {"deg": acceleration_deg_s2, "mm": acceleration_mm_s2},
+            {"deg": limits_deg, "mm": {**joints, **(limits_mm or {})}},
+        )
+        self.slides = np.array([name in table.sliding for name in table.axis_names])
         self.motion = AxisMotion.at_rest(limits, self.step_s, count)
         seed = known.seed if noise else None
         self.instrument = CarriedInstrument(known, self.step_s, envs=count, seed=seed)
@@ -85,7 +97,7 @@ class Rigs:
         """What each rig does now, one a row."""
         motion = self.motion
         axes = {
-            name: Jet(motion.angle[:, i], motion.rate[:, i], motion.acceleration[:, i])
+            name: Jet(motion.place[:, i], motion.rate[:, i], motion.acceleration[:, i])
             for i, name in enumerate(self.scenario.rig.axis_names)
         }
         return self.instrument.drive(self.elapsed, axes, self.scenario.rig.mount)
@@ -108,45 +120,48 @@ class Rigs:
             every = round(1 / (self.scenario.named(name).rate_hz * self.step_s))
             nats += self.information[name].add(sense, rows & (self.steps % every == 0))
         info = {
-            "readout": self.motion.angle.copy(),
+            "readout": self.motion.place.copy(),
             "readings": readings,
             "elapsed_s": self.elapsed,
         }
         return self._observation(readings), info, nats
 
     def _observation(self, readings: dict[str, Array]) -> dict[str, Array]:
-        """The readout within half a turn, rad, and the readings, SI; zero where none came yet."""
-        seen = {READOUT: (self.motion.angle + np.pi) % (2 * np.pi) - np.pi}
+        """The readout, rad within half a turn, or m, and the readings, SI; zero where none came
+        yet.
+        """
+        place = self.motion.place
+        turned = (place + np.pi) % (2 * np.pi) - np.pi
+        seen = {READOUT: np.where(self.slides, place, turned)}
         for sensor in self.scenario.sensor:
             most = LARGEST[sensor.kind]
             seen[sensor.name] = np.nan_to_num(np.clip(readings[sensor.name], -most, most))
         return seen
+
+    def observation_space(self) -> spaces.Dict:
+        """``readout``, rad within half a turn, or m, (axes,), and by its name each sensor's
+        readings, SI, (k,).
+        """
+        limits = self.motion.limits
+        low = np.where(self.slides, limits.low, -np.pi)
+        high = np.where(self.slides, limits.high, np.pi)
+        found: dict[str, spaces.Space[Any]] = {READOUT: spaces.Box(low, high, dtype=np.float64)}
+        for sensor in self.scenario.sensor:
+            found[sensor.name] = _reading_box(sensor)
+        return spaces.Dict(found)
+
+    def action_space(self) -> spaces.Box:
+        """Demanded rate of each axis over the largest, (axes,)."""
+        return spaces.Box(-1.0, 1.0, (len(self.slides),), dtype=np.float32)
 
     def over(self) -> Mask:
         """Whether the time of each episode is used up, (count,)."""
         return np.asarray(self.elapsed >= self.duration_s - self.step_s / 2)
 
 
-def observation_space(scenario: Scenario) -> spaces.Dict:
-    """``readout``, rad, (axes,), and by its name each sensor's readings, SI, (k,)."""
-    axes = len(scenario.rig.axis_names)
-    found: dict[str, spaces.Space[Any]] = {READOUT: _box(np.pi, axes)}
-    for sensor in scenario.sensor:
-        found[sensor.name] = _reading_box(sensor)
-    return spaces.Dict(found)
-
-
-def action_space(scenario: Scenario) -> spaces.Box:
-    """Demanded rate of each axis over the largest, (axes,)."""
-    return spaces.Box(-1.0, 1.0, (len(scenario.rig.axis_names),), dtype=np.float32)
-
-
 def _reading_box(sensor: Sensor) -> spaces.Box:
-    return _box(LARGEST[sensor.kind], len(sensor.axes))
-
-
-def _box(most: float, n: int) -> spaces.Box:
-    return spaces.Box(-most, most, (n,), dtype=np.float64)
+    most = LARGEST[sensor.kind]
+    return spaces.Box(-most, most, (len(sensor.axes),), dtype=np.float64)
 
 
 def _require_movable(scenario: Scenario, duration_s: float) -> None:
@@ -158,8 +173,6 @@ def _require_movable(scenario: Scenario, duration_s: float) -> None:
     found, do = "", ""
     if not scenario.rig.axes:
         found, do = f"table {scenario.rig.table}", "choose a rig with axes"
-    elif slides := sorted(scenario.rig.kind.sliding):
-        found, do = f"axis {slides[0]}, which slides", "leave it out of [rig.axes]"
     elif not scenario.sensor:
         found, do = "no sensors", "add [[sensor]]"
     elif scenario.dynamics is not None:

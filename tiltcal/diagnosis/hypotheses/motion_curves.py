@@ -69,10 +69,27 @@ def motion_of_readings(
                 variants=len(MEMORIES),
                 **where,
             )
+    yield from _scales(rig, span, where)
+    for name, lag in product(rig.kind.turning, MEMORIES):
+        if even_knots(angle_channel(name), span, 2):
+            late = curve_over(LearnedReading, angle_channel(name), harmonics(3), lag=lag, **where)
+            yield replace(late, variants=len(MEMORIES))
     for coordinate, travel in product([c for c in inputs if c.startswith("force")], LOADS):
         yield _played(LearnedReading, coordinate, travel, len(LOADS), where)
     if knots := even_knots("braking", span, 7):
         yield curve_over(LearnedReading, "braking", knots, **where)
+
+
+def _scales(rig: Rig, span: CoordinateRanges, where: dict[str, Any]) -> Iterator[Hypothesis]:
+    """Scale factors of a channel that follow the motion: what loads its supply, what wears."""
+    for lag in (0.0, *MEMORIES) if even_knots("speed", span, 2) else ():
+        scale = curve_over(LearnedReading, "speed", 1, lag=lag, per_input=True, **where)
+        yield proportional(scale, 1 + len(MEMORIES))
+    if knots := even_knots("moves", span, 5):
+        yield curve_over(LearnedReading, "moves", knots, per_input=True, **where)
+    for name in rig.kind.turning:
+        if even_knots(angle := angle_channel(name), span, 2):
+            yield curve_over(LearnedReading, angle, harmonics(3), per_input=True, **where)
 
 
 def motion_of_frames(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:

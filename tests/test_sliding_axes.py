@@ -2,6 +2,8 @@
 is refused.
 """
 
+import subprocess
+import sys
 import warnings
 
 import gymnasium
@@ -11,6 +13,7 @@ from gym_course import Course, driven
 from gymnasium.utils.env_checker import check_env
 from model_oracle import forces_by_both, law
 from model_rig import LIFT, Mapped, scenario_text
+from serving import Wire, served
 from statistics_helpers import rng_of
 
 from tiltcal.api.simulating import simulator
@@ -23,6 +26,7 @@ from tiltcal.effects import CATALOGUE
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.replay import replay
 from tiltcal.setup.schedule_builder import build_schedule
 from tiltcal.setup.sequence_files import read_sequence, sequence_text
@@ -257,3 +261,21 @@ def test_a_slide_without_a_range_stands_still_unless_told(tmp_path):
     told = table_of(scenario, [recording], Limits(angles={"lift": (0.0, 50.0)}))
     assert told.reach["lift"] == (0.0, 50.0)
     assert poses_of(recording, scenario)[-1] == pytest.approx((0.0, -90.0, 200.0, 500.0), abs=0.1)
+
+
+def test_a_served_slide_obeys_in_mm_and_its_recording_is_explained(tmp_path):
+    scenario = scenario_of(tmp_path, STEPS, "imu")
+    (tmp_path / "steps.csv").write_text(sequence_text(scenario.sequence, scenario.rig))
+    with served(scenario) as server:
+        wire = Wire(server.ports["command"])
+        assert wire.ask(":LIM:POS? 4;:LIM:RATE? 4;:LIM:ACC? 4") == "-100,700;200;500"
+        wire.send(":MODE:POS 4;:DEM:POS 4,800")
+        assert wire.ask(":SYST:ERR?").startswith("-222")
+        wire.close()
+        # a process that knows nothing of the model but what the table says
+        words = ["record", f"127.0.0.1:{server.ports['command']}", "steps.csv", "run.csv"]
+        subprocess.run([sys.executable, "-m", "tiltcal", *words], cwd=tmp_path, check=True)
+    recording = read_recording(tmp_path / "run.csv")
+    boom, lift = recording.column("table_boom_mm"), recording.column("table_lift_mm")
+    assert (boom.min(), boom.max(), lift[-1]) == pytest.approx((-100, 500, 200), abs=1e-6)
+    assert diagnose(scenario, [recording]).verdict == "match"

@@ -8,9 +8,11 @@ from cyclopts import Parameter
 from tiltcal.cli.options import Json
 from tiltcal.cli.output import print_json
 from tiltcal.cli.serve import address
+from tiltcal.core.files import require_file
 from tiltcal.laboratory.serve.client import SequenceRecorder, TableClient
 from tiltcal.recordings.recording_files import write_recording
 from tiltcal.setup.sequence_files import read_sequence
+from tiltcal.setup.tables import add_axes
 
 
 def record(
@@ -29,9 +31,10 @@ def record(
       tiltcal record 127.0.0.1:5025 SEQUENCE.csv RECORDING.csv
       tiltcal investigate --scenario bench.toml --lab 'tiltcal record 127.0.0.1:5025'
     """
-    steps = read_sequence(sequence)
+    require_file(sequence, "sequence")
     with TableClient(*address(table)) as client:
-        recording = SequenceRecorder(client, steps).record()
+        add_axes(client.axes)  # a sequence may move axes of a model that is known there only
+        recording = SequenceRecorder(client, read_sequence(sequence)).record()
     write_recording(recording, recording_file)
     if as_json:
         print_json({"recording": str(recording_file), "rows": len(recording)})

@@ -6,7 +6,7 @@ package adds tables through the entry point group ``tiltcal.tables``.
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
@@ -18,7 +18,7 @@ from tiltcal.core.errors import TiltcalError
 from tiltcal.core.extensions import members
 from tiltcal.core.frames import AXES
 from tiltcal.core.units import COLUMN_UNITS
-from tiltcal.setup.chain import Chain
+from tiltcal.setup.chain import Chain, Link
 
 GROUP = "tiltcal.tables"
 CHANNEL = "table_"
@@ -168,6 +168,15 @@ def add_model(chain: Chain) -> Table:
     """The table of a user's own model, known by its name from now on."""
     table = Table.of_model(chain)
     return _OF_MODELS.setdefault(table.name, table)
+
+
+def add_axes(axes: Iterable[tuple[str, str]]) -> None:
+    """Make axes known by name and unit of their readout, deg or mm: those of a table of which
+    nothing else is known.
+    """
+    links = tuple(Link(axis=axis, slides=unit == "mm") for axis, unit in axes)
+    if any(link.slides or link.axis not in built_in_axes() for link in links):
+        add_model(Chain(link=links))
 
 
 def every_table() -> Mapping[str, Table]:

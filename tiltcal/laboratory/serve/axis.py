@@ -7,11 +7,14 @@ from typing import Literal
 import numpy as np
 
 from tiltcal.core.arrays import Array
-from tiltcal.core.units import DEG
+from tiltcal.core.units import DEG, MM
+from tiltcal.setup.setup import Rig
 from tiltcal.setup.trajectory import Jet
 
 Mode = Literal["off", "position", "rate"]
-RATE, ACCELERATION = 100 * DEG, 100 * DEG  # limits of a table that was just switched on
+# limits of a table that was just switched on
+RATE, ACCELERATION = 100 * DEG, 100 * DEG
+SLIDE_RATE, SLIDE_ACCELERATION = 200 * MM, 500 * MM
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,8 @@ class Piece:
     that the acceleration begins and ends at zero.
 
     Args:
-        start: s; x, v: there, rad, rad/s; change: of the rate, rad/s; length: s.
+        start: s; x, v: there, rad, rad/s, or m, m/s of an axis that slides; change: of the rate;
+            length: s.
     """
 
     start: float
@@ -32,14 +36,15 @@ class Piece:
 
 @dataclass
 class AxisDrive:
-    """What an axis is asked to do, and where it is.
+    """What an axis is asked to do, and where it is: in rad, or m of one that slides.
 
     Args:
         mode: off holds still.
-        rate, acceleration: largest, rad/s, rad/s2; low, high: limits of the angle, rad.
-        stuck: it does not move; slip: true angle minus readout, rad.
-        demand: angle or rate that was last asked for, rad, rad/s.
+        rate, acceleration: largest; low, high: limits of the readout.
+        stuck: it does not move; slip: true place minus readout.
+        demand: place or rate that was last asked for.
         pieces: of its motion, the last one goes on.
+        unit: of commands and frames: a deg or a mm.
     """
 
     mode: Mode = "off"
@@ -51,9 +56,19 @@ class AxisDrive:
     slip: float = 0.0
     demand: float = 0.0
     pieces: list[Piece] = field(default_factory=lambda: [Piece(0.0, 0.0, 0.0)])
+    unit: float = DEG
+
+    @classmethod
+    def of(cls, rig: Rig, name: str) -> "AxisDrive":
+        """An axis that was just switched on. One that slides is within the range of its joint."""
+        unit = rig.kind.size(name)
+        if name not in rig.kind.sliding:
+            return cls(unit=unit)
+        low, high = (end * unit for end in rig.ranges.get(name, (-inf, inf)))
+        return cls(rate=SLIDE_RATE, acceleration=SLIDE_ACCELERATION, low=low, high=high, unit=unit)
 
     def jet(self, time: Array) -> Jet:
-        """Angle, rate and acceleration at these times, none of them past, rad, (n,)."""
+        """Place, rate and acceleration at these times, none of them past, (n,)."""
         starts = np.array([p.start for p in self.pieces])
         which = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, None)
         names = ("x", "v", "change", "length")
@@ -69,7 +84,7 @@ class AxisDrive:
         )
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Angle, rate and acceleration now, rad."""
+        """Place, rate and acceleration now."""
         jet = self.jet(np.array([time]))
         return tuple(float(np.asarray(part)[0]) for part in (jet.x, jet.v, jet.a))  # type: ignore[return-value]
 
@@ -82,19 +97,19 @@ class AxisDrive:
         self._follow(time, 0.0)
 
     def turn(self, time: float, rate: float) -> None:
-        """Reach a rate and keep it, rad/s."""
+        """Reach a rate and keep it."""
         self.demand = rate
         if not self.stuck:
             self._follow(time, max(-self.rate, min(self.rate, rate)))
 
-    def go(self, time: float, angle: float) -> None:
-        """Go to an angle, rad, by a smooth trapezoid of the rate, and rest there."""
-        self.demand = angle
+    def go(self, time: float, place: float) -> None:
+        """Go to a place by a smooth trapezoid of the rate, and rest there."""
+        self.demand = place
         if self.stuck:
             return
         self._follow(time, 0.0)
         last = self.pieces[-1]
-        way = angle - last.x
+        way = place - last.x
         if way == 0:
             return
         sign, mean = (1.0 if way > 0 else -1.0), self.acceleration / 2
@@ -103,7 +118,7 @@ class AxisDrive:
         self._extend(ramp, sign * peak)
         self._extend(abs(way) / peak - ramp, 0.0)
         self._extend(ramp, -sign * peak)
-        self.pieces[-1] = Piece(self.pieces[-1].start, angle, 0.0)
+        self.pieces[-1] = Piece(self.pieces[-1].start, place, 0.0)
 
     def seize(self, time: float, stuck: bool) -> None:
         """Stick where it is, or come free. time: s."""
@@ -111,9 +126,9 @@ class AxisDrive:
             self.hold(time, self.at(time)[0])
         self.stuck = stuck
 
-    def hold(self, time: float, angle: float) -> None:
-        """Rest at an angle, rad, from an instant on, s."""
-        self.pieces = [Piece(time, angle, 0.0)]
+    def hold(self, time: float, place: float) -> None:
+        """Rest at a place from an instant on, s."""
+        self.pieces = [Piece(time, place, 0.0)]
 
     def _follow(self, time: float, rate: float) -> None:
         x, v, _ = self.at(time)

@@ -16,7 +16,7 @@ PATIENCE_S = 30.0  # of the wall clock, for an answer or a frame
 BUFFER = 8192  # bytes of frames that wait to be read: the table is hardly ahead of its reader
 LEAD_S = 1.0  # of rest before the first step
 ASK = 10  # frames between two questions whether it still moves
-ARRIVED = 0.01  # deg: an axis further from its target has not obeyed
+ARRIVED = 0.01  # deg or mm: an axis further from its target has not obeyed
 MOVING = 1  # bit of the status byte
 
 
@@ -55,6 +55,12 @@ class TableClient:
             wire.close()
             raise self._silent(error.strerror or str(error)) from error
         return wire
+
+    @property
+    def axes(self) -> list[tuple[str, str]]:
+        """Each axis with the unit of its readout, deg or mm, outermost first."""
+        channels = [c for c in self.format.columns if c.startswith(CHANNEL)]
+        return [tuple(c.removeprefix(CHANNEL).rsplit("_", 1)) for c in channels]  # type: ignore[misc]
 
     def send(self, line: str) -> None:
         """A command without an answer."""
@@ -136,11 +142,7 @@ class SequenceRecorder:
             TiltcalError: the table refuses a command, or an axis does not arrive.
         """
         columns = self.client.format.columns
-        self.axes = [
-            name.removeprefix(CHANNEL).removesuffix("_deg")
-            for name in columns
-            if name.startswith(CHANNEL)
-        ]
+        self.axes = self.client.axes
         self._frames = self.client.frames()
         self.mounts.append(self.client.ask(":MOUNt?"))
         for number in range(1, len(self.axes) + 1):
@@ -165,17 +167,24 @@ class SequenceRecorder:
         self.label = step.label
         if step.mount is not None:
             self._remount(step.mount, doing)
-        for axis, angle in step.angles_deg.items():
+        for axis, place, rate in self._asked(step):
             number = self._number(axis, doing)
-            self.client.send(f":LIMit:RATE {number},{step.rate_deg_s!r}")
-            self.client.send(f":DEMand:POSition {number},{angle!r}")
+            self.client.send(f":LIMit:RATE {number},{rate!r}")
+            self.client.send(f":DEMand:POSition {number},{place!r}")
         self.client.require_no_error(doing)
         while int(self.client.ask("*STB?")) & MOVING:
             for _ in range(ASK):
                 self._read()
-        for axis, angle in step.angles_deg.items():
-            self._require_arrived(axis, angle, doing)
+        for axis, place, _ in self._asked(step):
+            self._require_arrived(axis, place, doing)
         self._keep(step.dwell_s)
+
+    def _asked(self, step: Step) -> Iterator[tuple[str, float, float]]:
+        """Each axis that a step moves, where to, and how fast, in deg or mm."""
+        for axis, place in step.angles_deg.items():
+            yield axis, place, step.rate_deg_s
+        for axis, place in step.lengths_mm.items():
+            yield axis, place, step.rate_mm_s
 
     def _remount(self, mount: str, doing: str) -> None:
         """The frames after this instant have the new mounting."""
@@ -186,22 +195,24 @@ class SequenceRecorder:
         self.mounts.append(f"{between:.9g} s: {mount}")
 
     def _number(self, axis: str, doing: str) -> int:
-        if axis not in self.axes:
+        names = [name for name, _ in self.axes]
+        if axis not in names:
             raise TiltcalError(
                 f"sequence, {doing}",
                 found=f"axis {axis}",
-                need=f"an axis of this table: {', '.join(self.axes)}",
+                need=f"an axis of this table: {', '.join(names)}",
                 do="correct the sequence, or serve another table",
             )
-        return self.axes.index(axis) + 1
+        return names.index(axis) + 1
 
-    def _require_arrived(self, axis: str, angle: float, doing: str) -> None:
-        there = float(self.client.ask(f":READ:POSition? {self._number(axis, doing)}"))
-        if abs(there - angle) > ARRIVED:
+    def _require_arrived(self, axis: str, place: float, doing: str) -> None:
+        number = self._number(axis, doing)
+        there, unit = float(self.client.ask(f":READ:POSition? {number}")), self.axes[number - 1][1]
+        if abs(there - place) > ARRIVED:
             raise TiltcalError(
                 f"table {self.client.where}, {doing}",
-                found=f"axis {axis} at {there:g} deg",
-                need=f"{angle:g} deg",
+                found=f"axis {axis} at {there:g} {unit}",
+                need=f"{place:g} {unit}",
                 do="free the axis, or reset the table after a trip",
             )
 

@@ -1,19 +1,18 @@
 """The commands of the served table, in the style of ACUTROL controllers: axes are numbered from 1,
-the outermost first; angles are in deg.
+the outermost first; angles are in deg, lengths in mm.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from tiltcal import __version__
 from tiltcal.core.errors import TiltcalError
 from tiltcal.core.frames import parse_mount
-from tiltcal.core.units import DEG
 from tiltcal.laboratory.serve.axis import AxisDrive, Mode
 from tiltcal.laboratory.serve.rate_table import RateTable
 from tiltcal.laboratory.serve.scpi import LARGEST, Command, CommandError, Interpreter, number, whole
 
 MOVING, ERROR, OPEN, OFF = 1, 4, 8, 16  # bits of the status byte
-TINY = 1e-6  # least limit of a rate or acceleration, deg/s, deg/s2
+TINY = 1e-6  # least limit of a rate or acceleration, in the unit of the axis
 
 
 class TableCommands:
@@ -55,16 +54,16 @@ class TableCommands:
             ":MODe?": self._for_axis(lambda axis: axis.mode.upper()),
             ":DEMand:POSition": self._for_axis(self._position, 1),
             ":DEMand:RATE": self._for_axis(self._rate, 1),
-            ":DEMand?": self._for_axis(lambda axis: f"{axis.demand / DEG:.9g}"),
+            ":DEMand?": self._told(lambda axis: (axis.demand,)),
             **{f":READ:{w}?": self._for_axis(self._read(k)) for w, k in units.items()},
             ":LIMit:RATE": self._for_axis(self._limit("rate"), 1),
-            ":LIMit:RATE?": self._for_axis(lambda axis: f"{axis.rate / DEG:.9g}"),
+            ":LIMit:RATE?": self._told(lambda axis: (axis.rate,)),
             ":LIMit:ACCeleration": self._for_axis(self._limit("acceleration"), 1),
-            ":LIMit:ACCeleration?": self._for_axis(lambda axis: f"{axis.acceleration / DEG:.9g}"),
-            ":LIMit:POSition": self._for_axis(self._range, 2),
-            ":LIMit:POSition?": self._for_axis(
-                lambda axis: f"{axis.low / DEG:.9g},{axis.high / DEG:.9g}"
+            ":LIMit:ACCeleration?": self._for_axis(
+                lambda axis: f"{axis.acceleration / axis.unit:.9g}"
             ),
+            ":LIMit:POSition": self._for_axis(self._range, 2),
+            ":LIMit:POSition?": self._told(lambda axis: (axis.low, axis.high)),
         }
 
     def _faults(self) -> dict[str, Command]:
@@ -91,6 +90,12 @@ class TableCommands:
             return act(axes[whole(words[0], 1, len(axes)) - 1], *words[1:])
 
         return Command(run, 1 + more, 1 + more)
+
+    def _told(self, parts: Callable[[AxisDrive], Sequence[float]]) -> Command:
+        """A query for numbers of an axis, in its unit."""
+        return self._for_axis(
+            lambda axis: ",".join(f"{part / axis.unit:.9g}" for part in parts(axis))
+        )
 
     def _status(self) -> int:
         table = self.table
@@ -120,18 +125,18 @@ class TableCommands:
 
     def _position(self, axis: AxisDrive, word: str) -> None:
         self._ready(axis, "position")
-        low, high = (max(-LARGEST, axis.low / DEG), min(LARGEST, axis.high / DEG))
-        axis.go(self.table.time, number(word, low, high) * DEG)
+        low, high = max(-LARGEST, axis.low / axis.unit), min(LARGEST, axis.high / axis.unit)
+        axis.go(self.table.time, number(word, low, high) * axis.unit)
 
     def _rate(self, axis: AxisDrive, word: str) -> None:
         self._ready(axis, "rate")
-        most = axis.rate / DEG
-        axis.turn(self.table.time, number(word, -most, most) * DEG)
+        most = axis.rate / axis.unit
+        axis.turn(self.table.time, number(word, -most, most) * axis.unit)
 
     def _read(self, part: int) -> Callable[[AxisDrive], str]:
         def read(axis: AxisDrive) -> str:
             name = next(n for n, known in self.table.axes.items() if known is axis)
-            return f"{self.table.readout(name)[part] / DEG:.9g}"
+            return f"{self.table.readout(name)[part] / axis.unit:.9g}"
 
         return read
 
@@ -139,12 +144,12 @@ class TableCommands:
         def change(axis: AxisDrive, word: str) -> None:
             if axis.moving(self.table.time):
                 raise CommandError(-221)
-            setattr(axis, name, number(word, TINY) * DEG)
+            setattr(axis, name, number(word, TINY) * axis.unit)
 
         return change
 
     def _range(self, axis: AxisDrive, low: str, high: str) -> None:
-        ends = number(low) * DEG, number(high) * DEG
+        ends = number(low) * axis.unit, number(high) * axis.unit
         if ends[0] >= ends[1]:
             raise CommandError(-222)
         axis.low, axis.high = ends
@@ -165,7 +170,7 @@ class TableCommands:
             self.table.trip()
 
     def _slip(self, axis: AxisDrive, word: str) -> None:
-        axis.slip += number(word, -360, 360) * DEG
+        axis.slip += number(word, -360, 360) * axis.unit
 
     def _stick(self, axis: AxisDrive, word: str) -> None:
         axis.seize(self.table.time, bool(whole(word, 0, 1)))

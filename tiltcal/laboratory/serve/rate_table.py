@@ -9,7 +9,6 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
-from tiltcal.core.units import DEG
 from tiltcal.forward.kinematics import closed_form
 from tiltcal.forward.signal_chain import Mover
 from tiltcal.laboratory.instrument.carried import CarriedInstrument
@@ -22,7 +21,7 @@ from tiltcal.setup.tables import angle_channel
 from tiltcal.setup.trajectory import Drive, Jet
 
 BLOCK = 128  # frames whose motion is computed at once
-SETTLED = 0.01 * DEG  # rad/s, of an axis that no longer moves
+SETTLED = 0.01  # deg/s or mm/s, of an axis that no longer moves
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,13 @@ class RateTable:
             mover=mover,
             realised=() if mechanics is None else mechanics.realised,
         )
-        self.axes = {name: AxisDrive() for name in scenario.rig.axis_names}
+        rig = scenario.rig
+        self.axes = {name: AxisDrive.of(rig, name) for name in rig.axis_names}
         self.mount, self.interlock = scenario.rig.mount, True
         self.counter, self.time, self.to_lose = 0, 0.0, 0
         sensors = [f"{s.name}_{a}_{s.column_unit}" for s in scenario.sensor for a in s.axes]
-        angles = [f"{angle_channel(name)}_deg" for name in self.axes]
-        self.format = FrameFormat((*angles, *sensors, "temperature_degC"))
+        places = [f"{angle_channel(name)}_{rig.kind.unit(name)}" for name in self.axes]
+        self.format = FrameFormat((*places, *sensors, "temperature_degC"))
 
     def advance(self, time: float) -> Iterator[Frame]:
         """The frames up to an instant, s; what is demanded next acts from there on."""
@@ -93,7 +93,7 @@ class RateTable:
         self._follow(self.time)  # what is demanded next replaces what was asked until now
 
     def _within_limits(self, stamps: Array) -> Array:
-        """The stamps until an axis passes a limit of its angle, where it is stopped."""
+        """The stamps until an axis passes a limit of its readout, where it is stopped."""
         for axis in self.axes.values():
             x, v = np.asarray(axis.jet(stamps).x), np.asarray(axis.jet(stamps).v)
             outside = ((x > axis.high) & (v > 0)) | ((x < axis.low) & (v < 0))
@@ -133,7 +133,7 @@ class RateTable:
         return self.instrument.drive(stamps, axes, self.mount, slips)
 
     def readout(self, name: str) -> tuple[float, float, float]:
-        """Angle, rate and acceleration of an axis by its encoder now, rad."""
+        """Place, rate and acceleration of an axis by its encoder now, rad, or m where it slides."""
         if self.mechanics is None:
             return self.axes[name].at(self.time)
         jet = self.drive(np.array([self.time])).axes[name]
@@ -148,10 +148,12 @@ class RateTable:
     def _frames(self, stamps: Array) -> Iterator[Frame]:
         drive = self.drive(stamps)
         motions = self.instrument.motions(drive)
-        angles = np.column_stack([np.asarray(jet.x) / DEG for jet in drive.axes.values()])
+        places = np.column_stack(
+            [np.asarray(jet.x) / self.axes[name].unit for name, jet in drive.axes.items()]
+        )
         for k, time in enumerate(stamps):
             found = self.instrument.step(motions, slice(k, k + 1))
-            values = angles[k].tolist()
+            values = places[k].tolist()
             for sensor in self.scenario.sensor:
                 due = self.counter % round(self.rate_hz / sensor.rate_hz) == 0
                 column = to_column(
@@ -167,8 +169,8 @@ class RateTable:
         """Whether an axis is asked to move, or still moves."""
         if any(axis.moving(self.time) for axis in self.axes.values()):
             return True
-        rates = (self.readout(name)[1] for name in self.axes) if self.mechanics else ()
-        return any(abs(rate) > SETTLED for rate in rates)
+        stepped = self.axes.items() if self.mechanics else ()
+        return any(abs(self.readout(name)[1]) > SETTLED * axis.unit for name, axis in stepped)
 
     def trip(self) -> None:
         """All drives come to rest and are off."""
@@ -180,7 +182,8 @@ class RateTable:
         """As switched on, where it stands: drives off, limits as at first, no faults."""
         self.trip()
         for name, axis in self.axes.items():
-            self.axes[name] = replace(AxisDrive(), pieces=axis.pieces, slip=axis.slip)
+            anew = AxisDrive.of(self.scenario.rig, name)
+            self.axes[name] = replace(anew, pieces=axis.pieces, slip=axis.slip)
         self.interlock, self.to_lose = True, 0
 
 
@@ -193,8 +196,6 @@ def require_served(scenario: Scenario, mechanics: Mechanics | None) -> None:
     found, do = "", ""
     if not scenario.rig.axes:
         found, do = f"table {scenario.rig.table}", "choose a table with axes"
-    elif slides := sorted(scenario.rig.kind.sliding):
-        found, do = f"axis {slides[0]}, which slides", "leave it out of [rig.axes]"
     elif scenario.dynamics is not None and mechanics is None:
         found, do = "[dynamics] and no mechanics", "leave it out, or install the simulator"
     elif not scenario.sensor:

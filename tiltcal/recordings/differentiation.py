@@ -35,6 +35,7 @@ RESTS = 32  # steps at rest that tell the readout's noise
 LINE = 13  # samples in which a line shows that it is one
 SHARED = 3.4  # rows that tell as much of a slow course as one: the windows of rates overlap
 CHOSEN = 1.5  # times a rate is off by what its window expects: the least of many was taken
+RINGS = 9.0  # times its expected square that a rate at rest is motion
 FAST = 0.3  # of the fastest rate: there an error of the stamps shows
 ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
@@ -134,9 +135,12 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
             (v, a, *errors), _by_best_windows(uniform[wanted], noise), strict=True
         ):
             whole[wanted] = part
-    variance, bending = (np.where(still, 0.0, np.interp(time, grid, e)) for e in errors)
+    variance, bending = (np.interp(time, grid, e) for e in errors)
     v = CubicHermiteSpline(grid, v, a / step)(time)
     a = CubicHermiteSpline(grid, a, np.gradient(a, step))(time)  # a line cuts off its peaks
+    # at rest nothing moves but what rings: by as much as that shows, its rates are unknown
+    variance = np.where(still, np.maximum(v**2 - RINGS * variance, 0.0), variance)
+    bending = np.where(still, np.maximum(a**2 - RINGS * bending, 0.0), bending)
     v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
     lined = _on_lines(uniform, np.hypot(readout, late * pace))
     steady = _lasting(~still & (np.interp(time, grid, lined) > 0.5))
@@ -152,8 +156,22 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
     # a stamp that is off tells the motion of another instant
     noise = np.hypot(CHOSEN * np.sqrt(SHARED * variance), late * a)
     jerk = np.where(still, 0.0, np.gradient(a, time / step))
-    other = np.hypot(CHOSEN * np.sqrt(SHARED * bending), late * jerk)
+    other = np.sqrt(
+        CHOSEN**2 * SHARED * bending
+        + (late * jerk) ** 2
+        + _unresolved(time / step, v, a, np.where(still, 0.0, variance))
+    )
     return Rates(v / step, a / step**2, noise / step, other / step**2)
+
+
+def _unresolved(time: Array, v: Array, a: Array, variance: Array) -> Array:
+    """Square of what an acceleration is off the mean over the time from one neighbour to the other,
+    beyond the noise of the rates there, (n,): what bends within so few samples is not told, and an
+    instrument takes as long to follow.
+    """
+    mean = np.gradient(v, time)
+    noise = np.convolve(variance, (0.25, 0.0, 0.25), "same")
+    return np.asarray(np.maximum((a - mean) ** 2 - noise, 0.0))
 
 
 def _on_lines(u: Array, noise: Array) -> Mask:

@@ -21,8 +21,6 @@ ZOOMS = 5
 REST = (6, 50)  # samples of a rest, at least, and as many at most for its level
 TURN = 16  # samples of a steady turn, at least: its line goes on beside what follows it
 NOTHING = 1e-200  # of a sum of squares
-JUMPS = 2.0  # least power of a course whose acceleration begins with a jump
-HALF = 0.5  # samples: a reading may be a mean over the time to the next
 NEAR = 2.5  # samples from the instant in which every window reaches across it
 
 
@@ -207,10 +205,8 @@ def corner_at(side: Side, k: int, width: int, powers: tuple[float, ...], instant
     )[0]
     rate, bend, _ = _derivatives(u, c, powers)
     left = (beyond[0] - sum(a * u**p for a, p in zip(c, powers, strict=True))) / noise
-    variance, bending = _errors(u, c, noise, powers, left)
-    if powers[0] == JUMPS:  # an instrument takes a while: beside a jump it reads anything between
-        bending = bending + (np.abs(since) < HALF) * (JUMPS * c[0]) ** 2 / 12
-    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, variance, bending)
+    errors = _errors(u, c, noise, powers, left)
+    return Corner(rows, since <= NEAR, rate + side.slope[k], bend, *errors)
 
 
 def _errors(

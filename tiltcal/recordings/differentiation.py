@@ -2,42 +2,22 @@
 rest by the motion out of it.
 """
 
-from itertools import product
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
 
 from tiltcal.core.arrays import NOWHERE, Array, Index, Mask
-from tiltcal.core.quantisation import code_width
-from tiltcal.recordings.rest_edges import LOOSE, STRICT, corners
+from tiltcal.recordings.polynomial_windows import WIDTHS, by_best_windows, fits
+from tiltcal.recordings.readout_noise import noise_of_motion, noise_of_rests, noise_of_stamps
+from tiltcal.recordings.rest_edges import LOOSE, corners
 from tiltcal.recordings.starting_courses import TURN
 from tiltcal.setup.pauses import stretches
-from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
 
-DEGREES = (4, 6)  # of the local polynomials: a fast swing bends more than a quartic does
-# samples of them: those that leave no more than the readout's own noise
-WIDTHS = (
-    5,
-    7,
-    9,
-    11,
-    15,
-    19,
-    25,
-    33,
-    41,
-)
-AROUND = (0.2, 0.35, 0.5, 0.65, 0.8)  # in a window, of the sample whose rate it tells
-BESIDE = (0.0, 1.0)  # where no window around a sample fits: next to a corner
 FEWEST = 9  # rows that a motion is told from
-RESTS = 32  # steps at rest that tell the readout's noise
 LINE = 13  # samples in which a line shows that it is one
 SHARED = 3.4  # rows that tell as much of a slow course as one: the windows of rates overlap
 CHOSEN = 1.5  # times a rate is off by what its window expects: the least of many was taken
 RINGS = 9.0  # times its expected square that a rate at rest is motion
-FAST = 0.3  # of the fastest rate: there an error of the stamps shows
-ORDERS = (4, 6, 8)  # of differences that tell it of an axis that never rests
 
 
 class Rates(NamedTuple):
@@ -86,7 +66,7 @@ def noise_of_stamped(time: Array, angle: Array, still: Mask, parted: Index = NOW
     found = np.full(len(time), readout)
     for rows in stretches(len(time), parted):
         if (even := _evenly(time[rows], angle[rows])) is not None:
-            late = _noise_of_stamps(even[1], _pace(even[1]), readout)
+            late = noise_of_stamps(even[1], _pace(even[1]), readout)
             found[rows] = _with_stamps(readout, late, even[0], time[rows], angle[rows])
     return found
 
@@ -116,33 +96,16 @@ def _evenly(time: Array, angle: Array) -> tuple[Array, Array] | None:
 
 def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> Rates:
     """Rates where the log does not pause. told: noise of the readout at rest."""
-    from scipy.interpolate import CubicHermiteSpline
-
     even = _evenly(time, angle)
     if even is None:
         return Rates(*np.zeros((4, len(angle))))
     grid, uniform = even
-    n, step = len(grid), float(grid[1] - grid[0])
-    readout, pace = told or _noise_of_motion(uniform), _pace(uniform)
-    late = _noise_of_stamps(uniform, pace, readout)
-    beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
-    reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
-    wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
-    v, a, *errors = np.zeros((4, n))
-    if wanted.sum() >= WIDTHS[0]:
-        noise = np.hypot(readout, late * pace)[wanted]
-        for whole, part in zip(
-            (v, a, *errors), _by_best_windows(uniform[wanted], noise), strict=True
-        ):
-            whole[wanted] = part
-    variance, bending = (np.interp(time, grid, e) for e in errors)
-    v = CubicHermiteSpline(grid, v, a / step)(time)
-    a = CubicHermiteSpline(grid, a, np.gradient(a, step))(time)  # a line cuts off its peaks
-    # at rest nothing moves but what rings: by as much as that shows, its rates are unknown
-    variance = np.where(still, np.maximum(v**2 - RINGS * variance, 0.0), variance)
-    bending = np.where(still, np.maximum(a**2 - RINGS * bending, 0.0), bending)
-    v, a = np.where(still, 0.0, v), np.where(still, 0.0, a)
-    lined = _on_lines(uniform, np.hypot(readout, late * pace))
+    step = float(grid[1] - grid[0])
+    readout, pace = told or noise_of_motion(uniform), _pace(uniform)
+    late = noise_of_stamps(uniform, pace, readout)
+    white = np.hypot(readout, late * pace)
+    v, a, variance, bending = _by_windows(time, still, grid, uniform, white)
+    lined = _on_lines(uniform, white)
     steady = _lasting(~still & (np.interp(time, grid, lined) > 0.5))
     stamped = _with_stamps(readout, late, grid, time, angle)
     for c in corners(time / step, angle, still, steady, stamped):
@@ -164,6 +127,35 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
     return Rates(v / step, a / step**2, noise / step, other / step**2)
 
 
+def _by_windows(
+    time: Array, still: Mask, grid: Array, uniform: Array, noise: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Rate and acceleration at the stamps, per sample, nothing at rest, and the expected squares of
+    their errors, (n,) each.
+
+    Args:
+        time: of the stamps, s, (n,); still: which rest, (n,).
+        grid, uniform: even times, s, and the angle there, rad, (m,); noise: of it, rad, (m,).
+    """
+    from scipy.interpolate import CubicHermiteSpline
+
+    n, step = len(grid), float(grid[1] - grid[0])
+    beside = 2 * WIDTHS[-1] + 1  # no window of a row that moves reaches further
+    reached = np.convolve(np.interp(grid, time, ~still) > 0, np.ones(beside))
+    wanted = reached[WIDTHS[-1] : WIDTHS[-1] + n] > 0.5
+    told = np.zeros((4, n))
+    if wanted.sum() >= WIDTHS[0]:
+        told[:, wanted] = by_best_windows(uniform[wanted], noise[wanted])
+    variance, bending = (np.interp(time, grid, error) for error in told[2:])
+    v = CubicHermiteSpline(grid, told[0], told[1] / step)(time)
+    # a line cuts off its peaks
+    a = CubicHermiteSpline(grid, told[1], np.gradient(told[1], step))(time)
+    # at rest nothing moves but what rings: by as much as that shows, its rates are unknown
+    variance = np.where(still, np.maximum(v**2 - RINGS * variance, 0.0), variance)
+    bending = np.where(still, np.maximum(a**2 - RINGS * bending, 0.0), bending)
+    return np.where(still, 0.0, v), np.where(still, 0.0, a), variance, bending
+
+
 def _unresolved(time: Array, v: Array, a: Array, variance: Array) -> Array:
     """Square of what an acceleration is off the mean over the time from one neighbour to the other,
     beyond the noise of the rates there, (n,): what bends within so few samples is not told, and an
@@ -178,7 +170,7 @@ def _on_lines(u: Array, noise: Array) -> Mask:
     """Samples at which the angle goes on by a line, within the noise, (n,)."""
     if len(u) <= LINE:
         return np.zeros(len(u), bool)
-    return np.asarray(np.convolve(_fits(u, LINE, 1, noise, LOOSE), np.ones(LINE)) > 0.5)
+    return np.asarray(np.convolve(fits(u, LINE, 1, noise, LOOSE), np.ones(LINE)) > 0.5)
 
 
 def _lasting(steady: Mask) -> Mask:
@@ -196,135 +188,4 @@ def _pace(u: Array) -> Array:
     steps = np.abs(np.gradient(u))
     return np.asarray(
         np.convolve(steps, around, "same") / np.convolve(np.ones_like(u), around, "same")
-    )
-
-
-def _by_best_windows(u: Array, noise: Array) -> tuple[Array, Array, Array, Array]:
-    """First and second derivative per sample, each from the polynomial of the window that is best
-    for it, and the expected squares of the errors of both, (n,) each.
-
-    That is the variance and the square of the bias, told from what a polynomial of two degrees
-    more has (Ruppert, J. Am. Stat. Assoc. 92, 1997). The narrowest window where none fits.
-
-    Args:
-        u: angle, rad. noise: of each sample, rad, (n,).
-    """
-    n = len(u)
-    told, error = _by_narrowest(u, noise)
-    narrowest = error.copy()
-    for row in _ends(n):  # no window is around them
-        error[:, row] = np.inf
-    fits = {(w, d): _fits(u, w, d, noise) for d, w in product(DEGREES, WIDTHS) if d + 1 < w < n}
-    for places in (AROUND, BESIDE):
-        wanted = np.ones((2, n), bool) if places is AROUND else error >= narrowest
-        for ((width, degree), fit), share in product(fits.items(), places):
-            place = round(share * (width - 1))
-            rows = slice(place, n - width + 1 + place)
-            each = _weights(width, place, degree)
-            more = _weights(width, place, degree + 2) if width > degree + 3 else each
-            for k, weights in enumerate(each):
-                expected = float(weights @ weights) * noise[rows] ** 2
-                expected = expected + _bias(u, more[k] - weights, noise[rows])
-                better = fit & wanted[k, rows] & (expected < error[k, rows])
-                if better.any():
-                    found = np.convolve(u, weights[::-1], mode="valid")
-                    told[k, rows] = np.where(better, found, told[k, rows])
-                    error[k, rows] = np.where(better, expected, error[k, rows])
-    v, a = told
-    squares, bending = np.where(np.isinf(error), narrowest, error)
-    return v, a, squares, bending
-
-
-def _by_narrowest(u: Array, noise: Array) -> tuple[Array, Array]:
-    """First and second derivative per sample from the narrowest window around it, at the ends to
-    one side, and the variances of both, (2, n) each.
-    """
-    n, half = len(u), WIDTHS[0] // 2
-    told, variance = np.zeros((2, 2, n))
-    for k, weights in enumerate(_weights(WIDTHS[0], half, DEGREES[0])):
-        told[k, half : n - half] = np.convolve(u, weights[::-1], mode="valid")
-        variance[k] = float(weights @ weights) * noise**2
-    for row in _ends(n):
-        begin = 0 if row < half else n - WIDTHS[0]
-        for k, weights in enumerate(_weights(WIDTHS[0], row - begin, DEGREES[0])):
-            told[k, row] = float(weights @ u[begin : begin + WIDTHS[0]])
-            variance[k, row] = float(weights @ weights) * noise[row] ** 2
-    return told, variance
-
-
-def _ends(n: int) -> tuple[int, ...]:
-    """Rows that no window is around."""
-    half = WIDTHS[0] // 2
-    return (*range(half), *range(n - half, n))
-
-
-def _bias(u: Array, more: Array, noise: Array) -> Array:
-    """Square of what the weights of a higher degree add in each full window, beyond its noise,
-    (m,). more: those weights less the weights in use; noise: of the sample told, rad, (m,).
-    """
-    added = np.convolve(u, more[::-1], mode="valid") ** 2
-    return np.asarray(np.maximum(added - float(more @ more) * noise**2, 0.0))
-
-
-def _weights(width: int, place: int, degree: int) -> tuple[Array, Array]:
-    """What takes the first and the second derivative at one sample of a window from its polynomial,
-    (width,) each.
-    """
-    fitted = np.linalg.pinv(
-        np.vander((np.arange(width) - float(place)) / width, degree + 1, increasing=True)
-    )
-    return fitted[1] / width, 2 * fitted[2] / width**2
-
-
-def _fits(u: Array, width: int, degree: int, noise: Array, off: float = STRICT) -> Mask:
-    """Whether the polynomial fitted to each full window leaves no more than the noise, and so many
-    sigma of it, (n - width + 1,).
-    """
-    k, dof = np.arange(width) - width // 2, width - degree - 1
-    basis = np.linalg.qr(np.vander(k / width, degree + 1, increasing=True))[0]
-    windows = np.lib.stride_tricks.sliding_window_view(u - u.mean(), width)
-    # of the angle itself nothing is left to cancel
-    centred = windows - windows[:, width // 2 : width // 2 + 1]
-    left = (centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)
-    limit = noise[width // 2 : len(u) - width // 2] * (1 + off / np.sqrt(2 * dof))
-    return np.asarray(np.sqrt(np.maximum(left, 0.0) / dof) <= limit)
-
-
-def noise_of_rests(angle: Array, still: Mask, parted: Index = NOWHERE) -> float | None:
-    """Standard deviation of a readout from row to row at rest, rad, at least that of its codes;
-    None if it hardly rests. angle: rad, (n,).
-    """
-    both = still[1:] & still[:-1]
-    both[parted - 1] = False  # what moved within a pause is no noise
-    steps = np.diff(angle)[both]
-    return (
-        float(max(np.sqrt(np.mean(steps**2) / 2), code_width(angle) / np.sqrt(12)))
-        if len(steps) > RESTS
-        else None
-    )
-
-
-def _noise_of_stamps(uniform: Array, pace: Array, noise: float) -> float:
-    """How far stamps are off the instants of their rows (rounded, or late), standard deviation in
-    samples: what higher differences of the readout show beyond its noise where it is fast.
-    """
-    least = np.inf
-    for k in ORDERS:
-        turned = pace[k // 2 : len(pace) - k // 2]
-        fast = turned > FAST * pace.max()
-        size = np.abs(np.diff(uniform, k))[fast] / np.sqrt(comb(2 * k, k))
-        spread = MAD_TO_SIGMA * np.median(size / turned[fast])
-        least = min(least, spread**2 - (noise / np.median(turned[fast])) ** 2)
-    return float(np.sqrt(max(least, 0.0)))
-
-
-def _noise_of_motion(uniform: Array) -> float:
-    """The least that higher differences of a readout at even times show, rad: there a smooth motion
-    leaves nothing else.
-    """
-    return float(
-        min(
-            MAD_TO_SIGMA * np.median(np.abs(np.diff(uniform, k))) / np.sqrt(comb(2 * k, k))
-            for k in ORDERS
-        )
     )

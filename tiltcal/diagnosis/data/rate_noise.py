@@ -2,7 +2,7 @@
 rates and the accelerations that the readout tells, and their own noise may grow.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,10 +62,25 @@ def with_growth(
     for c, p in zip(channels, predicted, strict=True):
         read, said = c.weighed(c.values), c.weighed(p)
         speed = speeds[c.recording][c.rows]
-        yield grown(c, noise_growth(read, said, c.stop, speed, SIGNIFICANCE / len(channels)))
+        yield _grown(c, noise_growth(read, said, c.stop, speed, SIGNIFICANCE / len(channels)))
 
 
-def grown(channel: Channel, growth: Array | None) -> Channel:
+def with_growth_of(
+    whole: Sequence[Channel], blocks: Sequence[Channel], mean: Callable[[Array], Array]
+) -> Iterator[Channel]:
+    """Channels of blocks whose noise grows as that of their samples.
+
+    Args:
+        whole: sample by sample. blocks: the same, averaged, those that are long enough.
+        mean: over the samples of each block, (n,) -> (blocks,).
+    """
+    growths = {(c.recording, c.name): c.growth for c in whole}
+    for c in blocks:
+        growth = growths[c.recording, c.name]
+        yield _grown(c, None if growth is None else np.sqrt(mean(growth**2)))
+
+
+def _grown(channel: Channel, growth: Array | None) -> Channel:
     """A channel whose noise grows so much. growth: (n,), of each row; None: it does not."""
     if growth is None:
         return channel

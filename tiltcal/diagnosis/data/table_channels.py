@@ -11,7 +11,7 @@ from tiltcal.diagnosis.data.block_grid import BlockGrid, Sampling
 from tiltcal.diagnosis.data.curve_columns import CurveColumns
 from tiltcal.diagnosis.data.curve_factors import CurveFactors
 from tiltcal.diagnosis.data.observations import Channel, Columns, Observations
-from tiltcal.diagnosis.data.rate_noise import grown, with_growth, with_spread
+from tiltcal.diagnosis.data.rate_noise import with_growth, with_growth_of, with_spread
 from tiltcal.diagnosis.data.sensor_matrix import sensor_matrix
 from tiltcal.effects.base import Effect
 from tiltcal.effects.events import as_met
@@ -69,14 +69,7 @@ class TableObservations(Observations):
         for name in ("_grids", "_samplings", "_curves"):
             other.__dict__.pop(name, None)
         other.channels = tuple(other._channels())
-        growths = {
-            (c.recording, c.name): np.sqrt(other._mean(c.growth**2))
-            for c in self.channels
-            if c.growth is not None
-        }
-        other.channels = tuple(
-            grown(c, growths.get((c.recording, c.name))) for c in other._with_spread()
-        )
+        other.channels = tuple(with_growth_of(self.channels, other._with_spread(), other._mean))
         return other
 
     def _channels(self) -> list[Channel]:

@@ -68,7 +68,7 @@ class AxisDrive:
         return cls(rate=SLIDE_RATE, acceleration=SLIDE_ACCELERATION, low=low, high=high, unit=unit)
 
     def jet(self, time: Array) -> Jet:
-        """Place, rate and acceleration at these times, none of them past, (n,)."""
+        """Place, rate and acceleration at these times, s, none of them past, rad or m, (n,)."""
         starts = np.array([p.start for p in self.pieces])
         which = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, None)
         names = ("x", "v", "change", "length")
@@ -84,7 +84,7 @@ class AxisDrive:
         )
 
     def at(self, time: float) -> tuple[float, float, float]:
-        """Place, rate and acceleration now."""
+        """Place, rate and acceleration now, rad or m; time: s."""
         jet = self.jet(np.array([time]))
         return tuple(float(np.asarray(part)[0]) for part in (jet.x, jet.v, jet.a))  # type: ignore[return-value]
 
@@ -97,13 +97,13 @@ class AxisDrive:
         self._follow(time, 0.0)
 
     def turn(self, time: float, rate: float) -> None:
-        """Reach a rate and keep it."""
+        """Reach a rate, rad/s or m/s, and keep it; time: s."""
         self.demand = rate
         if not self.stuck:
             self._follow(time, max(-self.rate, min(self.rate, rate)))
 
     def go(self, time: float, place: float) -> None:
-        """Go to a place by a smooth trapezoid of the rate, and rest there."""
+        """Go to a place, rad or m, by a smooth trapezoid of the rate and rest there; time: s."""
         self.demand = place
         if self.stuck:
             return

@@ -53,8 +53,8 @@ class Learned(Effect):
         period: of the first harmonic, 0 for a turn; of a spline that begins anew at its first knot,
             0 for none.
         beside: another table angle: products of the harmonics of both, up to the third of each.
-        lag: time constant, s, by which the coordinate is felt late; of a readout or a frame that
-            follows the table's motion the curve is late.
+        lag: time constant, s, by which the coordinate is felt late; of a table angle, and of a
+            readout or a frame that follows the table's motion, the curve is late.
         relaxing: with such a late curve, whether what is left of it is felt: the late curve less
             that of now.
         play: width of a play, SI: the curve follows its state, in [-1, 1], as the coordinate moves
@@ -242,7 +242,7 @@ class LearnedReading(Learned, SignalEffect):
 
     def apply(self, reading: Array, sense: Sense, rng: np.random.Generator | None) -> Array:
         channel = self.channel(sense)
-        if self.beside:
+        if self.beside or self._late_curve:
             reading[:, channel] += self.columns(sense) @ self.coefficients
         else:
             own = sense.true_input()[:, channel]
@@ -253,7 +253,13 @@ class LearnedReading(Learned, SignalEffect):
 
     def followed(self, sense: Sense, own: Array) -> Array:
         """The coordinate as it is felt, (n,); ``own``: the channel's true input."""
-        return coordinate_of(self.coordinate, sense, own, self.lag, self.play)
+        lag = 0.0 if self._late_curve else self.lag
+        return coordinate_of(self.coordinate, sense, own, lag, self.play)
+
+    @property
+    def _late_curve(self) -> bool:
+        """Whether the curve is late and not what it follows: an angle goes on after a turn."""
+        return self.lag > 0 and axis_of(self.coordinate) is not None
 
     def channel(self, sense: Sense) -> int:
         """Number of the channel it adds to."""
@@ -266,6 +272,9 @@ class LearnedReading(Learned, SignalEffect):
             axes = (axis_of(self.coordinate), axis_of(self.beside))
             return np.asarray(products(*(Jet(sense.angles[str(axis)]) for axis in axes)).x)
         basis = self.basis(self.followed(sense, own))
+        if self._late_curve:
+            late = [first_order_lag(sense.elapsed, each, self.lag) for each in basis.T]
+            basis = np.column_stack(late)
         basis = basis * sensed(self.times, sense, own)[:, None] if self.times else basis
         return basis * own[:, None] if self.per_input else basis
 

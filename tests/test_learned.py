@@ -692,6 +692,30 @@ def test_a_late_angle_is_a_structure_that_creeps():
     np.testing.assert_allclose(np.asarray(creep.v)[3:-3], np.gradient(by_hand, T)[3:-3], atol=2e-6)
 
 
+def test_a_reading_may_feel_an_angle_late():
+    """The sum of the curve, not the angle, is late: after a turn the angle goes on."""
+    warm = learned("accel", "x", coordinate="table_outer", lag_s=5.0, coefficients=[1e-3, 2e-3])
+    by_hand = first_order_lag(T, 1e-3 * np.cos(0.3 * T) + 2e-3 * np.sin(0.3 * T), 5.0)
+    np.testing.assert_allclose(added(warm)[:, 0], by_hand, atol=1e-14)
+
+
+def test_a_scale_factor_may_follow_the_speed_late():
+    sag = learned(
+        "accel",
+        "z",
+        coordinate="speed",
+        lag_s=5.0,
+        per_input=True,
+        power=1.0,
+        odd=True,
+        coefficients=[-1e-3],
+    )
+    seen = read_poses(SETUP, lively())
+    speed = added(learned("accel", "x", coordinate="speed", power=1.0, odd=True, coefficients=[1]))
+    late = first_order_lag(T, speed[:, 0], 5.0)
+    np.testing.assert_allclose(added(sag)[:, 2], -1e-3 * late * seen["accel"][:, 2], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -18,10 +18,11 @@ from statistics_helpers import rng_of
 
 from tiltcal.api.simulating import simulator
 from tiltcal.core.errors import TiltcalError
+from tiltcal.core.progress import silent
 from tiltcal.design.gym import RIG
 from tiltcal.design.recording_blocks import candidates, within
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.investigation.next_block import Limits, poses_of, table_of
+from tiltcal.diagnosis.investigation.next_block import Limits, next_block, poses_of, table_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
@@ -261,6 +262,16 @@ def test_a_slide_without_a_range_stands_still_unless_told(tmp_path):
     told = table_of(scenario, [recording], Limits(angles={"lift": (0.0, 50.0)}))
     assert told.reach["lift"] == (0.0, 50.0)
     assert poses_of(recording, scenario)[-1] == pytest.approx((0.0, -90.0, 200.0, 500.0), abs=0.1)
+
+
+def test_where_one_axis_turns_more_poses_are_those_from_both_sides(tmp_path):
+    (tmp_path / "lift.xml").write_text(LIFT)
+    two = {name: AXES[name] for name in ("tilt", "boom")}
+    (tmp_path / "s.toml").write_text(scenario_text("lift.xml", two, "imu"))
+    scenario = load_scenario(tmp_path / "s.toml")
+    found = {"verdict": "cannot_tell", "findings": []}
+    plan = next_block(scenario, [], found, {}, Limits(), silent)
+    assert plan.proposal.block.name.startswith("reverse tilt")
 
 
 def test_a_served_slide_obeys_in_mm_and_its_recording_is_explained(tmp_path):

@@ -11,7 +11,7 @@ from tiltcal.setup.setup import Rig
 WORDS = {
     "circle": "go once round with {axis}: whole circles separate what a part of one mixes",
     "along": "dwell at places all along the range of {axis}",
-    "reverse": "approach the same angles of {axis} from both sides",
+    "reverse": "approach the same places of {axis} from both sides",
     "tumble": "add poses all over the sphere, with two axes loaded at 45 deg among them",
     "flip": (
         "take the same body attitudes in both ways that the table can: table errors stay with the"

@@ -197,7 +197,7 @@ def _more_poses(table: TableLimits, scenario: Scenario, why: str) -> NextBlock:
     block = next(
         b
         for b in candidates(table)
-        if b.name.startswith("tumble" if len(table.reach) > 1 else "reverse")
+        if b.name.startswith("tumble" if len(table.turning) > 1 else "reverse")
     )
     minutes = block.seconds(scenario.rig) / 60
     words = f"{why}: {block.words} ({minutes:.1f} min of table time)."

@@ -17,8 +17,8 @@ from tiltcal.statistics.noise_in_motion import noise_growth
 from tiltcal.statistics.noise_spectrum import white_at_rest
 
 ALIKE = 1.001  # largest standard deviation of rows that are alike, over the least
-# of noise that grows, family-wise over the channels: taken wrongly it spoils the weight of each row,
-# and where it is not seen all rows weigh alike, as they do without it
+# of noise that grows, family-wise over the channels: taken wrongly it spoils the weight of each
+# row, and where it is not seen all rows weigh alike, as they do without it
 SIGNIFICANCE = 1e-4
 
 

@@ -92,7 +92,7 @@ class _Builder:
                     raise TiltcalError(
                         self.subject,
                         found=f"{name}_{stated}",
-                        need=f"{name}_{table.unit(name)}",
+                        need=table.key(name),
                         do="correct the step",
                     )
                 target[k] = place * table.size(name)

@@ -93,7 +93,7 @@ def _going(
         unit, size = table.unit(name), table.size(name)
         longest[unit] = max(longest[unit], float(abs(leg.dq[k])) / size)
         if target[k] != here[k]:
-            places[f"{name}_{unit}"] = _number(target[k] / size)
+            places[table.key(name)] = _number(target[k] / size)
     rates = {
         f"rate_{unit}_s": _number(moved / (leg.t1 - leg.t0 - leg.ramp))
         for unit, moved in longest.items()

@@ -150,12 +150,13 @@ def table_of(scenario: Scenario, recordings: Sequence[Recording], limits: Limits
         read = [a for r in recordings if (a := r.table(name)) is not None]
         seen = [a[~np.isnan(a)] / size for a in read]
         upright = turns_about == "z" and name == scenario.rig.axis_names[0]
-        range_of_joint = scenario.rig.ranges.get(name, None if slides else CIRCLE)
-        if seen and (range_of_joint is None or (flat and not upright and not slides)):
+        span = scenario.rig.ranges.get(name, None if slides else CIRCLE)
+        if seen and (span is None or (flat and not upright and not slides)):
             lowest, highest = min(a.min() for a in seen), max(a.max() for a in seen)
-            range_of_joint = float(np.floor(lowest)), float(np.ceil(highest))
-        span = given.get(name, range_of_joint)
-        if span is not None and (span[0] < span[1] or not slides):
+            span = float(np.floor(lowest)), float(np.ceil(highest))
+        if slides and span is not None and span[0] == span[1]:
+            span = None  # it never moved
+        if (span := given.get(name, span)) is not None:
             reach[name] = span
     for name in given:
         if name not in reach:

@@ -59,9 +59,7 @@ class TableCommands:
             ":LIMit:RATE": self._for_axis(self._limit("rate"), 1),
             ":LIMit:RATE?": self._told(lambda axis: (axis.rate,)),
             ":LIMit:ACCeleration": self._for_axis(self._limit("acceleration"), 1),
-            ":LIMit:ACCeleration?": self._for_axis(
-                lambda axis: f"{axis.acceleration / axis.unit:.9g}"
-            ),
+            ":LIMit:ACCeleration?": self._told(lambda axis: (axis.acceleration,)),
             ":LIMit:POSition": self._for_axis(self._range, 2),
             ":LIMit:POSition?": self._told(lambda axis: (axis.low, axis.high)),
         }

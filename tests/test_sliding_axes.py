@@ -26,11 +26,14 @@ from tiltcal.diagnosis.investigation.next_block import Limits, next_block, poses
 from tiltcal.effects import CATALOGUE
 from tiltcal.forward.signal_chain import readings
 from tiltcal.laboratory.scenario import load_scenario
+from tiltcal.laboratory.serve.commands import TableCommands
+from tiltcal.laboratory.serve.rate_table import RateTable
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.recording_files import read_recording
 from tiltcal.recordings.replay import replay
 from tiltcal.setup.schedule_builder import build_schedule
 from tiltcal.setup.sequence_files import read_sequence, sequence_text
+from tiltsim.laboratory import MujocoLaboratory
 from tiltsim.motion import mujoco_motion
 
 AXES = {
@@ -123,9 +126,22 @@ def test_by_time_steps_it_hangs_in_its_servos(tmp_path):
     stepped = scenario_of(tmp_path, STEPS + "[dynamics]\n")
     asked = scenario_of(tmp_path, STEPS, name="asked.toml")
     lift, still = (simulator().record(s, None).column("table_lift_mm") for s in (stepped, asked))
-    # the servo swings at 20 Hz with what it carries: its weight pulls it down by g / w^2
-    droop = 1e3 * 9.80123 / (2 * np.pi * 20) ** 2
-    assert (lift - still)[-1] == pytest.approx(droop, rel=0.02)
+    assert (lift - still)[-1] == pytest.approx(DROOP, rel=0.02)
+
+
+def test_served_by_time_steps_it_hangs_in_its_servos_and_settles(tmp_path):
+    scenario = scenario_of(tmp_path, "[dynamics]\n", "imu")
+    table = RateTable(scenario, None, mechanics=MujocoLaboratory().mechanics(scenario))
+    TableCommands(table).line(":MODE:POS 4;:DEM:POS 4,300")
+    *_, last = table.advance(8.0)
+    told = dict(zip(table.format.columns, last.values, strict=True))
+    assert told["table_lift_mm"] == pytest.approx(DROOP, rel=0.02)
+    assert told["table_boom_mm"] == pytest.approx(300.0, abs=0.05)
+    assert not table.moving()
+
+
+# the servo swings at 20 Hz with what it carries: its weight pulls it down by g / w^2, mm
+DROOP = 1e3 * 9.80123 / (2 * np.pi * 20) ** 2
 
 
 LAWS = {

@@ -22,7 +22,7 @@ from tiltcal.diagnosis.search.bayes_factors import ENERGIES, SIZES, log_bayes_fa
 from tiltcal.diagnosis.search.dictionary import build_dictionary
 from tiltcal.diagnosis.search.explanation import evidence_in_place, explain
 from tiltcal.diagnosis.search.local_level import local_level
-from tiltcal.diagnosis.search.name_probabilities import imitation_odds
+from tiltcal.diagnosis.search.name_probabilities import Row, imitation_odds, name_probabilities
 from tiltcal.diagnosis.search.priors import UNLISTED, log_priors
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.effects import CATALOGUE
@@ -236,3 +236,24 @@ def test_a_line_does_not_raise_its_own_level_but_many_raise_that_of_each():
 def test_what_is_no_line_has_no_level(square):
     k2 = next(h for h in square.whitened.hypotheses if h.id == "acc_K2")
     assert level_of(square, k2) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "alike", "in_doubt"),
+    [
+        ({"a": 0.95, "b": 0.04, "unlisted": 0.01}, ("a",), False),
+        ({"a": 0.8, "b": 0.15, "unlisted": 0.05}, ("a", "b"), False),
+        ({"a": 0.85, "b": 0.02, "unlisted": 0.13}, ("a",), True),
+        ({"a": 0.6, "unlisted": 0.25, "b": 0.15}, ("a", "b"), True),
+        ({"unlisted": 0.6, "a": 0.4}, (), False),
+    ],
+)
+def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt):
+    """The fewest names that do; evidences are far apart, so that no name is as good as the first."""
+    rows = [
+        Row(name, float(np.log(p)), -100.0 * k, 0.0)
+        for k, (name, p) in enumerate(probabilities.items())
+    ]
+    names = name_probabilities(rows)
+    assert names.alike == alike
+    assert names.in_doubt == in_doubt

@@ -35,7 +35,7 @@ from tiltcal.diagnosis.model.removed_finding import price_of, remove_finding
 from tiltcal.diagnosis.model.score_test import SURVIVES
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.name_probabilities import Names
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED, Names
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.learned import Learned
@@ -120,7 +120,7 @@ def _unlisted(finding: Finding, effect: Learned, seen: SeenRange | None) -> Find
 def _named(finding: Finding, term: FittedTerm, names: Names, law: WholeLaw) -> Finding:
     """The finding under its name, with the names that the recording cannot tell from it."""
     effect, id = term.effect, term.hypothesis.id
-    alike = tuple(dict.fromkeys((id, *names.alike)))
+    alike = tuple(dict.fromkeys((id, *names.alike, *([UNLISTED] if names.in_doubt else []))))
     parameters = {} if isinstance(effect, Learned) else _parameters(term, law)
     return replace(
         finding,
@@ -143,7 +143,7 @@ def _statement(
 ) -> str:
     """What was found, where, how large, and what else it may be."""
     title = CATALOGUE[id].title
-    others = ", ".join(n for n in names if n != id)
+    others = ", ".join(n if n != UNLISTED else "a law that no list has" for n in names if n != id)
     other = f" (or {others}: this recording cannot tell)" if others else ""
     size = shown(parameters) if parameters else f"as a curve over {finding.where.coordinate}"
     place = f"{', '.join(finding.sensors)} {', '.join(finding.axes)}"

@@ -13,6 +13,7 @@ from tiltcal.design.identifiability import tie_breaker
 from tiltcal.design.recording_blocks import CIRCLE, SLIDE_RATE, TableLimits, candidates, within
 from tiltcal.diagnosis.investigation.discriminating_blocks import Design, Proposal, propose
 from tiltcal.diagnosis.investigation.judging import judge_over, open_questions
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.effects import CATALOGUE
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
@@ -21,7 +22,7 @@ from tiltcal.recordings.segmentation import resting_rows
 THERMAL = {"temperature", "time"}
 OPEN = {
     "cannot_tell": "The recording has no spare readings to test a model by",
-    "unlisted": "No name fits what was recorded so far; see whether it keeps its form",
+    "unlisted": "Perhaps no name fits what was recorded so far; see whether it keeps its form",
 }
 
 
@@ -108,8 +109,10 @@ def next_block(
     """
     table = table_of(scenario, recordings, limits)
     rivals = any(len(f["class"]) > 1 for f in diagnosis["findings"])
-    if scenario.rig.axes and not rivals and diagnosis["verdict"] in OPEN:
-        return _more_poses(table, scenario, OPEN[diagnosis["verdict"]])
+    names = [set(f["class"]) - {UNLISTED} for f in diagnosis["findings"]]
+    open_as = "unlisted" if rivals else diagnosis["verdict"]
+    if scenario.rig.axes and not any(len(n) > 1 for n in names) and open_as in OPEN:
+        return _more_poses(table, scenario, OPEN[open_as])
     if not rivals:
         raise TiltcalError(
             "diagnosis",

@@ -23,6 +23,7 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.explanation import Explanation, explain
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
@@ -78,7 +79,8 @@ def questions(
         diagnosis: the table of diagnosis.json.
         amended: that of amended.toml.
     """
-    open_ = [f for f in diagnosis["findings"] if len(f["class"]) > 1]
+    classes = [tuple(n for n in f["class"] if n != UNLISTED) for f in diagnosis["findings"]]
+    open_ = [(f, c) for f, c in zip(diagnosis["findings"], classes, strict=True) if len(c) > 1]
     found = [e for e in parse_scenario(dict(amended), "amended.toml").effects if e.role == "found"]
     if not open_ or not found or not scenario.rig.axes:
         return []
@@ -96,8 +98,7 @@ def questions(
         not in stated
     ]
     asked = []
-    for finding in open_:
-        names = tuple(finding["class"])
+    for finding, names in open_:
         own = _own(terms, finding["effect"], diagnosis)
         if own:
             asked.append(

@@ -12,6 +12,7 @@ from tiltcal.diagnosis.search.state import Proposal
 
 UNLISTED = "unlisted"
 LEAST = 1e-4  # probability of a name that is shown
+CREDIBLE = 0.9  # of a class: one that lacks the cause costs nine times as much as one name more
 SHOWN = 8  # rivals
 FAR, STEPS = 8.0, 2000  # sigma beyond what is hidden, and steps of the integral over what is not
 COARSE = 3000.0
@@ -26,8 +27,10 @@ class Names:
 
     Args:
         probability: of each name, ``unlisted`` for none of the catalogue; they sum to one.
-        alike: names that the recording cannot tell from the most probable one, which is the first;
-            none where that is no name of the catalogue.
+        alike: names that the recording cannot tell from the most probable one, which is the first:
+            those that explain as much, and those that a class of CREDIBLE probability needs; none
+            where that is no name of the catalogue.
+        in_doubt: whether such a class needs ``unlisted`` beside them.
         rivals: (name, cosine, separation) of the nearest names, the most probable first.
         late: whether no curve over the temperature of now explains it.
     """
@@ -36,6 +39,7 @@ class Names:
     alike: tuple[str, ...]
     rivals: tuple[tuple[str, float, float], ...]
     late: bool = False
+    in_doubt: bool = False
 
     @property
     def listed(self) -> bool:
@@ -104,9 +108,12 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
     first = next(n for n in order if n != UNLISTED)
     limit = best[first].evidence - SEPARABLE / 2
-    near = [n for n in order if n not in (first, UNLISTED) and best[n].evidence > limit]
+    credible = _credible(chance)
+    near = [n for n in order if n not in (first, UNLISTED)]
+    near = [n for n in near if best[n].evidence > limit or n in credible]
+    in_doubt = UNLISTED in credible
     if chance.get(UNLISTED, 0.0) > 0.5:
-        near, first = [], ""
+        near, first, in_doubt = [], "", False
     rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]
     return Names(
         shown,
@@ -119,4 +126,15 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
             )
             for n in rivals
         ),
+        in_doubt=in_doubt,
     )
+
+
+def _credible(chance: Mapping[str, float]) -> set[str]:
+    """The fewest names that hold the cause with a probability of CREDIBLE.
+
+    Args:
+        chance: of each, the most probable first.
+    """
+    before = np.cumsum([0.0, *chance.values()])[:-1]
+    return {n for n, p in zip(chance, before, strict=True) if p < CREDIBLE}

@@ -249,7 +249,7 @@ def test_what_is_no_line_has_no_level(square):
     ],
 )
 def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt):
-    """The fewest names that do; evidences are far apart, so that no name is as good as the first."""
+    """The fewest names that do; no name explains as much as the first."""
     rows = [
         Row(name, float(np.log(p)), -100.0 * k, 0.0)
         for k, (name, p) in enumerate(probabilities.items())

@@ -13,8 +13,9 @@ from tiltcal.diagnosis.model.column_products import ColumnProducts
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit, refit_linearly
+from tiltcal.diagnosis.search.claimed_causes import CLAIM, believed, probability_of
 from tiltcal.diagnosis.search.dictionary import build_dictionary
-from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable
+from tiltcal.diagnosis.search.model_search import most_probable
 from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 from tiltcal.diagnosis.search.names import named
 from tiltcal.diagnosis.search.priors import SOMETHING, log_priors
@@ -26,6 +27,7 @@ from tiltcal.effects.spans import SpectralLines
 from tiltcal.statistics.noise_spectrum import NoiseFit, white_noise
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 800.0}
+MODELS = (frozenset({0, 1}), frozenset({0}), frozenset({1}), frozenset[int]())
 GATE = NoiseGate(None, 100)
 
 
@@ -191,6 +193,16 @@ def test_what_is_believed_is_probable_enough(square):
     assert all(CLAIM <= chance <= 1.0 for chance in chances)
     nothing, none, _ = believed(without(state, 0), GATE)
     assert (nothing.fitted.terms, none) == ((), ())
+
+
+def test_causes_that_take_each_others_place_are_sure_together():
+    """By hand: weights of 8, 4, 4 and 1 with both, one, the other and none."""
+    costs = {held: -np.log(w) for held, w in zip(MODELS, (8, 4, 4, 1), strict=True)}
+    assert probability_of(0, costs) == pytest.approx(12 / 17)
+    costs = {held: -np.log(w) for held, w in zip(MODELS, (90, 15, 0.5, 1), strict=True)}
+    assert probability_of(0, costs) == pytest.approx(105 / 106.5)
+    assert probability_of(1, costs) == pytest.approx(90.5 / 106.5)
+    assert probability_of(0, {**costs, frozenset(): np.inf, frozenset({1}): np.inf}) == 1
 
 
 @pytest.mark.parametrize("seed", range(4))

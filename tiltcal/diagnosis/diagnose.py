@@ -33,10 +33,11 @@ from tiltcal.diagnosis.hypotheses.block_averaging import block_of, survives
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.diagnosis.search.claimed_causes import CLAIM, believed
 from tiltcal.diagnosis.search.curve_misfit import largest_misfit
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.explained import Explained
-from tiltcal.diagnosis.search.model_search import CLAIM, believed, most_probable, settled
+from tiltcal.diagnosis.search.model_search import most_probable, settled
 from tiltcal.diagnosis.search.names import named, without_misfits
 from tiltcal.diagnosis.search.random_settings import beside_random_settings, is_lawful
 from tiltcal.diagnosis.search.scan import Scan

@@ -23,7 +23,6 @@ from tiltcal.diagnosis.search.priors import kind
 from tiltcal.diagnosis.search.scan import Scan
 from tiltcal.diagnosis.search.shape_refinement import refined
 from tiltcal.diagnosis.search.state import (
-    Doubt,
     Proposal,
     State,
     laws,
@@ -41,7 +40,6 @@ HALF = 0.5  # of the best score: what has less is not looked at further
 MOST = 5  # causes
 ROUNDS = 4  # of search and noise
 SETTLED = 0.1  # nats: less is not worth another round
-CLAIM = 0.95  # probability from which a cause is claimed: a false alarm costs 19 times a miss
 
 Visit = tuple[list[object], float]
 """The causes of a model under the noise that it leaves, and its cost, nats."""
@@ -258,29 +256,3 @@ def _exchanged(state: State, which: Sequence[int], scan: Scan) -> State:
 def _use(law: FittedTerm) -> tuple[object, ...]:
     """The place of a law and which of its sizes are in use."""
     return law.hypothesis.place, set(law.names)
-
-
-def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], tuple[Doubt, ...]]:
-    """A state without causes that are not probable enough to be claimed, the probability of each
-    that is left, and those left out that are more probable than not.
-    """
-    doubts: list[Doubt] = []
-    while True:
-        odds = []
-        for k in range(len(state.fitted.findings())):
-            odds.append(_without_cause(state, k, gate).cost - state.cost)
-        chances = tuple(float(1 / (1 + np.exp(-x))) for x in odds)
-        if not odds or min(chances) >= CLAIM:
-            return state, chances, tuple(doubts)
-        weakest = int(np.argmin(odds))
-        if chances[weakest] > 0.5:
-            doubts.append(Doubt(laws(state.fitted)[weakest], chances[weakest]))
-        state = _without_cause(state, weakest, gate)
-
-
-def _without_cause(state: State, k: int, gate: NoiseGate) -> State:
-    """A state without one of its causes, under its own noise or that which it leaves, whichever
-    costs less.
-    """
-    rest = refitted(without(state, k))
-    return min(rest, repriced(rest, gate.left_by(rest.fitted, rest.whitened)), key=lambda s: s.cost)

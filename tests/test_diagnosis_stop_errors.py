@@ -120,7 +120,7 @@ def test_the_evidence_for_random_settings_is_that_of_a_variance_component(rng):
     assert common_width(np.zeros(12), variances) < 0
 
 
-def test_random_settings_follow_no_angle_and_a_law_of_an_angle_is_not_random(rng):
+def test_random_settings_follow_nothing_and_a_law_of_an_angle_or_the_past_is_not_random(rng):
     angle = rng.uniform(-np.pi, np.pi, 30)
     other = np.repeat(np.linspace(-2.0, 2.0, 6), 5)  # each comes back five times
     variances = np.full(30, ARCSEC**2)
@@ -131,6 +131,8 @@ def test_random_settings_follow_no_angle_and_a_law_of_an_angle_is_not_random(rng
     assert lawful(steep + noise, variances, angles)
     levels = rng.normal(0.0, 20 * ARCSEC, 6)
     assert lawful(np.repeat(levels, 5) + noise, variances, angles)
+    lost = 6 * ARCSEC * np.cumsum(rng.random(30) < 0.3)  # counts, and they stay lost
+    assert lawful(lost + noise, variances, angles)
 
 
 def test_settings_between_two_widths_of_the_prior_are_no_law(rng):

@@ -2,8 +2,9 @@
 
 The rotations of all stops have one normal prior of unknown width: a variance component. Laws are
 weighed against it by the cost of the whole model, so that no curve of many numbers takes the place
-of chance. A law of an angle that no curve has the form of is weighed against it as a Gaussian
-process over that angle (Rasmussen and Williams 2006): stops near each other turn alike.
+of chance. A law of an angle or of the history that no curve has the form of is weighed against it
+as a Gaussian process over that angle, or over the order of the stops (Rasmussen and Williams 2006):
+stops near each other turn alike.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,8 +28,9 @@ from tiltcal.effects.table.readout import IndexError_
 
 LENGTHS = (3 * DEG, 10 * DEG, 30 * DEG, 90 * DEG)
 """Over which a law of an angle changes, rad."""
+STOPS = (3.0, 10.0, 30.0, 100.0)  # over which what depends on the history changes
 REST = (0.0, 1e-3, 1e-2, 1e-1)
-"""Of the variance of rotations that follow an angle, the share that does not."""
+"""Of the variance of rotations that follow a law, the share that does not."""
 WIDTHS = 10.0 ** np.arange(-6, 2.1, 0.25)
 """Prior variances of the rotations, in plausible sizes squared: so close to each other that a
 correlation does not stand in for a width between two of them.
@@ -64,7 +66,7 @@ def beside_random_settings(state: State, gate: NoiseGate) -> tuple[State, bool]:
 
 def cost_with_random_settings(state: State) -> tuple[float, float]:
     """-log posterior of a model with random settings of the axis that they explain most of, nats:
-    of any axis, and of those whose settings follow no angle. Infinite where none is.
+    of any axis, and of those whose settings follow no law. Infinite where none is.
     """
     fitted, whitened = state.fitted, state.whitened
     noise = noise_within_stops(fitted, whitened)
@@ -88,32 +90,37 @@ def _angles(stops: Sequence[Stop]) -> dict[str, Array]:
 
 
 def is_lawful(error: SettingError) -> bool:
-    """Whether what looks like random settings more probably follows an angle."""
+    """Whether what looks like random settings more probably follows a law."""
     return lawful(error.rotations, error.variances, _angles(error.stops))
 
 
 def lawful(values: Array, variances: Array, angles: Mapping[str, Array]) -> bool:
-    """Whether rotations more probably follow one of some angles than nothing.
+    """Whether rotations more probably follow one of some angles, or those before, than nothing.
 
     Args:
-        values: of each stop, rad, (n,); variances: of these estimates, rad^2, (n,).
+        values: of each stop, rad, (n,), in their order; variances: of these estimates, rad^2, (n,).
         angles: of each axis at each stop, rad, (n,).
     """
     chance = common_width(values, variances) + LISTED
+    order = np.arange(len(values))
+    alike = [_likeness(_chord(a), length) for a in angles.values() for length in LENGTHS]
+    alike += [_likeness(np.abs(order[:, None] - order), length) for length in STOPS]
     processes = [
         _of_process(values, variances, (1 - rest) * likeness + rest * np.eye(len(values)))
-        for likeness in (_likeness(a, length) for a in angles.values() for length in LENGTHS)
+        for likeness in alike
         for rest in REST
     ]
     return float(logsumexp(processes) - np.log(len(processes))) > chance
 
 
-def _likeness(angle: Array, length: float) -> Array:
-    """Correlation of a law at some angles, (n,) -> (n, n): exponential in the chord, so that a turn
-    ends where it began.
-    """
-    chord = 2 * np.abs(np.sin((angle[:, None] - angle) / 2))
-    return np.exp(-chord / length)
+def _chord(angle: Array) -> Array:
+    """Distance of angles, (n,) -> (n, n): a turn ends where it began."""
+    return 2 * np.abs(np.sin((angle[:, None] - angle) / 2))
+
+
+def _likeness(distance: Array, length: float) -> Array:
+    """Correlation of a law at some distances, (n, n): exponential."""
+    return np.exp(-distance / length)
 
 
 def common_width(values: Array, variances: Array) -> float:

@@ -227,6 +227,15 @@ def test_too_few_poses_ask_for_more() -> None:
     assert "No name fits" in plan.statement
 
 
+def test_a_name_that_may_be_none_of_the_list_asks_for_more_poses() -> None:
+    known, recording, told, amended = ambiguous(
+        {"id": "acc_K2", "k2_x_ug_g2": 800.0}, "acc_K2", "unlisted"
+    )
+    plan = next_block(known, [recording], told, amended, Limits(), silent)
+    assert plan.proposal is not None
+    assert "Perhaps no name fits" in plan.statement
+
+
 def test_an_inclinometer_is_not_tilted_beyond_where_it_has_been() -> None:
     table = {
         **PLACING,

@@ -22,8 +22,9 @@ from tiltcal.recordings.segmentation import resting_rows
 THERMAL = {"temperature", "time"}
 OPEN = {
     "cannot_tell": "The recording has no spare readings to test a model by",
-    "unlisted": "Perhaps no name fits what was recorded so far; see whether it keeps its form",
+    "unlisted": "No name fits what was recorded so far; see whether it keeps its form",
 }
+PERHAPS = "Perhaps no name fits what was recorded so far; see whether one still does in other poses"
 
 
 @dataclass(frozen=True)
@@ -108,15 +109,16 @@ def next_block(
         TiltcalError: nothing in the diagnosis is ambiguous.
     """
     table = table_of(scenario, recordings, limits)
-    rivals = any(len(f["class"]) > 1 for f in diagnosis["findings"])
-    names = [set(f["class"]) - {UNLISTED} for f in diagnosis["findings"]]
-    open_as = "unlisted" if rivals else diagnosis["verdict"]
-    if scenario.rig.axes and not any(len(n) > 1 for n in names) and open_as in OPEN:
-        return _more_poses(table, scenario, OPEN[open_as])
-    if not rivals:
+    verdict = diagnosis["verdict"]
+    rivals = any(len({*f["class"]} - {UNLISTED}) > 1 for f in diagnosis["findings"])
+    in_doubt = any(UNLISTED in f["class"] for f in diagnosis["findings"])
+    why = PERHAPS if in_doubt else OPEN.get(verdict)
+    if scenario.rig.axes and not rivals and why:
+        return _more_poses(table, scenario, why)
+    if not (rivals or in_doubt):
         raise TiltcalError(
             "diagnosis",
-            found=f"verdict {diagnosis['verdict']}, nothing with more than one name",
+            found=f"verdict {verdict}, nothing with more than one name",
             need="rivals to tell apart",
             do="there is nothing to split",
         )

@@ -246,12 +246,13 @@ def test_what_is_no_line_has_no_level(square):
         ({"a": 0.85, "b": 0.02, "unlisted": 0.13}, ("a",), True),
         ({"a": 0.6, "unlisted": 0.25, "b": 0.15}, ("a", "b"), True),
         ({"unlisted": 0.6, "a": 0.4}, (), False),
+        ({"a": 0.8, "unlisted": 0.1, "near": 0.1}, ("a", "near"), False),
     ],
 )
 def test_a_class_holds_the_cause_with_nine_tenths(probabilities, alike, in_doubt):
-    """The fewest names that do; no name explains as much as the first."""
+    """The fewest names that do, beside those that explain as much as the first: ``near``."""
     rows = [
-        Row(name, float(np.log(p)), -100.0 * k, 0.0)
+        Row(name, float(np.log(p)), 0.0 if name == "near" else -100.0 * k, 0.0)
         for k, (name, p) in enumerate(probabilities.items())
     ]
     names = name_probabilities(rows)

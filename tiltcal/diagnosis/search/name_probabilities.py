@@ -1,6 +1,6 @@
 """From explanations in the place of a cause to the probability of every name, and of none."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,10 +108,10 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     best = {n: max((r for r in rows if r.name == n), key=lambda r: r.evidence) for n in order}
     first = next(n for n in order if n != UNLISTED)
     limit = best[first].evidence - SEPARABLE / 2
-    credible = _credible(chance)
-    near = [n for n in order if n not in (first, UNLISTED)]
-    near = [n for n in near if best[n].evidence > limit or n in credible]
-    in_doubt = UNLISTED in credible
+    near = [n for n in order if n not in (first, UNLISTED) and best[n].evidence > limit]
+    more = _needed(chance, {first, *near})
+    in_doubt = UNLISTED in more
+    near += [n for n in more if n != UNLISTED]
     if chance.get(UNLISTED, 0.0) > 0.5:
         near, first, in_doubt = [], "", False
     rivals = [n for n in order if n not in (first, UNLISTED) and best[n].gain][:SHOWN]
@@ -130,11 +130,15 @@ def name_probabilities(rows: Sequence[Row]) -> Names:
     )
 
 
-def _credible(chance: Mapping[str, float]) -> set[str]:
-    """The fewest names that hold the cause with a probability of CREDIBLE.
+def _needed(chance: Mapping[str, float], alike: Collection[str]) -> list[str]:
+    """The fewest names that hold the cause with a probability of CREDIBLE beside others.
 
     Args:
-        chance: of each, the most probable first.
+        chance: of each name, the most probable first; alike: the others.
     """
-    before = np.cumsum([0.0, *chance.values()])[:-1]
-    return {n for n, p in zip(chance, before, strict=True) if p < CREDIBLE}
+    held, found = sum(p for n, p in chance.items() if n in alike), []
+    for name, p in chance.items():
+        if held < CREDIBLE and name not in alike:
+            found.append(name)
+            held += p
+    return found

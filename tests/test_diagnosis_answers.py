@@ -12,7 +12,7 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.conclusions.answering import answered, simulated
 from tiltcal.diagnosis.conclusions.fault_findings import finding_of
-from tiltcal.diagnosis.conclusions.finding import verdict_of
+from tiltcal.diagnosis.conclusions.finding import in_words, verdict_of
 from tiltcal.diagnosis.conclusions.law_plots import laws_of
 from tiltcal.diagnosis.conclusions.resimulation import Resimulation
 from tiltcal.diagnosis.data_quality.prepare import prepare
@@ -338,3 +338,7 @@ def test_nothing_tested_comes_before_any_finding():
     findings = tuple(finding_of(f) for f in faults)
     assert verdict_of(findings, True) == "explained"
     assert verdict_of(findings, False) == "cannot_tell"
+
+
+def test_a_class_that_no_name_need_be_right_of_says_so_in_words():
+    assert in_words(("acc_K2", "unlisted")) == ["acc_K2", "a law that no list has"]

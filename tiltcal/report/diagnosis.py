@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding
+from tiltcal.diagnosis.conclusions.finding import Diagnosis, Finding, in_words
 from tiltcal.report.page import sections, write_page
 from tiltcal.report.plots import Plot
 from tiltcal.report.poses import Pose
@@ -100,7 +100,7 @@ def _named(finding: Finding) -> str:
     if finding.effect is None:
         what = f"a curve of no listed effect over {finding.where.coordinate}"
     else:
-        what = " or ".join(finding.names)
+        what = " or ".join(in_words(finding.names))
     sizes = ", ".join(
         f"{name} {value:.4g} ± {sigma:.2g}"
         for name, (value, sigma) in list(finding.parameters.items())[:2]

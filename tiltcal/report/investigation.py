@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tiltcal.diagnosis.conclusions.finding import in_words
 from tiltcal.diagnosis.investigation.progress_log import Investigation
 from tiltcal.report.page import sections, write_page
 from tiltcal.report.plots import Plot, axes, line
@@ -59,7 +60,7 @@ def lead(state: Investigation) -> str:
 def _finding(stored: Mapping[str, Any]) -> dict[str, Any]:
     """A finding of diagnosis.json; what it does not have is empty."""
     return {
-        "names": " or ".join(stored["class"]) or "no named effect",
+        "names": " or ".join(in_words(stored["class"])) or "no named effect",
         "class": stored["class"],
         "statement": stored.get("statement", ""),
         "rivals": stored.get("rivals", ()),

@@ -11,7 +11,7 @@ import numpy as np
 from tiltcal.design.identifiability import POWER
 from tiltcal.diagnosis.conclusions.amended_scenario import amended_table
 from tiltcal.diagnosis.conclusions.events import beside_drawn_anew, place_of
-from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where
+from tiltcal.diagnosis.conclusions.finding import Finding, Undetectable, Where, in_words
 from tiltcal.diagnosis.conclusions.one_recording import mean_and_rest
 from tiltcal.diagnosis.conclusions.parts import fitted_as, parts_of, strongest
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange, seen_range
@@ -143,7 +143,7 @@ def _statement(
 ) -> str:
     """What was found, where, how large, and what else it may be."""
     title = CATALOGUE[id].title
-    others = ", ".join(n if n != UNLISTED else "a law that no list has" for n in names if n != id)
+    others = ", ".join(in_words([n for n in names if n != id]))
     other = f" (or {others}: this recording cannot tell)" if others else ""
     size = shown(parameters) if parameters else f"as a curve over {finding.where.coordinate}"
     place = f"{', '.join(finding.sensors)} {', '.join(finding.axes)}"

@@ -12,7 +12,9 @@ from tiltcal.diagnosis.conclusions.noise_figures import NoiseReport
 from tiltcal.diagnosis.conclusions.part import Part
 from tiltcal.diagnosis.conclusions.residual_plots import Spectrum, View
 from tiltcal.diagnosis.conclusions.seen_range import SeenRange
+from tiltcal.diagnosis.search.name_probabilities import UNLISTED
 
+NO_LISTED = "a law that no list has"
 Verdict = Literal["match", "explained", "ambiguous", "unlisted", "cannot_tell"]
 
 
@@ -210,6 +212,11 @@ class Diagnosis(Tabular):
     def headline(self) -> str:
         """Verdict and statement."""
         return f"{self.verdict}: {self.statement}"
+
+
+def in_words(names: Sequence[str]) -> list[str]:
+    """The names of a class as a sentence has them."""
+    return [NO_LISTED if name == UNLISTED else name for name in names]
 
 
 def verdict_of(findings: tuple[Finding, ...], tested: bool, doubts: bool = False) -> Verdict:

@@ -340,5 +340,5 @@ def test_nothing_tested_comes_before_any_finding():
     assert verdict_of(findings, False) == "cannot_tell"
 
 
-def test_a_class_that_no_name_need_be_right_of_says_so_in_words():
+def test_a_class_names_a_law_that_no_list_has_in_words():
     assert in_words(("acc_K2", "unlisted")) == ["acc_K2", "a law that no list has"]

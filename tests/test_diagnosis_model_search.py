@@ -195,7 +195,7 @@ def test_what_is_believed_is_probable_enough(square):
     assert (nothing.fitted.terms, none) == ((), ())
 
 
-def test_causes_that_take_each_others_place_are_sure_together():
+def test_a_cause_is_as_probable_as_the_models_that_hold_it():
     """By hand: weights of 8, 4, 4 and 1 with both, one, the other and none."""
     costs = {held: -np.log(w) for held, w in zip(MODELS, (8, 4, 4, 1), strict=True)}
     assert probability_of(0, costs) == pytest.approx(12 / 17)

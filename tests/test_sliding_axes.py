@@ -36,6 +36,8 @@ from tiltcal.setup.sequence_files import read_sequence, sequence_text
 from tiltsim.laboratory import MujocoLaboratory
 from tiltsim.motion import mujoco_motion
 
+# the servo swings at 20 Hz with what it carries: its weight pulls it down by g / w^2, mm
+DROOP = 1e3 * 9.80123 / (2 * np.pi * 20) ** 2
 AXES = {
     "lift": Mapped("lift", -1, 0.03, slides=True),
     "pan": Mapped("pan", 1, 0.2),
@@ -138,10 +140,6 @@ def test_served_by_time_steps_it_hangs_in_its_servos_and_settles(tmp_path):
     assert told["table_lift_mm"] == pytest.approx(DROOP, rel=0.02)
     assert told["table_boom_mm"] == pytest.approx(300.0, abs=0.05)
     assert not table.moving()
-
-
-# the servo swings at 20 Hz with what it carries: its weight pulls it down by g / w^2, mm
-DROOP = 1e3 * 9.80123 / (2 * np.pi * 20) ** 2
 
 
 LAWS = {

@@ -112,7 +112,7 @@ def next_block(
     verdict = diagnosis["verdict"]
     rivals = any(len({*f["class"]} - {UNLISTED}) > 1 for f in diagnosis["findings"])
     in_doubt = any(UNLISTED in f["class"] for f in diagnosis["findings"])
-    why = PERHAPS if in_doubt else OPEN.get(verdict)
+    why = OPEN.get(verdict, PERHAPS if in_doubt else "")
     if scenario.rig.axes and not rivals and why:
         return _more_poses(table, scenario, why)
     if not (rivals or in_doubt):

@@ -15,8 +15,8 @@ def believed(state: State, gate: NoiseGate) -> tuple[State, tuple[float, ...], t
     that is left, and those left out that are more probable than not.
 
     A cause is as probable as the models together that hold it (Bayesian model averaging: Hoeting
-    et al., Stat. Sci. 14, 1999), over those of a backward elimination: causes that take each
-    other's place are sure together where neither is alone.
+    et al., Stat. Sci. 14, 1999), over those of a backward elimination: one that is not sure beside
+    a cause that may take its place counts without that cause as well.
     """
     every = frozenset(range(len(state.causes)))
     models, held = {every: state}, every

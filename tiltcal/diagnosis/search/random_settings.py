@@ -28,7 +28,7 @@ from tiltcal.effects.table.readout import IndexError_
 
 LENGTHS = (3 * DEG, 10 * DEG, 30 * DEG, 90 * DEG)
 """Over which a law of an angle changes, rad."""
-STOPS = (3.0, 10.0, 30.0, 100.0)  # over which what depends on the history changes
+STOPS = (3.0, 10.0, 30.0, 100.0)  # numbers of stops over which a law of the history changes
 REST = (0.0, 1e-3, 1e-2, 1e-1)
 """Of the variance of rotations that follow a law, the share that does not."""
 WIDTHS = 10.0 ** np.arange(-6, 2.1, 0.25)

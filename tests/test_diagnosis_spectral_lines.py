@@ -182,9 +182,39 @@ def with_wave_over_input(truth, seed):
 def test_an_error_periodic_in_the_reading_is_a_line_over_its_own_input():
     truth = bench()
     found = prepare(honest(truth), [with_wave_over_input(truth, 4)])
-    (wave,) = spectral_lines_of(found.observations, found.start).waves
-    assert wave[:2] == ("accel", "y")
-    assert wave[2] == pytest.approx(PERIOD, rel=0.02)
+    waves = spectral_lines_of(found.observations, found.start).waves
+    (wave,) = (w for w in waves if w.coordinate == "input")
+    assert (wave.sensor, wave.axis) == ("accel", "y")
+    assert wave.period == pytest.approx(PERIOD, rel=0.02)
+
+
+def with_pick_up(truth, seed):
+    """A recording whose reading of x has 17 periods a turn of the inner axis while that turns."""
+    whole = recorded(truth, seed)
+    columns = {name: whole.column(name) for name in whole.column_names}
+    inner = np.radians(columns["table_inner_deg"])
+    speed = np.abs(np.gradient(inner, whole.time))
+    columns["accel_x_m_s2"] = columns["accel_x_m_s2"] + 15 * WHITE * speed * np.sin(17 * inner)
+    return Recording.from_columns(whole.time, columns)
+
+
+def test_what_a_turning_motor_puts_into_a_reading_is_a_line_over_its_angle():
+    truth = bench()
+    found = prepare(honest(truth), [with_pick_up(truth, 4)])
+    wave = spectral_lines_of(found.observations, found.start).waves[0]
+    assert (wave.sensor, wave.axis) == ("accel", "x")
+    assert (wave.coordinate, wave.times) == ("table_inner", "speed")
+    assert wave.period == pytest.approx(2 * np.pi / 17)
+
+
+@pytest.mark.slow
+def test_the_pick_up_of_a_turning_motor_is_a_finding_without_a_name():
+    truth = bench()
+    found = diagnose(honest(truth), [with_pick_up(truth, 4)])
+    assert found.verdict == "unlisted"
+    assert "accel x that follows the inner angle, in proportion to the speed of turn, 17 times" in (
+        found.statement
+    )
 
 
 @pytest.mark.slow

@@ -502,6 +502,11 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
             "key times: found 'force_x', need one of",
         ),
         (
+            {"axis": "outer"},
+            {"on": "readout", "coordinate": "table_outer", "times": "speed"},
+            "key times: found 'speed', need one of",
+        ),
+        (
             {"sensor": "accel", "axis": "x"},
             {"place": "moon"},
             "key place: found 'moon', need one of environment, table",
@@ -585,6 +590,21 @@ def test_a_coefficient_may_grow_with_the_temperature():
     np.testing.assert_allclose(jet.x, 1e-3 * warm * np.cos(outer.x), atol=1e-15)
     slope = np.gradient(jet.x, drive.time, edge_order=2)
     np.testing.assert_allclose(jet.v[2:-2], slope[2:-2], atol=0.02 * np.abs(jet.v).max())
+
+
+def test_a_coefficient_may_grow_with_the_rate_of_warming_or_the_speed_of_turn():
+    """1e-4 dT/dt f_x, and 1e-4 |rate| f_y on x."""
+    drive = lively()
+    warming = np.gradient(drive.temperature - drive.reference_temperature, drive.time)
+    rates = np.column_stack([jet.v for jet in drive.axes.values()])
+    speed = np.linalg.norm(closed_form(SETUP, drive).rate, axis=1)
+    assert np.ptp(warming) > 0 and np.ptp(rates) > 0
+    for coordinate, times, factor in (("input", "warming", warming), ("force_y", "speed", speed)):
+        law = {"coordinate": coordinate, "power": 1.0, "odd": True, "coefficients": [1e-4]}
+        varying, plain = (
+            added(learned("accel", "x", **law, **more))[:, 0] for more in ({"times": times}, {})
+        )
+        np.testing.assert_allclose(varying, plain * factor, atol=1e-12)
 
 
 def test_a_readout_error_may_follow_two_angles_with_the_rates_of_both():

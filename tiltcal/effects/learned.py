@@ -23,7 +23,6 @@ from tiltcal.effects.curve_coordinates import (
     force_jet,
     late_jet,
     motion_jet,
-    sensed,
 )
 from tiltcal.effects.curve_products import ORDERS, multiplier, products
 from tiltcal.effects.hysteresis_and_lag import first_order_lag
@@ -62,8 +61,9 @@ class Learned(Effect):
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
-        times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, or a table
-            angle, rad: a coefficient that varies; empty for none.
+        times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, a table
+            angle, rad, or, of a reading, ``warming``, K/s, or ``speed``, rad/s: a coefficient that
+            varies; empty for none.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
     """
@@ -247,7 +247,7 @@ class LearnedReading(Learned, SignalEffect):
         else:
             own = sense.true_input()[:, channel]
             added = self.curve(self.followed(sense, own))
-            added = added * sensed(self.times, sense, own) if self.times else added
+            added = added * coordinate_of(self.times, sense, own) if self.times else added
             reading[:, channel] += added * own if self.per_input else added
         return reading
 
@@ -275,7 +275,8 @@ class LearnedReading(Learned, SignalEffect):
         if self._late_curve:
             late = [first_order_lag(sense.elapsed, each, self.lag) for each in basis.T]
             basis = np.column_stack(late)
-        basis = basis * sensed(self.times, sense, own)[:, None] if self.times else basis
+        if self.times:
+            basis = basis * coordinate_of(self.times, sense, own)[:, None]
         return basis * own[:, None] if self.per_input else basis
 
 

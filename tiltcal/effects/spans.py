@@ -7,20 +7,38 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
+class Wave:
+    """A line in the reading of a channel over a coordinate.
+
+    Args:
+        sensor, axis: of the channel.
+        coordinate: its own ``input``, or a table angle.
+        period: SI.
+        times: what its amplitude is in proportion to; empty where it is constant.
+    """
+
+    sensor: str
+    axis: str
+    coordinate: str
+    period: float
+    times: str = ""
+
+
+@dataclass(frozen=True)
 class SpectralLines:
     """Lines that stand out of a residual.
 
     Args:
         tones: Hz, in the readings; shakes: Hz, in the world; echoes: Hz, anew after each move;
             ripples: a turn of an axis.
-        waves: sensor, axis and period, SI, of lines over the input of a channel.
+        waves: over the input of a channel or a table angle.
     """
 
     tones: tuple[float, ...] = ()
     shakes: tuple[float, ...] = ()
     echoes: tuple[float, ...] = ()
     ripples: tuple[int, ...] = ()
-    waves: tuple[tuple[str, str, float], ...] = ()
+    waves: tuple[Wave, ...] = ()
 
     def beside(self, known: "SpectralLines", width: float) -> "SpectralLines":
         """Those lines, but for echoes, that are not among the known ones; width: Hz, of a line in

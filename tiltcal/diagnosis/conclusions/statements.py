@@ -96,7 +96,7 @@ def learned_name(effect: Learned) -> str:
     """A curve in words."""
     what = _followed(effect)
     if effect.times:
-        what += f", in proportion to the {_factor(effect.times)}"
+        what += f", in proportion to {_factor(effect.times)}"
     what += _repeating(effect)
     if effect.play:
         what = f"which way {what} last went, {_width(effect)} of it"
@@ -113,20 +113,22 @@ def learned_name(effect: Learned) -> str:
     return f"{kind} of {effect.sensor} {effect.axis} that follows {what}"
 
 
+IN_WORDS = {
+    "input": "its own input",
+    "transverse": "the rate across its axis",
+    "warming": "the rate of warming",
+    "since_move": "the time since the last move",
+    "since_start": "the time since the last move began",
+    "moves": "the number of moves",
+    "speed": "the speed of turn",
+    "braking": "how quickly the turn slows down",
+}
+
+
 def _followed(effect: Learned) -> str:
     """The coordinate of a curve in words."""
-    words = {
-        "input": "its own input",
-        "transverse": "the rate across its axis",
-        "warming": "the rate of warming",
-        "since_move": "the time since the last move",
-        "since_start": "the time since the last move began",
-        "moves": "the number of moves",
-        "speed": "the speed of turn",
-        "braking": "how quickly the turn slows down",
-    }
     body = effect.coordinate.replace("angular_acceleration", "angular acceleration").split("_")
-    what = words.get(effect.coordinate, " along body ".join(body))
+    what = IN_WORDS.get(effect.coordinate, " along body ".join(body))
     if axis := axis_of(effect.coordinate):
         what = f"the {axis} angle"
     return f"{what} times the {axis_of(effect.beside)} angle" if effect.beside else what
@@ -143,14 +145,14 @@ def _repeating(effect: Learned) -> str:
         return f" and repeats every {np.degrees(effect.period):.4g} deg"
     if effect.coordinate == "input":
         return f", with a period of {effect.period:.3g} in SI units"
-    return ""
+    return f", {2 * np.pi / effect.period:.4g} times a turn"
 
 
 def _factor(times: str) -> str:
     """What a curve is multiplied by, in words."""
     if axis := axis_of(times):
-        return f"{axis} angle"
-    return "temperature from T0" if times == "temperature" else times
+        return f"the {axis} angle"
+    return IN_WORDS.get(times, "the temperature from T0" if times == "temperature" else "the time")
 
 
 def _width(effect: Learned) -> str:

@@ -2,7 +2,7 @@
 chain.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
@@ -28,7 +28,7 @@ from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_products import ORDERS
 from tiltcal.effects.hysteresis_and_lag import LAGS
 from tiltcal.effects.learned import LearnedReading, LearnedTilt
-from tiltcal.effects.spans import CoordinateRanges
+from tiltcal.effects.spans import CoordinateRanges, Wave
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.setup.sensor import Sensor
 from tiltcal.setup.tables import PLACING, angle_channel
@@ -46,6 +46,8 @@ POWERS = (
     (2.0, True),
     (3.0, True),
 )
+VARYING = ("temperature", "warming", "time", "speed")
+"""What a coefficient may be in proportion to."""
 
 
 def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypothesis]:
@@ -126,11 +128,7 @@ def _reading_curves(
     for cls, count in product(_of_any_form(sensor, "input"), (9, 17, 33)):
         if knots := even_knots(f"{sensor.name}_input", span, count):
             yield replace(curve_over(LearnedReading, "input", knots, **where), alias=cls.id)
-    for period in (p for *channel, p in span.lines.waves if channel == [sensor.name, axis]):
-        for per_input in (False, True):
-            yield curve_over(
-                LearnedReading, "input", harmonics(2), period=period, per_input=per_input, **where
-            )
+    yield from _waves(span.lines.waves, where)
     inputs = [f"{q}_{a}" for q in ("force", "rate") for a in "xyz"]
     turns = [f"angular_acceleration_{a}" for a in "xyz"]
     own = f"{'force' if sensor.is_accelerometer else 'rate'}_{axis}"
@@ -150,32 +148,62 @@ def _reading_curves(
             yield scale
             if not sensor.is_accelerometer:  # its own law is in the catalogue
                 yield proportional(scale)
-    if scenario.rig.axes and even_knots("temperature", span, 2):
+    if scenario.rig.axes:
         across = [c for c in inputs if c != own and even_knots(c, span, 2)]
-        yield from _powers_by_temperature(across, where)
+        yield from _varying_coefficients(sensor, across, span, where)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
     # by hand only the length of its reading is known
     if scenario.rig.axes or not sensor.is_accelerometer:
         yield from motion_of_readings(scenario.rig, sensor, axis, inputs, span)
 
 
-def _powers_by_temperature(inputs: Sequence[str], where: Mapping[str, Any]) -> Iterator[Hypothesis]:
-    """Powers of the own input and of other inputs whose coefficient is in proportion to the
-    temperature: the linear ones have names.
+def _waves(waves: Iterable[Wave], where: Mapping[str, Any]) -> Iterator[Hypothesis]:
+    """What repeats over the input of a channel or over a table angle, at the lines found there."""
+    for wave in waves:
+        if (wave.sensor, wave.axis) == (where["sensor"], where["axis"]):
+            for per_input in (False, True) if wave.coordinate == "input" else (False,):
+                yield curve_over(
+                    LearnedReading,
+                    wave.coordinate,
+                    harmonics(2),
+                    period=wave.period,
+                    times=wave.times,
+                    per_input=per_input,
+                    **where,
+                )
+
+
+def _varying_coefficients(
+    sensor: Sensor, across: Sequence[str], span: CoordinateRanges, where: Mapping[str, Any]
+) -> Iterator[Hypothesis]:
+    """Powers of the own input and of others whose coefficient is in proportion to what varies: a
+    temperature, its rate, the time, the speed. Not those that the catalogue or a scale factor over
+    the same coordinate holds.
+
+    Args:
+        sensor: whose reading; where: its channel.
+        across: the other inputs; span: what the recordings span.
     """
-    forms = [("input", power, odd) for power, odd in POWERS if power > 1 or not odd]
-    forms += [(coordinate, 2.0, False) for coordinate in inputs]
-    for coordinate, power, odd in forms:
-        yield curve_over(
-            LearnedReading,
-            coordinate,
-            1,
-            power=power,
-            odd=odd,
-            times="temperature",
-            variants=len(forms),
-            **where,
-        )
+    for times in (t for t in VARYING if even_knots(t, span, 2)):
+        linear = list(across)
+        forms = [("input", 1.0, True)] if times == "warming" else []
+        if times == "temperature":
+            forms += [("input", power, odd) for power, odd in POWERS if power > 1 or not odd]
+            forms += [(c, 2.0, False) for c in across]
+            if sensor.is_accelerometer:  # a misalignment
+                linear = [c for c in across if not c.startswith("force")]
+        forms += [(c, 1.0, True) for c in linear]
+        for coordinate, power, odd in forms:
+            yield curve_over(
+                LearnedReading,
+                coordinate,
+                1,
+                power=power,
+                odd=odd,
+                times=times,
+                variants=len(forms),
+                **where,
+            )
 
 
 def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:

@@ -1,6 +1,7 @@
 """Spectral lines in the residual, at unknown frequencies."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -8,15 +9,19 @@ from tiltcal.core.arrays import Array
 from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.hypotheses.coordinate_ranges import fastest
 from tiltcal.diagnosis.model.fitted_model import FittedModel
+from tiltcal.effects.curve_coordinates import coordinate_of
 from tiltcal.effects.electronics.mains import WANDER
-from tiltcal.effects.spans import SpectralLines
+from tiltcal.effects.spans import SpectralLines, Wave
 from tiltcal.effects.table.drive import EncoderSde
+from tiltcal.setup.tables import angle_channel
 from tiltcal.statistics.noise_spectrum import robust_white
 
 Waves = np.ndarray[tuple[int], np.dtype[np.complex128]]
 LINES = 1100  # a turn, of the finest scale that is looked for
 CIRCLE = 2**15  # angles of a turn: a fifth of a radian of the finest line
 FIRST = 6  # fewer are curves of the angle
+BEYOND = 11  # harmonics of an angle that no curve over it has
+FEWEST = 16  # lines of which a median says what is usual
 PROBE = 36.0  # lines, from whose changes those of any other number follow
 SMALL = 1e-6  # rad
 CHANCE = 1e-4  # of a line in any recording without one
@@ -126,30 +131,60 @@ def ripples_of(observations: Observations, fitted: FittedModel) -> tuple[int, ..
     return tuple(dict.fromkeys(n for _, n in sorted(found, reverse=True)[:MOST]))
 
 
-def waves_of(observations: Observations, fitted: FittedModel) -> tuple[tuple[str, str, float], ...]:
-    """Sensor, axis and period, SI, of lines in the residual of a reading over its own input,
-    strongest first: one for each channel at most, and none by hand.
+def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...]:
+    """Lines in the residual of a reading over its own input or over a table angle, strongest first:
+    one over each for each channel at most, and none by hand.
+
+    Over an angle they are of a constant amplitude or in proportion to the speed of turn: what a
+    motor, a resolver or a ring of contacts puts into a reading. From sample
+    to sample a turn passes half a line of the finest: finer ones look like coarser ones.
     """
-    found: list[tuple[float, str, str, float]] = []
+    found: list[tuple[float, Wave]] = []
     left, watches = observations.residuals(fitted.effects), observations.watches(fitted.effects)
+    turning = observations.scenario.rig.kind.turning
     for channel, residual in zip(observations.channels, left, strict=True):
         if channel.derived or channel.recording >= len(watches):
             continue
         sense = watches[channel.recording].sense[channel.sensor]
-        felt = sense.true_input()
-        rows = np.minimum(channel.rows // observations.block, len(felt) - 1)
-        own = felt[rows, channel.column]
-        span = float(np.ptp(own))
-        if not span:
-            continue
-        power = np.abs(_harmonics(2 * np.pi * (own - own.min()) / (FINER * span), residual)) ** 2
-        seen = power[FINER * FIRST :]
-        k = int(np.argmax(seen))
-        strength = float(seen[k] / max(float(np.median(seen)), np.finfo(float).tiny)) * np.log(2)
-        if strength > np.log(LINES / CHANCE):
-            period = FINER * span / (FINER * FIRST + k)
-            found.append((strength, channel.sensor, channel.axis, period))
-    return tuple(wave[1:] for wave in sorted(found, reverse=True)[:MOST])
+        rows = np.minimum(channel.rows // observations.block, len(sense.time) - 1)
+        own = sense.true_input()[:, channel.column]
+        place = channel.sensor, channel.axis
+        if span := float(np.ptp(own[rows])):
+            phase = 2 * np.pi * (own - own[rows].min())[rows] / (FINER * span)
+            n, strength = _strongest(phase, residual, FINER * FIRST, LINES)
+            found.append((strength, Wave(*place, "input", FINER * span / n)))
+        for name, times in product((angle_channel(axis) for axis in turning), ("", "speed")):
+            size = coordinate_of(times, sense, own)[rows] if times else np.ones(len(rows))
+            angle = coordinate_of(name, sense, own)[rows]
+            n, strength = _strongest(angle, residual * size, BEYOND, _finest(channel.time, angle))
+            found.append((strength, Wave(*place, name, 2 * np.pi / n, times)))
+    clear = [(s, w) for s, w in found if s > np.log(LINES / CHANCE)]
+    clear.sort(key=lambda each: -each[0])
+    best = {(w.sensor, w.axis, w.coordinate): w for _, w in reversed(clear)}
+    return tuple(w for _, w in clear if w in best.values())[:MOST]
+
+
+def _finest(time: Array, angle: Array) -> int:
+    """How many lines a turn pass at half a line a sample, at the mean speed over the angle that is
+    turned.
+    """
+    gaps = np.diff(time)
+    speed = np.abs(np.diff(angle)) / gaps
+    turned = float(speed @ gaps)
+    step = float(speed**2 @ gaps) / turned * float(np.median(gaps)) if turned else 0.0
+    return min(int(np.pi / max(step, np.pi / LINES)), LINES)
+
+
+def _strongest(phase: Array, signal: Array, first: int, finest: int) -> tuple[int, float]:
+    """The strongest line over a phase, of those from a first number of lines to a last one, and its
+    power over their median; phase: rad, (n,). Nothing has a power of 0.
+    """
+    power = np.abs(_harmonics(phase, signal)[first:finest]) ** 2
+    if len(power) < FEWEST:
+        return first, 0.0
+    k = int(np.argmax(power))
+    floor = max(float(np.median(power)), np.finfo(float).tiny)
+    return first + k, float(power[k]) / floor * np.log(2)
 
 
 def _gains(

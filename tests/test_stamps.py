@@ -7,7 +7,7 @@ from builders import FOG, setup_of
 from tiltcal.core.units import ARCSEC
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import replay
-from tiltcal.recordings.stamps import unrounded
+from tiltcal.recordings.stamps import sampled_at, unrounded
 
 ROW = np.arange(5000.0)
 
@@ -33,16 +33,24 @@ def test_a_clock_that_bends_stays_as_it_is():
     assert unrounded(time) is time
 
 
-def test_rates_of_a_readout_do_not_follow_the_rounding_of_its_stamps(rng):
-    """A swing of 30 deg, 12 samples a second: 33 us are 6 arcsec at its fastest."""
-    time = ROW[:1200] / 12
-    angle = np.deg2rad(30) * np.sin(time)
-    read = angle + 0.05 * ARCSEC * rng.standard_normal(len(time))
-    columns = {"table_outer_deg": np.rad2deg(read)}
+@pytest.mark.parametrize("ticks", [False, True])
+def test_rates_of_a_readout_do_not_follow_the_rounding_of_its_stamps(ticks, rng):
+    """A swing of 30 deg, 12 samples a second: 33 us are 6 arcsec at its fastest. The stamps are
+    written rounded, or the recorder's clock ticks every 0.1 ms and the rows are sampled then.
+    """
+    even = ROW[:1200] / 12
+    written = np.round(even, 4)
     setup = setup_of("placing", FOG)
     error = []
-    for stamps in (time, np.round(time, 4)):
+    for time, stamps in ((even, even), (written if ticks else even, written)):
+        angle = np.deg2rad(30) * np.sin(time) + 0.05 * ARCSEC * rng.standard_normal(len(time))
+        columns = {"table_outer_deg": np.rad2deg(angle)}
         course = replay(Recording.from_columns(stamps, columns), setup)
         rate = course.drive(stamps).axes["outer"].v
         error.append(np.sqrt(np.mean((rate - np.deg2rad(30) * np.cos(time))[20:-20] ** 2)))
     assert error[1] < 1.2 * error[0]
+
+
+def test_of_a_readout_at_rest_the_clock_is_even():
+    time = np.round(ROW / 12, 4)
+    assert sampled_at(time, np.zeros_like(time)) == pytest.approx(ROW / 12, abs=2e-5)

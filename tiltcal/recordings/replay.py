@@ -13,7 +13,7 @@ from tiltcal.recordings.differentiation import Rates, differentiate, noise_of_st
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.rest_edges import edges
 from tiltcal.recordings.segmentation import tells_rests
-from tiltcal.recordings.stamps import unrounded
+from tiltcal.recordings.stamps import sampled_at
 from tiltcal.recordings.table_columns import other_tables
 from tiltcal.recordings.table_rests import at_rest
 from tiltcal.setup.setup import Setup
@@ -257,7 +257,8 @@ def _as_usual(told: Array, rough: Array) -> Array:
 @lru_cache(maxsize=24)
 def _edges(time: bytes, angle: bytes) -> tuple[Array, Array]:
     """When an axis left a rest and when it came to one, s, of the contents of arrays."""
-    t, x = unrounded(np.frombuffer(time)), np.frombuffer(angle)
+    x = np.frombuffer(angle)
+    t = sampled_at(np.frombuffer(time), x)
     if len(t) < 9 or np.ptp(x) == 0:
         return np.zeros(0), np.zeros(0)
     still, parted = at_rest(t, x[:, None])
@@ -275,7 +276,8 @@ def _differentiated(time: bytes, angle: bytes) -> Rates:
 
     An axis rests for itself, whatever the others do.
     """
-    t, x = unrounded(np.frombuffer(time)), np.frombuffer(angle)
+    x = np.frombuffer(angle)
+    t = sampled_at(np.frombuffer(time), x)
     return differentiate(t, x, *at_rest(t, x[:, None]))
 
 

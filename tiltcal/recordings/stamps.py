@@ -6,6 +6,7 @@ from tiltcal.core.arrays import Array
 from tiltcal.core.errors import TiltcalError
 
 DECIMALS = 7  # of a second: stamps with more are as good as exact
+ORDER = 4  # of the differences by which a readout is smooth
 ROUNDING = 1e-9  # s, what stamps near zero are off by
 CERTAIN = 0.1  # of a unit: what is off by more is no whole number of it
 LARGEST = 1e30  # of a reading or a stamp: its eighth power is still a number
@@ -81,6 +82,23 @@ def unrounded(time: Array) -> Array:
     off = np.abs(even - time).max()
     # the clock itself is known to a part of the rounding
     return even if off <= (0.5 + 2 / np.sqrt(len(time))) * resolution else time
+
+
+def sampled_at(time: Array, angle: Array) -> Array:
+    """When rows were sampled, s, (n,): at even times that were written rounded, or at the rounded
+    times themselves, as a recorder does whose clock ticks as coarsely. The readout of an axis is
+    smoother over the true ones.
+
+    Args:
+        time: stamps, s, (n,).
+        angle: readout of the axis, rad, (n,).
+    """
+    even = unrounded(time)
+    if even is time:
+        return time
+    at_even = angle - np.gradient(angle, even) * (time - even)
+    written, ticked = (float(np.sum(np.diff(x, ORDER) ** 2)) for x in (angle, at_even))
+    return even if written <= ticked else time
 
 
 def _in_units(time: Array, scale: float) -> bool:

@@ -264,13 +264,16 @@ FACES = [
             {"on": "tilt", "slot": "middle_bearing", "turn": "x"},
         )
     ),
-    {
-        "on": "readout",
-        "axis": "middle",
-        "coordinate": "table_middle",
-        "times": "table_outer",
-        "coefficients": [1e-3, 5e-4],
-    },
+    *(
+        {
+            "on": "readout",
+            "axis": "middle",
+            "coordinate": "table_middle",
+            "times": times,
+            "coefficients": [1e-3, 5e-4],
+        }
+        for times in ("table_outer", "speed")
+    ),
     *(
         {"on": "tilt", "slot": "mount", "turn": "x", "coordinate": "force_y", **law}
         for law in (
@@ -503,8 +506,8 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
         ),
         (
             {"axis": "outer"},
-            {"on": "readout", "coordinate": "table_outer", "times": "speed"},
-            "key times: found 'speed', need one of",
+            {"on": "readout", "coordinate": "table_outer", "times": "warming"},
+            "key times: found 'warming', need one of",
         ),
         (
             {"sensor": "accel", "axis": "x"},
@@ -592,15 +595,20 @@ def test_a_coefficient_may_grow_with_the_temperature():
     np.testing.assert_allclose(jet.v[2:-2], slope[2:-2], atol=0.02 * np.abs(jet.v).max())
 
 
-def test_a_coefficient_may_grow_with_the_rate_of_warming_or_the_speed_of_turn():
-    """1e-4 dT/dt f_x, and 1e-4 |rate| f_y on x."""
+def test_a_coefficient_may_grow_with_the_rate_of_warming_the_speed_of_turn_or_another_input():
+    """1e-4 dT/dt f_x, 1e-4 |rate| f_y, and 1e-4 w_z f_y on x."""
     drive = lively()
     warming = np.gradient(drive.temperature - drive.reference_temperature, drive.time)
     rates = np.column_stack([jet.v for jet in drive.axes.values()])
-    speed = np.linalg.norm(closed_form(SETUP, drive).rate, axis=1)
+    rate = closed_form(SETUP, drive).rate
+    speed = np.linalg.norm(rate, axis=1)
     assert np.ptp(warming) > 0
     assert np.ptp(rates) > 0
-    for coordinate, times, factor in (("input", "warming", warming), ("force_y", "speed", speed)):
+    for coordinate, times, factor in (
+        ("input", "warming", warming),
+        ("force_y", "speed", speed),
+        ("force_y", "rate_z", rate[:, 2]),
+    ):
         law = {"coordinate": coordinate, "power": 1.0, "odd": True, "coefficients": [1e-4]}
         varying, plain = (
             added(learned("accel", "x", **law, **more))[:, 0] for more in ({"times": times}, {})

@@ -61,9 +61,9 @@ class Learned(Effect):
         power: c0 |u|^power instead of a spline or harmonics; 0 for none. odd: with the sign of u.
         per_input: whether it multiplies the channel's own input (a scale factor) and does not stand
             alone.
-        times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, a table
-            angle, rad, or, of a reading, ``warming``, K/s, or ``speed``, rad/s: a coefficient that
-            varies; empty for none.
+        times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``,
+            rad/s, a table angle, rad, or, of a reading, ``warming``, K/s, or an input, SI: a
+            coefficient that varies; empty for none.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
     """

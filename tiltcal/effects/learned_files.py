@@ -157,8 +157,8 @@ def _beside(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
 
 
 def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
-    """What a curve is multiplied by; empty where that is nothing. What a sensor feels of the
-    motion of its table, no frame does.
+    """What a curve is multiplied by; empty where that is nothing. What a sensor feels, no frame
+    does.
     """
     if table.get("times") and table.get("beside"):
         raise TiltcalError(
@@ -168,8 +168,8 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
             do="leave one out",
         )
     angles = [angle_channel(axis) for axis in setup.rig.axis_names]
-    felt = ("warming", "speed") if table.get("on", "reading") == "reading" else ()
-    return _word(table, "times", "", ("", "temperature", "time", *felt, *angles), subject)
+    felt = ("warming", *INPUTS) if table.get("on", "reading") == "reading" else ()
+    return _word(table, "times", "", ("", "temperature", "time", "speed", *angles, *felt), subject)
 
 
 def _check_relaxing(relaxing: bool, on: str, coordinate: str, lag: float, subject: str) -> None:

@@ -127,8 +127,7 @@ IN_WORDS = {
 
 def _followed(effect: Learned) -> str:
     """The coordinate of a curve in words."""
-    body = effect.coordinate.replace("angular_acceleration", "angular acceleration").split("_")
-    what = IN_WORDS.get(effect.coordinate, " along body ".join(body))
+    what = IN_WORDS.get(effect.coordinate, _along_body(effect.coordinate))
     if axis := axis_of(effect.coordinate):
         what = f"the {axis} angle"
     return f"{what} times the {axis_of(effect.beside)} angle" if effect.beside else what
@@ -152,7 +151,15 @@ def _factor(times: str) -> str:
     """What a curve is multiplied by, in words."""
     if axis := axis_of(times):
         return f"the {axis} angle"
-    return IN_WORDS.get(times, "the temperature from T0" if times == "temperature" else "the time")
+    if times in ("temperature", "time"):
+        return "the temperature from T0" if times == "temperature" else "the time"
+    return IN_WORDS.get(times, f"the {_along_body(times)}")
+
+
+def _along_body(coordinate: str) -> str:
+    """A component of an input in words: rate along body x."""
+    words = coordinate.replace("angular_acceleration", "angular acceleration").split("_")
+    return " along body ".join(words)
 
 
 def _width(effect: Learned) -> str:

@@ -41,14 +41,14 @@ def _of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
 
 def _varying_errors_of_axes(rig: Rig, span: CoordinateRanges) -> Iterator[Hypothesis]:
     """Errors of a readout over time, temperature and its rate; and over its own angle, as tilts of
-    its bearing, those that grow with time, temperature or an angle (Hastie and Tibshirani, J. R.
-    Stat. Soc. B 55, 1993: coefficients that vary).
+    its bearing, those that grow with time, temperature, speed or an angle (Hastie and Tibshirani,
+    J. R. Stat. Soc. B 55, 1993: coefficients that vary).
     """
     turning = rig.kind.turning
     for axis, coordinate in product(turning, ("time", "temperature", "warming")):
         if knots := even_knots(coordinate, span, 5):
             yield curve_over(LearnedReadout, coordinate, knots, axis=axis, place="table")
-    factors = ["temperature", "time", *(angle_channel(axis) for axis in rig.axis_names)]
+    factors = ["temperature", "time", "speed", *(angle_channel(axis) for axis in rig.axis_names)]
     for axis, factor in product(turning, factors):
         if not even_knots(factor, span, 2):
             continue

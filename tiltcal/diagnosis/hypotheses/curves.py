@@ -151,6 +151,7 @@ def _reading_curves(
     if scenario.rig.axes:
         across = [c for c in inputs if c != own and even_knots(c, span, 2)]
         yield from _varying_coefficients(sensor, across, span, where)
+        yield from _products(sensor, across, where)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
     # by hand only the length of its reading is known
     if scenario.rig.axes or not sensor.is_accelerometer:
@@ -204,6 +205,21 @@ def _varying_coefficients(
                 variants=len(forms),
                 **where,
             )
+
+
+def _products(
+    sensor: Sensor, across: Sequence[str], where: Mapping[str, Any]
+) -> Iterator[Hypothesis]:
+    """Products of two inputs, but for those of the catalogue.
+
+    Args:
+        sensor: whose reading; where: its channel.
+        across: the inputs beside its own.
+    """
+    for one, other in combinations(("input", *across), 2):
+        forces = other.startswith("force") and (one == "input" or one.startswith("force"))
+        if not (forces and sensor.is_accelerometer):
+            yield curve_over(LearnedReading, one, 1, power=1.0, odd=True, times=other, **where)
 
 
 def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:

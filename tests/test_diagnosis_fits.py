@@ -136,7 +136,7 @@ def test_what_moves_tell_is_not_named_where_the_angles_are_cut():
     fitted = with_terms(found, ring)
     assert len(drop_below_code(fitted, found.whitened, {"accel": 1e-6}).terms) == 1
     assert drop_below_code(fitted, found.whitened, {"accel": 1e-6}, blurred=True).terms == ()
-    build_dictionary(found.whitened.columns, found.start, SpectralLines(), blurred=True)
+    build_dictionary(found.whitened, found.start, SpectralLines(), blurred=True)
     assert not {"settling_transient", "table_backlash", "lever_arm"} & {
         s.id for s in found.whitened.hypotheses
     }

@@ -49,7 +49,7 @@ def prepared(*left_out, seed=8, walk=0.0):
 
 def searched(found):
     """Over every hypothesis."""
-    build_dictionary(found.whitened.columns, found.start, SpectralLines())
+    build_dictionary(found.whitened, found.start, SpectralLines())
     return most_probable(found.start, found.whitened, GATE)
 
 

@@ -39,7 +39,7 @@ def prepared(*left_out, seed=8):
     table = truth.model_dump(exclude_defaults=True, by_alias=True)
     truth = type(truth).model_validate({"schema": 1, **table, "sequence": tumble(12)})
     found = prepare(honest(truth), [recorded(truth, seed)])
-    build_dictionary(found.whitened.columns, found.start, SpectralLines())
+    build_dictionary(found.whitened, found.start, SpectralLines())
     return found
 
 

@@ -246,12 +246,12 @@ def test_what_stood_in_the_shadow_of_a_finding_comes_onto_the_ledger_later():
     )
     before = spectral_lines_of(found.observations, found.start)
     nothing = type(before)()
-    build_dictionary(found.whitened.columns, found.start, nothing)
+    build_dictionary(found.whitened, found.start, nothing)
     count = len(found.whitened.hypotheses)
-    assert extend_dictionary(found.whitened.columns, found.start, nothing)
+    assert extend_dictionary(found.start, found.whitened, nothing)
     new = {s.effect.values.get("frequency") for s in found.whitened.hypotheses[count:]}
     assert any(f is not None and abs(f - 3.37) < 0.01 for f in new)
-    assert not extend_dictionary(found.whitened.columns, found.start, before)
+    assert not extend_dictionary(found.start, found.whitened, before)
 
 
 def test_the_odds_of_the_mains_follow_the_alias_of_a_grid():

@@ -115,8 +115,7 @@ def diagnose(
         at_rest = (
             None if still is None else static_noise(prepared.observations, still.recording, noise)
         )
-        columns = prepared.whitened.columns
-        build_dictionary(columns, prepared.start, lines, prepared.blurred, stages.part)
+        build_dictionary(prepared.whitened, prepared.start, lines, prepared.blurred, stages.part)
         if search is not None:
             said = search(prepared)
         else:
@@ -196,7 +195,7 @@ def _explained(
     gate = NoiseGate(at_rest, len(whitened.hypotheses))
     stages.begin(SEARCH)
     state = most_probable(start, whitened, gate, lambda n: stages.still(f"{n} in the model"))
-    if extend_dictionary(whitened.columns, state.fitted, lines):
+    if extend_dictionary(state.fitted, state.whitened, lines):
         state = settled(state.over(whitened.columns), gate)
     stages.begin(ALTERNATIVES)
     random = False

@@ -16,15 +16,16 @@ from tiltcal.diagnosis.hypotheses.instants import instants
 from tiltcal.diagnosis.hypotheses.localised_curves import steps_beside
 from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
 from tiltcal.diagnosis.model.fitted_model import FittedModel
-from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
+from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
+from tiltcal.diagnosis.search.transients import transients
 from tiltcal.effects.spans import SpectralLines
 
 OFTEN = 50  # hypotheses between words on progress
 
 
 def build_dictionary(
-    columns: HypothesisColumns,
+    whitened: WhitenedModel,
     fitted: FittedModel,
     lines: SpectralLines,
     blurred: bool = False,
@@ -33,20 +34,21 @@ def build_dictionary(
     """Add the columns of every hypothesis.
 
     Args:
-        columns: they are added to.
+        whitened: what they are added to, under the noise of the calibrated scenario.
         fitted: the calibrated scenario.
         lines: spectral lines of what it leaves.
         blurred: whether the table's angles are truncated.
         part: is told what part of the hypotheses is done.
     """
-    observations = columns.observations
+    columns, observations = whitened.columns, whitened.observations
     effects = fitted.effects
     span = ranges_of(observations, lines)
     nuisance = [t.hypothesis for t in fitted.nuisance]
     steps = step_hypotheses(observations.scenario, instants(observations))
     every_curve = steps_beside(curves(observations, span))
     listed = listed_hypotheses(observations.scenario, span, nuisance)
-    every = list(chain(listed, steps, every_curve))
+    passing = transients(fitted, whitened)
+    every = list(chain(listed, steps, every_curve, passing))
     for k, hypothesis in enumerate(every, 1):
         if not (blurred and needs_motion(hypothesis.effect)):
             columns.add(hypothesis, effects)
@@ -54,16 +56,19 @@ def build_dictionary(
             part(k / len(every))
 
 
-def extend_dictionary(
-    columns: HypothesisColumns, fitted: FittedModel, known: SpectralLines
-) -> bool:
-    """Add hypotheses for spectral lines of the residual that were not visible before; returns
-    whether there are any.
+def extend_dictionary(fitted: FittedModel, whitened: WhitenedModel, known: SpectralLines) -> bool:
+    """Add hypotheses for spectral lines of the residual that were not visible before, and for
+    transients; returns whether there are any.
 
     Where nothing was found, wandering lines are looked for too. Beside a law that deviates from its
     textbook form that scan would find lines of the table.
+
+    Args:
+        fitted: the model after the first search.
+        whitened: all hypotheses, which are added to, under its noise.
+        known: lines that have hypotheses.
     """
-    observations = columns.observations
+    columns, observations = whitened.columns, whitened.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))
     new = spectral_lines_of(observations, fitted).beside(known, width)
     if not fitted.terms:
@@ -83,4 +88,6 @@ def extend_dictionary(
             columns.add(hypothesis, fitted.effects)
     for curve in periodic_curves(observations.scenario, new, sorted(read_sensors(observations))):
         columns.add(curve, fitted.effects)
+    for transient in transients(fitted, whitened):
+        columns.add(transient, fitted.effects)
     return len(columns.hypotheses) > before

@@ -40,7 +40,7 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
 
 def kind(hypothesis: Hypothesis) -> tuple[object, ...]:
     """What shares one prior: an id on a sensor; of curves a place, what they follow, and whether
-    they are steps.
+    they are steps; of coefficients of a reading that vary a place, and what with.
     """
     effect = hypothesis.effect
     if hypothesis.listed:
@@ -52,7 +52,7 @@ def kind(hypothesis: Hypothesis) -> tuple[object, ...]:
         type(effect),
         effect.sensor,
         effect.axis,
-        effect.coordinate,
+        "" if effect.times and effect.power else effect.coordinate,
         effect.beside,
         effect.times,
         effect.is_step,

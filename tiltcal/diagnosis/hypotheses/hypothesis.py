@@ -24,7 +24,8 @@ class Hypothesis:
         names: bare names of the sizes.
         variants: how many shapes of it are tried: they pay for it.
         alias: catalogue id of a curve that is a known law without a known form.
-        odds: natural logarithm of the odds of its shape against an unlisted law of that shape.
+        odds: natural logarithm of the odds of its shape against an unlisted law of that shape; of a
+            transient, of its place among all that were looked at.
     """
 
     effect: Effect

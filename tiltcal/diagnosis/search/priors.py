@@ -57,5 +57,6 @@ def kind(hypothesis: Hypothesis) -> tuple[object, ...]:
         effect.times,
         effect.is_step,
         effect.play > 0,
+        hypothesis.odds < 0,  # one place of many that were looked at
         *place,
     )

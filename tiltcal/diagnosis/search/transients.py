@@ -86,7 +86,8 @@ def transients(fitted: FittedModel, whitened: WhitenedModel) -> list[Hypothesis]
         clear = one.power > 2 * np.log(places / CHANCE)
         if clear and len(new) < MOST and not any(one.meets(t) for t in (*known, *new)):
             new.append(one)
-    return [t.hypothesis(-float(np.log(places))) for t in new]
+    odds = float(np.log(max(len(new), 1) / places))  # they share the prior of all places
+    return [t.hypothesis(odds) for t in new]
 
 
 def _transient_of(hypothesis: Hypothesis) -> Transient | None:

@@ -11,6 +11,7 @@ from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.search.dictionary import build_dictionary, extend_dictionary
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
+from tiltcal.diagnosis.search.state import State
 from tiltcal.effects.electronics.mains import MainsPickup
 from tiltcal.effects.spans import CoordinateRanges
 from tiltcal.laboratory.scenario import parse_scenario
@@ -248,10 +249,11 @@ def test_what_stood_in_the_shadow_of_a_finding_comes_onto_the_ledger_later():
     nothing = type(before)()
     build_dictionary(found.whitened, found.start, nothing)
     count = len(found.whitened.hypotheses)
-    assert extend_dictionary(found.start, found.whitened, nothing)
+    state = State(found.start, found.whitened)
+    assert extend_dictionary(state, nothing)
     new = {s.effect.values.get("frequency") for s in found.whitened.hypotheses[count:]}
     assert any(f is not None and abs(f - 3.37) < 0.01 for f in new)
-    assert not extend_dictionary(found.start, found.whitened, before)
+    assert not extend_dictionary(state, before)
 
 
 def test_the_odds_of_the_mains_follow_the_alias_of_a_grid():

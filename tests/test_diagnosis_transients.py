@@ -8,18 +8,20 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
-from tiltcal.diagnosis.search.transients import transients
+from tiltcal.diagnosis.search.scan import Scan
+from tiltcal.diagnosis.search.transients import Course, _chosen, transients
 
 WHITE = 25e-6 * 9.81 * np.sqrt(25.0)  # of a sample, m/s2
 BEGIN = 100.3  # s
+KNOCKS = (40.2, 100.3, 151.8)  # s
 
 
-def knocked(size: float, fall: float, seed: int = 4):
+def knocked(instants, size: float, fall: float = 3.0, seed: int = 4):
     """A recording whose x rises by a number of sigma in a second and falls with a time constant."""
     whole = recorded(bench(), seed)
-    since = whole.time - whole.time[0] - BEGIN
+    since = (whole.time - whole.time[0])[:, None] - np.array(instants)
     course = np.where(since < 0, np.clip(1 + since, 0, 1), np.exp(-np.maximum(since, 0) / fall))
-    x = whole.column("accel_x_m_s2") + size * WHITE * course
+    x = whole.column("accel_x_m_s2") + size * WHITE * course.sum(axis=1)
     return rewritten(whole, accel_x_m_s2=x)
 
 
@@ -29,8 +31,13 @@ def found_in(recording):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_there_is_none_in_noise(seed):
-    assert found_in(recorded(bench(), seed)) == []
+def test_in_noise_none_is_worth_what_any_curve_has_to_be(seed):
+    """Curves are two hundred: one of them alone has prior odds of a thousandth."""
+    prepared = prepare(honest(bench()), [recorded(bench(), seed)])
+    for hypothesis in transients(prepared.start, prepared.whitened):
+        whitened = prepared.whitened.alone([hypothesis], prepared.start.effects)
+        factor = Scan(whitened).log_bayes_factors(prepared.start)[0]
+        assert factor + hypothesis.odds < np.log(1000)
 
 
 def test_there_is_none_in_a_burst_of_noise(rng):
@@ -41,21 +48,45 @@ def test_there_is_none_in_a_burst_of_noise(rng):
     assert found_in(rewritten(whole, accel_x_m_s2=whole.column("accel_x_m_s2") + burst)) == []
 
 
-def test_a_knock_has_a_hypothesis_at_its_instant():
-    (found, *_) = found_in(knocked(3.0, 3.0))
-    effect = found.effect
-    assert (effect.sensor, effect.axis, effect.coordinate) == ("accel", "x", "time")
-    assert effect.knots[1] == pytest.approx(BEGIN, abs=1.5)
-    # nothing before it and after it
-    course = found.at(dict.fromkeys(found.names, 1.0))
-    outside = np.array([0.0, effect.knots[0], effect.knots[-1], 200.0])
-    assert course.curve(outside) == pytest.approx(np.zeros(4), abs=1e-12)
-    assert course.curve(np.array(effect.knots[1:-1])) == pytest.approx(np.ones(4))
+def told(hypotheses, instants):
+    """Whether one of some hypotheses has a transient at each of these instants, s."""
+    return any(
+        all(np.abs(np.array(h.effect.instants) - t).min() < 1.5 for t in instants)
+        for h in hypotheses
+    )
+
+
+def test_knocks_have_a_hypothesis_at_their_instants():
+    found = found_in(knocked(KNOCKS, 3.0))
+    assert {(h.effect.sensor, h.effect.axis) for h in found} == {("accel", "x")}
+    assert told(found, KNOCKS)
+
+
+def test_the_price_of_instants_is_that_of_choosing_them():
+    """Of 200 places of 1 s one costs log 200, two log(200 199 / 2); each size 2 nats."""
+    power = np.zeros(2001)
+    power[[500, 1500]] = 60.0, 40.0
+    course = Course(1.0, 3.0)
+    rows, worth, price = _chosen(power, np.arange(2001) / 10, course)
+    assert rows.tolist() == [500, 1500]
+    assert price == pytest.approx(np.log(200 * 199 / 2))
+    assert worth == pytest.approx(50 - 4 - price)
+    power[1500] = 2 * np.log(199 / 2) + 3.9
+    assert _chosen(power, np.arange(2001) / 10, course)[0].tolist() == [500]
+
+
+@pytest.mark.slow
+def test_knocks_are_an_addition_at_their_instants():
+    """Of the instants that were looked at those that explain nothing beside the others are out."""
+    found = diagnose(honest(bench()), [knocked(KNOCKS, 3.0)])
+    assert "accel x that follows time: transients at 40.4, 100.5 and 151.8 s that fall with" in (
+        found.statement
+    )
 
 
 @pytest.mark.slow
 def test_a_knock_is_an_addition_over_time_that_no_other_recording_repeats():
-    found = diagnose(honest(bench()), [knocked(4.0, 2.0)])
+    found = diagnose(honest(bench()), [knocked([BEGIN], 4.0, 2.0)])
     assert found.verdict == "unlisted"
-    assert "accel x that follows time" in found.statement
+    assert "accel x that follows time: transients at 100." in found.statement
     assert "Another recording need not repeat it" in found.statement

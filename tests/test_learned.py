@@ -511,6 +511,11 @@ GOOD = {"coordinate": "table_outer", "coefficients": [1e-3]}
         ),
         (
             {"sensor": "accel", "axis": "x"},
+            {"coordinate": "time", "instants": [3.0, 4.0], "fall_s": 2.0},
+            "key instants: found 2 instants and 1 coefficients over 'time', rise_s = 0, fall_s = 2",
+        ),
+        (
+            {"sensor": "accel", "axis": "x"},
             {"place": "moon"},
             "key place: found 'moon', need one of environment, table",
         ),
@@ -633,6 +638,31 @@ def test_a_readout_error_may_follow_two_angles_with_the_rates_of_both():
     for value, slope in ((jet.x, jet.v), (jet.v, jet.a)):
         told = np.gradient(value, drive.time, edge_order=2)
         np.testing.assert_allclose(slope[inside], told[inside], atol=0.01 * most)
+
+
+def test_transients_rise_evenly_to_their_coefficients_and_fall_exponentially():
+    """2e-3 at 5 s and -1e-3 at 9 s: half a rise before half of it, a fall later a share of 1/e."""
+    effect = learned(
+        "accel",
+        "x",
+        coordinate="time",
+        instants=[5.0, 9.0],
+        rise_s=1.0,
+        fall_s=0.5,
+        coefficients=[2e-3, -1e-3],
+    )
+    table = to_file(effect)
+    assert (table["instants"], table["rise_s"], table["fall_s"]) == ([5.0, 9.0], 1.0, 0.5)
+    at = np.array([0.0, 3.9, 4.5, 5.0, 5.5, 8.5])
+    alone = 2e-3 * np.array([0.0, 0.0, 0.5, 1.0, np.exp(-1), np.exp(-7)])
+    alone[-1] -= 5e-4
+    np.testing.assert_allclose(effect.curve(at), alone, atol=1e-15)
+    smooth, step = at[[0, 1, 2, 4]], 1e-6  # not at a kink
+    for order in (1, 2):
+        above, below = (effect.curve(smooth + side * step, order - 1) for side in (1, -1))
+        np.testing.assert_allclose(
+            effect.curve(smooth, order), (above - below) / (2 * step), atol=1e-6
+        )
 
 
 def test_a_force_is_forgotten_with_its_lag():

@@ -195,7 +195,7 @@ def _explained(
     gate = NoiseGate(at_rest, len(whitened.hypotheses))
     stages.begin(SEARCH)
     state = most_probable(start, whitened, gate, lambda n: stages.still(f"{n} in the model"))
-    if extend_dictionary(state.fitted, state.whitened, lines):
+    if extend_dictionary(state, lines):
         state = settled(state.over(whitened.columns), gate)
     stages.begin(ALTERNATIVES)
     random = False

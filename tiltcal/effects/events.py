@@ -42,7 +42,8 @@ def afterwards(effect: Effect) -> Effect | None:
     if isinstance(effect, Learned) and effect.coordinate == "time":
         if effect.period:
             return None
-        return replace(effect, knots=tuple(k - AGO for k in effect.knots))
+        knots, instants = (tuple(t - AGO for t in each) for each in (effect.knots, effect.instants))
+        return replace(effect, knots=knots, instants=instants)
     if "time" in effect.values:
         return replace(effect, values={**effect.values, "time": -AGO})
     return effect

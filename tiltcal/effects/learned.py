@@ -5,7 +5,7 @@ named effect would.
 through (knot, value), held constant outside their knots: a drift is not extrapolated beyond the
 recording it was seen in. A law of temperature goes on, a spline by its mean slope; through three
 knots it is a parabola. With a period a spline begins anew after it: a saw. A ``power`` of the
-coordinate is the form with one number.
+coordinate is the form with one number. With ``instants`` it is a transient from each of them.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,6 +64,9 @@ class Learned(Effect):
         times: what the curve is multiplied by: ``temperature`` from T0, K, ``time``, s, ``speed``,
             rad/s, a table angle, rad, or, of a reading, ``warming``, K/s, or an input, SI: a
             coefficient that varies; empty for none.
+        instants: s from the first stamp, of transients over time: each rises evenly to its
+            coefficient within ``rise``, s, before its instant, and falls with the time constant
+            ``fall``, s.
         slot: of the frame that it tilts; turn: coordinate axis it tilts about.
         place: stage of the chain it is blamed on.
     """
@@ -83,6 +86,9 @@ class Learned(Effect):
     lag: float = 0.0
     relaxing: bool = False
     play: float = 0.0
+    instants: tuple[float, ...] = ()
+    rise: float = 0.0
+    fall: float = 0.0
     slot: str = ""
     turn: str = ""
     place: str = "sensor"
@@ -92,7 +98,8 @@ class Learned(Effect):
         """Number of coefficients."""
         if self.beside:
             return 4 * ORDERS**2
-        return len(self.knots) or 1 + max((int(name[1:]) for name in self.values), default=0)
+        fixed = len(self.knots) or len(self.instants)
+        return fixed or 1 + max((int(name[1:]) for name in self.values), default=0)
 
     @property
     def is_step(self) -> bool:
@@ -117,6 +124,8 @@ class Learned(Effect):
             return self._power(u, order)[:, None]
         if self.knots:
             return self._spline(u, order, np.eye(self.count))
+        if self.instants:
+            return self._transients(u, order)
         pace = 2 * np.pi / self.period if self.period else 1.0
         turn = np.exp(1j * pace * u)
         wave = np.ones_like(turn)
@@ -154,6 +163,15 @@ class Learned(Effect):
         """
         u = np.array(self.knots) - np.mean(self.knots)
         return u / (u @ u)
+
+    def _transients(self, u: Array, order: int) -> Array:
+        """The transients, or a derivative without what its kinks make, (n, p)."""
+        since = u[:, None] - np.array(self.instants)
+        falling = (-1 / self.fall) ** order * np.exp(-np.maximum(since, 0.0) / self.fall)
+        slope = np.full_like(since, 1 / self.rise)
+        rising = (1 + np.minimum(since, 0.0) / self.rise, slope, 0 * since)[order]
+        within = np.where(since > -self.rise, rising, 0.0)
+        return np.where(since < 0, within, falling)
 
     def _power(self, u: Array, order: int) -> Array:
         """|u|^power, with the sign of u where it is odd, or its first or second derivative,

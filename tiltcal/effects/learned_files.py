@@ -36,6 +36,9 @@ _KEYS = {
     "relaxing",
     "lag_s",
     "play",
+    "instants",
+    "rise_s",
+    "fall_s",
     "place",
 }
 
@@ -65,9 +68,11 @@ def make_learned(
     )
     _check_knots(knots, numbers, subject)
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
-    lag, period, power, play = (
-        _amount(table, key, subject) for key in ("lag_s", "period", "power", "play")
+    lag, period, power, play, rise, fall = (
+        _amount(table, key, subject)
+        for key in ("lag_s", "period", "power", "play", "rise_s", "fall_s")
     )
+    instants = _instants(table, coordinate, (rise, fall), numbers, subject)
     _check_power(power, knots, numbers, subject)
     beside = _beside(table, setup, subject)
     times = _times(table, setup, subject)
@@ -93,6 +98,9 @@ def make_learned(
         relaxing=relaxing,
         odd=odd,
         play=play,
+        instants=instants,
+        rise=rise,
+        fall=fall,
     )
 
 
@@ -127,6 +135,29 @@ def _check_knots(knots: Sequence[float], numbers: Sequence[float], subject: str)
             need="two or more increasing knots, one coefficient each",
             do="correct the lists",
         )
+
+
+def _instants(
+    table: Mapping[str, Any],
+    coordinate: str,
+    times: tuple[float, float],
+    numbers: Sequence[float],
+    subject: str,
+) -> tuple[float, ...]:
+    """When transients begin, s; none of another curve."""
+    instants = _numbers(table.get("instants", ()), f"{subject}, key instants")
+    if not instants and not any(times):
+        return ()
+    alone = coordinate == "time" and not any(k in table for k in ("knots", "period", "power"))
+    if not (alone and all(times) and len(instants) == len(numbers)):
+        raise TiltcalError(
+            f"{subject}, key instants",
+            found=f"{len(instants)} instants and {len(numbers)} coefficients over '{coordinate}',"
+            f" rise_s = {times[0]:g}, fall_s = {times[1]:g}",
+            need="instants over time with a coefficient each, a rise_s, a fall_s, no other form",
+            do="correct it",
+        )
+    return tuple(instants)
 
 
 def _angles() -> list[str]:
@@ -256,6 +287,8 @@ def learned_table(effect: Learned) -> dict[str, Any]:
         table["lasts"] = False
     if effect.knots:
         table["knots"] = list(effect.knots)
+    if effect.instants:
+        table |= {"instants": list(effect.instants), "rise_s": effect.rise, "fall_s": effect.fall}
     shape = (
         ("per_input", effect.per_input),
         ("times", effect.times),

@@ -101,6 +101,7 @@ def _level(effect: Effect) -> Effect:
         period=0.0,
         power=0.0,
         odd=False,
+        instants=(),
     )
 
 

@@ -134,7 +134,11 @@ def _followed(effect: Learned) -> str:
 
 
 def _repeating(effect: Learned) -> str:
-    """After what a curve repeats; nothing of one that does not."""
+    """After what a curve repeats, or when it begins; nothing of one that does neither."""
+    if effect.instants:
+        told = [t for t, c in zip(effect.instants, effect.coefficients, strict=True) if c]
+        when = " and ".join(", ".join(f"{t:.1f}" for t in told).rsplit(", ", 1))
+        return f": transients at {when} s that fall with {effect.fall:.2g} s"
     if not effect.period:
         return ""
     if effect.coordinate in ("time", "since_move", "moves"):

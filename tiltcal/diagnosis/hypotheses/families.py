@@ -114,4 +114,5 @@ def _same_curve(curve: Hypothesis, host: Hypothesis) -> bool:
 def _form(curve: Learned) -> tuple[object, ...]:
     """What two curves have in common beside their coordinate."""
     c = curve
-    return c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.relaxing, c.play, c.times
+    form = c.knots, c.period, c.beside, c.power, c.odd, c.lag, c.relaxing, c.play, c.times
+    return *form, c.instants, c.rise, c.fall

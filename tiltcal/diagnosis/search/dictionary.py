@@ -18,6 +18,7 @@ from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
 from tiltcal.diagnosis.search.spectral_lines import spectral_lines_of, wandering_of
+from tiltcal.diagnosis.search.state import State
 from tiltcal.diagnosis.search.transients import transients
 from tiltcal.effects.spans import SpectralLines
 
@@ -56,7 +57,7 @@ def build_dictionary(
             part(k / len(every))
 
 
-def extend_dictionary(fitted: FittedModel, whitened: WhitenedModel, known: SpectralLines) -> bool:
+def extend_dictionary(state: State, known: SpectralLines) -> bool:
     """Add hypotheses for spectral lines of the residual that were not visible before, and for
     transients; returns whether there are any.
 
@@ -64,10 +65,10 @@ def extend_dictionary(fitted: FittedModel, whitened: WhitenedModel, known: Spect
     textbook form that scan would find lines of the table.
 
     Args:
-        fitted: the model after the first search.
-        whitened: all hypotheses, which are added to, under its noise.
+        state: the model after the first search; its hypotheses are added to.
         known: lines that have hypotheses.
     """
+    fitted, whitened = state.fitted, state.whitened
     columns, observations = whitened.columns, whitened.observations
     width = 1 / float(np.ptp(observations.recordings[0].time))
     new = spectral_lines_of(observations, fitted).beside(known, width)
@@ -88,6 +89,8 @@ def extend_dictionary(fitted: FittedModel, whitened: WhitenedModel, known: Spect
             columns.add(hypothesis, fitted.effects)
     for curve in periodic_curves(observations.scenario, new, sorted(read_sensors(observations))):
         columns.add(curve, fitted.effects)
-    for transient in transients(fitted, whitened):
-        columns.add(transient, fitted.effects)
+    there = [h.effect for h in columns.hypotheses if h.odds < 0]
+    for hypothesis in transients(fitted, whitened):
+        if hypothesis.effect not in there:
+            columns.add(hypothesis, fitted.effects)
     return len(columns.hypotheses) > before

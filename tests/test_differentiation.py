@@ -20,6 +20,20 @@ def test_differentiation_of_a_readout_is_smooth_and_zero_at_rest():
     assert not differentiate(time[:5], time[:5], np.zeros(5, bool))[0].any()
 
 
+def test_a_few_rows_of_a_motion_between_two_pauses_tell_no_rate():
+    """Seven rows: their rate has the error of any rate, which no reading can be blamed for."""
+    time = np.concatenate([np.arange(500), np.arange(600, 607), np.arange(700, 1200)]) * STEP
+    angle = 0.3 * np.sin(time)
+    parted = np.array([500, 507])
+    found = differentiate(time, angle, np.zeros(len(time), bool), parted)
+    few = slice(500, 507)
+    assert np.abs(found.rate[few] - 0.3 * np.cos(time[few])).max() < found.noise[few].min()
+    assert found.acceleration_noise[few].min() > 1.0
+    others = np.r_[20:480, 527:980]
+    np.testing.assert_allclose(found.rate[others], 0.3 * np.cos(time[others]), atol=1e-5)
+    assert found.noise[others].max() < 1e-3
+
+
 @pytest.mark.parametrize("corner", [0.0, 0.3])
 def test_a_rate_is_told_on_its_own_side_of_a_corner(corner, rng):
     """Beside a jump of the acceleration a window around the sample blurs it; one on its own side

@@ -14,6 +14,7 @@ from tiltcal.recordings.starting_courses import TURN
 from tiltcal.setup.pauses import stretches
 
 FEWEST = 9  # rows that a motion is told from
+UNKNOWN = 2 * np.pi  # rad/s and rad/s2, of a motion that no rows tell
 LINE = 13  # samples in which a line shows that it is one
 SHARED = 3.4  # rows that tell as much of a slow course as one: the windows of rates overlap
 CHOSEN = 1.5  # times a rate is off by what its window expects: the least of many was taken
@@ -37,7 +38,8 @@ def differentiate(time: Array, angle: Array, still: Mask, parted: Index = NOWHER
     Each sample has the window, around it or to one side of it, whose polynomial leaves no more than
     the noise of readout and stamps and tells the rate best: long in steady turns, short where moves
     bend, and on its own side of a corner. Where an axis leaves its rest and where it comes to one,
-    the rate begins at zero. No window reaches across a pause of the log.
+    the rate begins at zero. No window reaches across a pause of the log; between two pauses fewer
+    than FEWEST rows of a motion tell no rate.
 
     Args:
         time: s, increasing, (n,). angle: rad, (n,).
@@ -98,7 +100,8 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
     """Rates where the log does not pause. told: noise of the readout at rest."""
     even = _evenly(time, angle)
     if even is None:
-        return Rates(*np.zeros((4, len(angle))))
+        nothing, unknown = np.zeros(len(angle)), np.where(still, 0.0, UNKNOWN)
+        return Rates(nothing, nothing, unknown, unknown)
     grid, uniform = even
     step = float(grid[1] - grid[0])
     readout, pace = told or noise_of_motion(uniform), _pace(uniform)

@@ -8,6 +8,8 @@ from diagnosis_fixtures import bench, honest, recorded, rewritten
 
 from tiltcal.diagnosis.data_quality.prepare import prepare
 from tiltcal.diagnosis.diagnose import diagnose
+from tiltcal.diagnosis.hypotheses.coordinate_ranges import ranges_of
+from tiltcal.diagnosis.hypotheses.curves import curves
 from tiltcal.diagnosis.hypotheses.hypothesis import (
     CREEPS,
     listed_hypotheses,
@@ -20,6 +22,7 @@ from tiltcal.diagnosis.model.finding_tests import ALPHA, finding_log_p_values
 from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.effects.spans import CoordinateRanges, SpectralLines
+from tiltcal.laboratory.scenario import parse_scenario
 
 SPAN = CoordinateRanges(
     200.0, 10.0, SpectralLines(shakes=(3.4,), ripples=(12,)), {"temperature": (-2.0, 3.0)}
@@ -116,3 +119,52 @@ def test_one_value_far_off_is_no_finding():
     x = sound.column("accel_x_m_s2").copy()
     x[1000] += 40 * np.std(np.diff(x)[900:930])
     assert diagnose(honest(truth), [rewritten(sound, accel_x_m_s2=x)]).findings == ()
+
+
+def coefficients_of(sensor: str) -> set[tuple[str, str, float, str]]:
+    """Law, coordinate, power and factor of the readings of a sensor that two things multiply."""
+    truth = parse_scenario(
+        {
+            "schema": 1,
+            "name": "three",
+            "site": {"gravity_m_s2": 9.81},
+            "rig": {"table": "three"},
+            "climate": {"start_degC": 22.0, "ramp_degC_h": 20.0},
+            "sensor": [
+                {"name": "accel", "kind": "accelerometer", "rate_hz": 10.0},
+                {"name": "gyro", "kind": "gyro", "rate_hz": 10.0},
+            ],
+            "sequence": [
+                {"action": "move", axis: 80.0, "rate_deg_s": 20.0, "dwell_s": 2.0}
+                for axis in ("outer_deg", "middle_deg", "inner_deg")
+            ],
+        }
+    )
+    found = prepare(truth, [recorded(truth, 1)])
+    span = ranges_of(found.observations, SpectralLines())
+    return {
+        (h.id, h.effect.coordinate, h.effect.power, h.effect.times)
+        for h in curves(found.observations, span)
+        if h.effect.sensor == sensor and h.effect.axis == "x" and h.effect.times and h.effect.power
+    }
+
+
+def test_a_product_that_no_name_stands_for_has_none():
+    """A gyro's bias may grow with force and temperature, or with two rates; with two forces it is
+    the quadratic one that is listed.
+    """
+    found = coefficients_of("gyro")
+    assert ("learned", "force_y", 1.0, "temperature") in found
+    assert ("learned", "rate_y", 1.0, "rate_z") in found
+    assert ("learned", "input", 1.0, "force_z") in found
+    assert ("gyr_g2sens", "force_x", 1.0, "force_y") in found
+    assert ("learned", "force_x", 1.0, "force_y") not in found
+
+
+def test_the_products_and_misalignments_of_the_catalogue_are_offered_once():
+    found = coefficients_of("accel")
+    assert not any(c.startswith("force") and t.startswith("force") for _, c, _, t in found)
+    assert ("learned", "force_y", 1.0, "temperature") not in found
+    assert ("learned", "force_y", 1.0, "time") in found
+    assert ("learned", "input", 1.0, "warming") in found
+    assert ("learned", "rate_y", 1.0, "temperature") in found

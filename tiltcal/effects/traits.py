@@ -60,6 +60,8 @@ class Traits:
     """All axes of the table have it alike: findings on further axes belong to the first."""
     nonlinear_in_input: ClassVar[bool] = False
     """An additive function of its channel's own input; within 1 g such functions are much alike."""
+    products_of: ClassVar[str] = ""
+    """An input, ``force`` or ``rate``: the name holds for products of two of its components too."""
     harmonic: ClassVar[int] = 0
     """Order over the angle of its table axis; 0: none."""
     threshold: ClassVar[bool] = False

@@ -210,16 +210,20 @@ def _varying_coefficients(
 def _products(
     sensor: Sensor, across: Sequence[str], where: Mapping[str, Any]
 ) -> Iterator[Hypothesis]:
-    """Products of two inputs, but for those of the catalogue.
+    """Products of two inputs, but for those of the catalogue; what stands for others by name.
 
     Args:
         sensor: whose reading; where: its channel.
         across: the inputs beside its own.
     """
     for one, other in combinations(("input", *across), 2):
-        forces = other.startswith("force") and (one == "input" or one.startswith("force"))
-        if not (forces and sensor.is_accelerometer):
-            yield curve_over(LearnedReading, one, 1, power=1.0, odd=True, times=other, **where)
+        own = "force" if sensor.is_accelerometer else "rate"
+        kinds = {(own if c == "input" else c).split("_")[0] for c in (one, other)}
+        if kinds == {"force"} and sensor.is_accelerometer:
+            continue
+        laws = [c for c in CATALOGUE.values() if {c.products_of} == kinds and c.senses(sensor.kind)]
+        curve = curve_over(LearnedReading, one, 1, power=1.0, odd=True, times=other, **where)
+        yield replace(curve, alias=laws[0].id if laws else None)
 
 
 def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:

@@ -166,6 +166,7 @@ class GyrG2sens(RowWiseTerm):
     look = "even in the force, second harmonic over a turn"
     linear = True
     family = Family(reading=("force_x", "force_y", "force_z"))
+    products_of = "force"
 
     def term(self, name: str, sense: Sense) -> tuple[int, Array]:
         f = sense.force[:, "xyz".index(name[-1])] / G0

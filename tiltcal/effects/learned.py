@@ -16,6 +16,7 @@ import numpy as np
 
 from tiltcal.core.arrays import Array
 from tiltcal.effects.base import AngleEffect, Effect, FrameEffect, SignalEffect
+from tiltcal.effects.curve_bases import harmonics_of, power_of, transients_at
 from tiltcal.effects.curve_coordinates import (
     INPUTS,
     coordinate_of,
@@ -121,21 +122,12 @@ class Learned(Effect):
     def basis(self, u: Array, order: int = 0) -> Array:
         """The curve of each coefficient alone at one, or its first or second derivative, (n, p)."""
         if self.power:
-            return self._power(u, order)[:, None]
+            return power_of(u, order, self.power, self.odd)[:, None]
         if self.knots:
             return self._spline(u, order, np.eye(self.count))
         if self.instants:
-            return self._transients(u, order)
-        pace = 2 * np.pi / self.period if self.period else 1.0
-        turn = np.exp(1j * pace * u)
-        wave = np.ones_like(turn)
-        columns = np.empty((len(u), self.count))
-        for k in range(self.count):
-            if k % 2 == 0:
-                wave = wave * turn
-            slope = (1j * (k // 2 + 1) * pace) ** order * (1 if k % 2 == 0 else -1j)
-            columns[:, k] = (slope * wave).real
-        return columns
+            return transients_at(u, order, self.instants, self.rise, self.fall)
+        return harmonics_of(u, order, self.count, 2 * np.pi / self.period if self.period else 1.0)
 
     def _spline(self, u: Array, order: int, weights: Array) -> Array:
         """Sums of the splines of the coefficients with weights (p, m), or a derivative, (n, m)."""
@@ -163,27 +155,6 @@ class Learned(Effect):
         """
         u = np.array(self.knots) - np.mean(self.knots)
         return u / (u @ u)
-
-    def _transients(self, u: Array, order: int) -> Array:
-        """The transients, or a derivative without what its kinks make, (n, p)."""
-        since = u[:, None] - np.array(self.instants)
-        falling = (-1 / self.fall) ** order * np.exp(-np.maximum(since, 0.0) / self.fall)
-        slope = np.full_like(since, 1 / self.rise)
-        rising = (1 + np.minimum(since, 0.0) / self.rise, slope, 0 * since)[order]
-        within = np.where(since > -self.rise, rising, 0.0)
-        return np.where(since < 0, within, falling)
-
-    def _power(self, u: Array, order: int) -> Array:
-        """|u|^power, with the sign of u where it is odd, or its first or second derivative,
-        (n,).
-        """
-        factor = float(np.prod(self.power - np.arange(order)))
-        sign = np.sign(u) if self.odd != (order % 2 == 1) else 1.0
-        # a root has no slope at nothing: it is left out
-        away = np.where(u == 0, np.inf if self.power < order else 0.0, np.abs(u))
-        return (
-            np.asarray(factor * sign * away ** (self.power - order)) if factor else np.zeros_like(u)
-        )
 
     def curve(self, u: Array, order: int = 0) -> Array:
         """The curve, or its first or second derivative, at some coordinates, (n,)."""

@@ -20,12 +20,19 @@ KINDS: dict[str, type[Learned]] = {
 }
 
 
+AMOUNTS = {
+    "lag_s": "lag",
+    "period": "period",
+    "power": "power",
+    "play": "play",
+    "rise_s": "rise",
+    "fall_s": "fall",
+}
+"""Keys of numbers that are not negative, and the fields that they are of."""
 _KEYS = {
     "coordinate",
     "knots",
-    "period",
     "beside",
-    "power",
     "odd",
     "coefficients",
     "on",
@@ -34,12 +41,9 @@ _KEYS = {
     "per_input",
     "times",
     "relaxing",
-    "lag_s",
-    "play",
     "instants",
-    "rise_s",
-    "fall_s",
     "place",
+    *AMOUNTS,
 }
 
 
@@ -68,39 +72,28 @@ def make_learned(
     )
     _check_knots(knots, numbers, subject)
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
-    lag, period, power, play, rise, fall = (
-        _amount(table, key, subject)
-        for key in ("lag_s", "period", "power", "play", "rise_s", "fall_s")
-    )
-    instants = _instants(table, coordinate, (rise, fall), numbers, subject)
-    _check_power(power, knots, numbers, subject)
-    beside = _beside(table, setup, subject)
-    times = _times(table, setup, subject)
+    amounts: dict[str, Any] = {key: _amount(table, key, subject) for key in AMOUNTS}
+    instants = _instants(table, coordinate, numbers, subject)
+    _check_power(amounts["power"], knots, numbers, subject)
     per_input, relaxing, odd = (bool(table.get(k)) for k in ("per_input", "relaxing", "odd"))
-    _check_relaxing(relaxing, on, coordinate, lag, subject)
-    values = {f"c{k}": value for k, value in enumerate(numbers)}
+    _check_relaxing(relaxing, on, coordinate, amounts["lag_s"], subject)
     return KINDS[on](
-        values,
+        {f"c{k}": value for k, value in enumerate(numbers)},
         sensor,
         axis,
         role,
         coordinate=coordinate,
         knots=tuple(knots),
-        lag=lag,
         slot=slot,
         turn=turn,
         place=place,
-        period=period,
-        beside=beside,
-        power=power,
+        beside=_beside(table, setup, subject),
         per_input=per_input,
-        times=times,
+        times=_times(table, setup, subject),
         relaxing=relaxing,
         odd=odd,
-        play=play,
         instants=instants,
-        rise=rise,
-        fall=fall,
+        **{field: amounts[key] for key, field in AMOUNTS.items()},
     )
 
 
@@ -138,22 +131,19 @@ def _check_knots(knots: Sequence[float], numbers: Sequence[float], subject: str)
 
 
 def _instants(
-    table: Mapping[str, Any],
-    coordinate: str,
-    times: tuple[float, float],
-    numbers: Sequence[float],
-    subject: str,
+    table: Mapping[str, Any], coordinate: str, numbers: Sequence[float], subject: str
 ) -> tuple[float, ...]:
     """When transients begin, s; none of another curve."""
     instants = _numbers(table.get("instants", ()), f"{subject}, key instants")
-    if not instants and not any(times):
+    rise, fall = (float(table.get(key, 0.0)) for key in ("rise_s", "fall_s"))
+    if not (instants or rise or fall):
         return ()
     alone = coordinate == "time" and not any(k in table for k in ("knots", "period", "power"))
-    if not (alone and all(times) and len(instants) == len(numbers)):
+    if not (alone and rise and fall and len(instants) == len(numbers)):
         raise TiltcalError(
             f"{subject}, key instants",
             found=f"{len(instants)} instants and {len(numbers)} coefficients over '{coordinate}',"
-            f" rise_s = {times[0]:g}, fall_s = {times[1]:g}",
+            f" rise_s = {rise:g}, fall_s = {fall:g}",
             need="instants over time with a coefficient each, a rise_s, a fall_s, no other form",
             do="correct it",
         )

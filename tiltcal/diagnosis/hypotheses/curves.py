@@ -2,7 +2,7 @@
 chain.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
@@ -23,6 +23,7 @@ from tiltcal.diagnosis.hypotheses.motion_curves import (
     motion_of_readings,
 )
 from tiltcal.diagnosis.hypotheses.periodic_curves import periodic_curves
+from tiltcal.diagnosis.hypotheses.power_curves import powers, products, varying_coefficients
 from tiltcal.effects import CATALOGUE
 from tiltcal.effects.base import Effect
 from tiltcal.effects.curve_products import ORDERS
@@ -37,17 +38,6 @@ PACE = 2.5  # from one lag to the next beyond those, where a recording is long e
 SETTLING = (10.0, 30.0, 90.0, 270.0)  # s, in which a floor comes to rest
 SHOWS_BEND = 0.5  # times such a time that a recording has to last
 SHOWS = 7.0  # times a lag that a recording has to last
-# of a force or a rate; whether odd
-POWERS = (
-    (0.5, False),
-    (0.5, True),
-    (1.0, False),
-    (2.0, False),
-    (2.0, True),
-    (3.0, True),
-)
-VARYING = ("temperature", "warming", "time", "speed")
-"""What a coefficient may be in proportion to."""
 
 
 def curves(observations: Observations, span: CoordinateRanges) -> Iterator[Hypothesis]:
@@ -141,7 +131,7 @@ def _reading_curves(
         ):
             yield curve_over(LearnedReading, coordinate, knots, **where)
             if coordinate in (*inputs, "transverse"):
-                yield from _powers(coordinate, where)
+                yield from powers(coordinate, where)
     for coordinate in ("time", "temperature"):
         if knots := even_knots(coordinate, span, 5):
             scale = curve_over(LearnedReading, coordinate, knots, per_input=True, **where)
@@ -150,8 +140,8 @@ def _reading_curves(
                 yield proportional(scale)
     if scenario.rig.axes:
         across = [c for c in inputs if c != own and even_knots(c, span, 2)]
-        yield from _varying_coefficients(sensor, across, span, where)
-        yield from _products(sensor, across, where)
+        yield from varying_coefficients(sensor, across, span, where)
+        yield from products(sensor, across, where)
     yield from _late_laws(sensor, axis, span, bool(scenario.rig.axes))
     # by hand only the length of its reading is known
     if scenario.rig.axes or not sensor.is_accelerometer:
@@ -172,67 +162,6 @@ def _waves(waves: Iterable[Wave], where: Mapping[str, Any]) -> Iterator[Hypothes
                     per_input=per_input,
                     **where,
                 )
-
-
-def _varying_coefficients(
-    sensor: Sensor, across: Sequence[str], span: CoordinateRanges, where: Mapping[str, Any]
-) -> Iterator[Hypothesis]:
-    """Powers of the own input and of others whose coefficient is in proportion to what varies: a
-    temperature, its rate, the time, the speed. Not those that the catalogue or a scale factor over
-    the same coordinate holds.
-
-    Args:
-        sensor: whose reading; where: its channel.
-        across: the other inputs; span: what the recordings span.
-    """
-    for times in (t for t in VARYING if even_knots(t, span, 2)):
-        linear = list(across)
-        forms = [("input", 1.0, True)] if times == "warming" else []
-        if times == "temperature":
-            forms += [("input", power, odd) for power, odd in POWERS if power > 1 or not odd]
-            forms += [(c, 2.0, False) for c in across]
-            if sensor.is_accelerometer:  # a misalignment
-                linear = [c for c in across if not c.startswith("force")]
-        forms += [(c, 1.0, True) for c in linear]
-        for coordinate, power, odd in forms:
-            yield curve_over(
-                LearnedReading,
-                coordinate,
-                1,
-                power=power,
-                odd=odd,
-                times=times,
-                variants=len(forms),
-                **where,
-            )
-
-
-def _products(
-    sensor: Sensor, across: Sequence[str], where: Mapping[str, Any]
-) -> Iterator[Hypothesis]:
-    """Products of two inputs, but for those of the catalogue; what stands for others by name.
-
-    Args:
-        sensor: whose reading; where: its channel.
-        across: the inputs beside its own.
-    """
-    for one, other in combinations(("input", *across), 2):
-        own = "force" if sensor.is_accelerometer else "rate"
-        kinds = {(own if c == "input" else c).split("_")[0] for c in (one, other)}
-        if kinds == {"force"} and sensor.is_accelerometer:
-            continue
-        laws = [c for c in CATALOGUE.values() if {c.products_of} == kinds and c.senses(sensor.kind)]
-        curve = curve_over(LearnedReading, one, 1, power=1.0, odd=True, times=other, **where)
-        yield replace(curve, alias=laws[0].id if laws else None)
-
-
-def _powers(coordinate: str, where: Mapping[str, Any]) -> Iterator[Hypothesis]:
-    """Laws with one number: a root, a modulus, a square, a cube."""
-    for power, odd in POWERS:
-        if not (odd and coordinate == "transverse"):
-            yield curve_over(
-                LearnedReading, coordinate, 1, power=power, odd=odd, variants=len(POWERS), **where
-            )
 
 
 def _angle_curves(

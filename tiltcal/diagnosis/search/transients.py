@@ -40,7 +40,7 @@ class Course:
         return self.rise + END * self.fall
 
     def sampled(self, step: float) -> tuple[Array, int]:
-        """Its values at every step, s, and which of them is its peak."""
+        """Its values at every step, s, (n,), and which of them is its peak."""
         before = int(self.rise / step)
         since = np.arange(-before, int(END * self.fall / step) + 1) * step
         values = np.where(since < 0, 1 + since / self.rise, np.exp(-since / self.fall))

@@ -10,11 +10,7 @@ from tiltcal.effects.base import RowWiseTerm, SignalEffect, TermEffect
 from tiltcal.effects.hysteresis_and_lag import vibration_power
 from tiltcal.effects.parameter import Parameter
 from tiltcal.effects.sense import Sense
-from tiltcal.effects.sensor.environmental import (
-    GYROS,
-    FollowsTemperature,
-    FollowsWarming,
-)
+from tiltcal.effects.sensor.environmental import GYROS, FollowsTemperature, FollowsWarming
 from tiltcal.effects.traits import Family
 
 TRIAD = frozenset({"gyro"})

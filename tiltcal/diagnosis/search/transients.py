@@ -1,8 +1,9 @@
 """What comes to a reading at instants and goes away again: draughts, knocks, passing vehicles.
 
 The instants come from a matched filter on the whitened residual (Turin, IRE Trans. Inf. Theory 6,
-1960), in units of the noise about each of them, so that a burst of noise is none. How many there
-are is chosen by what they explain less the logarithm of the number of ways to choose them.
+1960), behind a limiter, so that gross values are none, and in units of the noise about each of
+them, so that a burst of noise is none. How many there are is chosen by what they explain less the
+logarithm of the number of ways to choose them.
 """
 
 from dataclasses import dataclass, replace
@@ -22,6 +23,7 @@ RISES = (1 / 3, 2.0)  # falls: a knock, and what passes by
 END = 3.0  # falls, after which a transient is gone
 SHORTEST = 2.0  # samples of a rise
 LONGEST = 0.2  # of a recording that a transient may last
+FAR = 4.0  # sigma: a reading that is farther off counts as that
 AROUND = 64  # samples at least that tell the noise about an instant
 MOST = 16  # transients of a reading
 SIZE = 2.0  # nats that the size of each costs, about
@@ -105,9 +107,10 @@ def _powers(residual: Array, root: Array, time: Array, course: Course) -> Array:
     start = (len(time) - len(values)) // 2
     middle[start : start + len(values)] = values
     energy = float(np.sum((dct(middle, norm="ortho") / root) ** 2))
-    along = fftconvolve(idct(residual / root, norm="ortho"), values[::-1], mode="full")
-    along = along[len(values) - 1 - peak :][: len(time)]
-    white = np.diff(idct(residual, norm="ortho"), 2) ** 2 / 6
+    left = np.clip(idct(residual, norm="ortho"), -FAR, FAR)
+    again = idct(dct(left, norm="ortho") / root, norm="ortho")
+    along = fftconvolve(again, values[::-1], mode="full")[len(values) - 1 - peak :][: len(time)]
+    white = np.diff(left, 2) ** 2 / 6
     near = uniform_filter1d(np.pad(white, 1, mode="edge"), max(len(values), AROUND))
     return np.asarray(along**2 / energy / np.maximum(near, 1.0))
 

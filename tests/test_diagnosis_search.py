@@ -166,5 +166,4 @@ def test_the_products_and_misalignments_of_the_catalogue_are_offered_once():
     assert not any(c.startswith("force") and t.startswith("force") for _, c, _, t in found)
     assert ("learned", "force_y", 1.0, "temperature") not in found
     assert ("learned", "force_y", 1.0, "time") in found
-    assert ("learned", "input", 1.0, "warming") in found
     assert ("learned", "rate_y", 1.0, "temperature") in found

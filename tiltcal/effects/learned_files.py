@@ -189,7 +189,7 @@ def _times(table: Mapping[str, Any], setup: Setup, subject: str) -> str:
             do="leave one out",
         )
     angles = [angle_channel(axis) for axis in setup.rig.axis_names]
-    felt = ("warming", *INPUTS) if table.get("on", "reading") == "reading" else ()
+    felt = INPUTS if table.get("on", "reading") == "reading" else ()
     return _word(table, "times", "", ("", "temperature", "time", "speed", *angles, *felt), subject)
 
 

@@ -21,24 +21,25 @@ POWERS = (
     (2.0, True),
     (3.0, True),
 )
-VARYING = ("temperature", "warming", "time", "speed")
-"""What a coefficient may be in proportion to."""
+VARYING = ("temperature", "time", "speed")
+"""What a coefficient may be in proportion to. Not the rate of warming: where a temperature swings
+evenly, that is the same as a temperature that is felt late, which has laws of its own.
+"""
 
 
 def varying_coefficients(
     sensor: Sensor, across: Sequence[str], span: CoordinateRanges, where: Mapping[str, Any]
 ) -> Iterator[Hypothesis]:
     """Powers of the own input and of others whose coefficient is in proportion to what varies: a
-    temperature, its rate, the time, the speed. Not those that the catalogue or a scale factor over
-    the same coordinate holds.
+    temperature, the time, the speed. Not those that the catalogue or a scale factor over the same
+    coordinate holds.
 
     Args:
         sensor: whose reading; where: its channel.
         across: the other inputs; span: what the recordings span.
     """
     for times in (t for t in VARYING if even_knots(t, span, 2)):
-        linear = list(across)
-        forms = [("input", 1.0, True)] if times == "warming" else []
+        linear, forms = list(across), []
         if times == "temperature":
             forms += [("input", power, odd) for power, odd in POWERS if power > 1 or not odd]
             forms += [(c, 2.0, False) for c in across]

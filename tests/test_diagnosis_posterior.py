@@ -109,7 +109,7 @@ def test_priors_sum_to_one_and_a_quarter_is_of_no_list(square):
     prior = np.exp(log_priors(hypotheses))
     listed = np.array([h.listed for h in hypotheses])
     # a transient has its share of the instants that were looked at
-    passing = np.array([not h.listed and h.odds < 0 for h in hypotheses])
+    passing = np.array([bool(getattr(h.effect, "instants", ())) for h in hypotheses])
     prior[passing] /= np.exp(
         [h.odds for h, there in zip(hypotheses, passing, strict=True) if there]
     )

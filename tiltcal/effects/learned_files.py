@@ -73,7 +73,7 @@ def make_learned(
     _check_knots(knots, numbers, subject)
     slot, turn = _where(on, coordinate, table, setup, sensor, axis, subject)
     amounts: dict[str, Any] = {key: _amount(table, key, subject) for key in AMOUNTS}
-    instants = _instants(table, coordinate, numbers, subject)
+    instants = _instants(table, coordinate, amounts, numbers, subject)
     _check_power(amounts["power"], knots, numbers, subject)
     per_input, relaxing, odd = (bool(table.get(k)) for k in ("per_input", "relaxing", "odd"))
     _check_relaxing(relaxing, on, coordinate, amounts["lag_s"], subject)
@@ -131,11 +131,15 @@ def _check_knots(knots: Sequence[float], numbers: Sequence[float], subject: str)
 
 
 def _instants(
-    table: Mapping[str, Any], coordinate: str, numbers: Sequence[float], subject: str
+    table: Mapping[str, Any],
+    coordinate: str,
+    amounts: Mapping[str, float],
+    numbers: Sequence[float],
+    subject: str,
 ) -> tuple[float, ...]:
-    """When transients begin, s; none of another curve."""
+    """When transients have their peaks, s; none of another curve."""
     instants = _numbers(table.get("instants", ()), f"{subject}, key instants")
-    rise, fall = (float(table.get(key, 0.0)) for key in ("rise_s", "fall_s"))
+    rise, fall = amounts["rise_s"], amounts["fall_s"]
     if not (instants or rise or fall):
         return ()
     alone = coordinate == "time" and not any(k in table for k in ("knots", "period", "power"))

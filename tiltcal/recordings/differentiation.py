@@ -100,7 +100,8 @@ def _of_stretch(time: Array, angle: Array, still: Mask, told: float | None) -> R
     """Rates where the log does not pause. told: noise of the readout at rest."""
     even = _evenly(time, angle)
     if even is None:
-        nothing, unknown = np.zeros(len(angle)), np.where(still, 0.0, UNKNOWN)
+        rests = still | (np.ptp(angle) == 0)
+        nothing, unknown = np.zeros(len(angle)), np.where(rests, 0.0, UNKNOWN)
         return Rates(nothing, nothing, unknown, unknown)
     grid, uniform = even
     step = float(grid[1] - grid[0])

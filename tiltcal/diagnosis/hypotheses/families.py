@@ -31,8 +31,7 @@ def completes(curve: Hypothesis, host: Hypothesis) -> bool:
     assert isinstance(effect, Learned)
     if effect.is_step or (host.effect.seen_in is not None and effect.coordinate == "time"):
         return False  # a curve over time is the same in every recording
-    # a coefficient that varies, or fades, is no form of it, nor is what comes and goes
-    if effect.times or effect.relaxing or effect.instants:
+    if effect.times or effect.relaxing or effect.instants:  # what varies or fades is no form of it
         return False
     if curve.line_hz:
         return host.law.spectral_line == "time" and _cycle_of(curve, host)

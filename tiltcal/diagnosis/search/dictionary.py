@@ -89,7 +89,7 @@ def extend_dictionary(state: State, known: SpectralLines) -> bool:
             columns.add(hypothesis, fitted.effects)
     for curve in periodic_curves(observations.scenario, new, sorted(read_sensors(observations))):
         columns.add(curve, fitted.effects)
-    there = [h.effect for h in columns.hypotheses if h.odds < 0]
+    there = [h.effect for h in columns.hypotheses if getattr(h.effect, "instants", ())]
     for hypothesis in transients(fitted, whitened):
         if hypothesis.effect not in there:
             columns.add(hypothesis, fitted.effects)

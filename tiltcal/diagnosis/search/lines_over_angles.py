@@ -1,7 +1,6 @@
 """Lines in the residual over an angle: of the table, or of a reading's own input."""
 
 from collections.abc import Mapping
-from itertools import product
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from tiltcal.effects.table.drive import EncoderSde
 from tiltcal.setup.tables import angle_channel
 from tiltcal.statistics.noise_spectrum import robust_white
 
-Waves = np.ndarray[tuple[int], np.dtype[np.complex128]]
+Phasors = np.ndarray[tuple[int], np.dtype[np.complex128]]
 LINES = 1100  # a turn, of the finest scale that is looked for
 CIRCLE = 2**15  # angles of a turn: a fifth of a radian of the finest line
 FIRST = 6  # fewer are curves of the angle
@@ -79,15 +78,18 @@ def waves_of(observations: Observations, fitted: FittedModel) -> tuple[Wave, ...
             phase = 2 * np.pi * (own - own[rows].min())[rows] / (FINER * span)
             n, strength = _strongest(phase, residual, FINER * FIRST, LINES)
             found.append((strength, Wave(*place, "input", FINER * span / n)))
-        for name, times in product((angle_channel(axis) for axis in turning), ("", "speed")):
-            size = coordinate_of(times, sense, own)[rows] if times else np.ones(len(rows))
+        speed = coordinate_of("speed", sense, own)[rows]
+        for name in (angle_channel(axis) for axis in turning):
             angle = coordinate_of(name, sense, own)[rows]
-            n, strength = _strongest(angle, residual * size, BEYOND, _finest(channel.time, angle))
+            finest = _finest(channel.time, angle)
+            (n, strength), times = max(
+                (_strongest(angle, residual, BEYOND, finest), ""),
+                (_strongest(angle, residual * speed, BEYOND, finest), "speed"),
+                key=lambda each: each[0][1],
+            )
             found.append((strength, Wave(*place, name, 2 * np.pi / n, times)))
     clear = [(s, w) for s, w in found if s > np.log(LINES / CHANCE)]
-    clear.sort(key=lambda each: -each[0])
-    best = {(w.sensor, w.axis, w.coordinate): w for _, w in reversed(clear)}
-    return tuple(w for _, w in clear if w in best.values())[:MOST]
+    return tuple(w for _, w in sorted(clear, key=lambda each: -each[0]))[:MOST]
 
 
 def _finest(time: Array, angle: Array) -> int:
@@ -114,7 +116,7 @@ def _strongest(phase: Array, signal: Array, first: int, finest: int) -> tuple[in
 
 
 def _gains(
-    angles: Mapping[int, Array], waves: Mapping[int, Waves], rest: Mapping[int, Array]
+    angles: Mapping[int, Array], waves: Mapping[int, Phasors], rest: Mapping[int, Array]
 ) -> Array:
     """What each number of lines explains of a whitened rest, (LINES,); all by channel, (n,)."""
     each = np.arange(LINES)
@@ -129,7 +131,10 @@ def _gains(
 
 
 def _without_line(
-    n: int, angles: Mapping[int, Array], waves: Mapping[int, Waves], rest: Mapping[int, Array]
+    n: int,
+    angles: Mapping[int, Array],
+    waves: Mapping[int, Phasors],
+    rest: Mapping[int, Array],
 ) -> dict[int, Array]:
     """A whitened rest without what n lines explain of it; all by channel, (n,)."""
     columns = {}
@@ -141,7 +146,7 @@ def _without_line(
     return {i: rest[i] - column @ size for i, column in columns.items()}
 
 
-def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> dict[int, Waves]:
+def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> dict[int, Phasors]:
     """What a readout error does to each channel: real part by the angle, imaginary part by its
     rate, times PROBE.
 
@@ -155,7 +160,7 @@ def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> 
         )
         for name in ("cos", "sin")
     )
-    found: dict[int, Waves] = {}
+    found: dict[int, Phasors] = {}
     for i in cos.keys() | sin.keys():
         channel = observations.channels[i]
         angle = observations.courses[channel.recording].angles[axis][channel.rows]
@@ -163,7 +168,7 @@ def _of_one_line(observations: Observations, axis: str, fitted: FittedModel) -> 
     return found
 
 
-def _harmonics(angle: Array, signal: Array) -> Waves:
+def _harmonics(angle: Array, signal: Array) -> Phasors:
     """sum signal exp(i n angle) for n = 0 .. LINES - 1 by one FFT, each angle shared between its
     neighbours on a grid: the finest line is 0.4 % too small on average.
     """

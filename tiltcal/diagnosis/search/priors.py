@@ -40,7 +40,7 @@ def log_priors(hypotheses: Sequence[Hypothesis]) -> Array:
 
 def kind(hypothesis: Hypothesis) -> tuple[object, ...]:
     """What shares one prior: an id on a sensor; of curves a place, what they follow, and whether
-    they are steps; of coefficients of a reading that vary a place, and what with.
+    they are steps or transients; of coefficients of a reading that vary a place, and what with.
     """
     effect = hypothesis.effect
     if hypothesis.listed:
@@ -57,6 +57,6 @@ def kind(hypothesis: Hypothesis) -> tuple[object, ...]:
         effect.times,
         effect.is_step,
         effect.play > 0,
-        hypothesis.odds < 0,  # one place of many that were looked at
+        bool(effect.instants),
         *place,
     )

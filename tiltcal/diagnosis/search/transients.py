@@ -16,6 +16,7 @@ from tiltcal.diagnosis.hypotheses.curve_forms import curve_over
 from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.fitted_model import FittedModel
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.effects.curve_bases import transients_at
 from tiltcal.effects.learned import LearnedReading
 
 FALLS = (1.5, 4.5, 13.5, 40.0)  # s
@@ -44,9 +45,8 @@ class Course:
     def sampled(self, step: float) -> tuple[Array, int]:
         """Its values at every step, s, (n,), and which of them is its peak."""
         before = int(self.rise / step)
-        since = np.arange(-before, int(END * self.fall / step) + 1) * step
-        values = np.where(since < 0, 1 + since / self.rise, np.exp(-since / self.fall))
-        return values, before
+        since = np.asarray(np.arange(-before, int(END * self.fall / step) + 1) * step, float)
+        return transients_at(since, 0, (0.0,), self.rise, self.fall)[:, 0], before
 
 
 def transients(fitted: FittedModel, whitened: WhitenedModel) -> list[Hypothesis]:

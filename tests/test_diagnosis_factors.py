@@ -15,7 +15,7 @@ from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.effects.learned import LearnedReading, LearnedReadout, LearnedTilt
 from tiltcal.laboratory.laboratory import SimulatedLaboratory
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.statistics.noise_spectrum import cosines
+from tiltcal.statistics.cosine_transform import cosines
 
 STEPS = [
     {

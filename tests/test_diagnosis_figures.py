@@ -16,7 +16,8 @@ from tiltcal.diagnosis.diagnose import diagnose
 from tiltcal.diagnosis.model.finding_tests import NoiseGate
 from tiltcal.diagnosis.search.slow_variation import slow_variations
 from tiltcal.laboratory.scenario import parse_scenario
-from tiltcal.statistics.noise_spectrum import NoiseFit, cosines, estimate_noise, white_noise
+from tiltcal.statistics.cosine_transform import cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit, estimate_noise, white_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 K2 = {"id": "acc_K2", "sensor": "accel", "k2_x_ug_g2": 400.0}

@@ -21,7 +21,8 @@ from tiltcal.diagnosis.model.fitted_model import FittedTerm
 from tiltcal.diagnosis.model.refitting import refit
 from tiltcal.diagnosis.search.random_settings import WIDTHS, common_width, lawful
 from tiltcal.effects import CATALOGUE
-from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
+from tiltcal.statistics.cosine_transform import cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 ARCSEC = np.radians(1 / 3600)

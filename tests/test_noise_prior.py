@@ -19,7 +19,8 @@ from tiltcal.diagnosis.model.noise_prior import (
     unlike_others,
 )
 from tiltcal.recordings.recording import Recording
-from tiltcal.statistics.noise_spectrum import cosines, estimate_noise
+from tiltcal.statistics.cosine_transform import cosines
+from tiltcal.statistics.noise_spectrum import estimate_noise
 from tiltcal.statistics.white_flicker_walk import WhiteFlickerWalk
 
 # bias instability of x, y and z, gyro and accelerometer, each in a unit of its own, as owners of

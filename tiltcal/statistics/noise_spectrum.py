@@ -14,7 +14,8 @@ from typing import Self
 
 import numpy as np
 
-from tiltcal.core.arrays import Array, Index, Real
+from tiltcal.core.arrays import Array, Index
+from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
 from tiltcal.statistics.dwell_noise import ARITHMETIC, second_differences, white_of
 from tiltcal.statistics.projection import column_space
 
@@ -301,17 +302,3 @@ def estimate_noise(
         whole = np.concatenate([dof, np.ones(n - slow)])
         fit = NoiseFit.of(np.concatenate([left, tail]), whole, law)
     return fit
-
-
-def cosines(column: Real) -> Real:
-    """Orthonormal DCT-II along the last axis, (..., n)."""
-    from scipy.fft import dct
-
-    return np.asarray(dct(column, norm="ortho"), column.dtype)
-
-
-def inverse_cosines(waves: Real) -> Real:
-    """The column with these orthonormal DCT-II coefficients along the last axis, (..., n)."""
-    from scipy.fft import idct
-
-    return np.asarray(idct(waves, norm="ortho"), waves.dtype)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -89,7 +88,7 @@ class Sampling:
 
     Args:
         grid: the instants, in blocks.
-        rows: blocks that the channel has, (n,); a slice where it has them all.
+        rows: blocks that the channel has, (n,); a slice where one follows the other.
     """
 
     grid: BlockGrid
@@ -103,16 +102,11 @@ class Sampling:
         """What has the inner products with values at the instants that ``values`` have with those
         at the samples, (n, ...) -> (k, ...).
         """
-        if isinstance(self.rows, slice):
+        if len(values) == len(self.grid.starts) and isinstance(self.rows, slice):
             return self.grid.means_adjoint(values)
         whole = np.zeros((len(self.grid.starts), *values.shape[1:]), values.dtype)
-        if self._distinct:
+        if isinstance(self.rows, slice) or bool((np.diff(self.rows) > 0).all()):
             whole[self.rows] = values
         else:
             np.add.at(whole, self.rows, values)
         return self.grid.means_adjoint(whole)
-
-    @cached_property
-    def _distinct(self) -> bool:
-        """Whether each sample has a block of its own."""
-        return isinstance(self.rows, slice) or bool((np.diff(self.rows) > 0).all())

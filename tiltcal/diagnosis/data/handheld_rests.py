@@ -13,8 +13,9 @@ from tiltcal.forward.gravity_transport import EDGE
 from tiltcal.laboratory.smoothing import stops_of
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.static_poses import group_directions
+from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.dwell_noise import MAD_TO_SIGMA
-from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit
 from tiltcal.statistics.projection import column_space
 
 REST = "rest"  # extra column of an averaged log

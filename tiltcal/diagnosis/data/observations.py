@@ -17,7 +17,8 @@ from tiltcal.forward.nominal_motion import NominalMotion
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay
-from tiltcal.statistics.noise_spectrum import NoiseFit, cosines
+from tiltcal.statistics.cosine_transform import cosines
+from tiltcal.statistics.noise_spectrum import NoiseFit
 
 Columns = dict[int, Array]
 """Change of each channel that changes, by the channel's number, (n,) each, SI."""

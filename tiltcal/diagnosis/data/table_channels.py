@@ -24,6 +24,7 @@ from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
 from tiltcal.recordings.replay import Replay, replay
 from tiltcal.recordings.span_means import AVERAGED
+from tiltcal.statistics.cosine_transform import quick_length
 
 QUICK = 0.1  # periods within a block, at most, that its middle may stand for
 
@@ -82,7 +83,10 @@ class TableObservations(Observations):
                     continue
                 samples = recording.sensor(sensor)
                 for k, axis in enumerate(sensor.axes):
-                    there = ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
+                    there = np.flatnonzero(
+                        ~np.isnan(samples.values[:, k]) & course.known[samples.rows]
+                    )
+                    there = there[: self._taken(quick_length(len(there)))]
                     rows = samples.rows[there]
                     if len(rows) <= 8 * self.block:
                         continue
@@ -113,10 +117,15 @@ class TableObservations(Observations):
         courses, samplings = self.courses, self._samplings
         return tuple(with_spread(self.channels, courses, watches, samplings, self.block))
 
+    def _taken(self, samples: int) -> int:
+        """How many samples stand in a number of blocks whose transform is quick."""
+        return min(quick_length(-(-samples // self.block)) * self.block, samples)
+
     def _mean(self, values: Array) -> Array:
         """Means of blocks, (n,) -> (n / block,)."""
         if self.block == 1:
             return values
+        values = values[: self._taken(len(values))]
         starts = np.arange(0, len(values), self.block)
         return np.asarray(np.add.reduceat(values, starts) / np.diff(starts, append=len(values)))
 
@@ -203,8 +212,9 @@ class TableObservations(Observations):
         for c in self.channels:
             grid = self._grids[c.recording]
             rows = np.minimum(c.rows // self.block, len(grid.starts) - 1)
-            every = len(rows) == len(grid.starts) and bool((np.diff(rows) == 1).all())
-            found.append(Sampling(grid, slice(None) if every else rows))
+            first, last = int(rows[0]), int(rows[-1])
+            together = last - first == len(rows) - 1 and bool((np.diff(rows) == 1).all())
+            found.append(Sampling(grid, slice(first, last + 1) if together else rows))
         return found
 
     @cached_property

@@ -32,10 +32,10 @@ from tiltcal.effects.electronics.converter import AdcQuantisation, AdcStuckBit
 from tiltcal.effects.timing.delays import DataJitter
 from tiltcal.laboratory.scenario import Scenario
 from tiltcal.recordings.recording import Recording
+from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.noise_spectrum import (
     NoiseFit,
     NoiseModel,
-    cosines,
     estimate_noise,
     robust_white,
     white_noise,

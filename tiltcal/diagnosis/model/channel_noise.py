@@ -12,10 +12,10 @@ from tiltcal.diagnosis.data.observations import Observations
 from tiltcal.diagnosis.model.fitted_model import FittedModel, FittedTerm
 from tiltcal.diagnosis.model.hypothesis_columns import HypothesisColumns
 from tiltcal.diagnosis.model.whitened_model import WhitenedModel
+from tiltcal.statistics.cosine_transform import cosines
 from tiltcal.statistics.noise_spectrum import (
     NoiseFit,
     NoiseModel,
-    cosines,
     estimate_noise,
     white_noise,
 )

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tiltcal.core.arrays import Index, Single
-from tiltcal.statistics.noise_spectrum import cosines, inverse_cosines
+from tiltcal.statistics.cosine_transform import cosines, inverse_cosines
 
 Waves = Single
 Energies = tuple[npt.NDArray[np.float64], list[tuple[int, Index, Waves]]]

@@ -12,7 +12,7 @@ import numpy as np
 from tiltcal.core.arrays import Index
 from tiltcal.diagnosis.data.curve_factors import CurveFactors, SharedCurve
 from tiltcal.diagnosis.model.column_block import Energies, Waves, Weighed
-from tiltcal.statistics.noise_spectrum import cosines
+from tiltcal.statistics.cosine_transform import cosines
 
 FEW = 8  # vectors that are multiplied with the answers of all places at once
 

@@ -11,7 +11,7 @@ from tiltcal.diagnosis.hypotheses.hypothesis import Hypothesis
 from tiltcal.diagnosis.model.column_store import Block, ColumnStore
 from tiltcal.diagnosis.model.tried_shapes import Parts, TriedShapes
 from tiltcal.effects.base import Effect
-from tiltcal.statistics.noise_spectrum import cosines
+from tiltcal.statistics.cosine_transform import cosines
 
 
 class HypothesisColumns:
